@@ -1,0 +1,71 @@
+"""Small-strain isotropic elasticity in 2D and 3D from one source, thesis (1.1), (1.6), (1.9).
+
+Every hypothesis works with the full 3x3 strain, so that one contraction
+``a(u, v) = ∫ σ(u) : ε(v) w dx`` serves them all:
+
+* ``plane_strain``: ε_zz = 0, weight w = 1 (per unit depth);
+* ``plane_stress``: ε_zz = -ν/(1-ν) (ε_xx + ε_yy), which makes σ_zz = 0, weight 1;
+* ``axisymmetric``: coordinates (r, z), ε_θθ = u_r / r, weight w = 2πr (the whole turn);
+* ``solid``: three dimensions, weight 1.
+"""
+
+from __future__ import annotations
+
+import ufl
+
+HYPOTHESES = ("plane_strain", "plane_stress", "axisymmetric", "solid")
+
+
+def lame_parameters(young, poisson):
+    """Return (λ, μ) of Young's modulus E and Poisson's ratio ν, in the unit of E."""
+    return young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson))
+
+
+def strain(u, hypothesis: str, poisson=0.0):
+    """Strain ε(u), a 3x3 tensor whose third axis is z in the plane and θ in axisymmetry."""
+    if hypothesis == "solid":
+        return ufl.sym(ufl.grad(u))
+    e = ufl.sym(ufl.grad(u))
+    if hypothesis == "plane_strain":
+        third = 0.0
+    elif hypothesis == "plane_stress":
+        third = -poisson / (1 - poisson) * (e[0, 0] + e[1, 1])
+    elif hypothesis == "axisymmetric":
+        third = u[0] / ufl.SpatialCoordinate(ufl.domain.extract_unique_domain(u))[0]
+    else:
+        raise ValueError(f"unknown hypothesis '{hypothesis}', one of {', '.join(HYPOTHESES)}")
+    return ufl.as_tensor([[e[0, 0], e[0, 1], 0], [e[1, 0], e[1, 1], 0], [0, 0, third]])
+
+
+def stress(u, young, poisson, hypothesis: str):
+    """Stress σ(u) = λ tr(ε) I + 2μ ε, thesis (1.6), a 3x3 tensor in the unit of E."""
+    lam, mu = lame_parameters(young, poisson)
+    e = strain(u, hypothesis, poisson)
+    return lam * ufl.tr(e) * ufl.Identity(3) + 2 * mu * e
+
+
+def volume_weight(mesh, hypothesis: str):
+    """Weight of the volume and surface measures: 2πr in axisymmetry, 1 elsewhere."""
+    return 2 * ufl.pi * ufl.SpatialCoordinate(mesh)[0] if hypothesis == "axisymmetric" else 1.0
+
+
+def stiffness(u, v, young, poisson, hypothesis: str, dx):
+    """Bilinear form a(u, v) = ∫ σ(u) : ε(v) w dx of thesis (1.9) on the measure ``dx``."""
+    weight = volume_weight(dx.ufl_domain(), hypothesis)
+    return weight * ufl.inner(stress(u, young, poisson, hypothesis), strain(v, hypothesis, poisson)) * dx
+
+
+def mass(u, v, hypothesis: str, dx):
+    """L2 product ∫ u·v w dx, the Gram matrix of the L2 errors."""
+    return volume_weight(dx.ufl_domain(), hypothesis) * ufl.inner(u, v) * dx
+
+
+def traction(v, direction, hypothesis: str, ds):
+    """Surface load ∫ t·v w ds of thesis (1.9) for the constant traction vector t."""
+    return volume_weight(ds.ufl_domain(), hypothesis) * ufl.inner(ufl.as_vector(direction), v) * ds
+
+
+def pressure(v, hypothesis: str, ds):
+    """Surface load -∫ n·v w ds of a unit pressure, which pushes against the outer normal n."""
+    n = ufl.FacetNormal(ds.ufl_domain())
+    return -volume_weight(ds.ufl_domain(), hypothesis) * ufl.inner(n, v) * ds

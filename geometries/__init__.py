@@ -1,0 +1,1 @@
+"""Geometries: functions of a communicator that return ``(mesh, cell_tags, facet_tags)``."""

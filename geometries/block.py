@@ -1,0 +1,51 @@
+"""A rectangular or cuboid block, for obstacle contact and for tests with closed-form answers."""
+
+from __future__ import annotations
+
+import numpy as np
+from dolfinx import mesh as dmesh
+
+SOLID = 1
+"""Cell tag of the block."""
+
+
+def side(axis: int, upper: bool) -> int:
+    """Facet tag of a side: 10 * (axis + 1), plus 1 on the upper side."""
+    return 10 * (axis + 1) + int(upper)
+
+
+def block(comm, *, lower, upper, cells, simplices=False):
+    """Build a structured block with every side tagged by :func:`side`.
+
+    Args:
+        comm: MPI communicator.
+        lower: corner with the smallest coordinates, length 2 or 3.
+        upper: corner with the largest coordinates.
+        cells: number of cells along each axis.
+        simplices: triangles or tetrahedra instead of quadrilaterals or hexahedra.
+
+    Returns:
+        ``(mesh, cell_tags, facet_tags)``.
+    """
+    lower, upper = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
+    dim = lower.size
+    create, kinds = (
+        (dmesh.create_rectangle, (dmesh.CellType.quadrilateral, dmesh.CellType.triangle))
+        if dim == 2
+        else (dmesh.create_box, (dmesh.CellType.hexahedron, dmesh.CellType.tetrahedron))
+    )
+    mesh = create(comm, [lower, upper], list(cells), cell_type=kinds[int(simplices)])
+    size = float(np.max(upper - lower))
+    facets, values = [], []
+    for axis in range(dim):
+        for is_upper, at in ((False, lower[axis]), (True, upper[axis])):
+            near = lambda x, axis=axis, at=at: np.abs(x[axis] - at) < 1e-9 * size  # noqa: E731
+            found = dmesh.locate_entities_boundary(mesh, dim - 1, near)
+            facets.append(found)
+            values.append(np.full(found.size, side(axis, is_upper), dtype=np.int32))
+    facets, values = np.concatenate(facets), np.concatenate(values)
+    order = np.argsort(facets)
+    count = mesh.topology.index_map(dim).size_local + mesh.topology.index_map(dim).num_ghosts
+    indices = np.arange(count, dtype=np.int32)
+    cell_tags = dmesh.meshtags(mesh, dim, indices, np.full(count, SOLID, dtype=np.int32))
+    return mesh, cell_tags, dmesh.meshtags(mesh, dim - 1, facets[order], values[order])

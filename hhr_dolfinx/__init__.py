@@ -1,0 +1,46 @@
+"""Hybrid hyper-reduction of parametric contact problems with Lagrange multipliers.
+
+The public names below are loaded when they are first used, so that a reduced model read from
+a file (``load_model``) needs neither DOLFINx nor gmsh.
+"""
+
+from importlib import import_module
+
+_PUBLIC = {
+    "Amplitude": "parameters",
+    "ParameterSpace": "parameters",
+    "Body": "scene",
+    "Displacement": "scene",
+    "NodeToNode": "scene",
+    "Obstacle": "scene",
+    "Pressure": "scene",
+    "Scene": "scene",
+    "Traction": "scene",
+    "FullOrderModel": "full_order",
+    "compute_snapshots": "snapshots",
+    "SnapshotSet": "snapshots",
+    "ReductionSettings": "offline",
+    "build_reduced_model": "offline",
+    "ReducedModel": "reduced",
+    "load_model": "model_file",
+    "save_model": "model_file",
+    "StudySettings": "study",
+    "run_study": "study",
+    "make_report": "report",
+    "print_report": "report",
+    "write_report": "report",
+}
+
+__all__ = sorted(_PUBLIC)
+
+
+def __getattr__(name):
+    """Import a public name from its module on first use."""
+    if name not in _PUBLIC:
+        raise AttributeError(f"module 'hhr_dolfinx' has no attribute '{name}'")
+    return getattr(import_module(f"hhr_dolfinx.{_PUBLIC[name]}"), name)
+
+
+def __dir__():
+    """List the public names."""
+    return __all__

@@ -1,0 +1,51 @@
+"""What differs between DOLFINx distributions and versions, in one place.
+
+The wheel ``dolfinx-solver-real`` wants ``import dolfinx_solver`` before dolfinx, mpi4py
+or petsc4py; conda and apt have no such module. Every module of this package that needs
+one of those imports this one first. Nothing heavy is imported at the top.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+
+MINIMUM_DOLFINX = (0, 9)
+
+if importlib.util.find_spec("dolfinx_solver") is not None:
+    importlib.import_module("dolfinx_solver")
+
+
+def require_dolfinx() -> None:
+    """Check that DOLFINx is there and recent enough.
+
+    Raises:
+        ImportError: with what to install.
+    """
+    try:
+        import dolfinx
+    except ImportError as error:
+        raise ImportError(
+            "DOLFINx is not installed. Install it with `pip install hhr_dolfinx[solver]` "
+            "(x86-64 Linux, Python >= 3.12), or from conda-forge (`fenics-dolfinx`) or your distribution."
+        ) from error
+    version = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
+    if version < MINIMUM_DOLFINX:
+        raise ImportError(
+            f"DOLFINx {dolfinx.__version__} is older than the required "
+            f"{'.'.join(map(str, MINIMUM_DOLFINX))}; see the README for how to get a newer one."
+        )
+
+
+def gmsh_to_mesh(model, comm, gdim: int):
+    """Turn a gmsh model held by rank 0 into ``(mesh, cell_tags, facet_tags)``.
+
+    The module is ``dolfinx.io.gmshio`` up to 0.9 and ``dolfinx.io.gmsh`` from 0.10 on,
+    where the result is a named tuple with more fields.
+    """
+    try:
+        module = importlib.import_module("dolfinx.io.gmsh")
+    except ModuleNotFoundError:
+        module = importlib.import_module("dolfinx.io.gmshio")
+    result = module.model_to_mesh(model, comm, 0, gdim=gdim)
+    return tuple(result[:3])

@@ -1,0 +1,206 @@
+"""From a scene to matrices: DOLFINx assembles, PETSc holds, thesis (1.21)-(1.22).
+
+The only module that turns forms into matrices. What it yields are a distributed PETSc stiffness for
+the full-order solver and a :class:`ContactProblem` gathered on every rank for everything else.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from hhr_dolfinx import compat
+from hhr_dolfinx import pairing as pair
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.parameters import Amplitude, Amplitudes
+from hhr_dolfinx.problem import ContactProblem, ContactRows
+from hhr_dolfinx.scene import NodeToNode, Pressure, Scene
+
+# isort: split
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from hhr_dolfinx.forms import contact, elasticity
+
+
+class Discretisation:
+    """P1 or Q1 finite element model of a scene on a communicator.
+
+    Attributes:
+        scene: the scene.
+        comm: MPI communicator.
+        mesh: DOLFINx mesh.
+        space: vector Lagrange space of degree 1.
+        rows: range of the dofs this rank owns.
+
+    Raises:
+        SceneError: for missing tags, surfaces that do not face each other, or conflicting displacements.
+    """
+
+    def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
+        compat.require_dolfinx()
+        self.scene, self.comm = scene, comm
+        self.mesh, self._cell_tags, self._facet_tags = scene.geometry(comm)
+        dim = self.mesh.geometry.dim
+        self.space = fem.functionspace(self.mesh, ("Lagrange", 1, (dim,)))
+        nodes = self.space.dofmap.index_map
+        self.rows = slice(*(dim * n for n in nodes.local_range))
+        self.size = dim * nodes.size_global
+        self._dx = ufl.Measure("dx", domain=self.mesh, subdomain_data=self._cell_tags)
+        self._ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=self._facet_tags)
+        self._check_tags()
+        u, v = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
+        self._test = v
+        self._stiffness_form = fem.form(
+            sum(
+                elasticity.stiffness(u, v, body.young, body.poisson, scene.hypothesis, self._dx(body.tag))
+                for body in scene.bodies
+            )
+        )
+        self._mass_form = fem.form(elasticity.mass(u, v, scene.hypothesis, self._dx))
+
+    def assemble_stiffness(self) -> PETSc.Mat:
+        """Assemble K over all dofs, without boundary conditions."""
+        matrix = fem_petsc.assemble_matrix(self._stiffness_form)
+        matrix.assemble()
+        return matrix
+
+    def contact_problem(self, stiffness: PETSc.Mat) -> ContactProblem:
+        """Gather all of (1.21) on every rank.
+
+        Args:
+            stiffness: what :meth:`assemble_stiffness` returned.
+        """
+        mass = fem_petsc.assemble_matrix(self._mass_form)
+        mass.assemble()
+        amplitudes, lifts, free = self._imposed()
+        loads = np.zeros_like(lifts)
+        for load in self.scene.loads:
+            amplitudes.append(load.amplitude)
+            lifts = np.column_stack([lifts, np.zeros(self.size)])
+            loads = np.column_stack([loads, self._load_vector(load)])
+        full = self._gather_matrix(stiffness)
+        loads = (loads - full @ lifts) * free[:, None]
+        rows = pair.stack([self._contact_rows(item) for item in self.scene.contacts], free)
+        return ContactProblem(
+            stiffness=full,
+            mass=self._gather_matrix(mass),
+            free=free,
+            loads=loads,
+            lifts=lifts,
+            contact=_without_columns(rows.matrix, ~free),
+            gaps=_gap_terms(rows, lifts),
+            contact_points=rows.points,
+            contact_areas=rows.areas,
+            cell_nodes=self._cell_nodes(),
+            points=self._points(),
+            amplitudes=Amplitudes.collect(amplitudes, self.scene.parameters),
+            parameters=self.scene.parameters,
+        )
+
+    def _check_tags(self):
+        scene, fdim = self.scene, self.mesh.topology.dim - 1
+        used = [item.tag for item in (*scene.displacements, *scene.loads)]
+        for item in scene.contacts:
+            used += [item.first, item.second] if isinstance(item, NodeToNode) else [item.surface]
+        for kind, tags, wanted in (
+            ("facet", self._facet_tags, used),
+            ("cell", self._cell_tags, [body.tag for body in scene.bodies]),
+        ):
+            there = set().union(*self.comm.allgather(set(tags.values.tolist())))
+            missing = sorted(set(wanted) - there)
+            if missing:
+                raise SceneError(f"{kind} tags {missing} are not in the mesh, which has {sorted(there)}")
+            if kind == "cell" and there - set(wanted):
+                raise SceneError(f"cells tagged {sorted(there - set(wanted))} belong to no body of the scene")
+        count = self.mesh.topology.index_map(fdim + 1).size_local
+        untagged = self.comm.allreduce(count - int((self._cell_tags.indices < count).sum()))
+        if untagged:
+            raise SceneError(f"{untagged} cells have no tag: every cell must belong to a body")
+
+    def _imposed(self):
+        """Amplitudes, lifts (N, 1 + T) and free dofs of the imposed displacements."""
+        amplitudes, columns = [], [np.zeros(self.size)]
+        owner = np.full(self.size, -1)
+        for number, item in enumerate(self.scene.displacements):
+            dofs = self._tagged_dofs(item.tag, item.component)
+            clash = dofs[owner[dofs] >= 0]
+            if any(self.scene.displacements[n].amplitude != item.amplitude for n in set(owner[clash])):
+                raise SceneError(f"displacements {set(owner[clash])} and {number} impose different values on one node")
+            dofs = np.setdiff1d(dofs, clash)
+            owner[dofs] = number
+            if item.amplitude != Amplitude():
+                amplitudes.append(item.amplitude)
+                columns.append(np.zeros(self.size))
+                columns[-1][dofs] = 1.0
+        return amplitudes, np.column_stack(columns), owner < 0
+
+    def _tagged_dofs(self, tag, component):
+        fdim = self.mesh.topology.dim - 1
+        if not 0 <= component < self.mesh.geometry.dim:
+            raise SceneError(f"component {component} of the displacement on tag {tag} does not exist")
+        local = fem.locate_dofs_topological(self.space.sub(component), fdim, self._facet_tags.find(tag))
+        dim = self.mesh.geometry.dim
+        owned = local[local < dim * self.space.dofmap.index_map.size_local]
+        return np.concatenate(self.comm.allgather(owned + self.rows.start))
+
+    def _load_vector(self, load):
+        if isinstance(load, Pressure):
+            form = elasticity.pressure(self._test, self.scene.hypothesis, self._ds(load.tag))
+        else:
+            form = elasticity.traction(self._test, load.direction, self.scene.hypothesis, self._ds(load.tag))
+        return self._assemble_vector(form)
+
+    def _contact_rows(self, item) -> ContactRows:
+        normal = pair.unit(item.normal, self.mesh.geometry.dim)
+        if isinstance(item, NodeToNode):
+            first, second = self._surface(item.first, normal), self._surface(item.second, normal)
+            return pair.node_to_node(first, second, normal, self.size)
+        return pair.obstacle(self._surface(item.surface, normal), normal, item.offset, self.size)
+
+    def _surface(self, tag, normal) -> pair.Surface:
+        dim = self.mesh.geometry.dim
+        area = self._assemble_vector(contact.tributary_area(self._test, self.scene.hypothesis, self._ds(tag)))
+        facing = self._assemble_vector(contact.facing(self._test, normal.tolist(), self._ds(tag)))
+        nodes = np.flatnonzero(area[::dim] > 0)
+        return pair.Surface(tag, nodes, self._points()[nodes], area[::dim][nodes], facing[::dim][nodes])
+
+    def _points(self):
+        local = self.space.tabulate_dof_coordinates()[: self.space.dofmap.index_map.size_local]
+        return np.concatenate(self.comm.allgather(local))[:, : self.mesh.geometry.dim]
+
+    def _cell_nodes(self):
+        owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
+        local = self.space.dofmap.list[:owned]
+        numbers = self.space.dofmap.index_map.local_to_global(local.ravel().astype(np.int32))
+        return np.concatenate(self.comm.allgather(numbers.reshape(local.shape)))
+
+    def _assemble_vector(self, form):
+        vector = fem_petsc.assemble_vector(fem.form(form))
+        vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        return np.concatenate(self.comm.allgather(vector.array))
+
+    def _gather_matrix(self, matrix) -> csr_matrix:
+        """The whole matrix on every rank; rows are owned in contiguous ranges."""
+        parts = self.comm.allgather(matrix.getValuesCSR())
+        counts = np.concatenate([np.diff(part[0]) for part in parts])
+        indptr = np.concatenate([[0], np.cumsum(counts)])
+        indices = np.concatenate([part[1] for part in parts])
+        return csr_matrix((np.concatenate([part[2] for part in parts]), indices, indptr), shape=(self.size,) * 2)
+
+
+def _without_columns(matrix, columns):
+    """Copy of a sparse matrix with the given columns set to zero."""
+    kept = matrix.tocoo()
+    keep = ~columns[kept.col]
+    return csr_matrix((kept.data[keep], (kept.row[keep], kept.col[keep])), shape=matrix.shape)
+
+
+def _gap_terms(rows: ContactRows, lifts):
+    """D - B lift as terms of θ: the initial gap belongs to the leading 1."""
+    gaps = -(rows.matrix @ lifts)
+    gaps[:, 0] += rows.gap
+    return gaps

@@ -1,0 +1,37 @@
+"""Named errors and warnings. Each message gives the value, the limit and what to try."""
+
+
+class HHRError(Exception):
+    """Base of every error this package raises on purpose."""
+
+
+class SceneError(HHRError, ValueError):
+    """The scene cannot be built: a missing tag, surfaces that do not face each other, an unknown name."""
+
+
+class ParameterError(HHRError, ValueError):
+    """A parameter is not finite, has the wrong length, or lies outside the trained box."""
+
+
+class ReductionError(HHRError, ValueError):
+    """The reduced model cannot be built from these snapshots or settings."""
+
+
+class NotSolvableError(HHRError):
+    """The contact rows are dependent on the reduced space, thesis (1.67)."""
+
+
+class UnstableModelError(HHRError):
+    """A stability constant says that the model must not be trusted."""
+
+
+class ConvergenceError(HHRError):
+    """The statuses did not settle; no solution is handed out."""
+
+
+class ModelFileError(HHRError, ValueError):
+    """A model file is damaged, of another version, or no model file at all."""
+
+
+class StabilityWarning(UserWarning):
+    """A stability constant is outside the range seen in trustworthy models."""

@@ -1,0 +1,157 @@
+"""Offline stage: from snapshots to a reduced model, a list of named stages.
+
+Stages that a scene does not need are left out and listed with the reason.
+"""
+
+from __future__ import annotations
+
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hhr_dolfinx.condensed import KnownStatuses
+from hhr_dolfinx.deim import deim
+from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.pod import pod
+from hhr_dolfinx.problem import ContactProblem
+from hhr_dolfinx.reconstruct import Reconstruction, prepare_reconstruction
+from hhr_dolfinx.reduced import ReducedModel, project
+from hhr_dolfinx.rid import IndexSets, reduced_domain
+from hhr_dolfinx.snapshots import SnapshotSet
+from hhr_dolfinx.stability import Stability, TrustLimits, assess, check_trust
+
+
+@dataclass(frozen=True)
+class ReductionSettings:
+    """How to reduce a scene.
+
+    Attributes:
+        pod_tolerance: epsilon of (1.53), in (0, 1).
+        layers: layers of cells added around the RID.
+        zone_nodes: nodes added to the RID; None takes one node for each load, see :func:`loaded_nodes`.
+        limits: what the trust check refuses or warns of.
+    """
+
+    pod_tolerance: float = 1e-8
+    layers: int = 0
+    zone_nodes: tuple[int, ...] | None = None
+    limits: TrustLimits = TrustLimits()
+
+
+@dataclass
+class StageLog:
+    """Times of the stages of a run, in seconds, and what was left out."""
+
+    times: dict[str, float] = field(default_factory=dict)
+    skipped: list[dict[str, str]] = field(default_factory=list)
+
+    @contextmanager
+    def stage(self, name: str):
+        """Time the block under a name."""
+        start = time.perf_counter()
+        yield
+        self.times[name] = time.perf_counter() - start
+
+    def skip(self, stage: str, why: str) -> None:
+        """Record a stage that this scene does not need."""
+        self.skipped.append({"stage": stage, "why": why})
+
+
+@dataclass(frozen=True)
+class HyperReduction:
+    """A reduced model with all that explains and completes it.
+
+    Attributes:
+        model: answers parameters.
+        reconstruction: fields and forces everywhere.
+        basis: V, (N, ell).
+        sets: index sets of the RID.
+        stability: the constants behind the trust check.
+        log: times of the stages and what was left out.
+    """
+
+    model: ReducedModel
+    reconstruction: Reconstruction
+    basis: np.ndarray
+    sets: IndexSets
+    stability: Stability
+    log: StageLog
+
+    def solve_everywhere(self, mu):
+        """Displacement (N,) and contact forces (N_lambda,) on the whole mesh, for one parameter.
+
+        Raises:
+            ParameterError, ConvergenceError, NotSolvableError: see :class:`ReducedModel`.
+        """
+        solution = self.model.solve(mu)
+        theta = self.model.amplitudes(self.model.parameters.point(mu))
+        fields = self.reconstruction
+        return fields.displacement(solution.primal, theta), fields.forces(solution, theta)
+
+
+def loaded_nodes(problem: ContactProblem) -> np.ndarray:
+    """One node for each load or imposed displacement: where it acts most on free dofs.
+
+    A RID that no load reaches would answer zero to every parameter. Among equals the node with
+    the smallest coordinates is taken, so that the choice does not depend on node numbers.
+    """
+    nodes = []
+    for column in problem.loads.T:
+        size = np.abs(column).reshape(-1, problem.block_size).max(axis=1)
+        if size.max() > 0:
+            equals = np.flatnonzero(size > (1 - 1e-6) * size.max())
+            nodes.append(equals[np.lexsort(problem.points[equals].T[::-1])[0]])
+    return np.array(nodes, dtype=np.int64)
+
+
+def build_reduced_model(
+    problem: ContactProblem,
+    schur: np.ndarray,
+    snapshots: SnapshotSet,
+    settings: ReductionSettings = ReductionSettings(),  # noqa: B008 (frozen)
+) -> HyperReduction:
+    """Build an HHR model and check that it can be trusted, thesis sections 1.4.2-1.4.6.
+
+    Args:
+        problem: the full problem.
+        schur: B K^-1 B^T of the full model, for its inf-sup constant.
+        snapshots: training solutions.
+        settings: how to reduce.
+
+    Raises:
+        ReductionError: for snapshots or settings no basis can be built from.
+        NotSolvableError: if K~ is singular or the contact rows are dependent, (1.67).
+        UnstableModelError: if the trust check refuses the model.
+    """
+    log = StageLog()
+    with log.stage("primal_basis"):
+        basis, _ = pod(snapshots.displacements, settings.pod_tolerance)
+    with log.stage("rid"):
+        picked = deim(basis) // problem.block_size
+        zone = loaded_nodes(problem) if settings.zone_nodes is None else np.array(settings.zone_nodes, dtype=int)
+        sets = reduced_domain(problem, np.concatenate([picked, zone]), settings.layers)
+        _check_loads_seen(problem, sets)
+    log.skip("dual_deim", "the DEIM of the primal basis already picks contact nodes")
+    with log.stage("projection"):
+        reduced = project(problem, basis, sets)
+    with log.stage("stability"):
+        stability = assess(problem, schur, basis, sets, reduced)
+        check_trust(stability, settings.limits)
+    log.skip("enrichment", f"kappa(B~) = {stability.kappa_B:.2f} <= {settings.limits.warn_kappa_B:g} and (1.67) holds")
+    with log.stage("online_arrays"):
+        known = KnownStatuses(snapshots.points, np.ascontiguousarray(snapshots.active[sets.A_lambda].T))
+        model = ReducedModel(reduced, problem.parameters, problem.amplitudes, known)
+    with log.stage("reconstruction"):
+        reconstruction = prepare_reconstruction(problem, basis, sets, snapshots)
+    return HyperReduction(model, reconstruction, basis, sets, stability, log)
+
+
+def _check_loads_seen(problem, sets):
+    """Refuse a RID on which some load does nothing."""
+    for term, column in enumerate(problem.loads.T):
+        if np.any(column) and not np.any(column[sets.A]):
+            raise ReductionError(
+                f"load term {term} of the scene does not reach the RID: add nodes next to where it acts to zone_nodes"
+            )

@@ -1,0 +1,38 @@
+"""Proper orthogonal decomposition of snapshots, thesis (1.49)-(1.54)."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import linalg
+
+from hhr_dolfinx.errors import ReductionError
+
+
+def pod(snapshots: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+    """Leading left singular vectors that leave out less than ``tolerance`` of the squared sum, (1.53).
+
+    Args:
+        snapshots: (N, S), one column per snapshot.
+        tolerance: epsilon, in (0, 1).
+
+    Returns:
+        ``(modes, singular_values)``: modes (N, ell) with orthonormal columns, and all singular values.
+
+    Raises:
+        ReductionError: for a tolerance outside (0, 1), fewer than two snapshots, or snapshots that
+            are not finite or all zero.
+    """
+    if not 0 < tolerance < 1:
+        raise ReductionError(f"the POD tolerance {tolerance} must lie in (0, 1)")
+    if snapshots.shape[1] < 2:
+        raise ReductionError(f"{snapshots.shape[1]} snapshot cannot span a reduced basis: train on at least 2")
+    if not np.isfinite(snapshots).all():
+        raise ReductionError("the snapshots are not finite")
+    modes, values, _ = linalg.svd(snapshots, full_matrices=False)
+    if values[0] == 0:
+        raise ReductionError("all snapshots are zero: the loads of the scene do nothing on the training points")
+    left_out = np.append(np.cumsum((values**2)[::-1])[::-1], 0.0) / np.sum(values**2)
+    # singular values below round-off are noise, however small the tolerance
+    rank = int((values > values[0] * np.finfo(float).eps * max(snapshots.shape)).sum())
+    count = min(int(np.argmax(left_out < tolerance)), rank)
+    return np.ascontiguousarray(modes[:, :count]), values

@@ -1,0 +1,116 @@
+"""The algebraic contact problem (1.21): matrices, index sets and connectivity, no mesh and no physics.
+
+Everything below this layer (basis, RID, reduced model, stability, reconstruction) sees only this.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
+
+
+@dataclass(frozen=True)
+class ContactRows:
+    """Contact conditions ``B U <= D`` of thesis (1.27), before imposed displacements are known.
+
+    Attributes:
+        matrix: B, (N_lambda, N), nodal and unweighted, so that kappa(B) = 1 node to node.
+        gap: initial gap, (N_lambda,), in the unit of length.
+        points: position of each condition, (N_lambda, dim).
+        areas: tributary area of each condition, (N_lambda,).
+    """
+
+    matrix: csr_matrix
+    gap: np.ndarray
+    points: np.ndarray
+    areas: np.ndarray
+
+
+@dataclass(frozen=True)
+class ContactProblem:
+    """Find U = U0 + lifts θ and Λ >= 0 with K U0 + B^T Λ = loads θ, B U0 <= gaps θ, thesis (1.21).
+
+    U0 is the homogeneous part of the displacement: it vanishes on imposed dofs. The amplitudes
+    θ(mu) carry all dependence on the parameters (N dofs, N_lambda conditions, 1 + T terms).
+
+    Attributes:
+        stiffness: K of all dofs, without boundary conditions, (N, N).
+        mass: Gram matrix of the L2 product, (N, N).
+        free: dofs that are not imposed, (N,) bool.
+        loads: F - K lift with zeros on imposed dofs, thesis (1.22), (N, 1 + T).
+        lifts: imposed displacements, carried by the imposed dofs alone (section 2.6), (N, 1 + T).
+        contact: B with zero columns at imposed dofs, (N_lambda, N).
+        gaps: D - B lift, (N_lambda, 1 + T).
+        contact_points: position of each condition, (N_lambda, dim).
+        contact_areas: tributary area of each condition, (N_lambda,).
+        cell_nodes: nodes of each cell, (cells, n).
+        points: coordinates of the nodes, (nodes, dim).
+        amplitudes: θ as a function of the parameters.
+        parameters: the box of the parameters.
+    """
+
+    stiffness: csr_matrix
+    mass: csr_matrix
+    free: np.ndarray
+    loads: np.ndarray
+    lifts: np.ndarray
+    contact: csr_matrix
+    gaps: np.ndarray
+    contact_points: np.ndarray
+    contact_areas: np.ndarray
+    cell_nodes: np.ndarray
+    points: np.ndarray
+    amplitudes: Amplitudes
+    parameters: ParameterSpace
+
+    @property
+    def block_size(self) -> int:
+        """Dofs per node; the dofs of node n are ``block_size * n + component``."""
+        return self.free.size // self.points.shape[0]
+
+    def node_dofs(self, nodes) -> np.ndarray:
+        """All dofs of the given nodes, (len(nodes) * block_size,)."""
+        return (np.asarray(nodes)[:, None] * self.block_size + np.arange(self.block_size)).ravel()
+
+
+class Status(Enum):
+    """Why the active set stopped; each value is a sentence for the user."""
+
+    CONVERGED = "the statuses satisfy all contact conditions"
+    ITERATION_LIMIT = "the statuses still changed at the iteration limit: raise max_iterations or start nearer"
+    CYCLING = (
+        "the statuses repeat even one at a time, so the contact Schur complement is no P-matrix: "
+        "the reduced model is not trustworthy here, add RID layers or change the basis"
+    )
+
+
+class ContactSolution(NamedTuple):
+    """Answer of any contact model for one parameter.
+
+    Attributes:
+        primal: displacement (N,) of a full model, or coordinates gamma (ell,) of a reduced one;
+            NaN where the active set did not converge.
+        forces: nodal contact forces lambda >= 0, one per condition of the model; NaN likewise.
+        active: status of each condition.
+        iterations: number of equality problems solved.
+        status: why the active set stopped.
+        cycled: the plain rule of Alg. 1.1 cycled and the terminating rule took over.
+    """
+
+    primal: np.ndarray
+    forces: np.ndarray
+    active: np.ndarray
+    iterations: int
+    status: Status
+    cycled: bool
+
+    @property
+    def converged(self) -> bool:
+        """Whether this is a solution."""
+        return self.status is Status.CONVERGED

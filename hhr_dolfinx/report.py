@@ -1,0 +1,138 @@
+"""The report of a study: ``report.json`` and a short table."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from hhr_dolfinx.accuracy import summary
+from hhr_dolfinx.full_order import FullOrderModel
+from hhr_dolfinx.snapshots import SnapshotSet
+from hhr_dolfinx.study import StudyResult
+
+
+def make_report(
+    full_order: FullOrderModel, snapshots: SnapshotSet, result: StudyResult, *, seed: int, stages: dict[str, float]
+) -> dict:
+    """Collect everything measured under the keys all scenes share; SI units, seconds, fractions.
+
+    Args:
+        full_order: the full model.
+        snapshots: training solutions.
+        result: what :func:`hhr_dolfinx.study.run_study` returned.
+        seed: seed of the test points.
+        stages: seconds of the stages before the reduction, by name.
+    """
+    hyper, errors = result.hyper, result.errors
+    return {
+        "scene": full_order.scene.name,
+        "seed": seed,
+        "versions": _versions(),
+        "machine": {"cpu": _cpu(), "threads": 1, "ranks": full_order.comm.size},
+        "sizes": {
+            "N": int(full_order.problem.free.size),
+            "N_lambda": int(full_order.problem.contact.shape[0]),
+            "ell": int(hyper.basis.shape[1]),
+            "ell_bar": int(hyper.basis.shape[1]),
+            "N_lambda_C": len(hyper.sets.A_lambda),
+            "cells": len(full_order.problem.cell_nodes),
+            "rid_cells": len(hyper.sets.cells),
+            "snapshots": len(snapshots.points),
+        },
+        "stability": hyper.stability.as_report(),
+        "errors": {**errors.summaries(), "points_with_false_contact": errors.false_contact},
+        "times": {
+            "offline": {**stages, **hyper.log.times},
+            **{name: summary(values) for name, values in result.times["warm"].items()},
+            "cold_start": {name: summary(values) for name, values in result.times["cold"].items()},
+        },
+        "ratios": {**_ratios(result.times["warm"]), "cold_start": _ratios(result.times["cold"])},
+        "work_precision": result.work_precision,
+        "active_set": {
+            "iterations_median": float(np.median(errors.iterations)),
+            "iterations_max": int(errors.iterations.max()),
+            "cycles": int(errors.cycles),
+        },
+        "skipped": hyper.log.skipped,
+    }
+
+
+def write_report(report: dict, folder: Path) -> Path:
+    """Write ``report.json``; numbers that are not finite become null, which JSON can hold."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "report.json"
+    temporary = path.with_suffix(".part")
+    temporary.write_text(json.dumps(_finite(report), indent=2, allow_nan=False) + "\n")
+    os.replace(temporary, path)
+    return path
+
+
+def print_report(report: dict, console: Console | None = None) -> None:
+    """Print the figures a reader looks for first."""
+    console = console or Console()
+    sizes, stability = report["sizes"], report["stability"]
+    console.print(
+        f"[bold]{report['scene']}[/bold]: {sizes['N']} dofs, {sizes['N_lambda']} contacts -> {sizes['ell_bar']} modes, "
+        f"{sizes['N_lambda_C']} contacts on {sizes['rid_cells']} of {sizes['cells']} cells, "
+        f"{sizes['snapshots']} snapshots; kappa(B~) {stability['kappa_B']:.2f}, cond(K~) {stability['cond_K']:.1e}"
+    )
+    errors = Table("error", "median", "95 %", "max")
+    for name, row in report["errors"].items():
+        if isinstance(row, dict):
+            errors.add_row(name, *(f"{row[key]:.2e}" for key in ("median", "p95", "max")))
+    times = Table("time per query", "median", "95 %", "x online")
+    online = report["times"]["online"]["median"]
+    for name in ("fom_naive", "fom_best", "condensed", "online", "online_full"):
+        row = report["times"][name]
+        times.add_row(name, _seconds(row["median"]), _seconds(row["p95"]), f"{row['median'] / online:.1f}")
+    console.print(errors, times)
+    for item in report["skipped"]:
+        console.print(f"left out: {item['stage']}: {item['why']}")
+
+
+def _ratios(times):
+    online = np.median(times["online"])
+    return {f"{name}/online": float(np.median(times[name]) / online) for name in ("fom_naive", "fom_best", "condensed")}
+
+
+def _seconds(value):
+    return f"{value * 1e6:.1f} us" if value < 1e-3 else f"{value * 1e3:.2f} ms"
+
+
+def _versions():
+    import dolfinx
+    import petsc4py
+    import slepc4py
+
+    return {
+        "dolfinx": dolfinx.__version__,
+        "petsc": petsc4py.__version__,
+        "slepc": slepc4py.__version__,
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+    }
+
+
+def _cpu():
+    """Name of the processor, as far as the system tells."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def _finite(value):
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

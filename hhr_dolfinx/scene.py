@@ -1,0 +1,125 @@
+"""Scene: geometry, materials, contact pairs, loads and parameter space; the one thing a user writes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.forms.elasticity import HYPOTHESES
+from hhr_dolfinx.parameters import Amplitude, ParameterSpace
+
+
+@dataclass(frozen=True)
+class Body:
+    """An elastic body.
+
+    Attributes:
+        tag: cell tag.
+        young: Young's modulus E, in the unit of stress of the scene.
+        poisson: Poisson's ratio.
+    """
+
+    tag: int
+    young: float
+    poisson: float
+
+    def __post_init__(self):
+        """Refuse constants for which the elastic energy is not positive."""
+        if not self.young > 0 or not -1 < self.poisson < 0.5:
+            raise SceneError(
+                f"body {self.tag}: E = {self.young} must be positive and nu = {self.poisson} in (-1, 0.5)"
+            )
+
+
+@dataclass(frozen=True)
+class Displacement:
+    """Imposed displacement of one component on tagged facets: ``u[component] = amplitude(mu)``."""
+
+    tag: int
+    component: int
+    amplitude: Amplitude = Amplitude()
+
+
+@dataclass(frozen=True)
+class Traction:
+    """Surface force ``amplitude(mu) * direction`` per area on tagged facets."""
+
+    tag: int
+    direction: tuple[float, ...]
+    amplitude: Amplitude
+
+
+@dataclass(frozen=True)
+class Pressure:
+    """Pressure ``amplitude(mu)`` against the outer normal of tagged facets."""
+
+    tag: int
+    amplitude: Amplitude
+
+
+@dataclass(frozen=True)
+class NodeToNode:
+    """Contact of facing nodes, thesis (1.25): ``(u_1 - u_2)·n <= d``.
+
+    Attributes:
+        first: facet tag of the surface whose outer normal is n.
+        second: facet tag of the facing surface.
+        normal: unit vector n, from the first to the second surface.
+    """
+
+    first: int
+    second: int
+    normal: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """Contact with a rigid plane ``x·n = offset``, thesis (1.26): ``u·n <= offset - x·n``.
+
+    Attributes:
+        surface: facet tag of the surface of the body.
+        normal: unit vector n, from the body towards the obstacle.
+        offset: position of the plane along n.
+    """
+
+    surface: int
+    normal: tuple[float, ...]
+    offset: float
+
+
+@dataclass(frozen=True)
+class Scene:
+    """All that defines one parametric contact problem.
+
+    Attributes:
+        name: used for files and for the prefix of PETSc options, ``hhr_<name>_``.
+        geometry: function of a communicator that returns ``(mesh, cell_tags, facet_tags)``.
+        hypothesis: ``plane_strain``, ``plane_stress``, ``axisymmetric`` or ``solid``.
+        bodies: one per cell tag.
+        contacts: contact pairs, :class:`NodeToNode` or :class:`Obstacle`.
+        displacements: imposed displacements.
+        loads: surface loads, :class:`Traction` or :class:`Pressure`.
+        parameters: the box of the parameters.
+    """
+
+    name: str
+    geometry: Callable[[Any], tuple]
+    hypothesis: str
+    bodies: tuple[Body, ...]
+    contacts: tuple[NodeToNode | Obstacle, ...]
+    parameters: ParameterSpace
+    displacements: tuple[Displacement, ...] = ()
+    loads: tuple[Traction | Pressure, ...] = ()
+
+    def __post_init__(self):
+        """Refuse what no geometry could make right."""
+        if self.hypothesis not in HYPOTHESES:
+            raise SceneError(f"unknown hypothesis '{self.hypothesis}', one of {', '.join(HYPOTHESES)}")
+        if not self.name.isidentifier():
+            raise SceneError(f"scene name '{self.name}' must be an identifier: it prefixes PETSc options")
+        if not self.bodies:
+            raise SceneError("a scene needs at least one body")
+        if not self.contacts:
+            raise SceneError("a scene without contact pairs is a linear problem: nothing to hyper-reduce")

@@ -1,0 +1,214 @@
+"""Stability of full and reduced models: inf-sup constants by SLEPc, condition numbers, trust.
+
+An inf-sup constant inf_q sup_v b(v, q) / (|v| |q|) over v = Phi gamma and q is the smallest singular
+value of L_q^-1 B~ L_v^-T, where the Gram matrices of the two norms are L_v L_v^T and L_q L_q^T. Two pairs
+of norms are used: the thesis' Euclidean norms of nodal values (section 2.6.1), and the energy norm
+(v^T K v)^1/2 with the L2 norm of the contact pressure, which do not depend on the mesh.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from scipy import linalg
+from scipy.sparse import identity
+
+from hhr_dolfinx import compat  # noqa: F401  (before petsc4py)
+from hhr_dolfinx.errors import NotSolvableError, StabilityWarning, UnstableModelError
+from hhr_dolfinx.problem import ContactProblem
+from hhr_dolfinx.reduced import ReducedProblem
+from hhr_dolfinx.rid import IndexSets
+
+# isort: split
+from petsc4py import PETSc
+from slepc4py import SLEPc
+
+
+@dataclass(frozen=True)
+class Constants:
+    """Inf-sup constants in one pair of norms.
+
+    Attributes:
+        beta_h: constant of the full model, (1.20).
+        beta_HR: constant on the test space of modes cut off outside A, (2.38), (5.18).
+        beta_HR_2: constant on the trial space of whole modes, (2.47), (5.19).
+        alpha_prime: constant of a on the kernels of b, (2.46); None where the kernel is empty.
+    """
+
+    beta_h: float
+    beta_HR: float
+    beta_HR_2: float
+    alpha_prime: float | None
+
+
+@dataclass(frozen=True)
+class Stability:
+    """What is known of the stability of a reduced model.
+
+    Attributes:
+        kappa_B: condition number of B~, (3.4); infinite if its rows are dependent.
+        sigma_min: smallest singular value of B~, by which the thesis evaluates beta_HR.
+        sigma_max: largest singular value of B~.
+        cond_K: condition number of K~.
+        euclidean: constants in the Euclidean norms of the thesis.
+        energy: constants in the energy and L2 norms.
+    """
+
+    kappa_B: float
+    sigma_min: float
+    sigma_max: float
+    cond_K: float
+    euclidean: Constants
+    energy: Constants
+
+    def as_report(self) -> dict:
+        """The ``stability`` part of a report; the constants at its top are the Euclidean ones."""
+        report = asdict(self)
+        return {**report, **report["euclidean"], "enrichment": []}
+
+
+@dataclass(frozen=True)
+class TrustLimits:
+    """Limits on the stability of a model; the values come from trials on all scenes of the thesis.
+
+    Attributes:
+        refuse_cond_K: cond(K~) above which a model is refused (errors grew beyond use above 1e7).
+        warn_cond_K: cond(K~) above which it is warned of (clean below 1e6).
+        warn_kappa_B: kappa(B~) above which dual errors grow, thesis section 3.5.2.
+    """
+
+    refuse_cond_K: float = 1e7
+    warn_cond_K: float = 1e6
+    warn_kappa_B: float = 10.0
+
+
+def singular_range(matrix: np.ndarray) -> tuple[float, float]:
+    """Smallest and largest of the min(m, n) singular values of a dense matrix, by SLEPc."""
+    mat = PETSc.Mat().createDense(matrix.shape, array=np.array(matrix, float, order="F"), comm=PETSc.COMM_SELF)
+    mat.assemble()
+    svd = SLEPc.SVD().create(PETSc.COMM_SELF)
+    svd.setOptionsPrefix("hhr_stability_")
+    svd.setOperators(mat)
+    svd.setType(SLEPc.SVD.Type.LAPACK)
+    svd.setDimensions(min(matrix.shape))
+    svd.setFromOptions()
+    svd.solve()
+    values = [svd.getValue(k) for k in range(svd.getConverged())]
+    return min(values), max(values)
+
+
+def inf_sup(rows: np.ndarray, primal_gram: np.ndarray | None = None, dual_gram: np.ndarray | None = None) -> float:
+    """Inf-sup constant of b(v, q) = q^T rows gamma with the given Gram matrices (identity if None).
+
+    Args:
+        rows: (m, ell), for example B~.
+        primal_gram: (ell, ell), symmetric positive definite, or None.
+        dual_gram: (m, m), symmetric positive definite, or None.
+
+    Returns:
+        The constant; 0 if there are more rows than columns, since then some q sees no v.
+    """
+    if rows.shape[0] > rows.shape[1]:
+        return 0.0
+    return singular_range(_whiten(_whiten(rows.T, primal_gram).T, dual_gram))[0]
+
+
+def assess(
+    problem: ContactProblem, schur: np.ndarray, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem
+) -> Stability:
+    """Compute all constants of a reduced model and of the full model behind it.
+
+    Args:
+        problem: the full problem.
+        schur: B K^-1 B^T of the full model, (N_lambda, N_lambda).
+        basis: V, (N, ell).
+        sets: index sets of the RID.
+        reduced: the projected arrays.
+    """
+    smallest, largest = singular_range(reduced.contact)
+    if reduced.contact.shape[0] > reduced.contact.shape[1]:
+        smallest = 0.0
+    low, high = singular_range(reduced.stiffness)
+    # rows that are dependent to round-off have no condition number
+    solvable = smallest > largest * 1e-13
+    pressure = 1.0 / problem.contact_areas
+    energy_beta_h = math.sqrt(singular_range(_whiten(_whiten(schur, np.diag(pressure)).T, np.diag(pressure)))[0])
+    return Stability(
+        kappa_B=largest / smallest if solvable else math.inf,
+        sigma_min=smallest,
+        sigma_max=largest,
+        cond_K=high / low if low > 0 else math.inf,
+        euclidean=_constants(
+            identity(problem.free.size, format="csr"),
+            np.ones(len(sets.A_lambda)),
+            basis,
+            sets,
+            reduced,
+            singular_range(problem.contact.toarray())[0],
+        ),
+        energy=_constants(problem.stiffness, pressure[sets.A_lambda], basis, sets, reduced, energy_beta_h),
+    )
+
+
+def check_trust(stability: Stability, limits: TrustLimits) -> None:
+    """Refuse or warn of a model whose constants say that it cannot be trusted.
+
+    Raises:
+        NotSolvableError: if the rows of B~ are dependent, thesis (1.67).
+        UnstableModelError: if cond(K~) is beyond the limit.
+
+    Warns:
+        StabilityWarning: if cond(K~) or kappa(B~) is in the doubtful range.
+    """
+    if math.isinf(stability.kappa_B):
+        raise NotSolvableError(
+            "the contact rows are dependent on the reduced basis, thesis (1.67): keep more modes "
+            "(a smaller POD tolerance) or fewer contact points in the RID (fewer layers or zones)"
+        )
+    advice = "add RID layers, or keep fewer modes (a larger POD tolerance)"
+    if not stability.cond_K <= limits.refuse_cond_K:
+        raise UnstableModelError(f"cond(K~) = {stability.cond_K:.1e} > {limits.refuse_cond_K:.0e}: {advice}")
+    if stability.cond_K > limits.warn_cond_K:
+        warnings.warn(
+            f"cond(K~) = {stability.cond_K:.1e} > {limits.warn_cond_K:.0e}: {advice}", StabilityWarning, stacklevel=3
+        )
+    if stability.kappa_B > limits.warn_kappa_B:
+        warnings.warn(
+            f"kappa(B~) = {stability.kappa_B:.1e} > {limits.warn_kappa_B:g}: contact forces will be inaccurate; "
+            "keep more modes or fewer contact points in the RID",
+            StabilityWarning,
+            stacklevel=3,
+        )
+
+
+def _constants(gram, dual_diagonal, basis, sets, reduced, beta_h) -> Constants:
+    """Constants of a reduced model for the norm of ``gram`` on displacements, cut off outside A or whole."""
+    test = basis[sets.A]
+    test_gram = test.T @ (gram[sets.A][:, sets.A] @ test)
+    trial_gram = basis.T @ (gram @ basis)
+    dual_gram = np.diag(dual_diagonal)
+    return Constants(
+        beta_h,
+        inf_sup(reduced.contact, test_gram, dual_gram),
+        inf_sup(reduced.contact, trial_gram, dual_gram),
+        _alpha_prime(reduced, test_gram, trial_gram),
+    )
+
+
+def _alpha_prime(reduced, test_gram, trial_gram):
+    """Inf-sup constant of a on the kernels of b, thesis (2.46)."""
+    kernel = linalg.null_space(reduced.contact)
+    if kernel.shape[1] == 0:
+        return None
+    square = kernel.T @ reduced.stiffness.T @ kernel  # rows: trial functions, columns: test functions
+    return inf_sup(square, kernel.T @ test_gram @ kernel, kernel.T @ trial_gram @ kernel)
+
+
+def _whiten(matrix, gram):
+    """L^-1 matrix for gram = L L^T."""
+    if gram is None:
+        return matrix
+    return linalg.solve_triangular(linalg.cholesky(gram, lower=True), matrix, lower=True)
