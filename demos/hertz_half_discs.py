@@ -41,9 +41,9 @@ def scene(**mesh_options) -> hhr.Scene:
 def main() -> None:
     """Train, validate, time, and write everything to the output folder."""
     options = demo_options("hertz_half_discs", __doc__.splitlines()[0])
-    console = Console()
     stages, start = {}, time.perf_counter()
     full_order = hhr.FullOrderModel(scene())
+    console = Console(quiet=full_order.comm.rank > 0)
     stages["full_order"], start = time.perf_counter() - start, time.perf_counter()
     space = full_order.problem.parameters
     snapshots = hhr.compute_snapshots(full_order, space.grid([31]), progress_bars(console)("snapshots"))
@@ -52,28 +52,30 @@ def main() -> None:
     settings = hhr.StudySettings(queries=20 if options.quick else 400)
     result = hhr.run_study(full_order, snapshots, points, settings, progress_bars(console))
     report = hhr.make_report(full_order, snapshots, result, seed=options.seed, stages=stages)
+    shown = [(mu, full_order.solve(mu)) for mu in (0.168, 0.255, 0.345, 0.435)]  # none is a training value
+    if full_order.comm.rank > 0:
+        return
     hhr.write_report(report, options.out)
     hhr.print_report(report, console)
     hhr.save_model(options.out / "model.npz", result.hyper.model, result.hyper.reconstruction)
-    pictures(full_order, result, report, options.out)
+    pictures(full_order.problem, result, report, shown, options.out)
     console.print(f"report, pictures, fields and model are in {options.out}")
 
 
-def pictures(full_order, result, report, folder) -> None:
+def pictures(problem, result, report, shown, folder) -> None:
     """Deformed meshes with the RID, multipliers, errors over mu, error against run time."""
     from hhr_dolfinx import plots
 
-    problem, hyper = full_order.problem, result.hyper
-    x = problem.contact_points[:, 0]
-    some = (0.168, 0.255, 0.345, 0.435)  # none of them a training value
-    forces = [full_order.solve(mu).forces for mu in some]
-    answers = [(x[hyper.sets.A_lambda], hyper.model.solve(mu).forces) for mu in some]
-    plots.plot_multipliers(x, forces, answers, [f"mu = {mu} m" for mu in some], folder / "multipliers.png", "x [m]")
-    shown = ("primal_euclid", "primal_energy", "dual_rid", "energy_minimum")
-    errors = {name: result.errors.values[name] for name in shown}
+    hyper, x = result.hyper, problem.contact_points[:, 0]
+    forces, labels = [solution.forces for _, solution in shown], [f"mu = {mu} m" for mu, _ in shown]
+    answers = [(x[hyper.sets.A_lambda], hyper.model.solve(mu).forces) for mu, _ in shown]
+    plots.plot_multipliers(x, forces, answers, labels, folder / "multipliers.png", "x [m]")
+    names = ("primal_euclid", "primal_energy", "dual_rid", "energy_minimum")
+    errors = {name: result.errors.values[name] for name in names}
     plots.plot_errors(np.ravel(result.points), errors, "mu [m]", folder / "errors.png")
     plots.plot_work_precision(report["work_precision"], folder / "work_precision.png")
-    fields = {"full_order": full_order.solve(0.345).primal, "hhr": hyper.solve_everywhere(0.345)[0]}
+    mu, solution = shown[2]
+    fields = {"full_order": solution.primal, "hhr": hyper.solve_everywhere(mu)[0]}
     grid = plots.field_grid(problem, hyper, **fields)
     grid.save(folder / "fields.vtu")
     plots.plot_deformed(grid, list(fields), folder / "deformed.png")

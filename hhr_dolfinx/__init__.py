@@ -31,7 +31,7 @@ _PUBLIC = {
     "write_report": "report",
 }
 
-__all__ = sorted(_PUBLIC)
+__all__ = list(_PUBLIC)
 
 
 def __getattr__(name):

@@ -110,7 +110,7 @@ def build_reduced_model(
     problem: ContactProblem,
     schur: np.ndarray,
     snapshots: SnapshotSet,
-    settings: ReductionSettings = ReductionSettings(),  # noqa: B008 (frozen)
+    settings: ReductionSettings = ReductionSettings(),
 ) -> HyperReduction:
     """Build an HHR model and check that it can be trusted, thesis sections 1.4.2-1.4.6.
 
@@ -139,7 +139,10 @@ def build_reduced_model(
     with log.stage("stability"):
         stability = assess(problem, schur, basis, sets, reduced)
         check_trust(stability, settings.limits)
-    log.skip("enrichment", f"kappa(B~) = {stability.kappa_B:.2f} <= {settings.limits.warn_kappa_B:g} and (1.67) holds")
+    log.skip(
+        "enrichment",
+        f"kappa(B~) = {stability.kappa_B:.2f} <= {settings.limits.warn_kappa_B:g} and (1.67) holds",
+    )
     with log.stage("online_arrays"):
         known = KnownStatuses(snapshots.points, np.ascontiguousarray(snapshots.active[sets.A_lambda].T))
         model = ReducedModel(reduced, problem.parameters, problem.amplitudes, known)

@@ -81,9 +81,7 @@ def obstacle(surface: Surface, normal: np.ndarray, offset: float, dofs: int) -> 
     _check_facing(surface, normal, "to")
     order = _order(surface.points, normal)
     gap = offset - surface.points[order] @ normal
-    return ContactRows(
-        _rows(surface.nodes[order], normal, dofs), gap, surface.points[order], surface.areas[order]
-    )
+    return ContactRows(_rows(surface.nodes[order], normal, dofs), gap, surface.points[order], surface.areas[order])
 
 
 def stack(rows: list[ContactRows], free: np.ndarray) -> ContactRows:

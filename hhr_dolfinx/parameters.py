@@ -49,7 +49,7 @@ class ParameterSpace:
             raise SceneError(f"bounds {self.lower} .. {self.upper} of {self.names} must be finite and increasing")
         # room for round-off in grids that end on the bounds
         slack = 1e-12 * (bounds[1] - bounds[0])
-        object.__setattr__(self, "_box", list(zip((bounds[0] - slack).tolist(), (bounds[1] + slack).tolist())))
+        object.__setattr__(self, "_box", list(zip((bounds[0] - slack).tolist(), (bounds[1] + slack).tolist(), strict=True)))
 
     def point(self, mu) -> np.ndarray:
         """Turn a number, a sequence or a mapping by name into a checked point, shape (P,).
@@ -80,10 +80,7 @@ class ParameterSpace:
 
     def grid(self, counts: Sequence[int]) -> np.ndarray:
         """Regular grid with ``counts`` points along each parameter, shape (prod(counts), P)."""
-        axes = [
-            np.linspace(low, high, count)
-            for low, high, count in zip(self.lower, self.upper, counts, strict=True)
-        ]
+        axes = [np.linspace(low, high, count) for low, high, count in zip(self.lower, self.upper, counts, strict=True)]
         return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
 
     def random(self, count: int, seed: int) -> np.ndarray:

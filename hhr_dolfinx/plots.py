@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
+
+# files only: without a display VTK would first look for an X server and complain
+if sys.platform == "linux" and "DISPLAY" not in os.environ:
+    os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
 
 import matplotlib
 
-matplotlib.use("Agg")  # files only, no window
+matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -38,12 +44,11 @@ def plot_deformed(grid: pyvista.UnstructuredGrid, names: list[str], path: Path) 
         plotter.subplot(0, k)
         deformed = grid.warp_by_vector(name)
         plotter.add_mesh(deformed, color="white", show_edges=True, edge_color="grey", lighting=False)
-        plotter.add_mesh(
-            deformed.threshold(0.5, scalars="rid"), color="tab:orange", show_edges=True, lighting=False
-        )
+        plotter.add_mesh(deformed.threshold(0.5, scalars="rid"), color="tab:orange", show_edges=True, lighting=False)
         plotter.add_text(name, font_size=12, color="black")
         if np.ptp(grid.points[:, 2]) == 0:
             plotter.view_xy()
+            plotter.camera.tight(padding=0.05, adjust_render_window=False)
     plotter.screenshot(path)
     plotter.close()
 
@@ -85,10 +90,19 @@ def plot_work_precision(rows: list[dict], path: Path) -> None:
     for axis, error in zip(axes, ("primal_l2", "dual_full_floored"), strict=True):
         measured = [row for row in rows if "online_s" in row]
         for method in dict.fromkeys(row["method"] for row in measured):
-            points = sorted((row["online_s"] * 1e6, row[error], row["setting"]) for row in measured if row["method"] == method)
+            points = sorted(
+                (row["online_s"] * 1e6, row[error], row["setting"]) for row in measured if row["method"] == method
+            )
             if all(value == 0 for _, value, _ in points):
                 axis.axvline(points[0][0], linestyle="--", color="grey")
-                axis.text(points[0][0], 0.98, f" {method}", rotation=90, va="top", transform=axis.get_xaxis_transform())
+                axis.text(
+                    points[0][0],
+                    0.98,
+                    f" {method}",
+                    rotation=90,
+                    va="top",
+                    transform=axis.get_xaxis_transform(),
+                )
                 continue
             axis.loglog([p[0] for p in points], [p[1] for p in points], "o", label=method)
             for x, y, setting in points:

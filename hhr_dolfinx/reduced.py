@@ -12,7 +12,7 @@ import numpy as np
 from hhr_dolfinx.condensed import CondensedContact, KnownStatuses
 from hhr_dolfinx.dense import DenseLU
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
-from hhr_dolfinx.problem import ContactProblem, ContactSolution
+from hhr_dolfinx.problem import ContactProblem
 from hhr_dolfinx.rid import IndexSets
 
 
@@ -68,7 +68,11 @@ class ReducedModel:
     """
 
     def __init__(
-        self, problem: ReducedProblem, parameters: ParameterSpace, amplitudes: Amplitudes, known: KnownStatuses
+        self,
+        problem: ReducedProblem,
+        parameters: ParameterSpace,
+        amplitudes: Amplitudes,
+        known: KnownStatuses,
     ):
         self.problem, self.known = problem, known
         factor = DenseLU(problem.stiffness)

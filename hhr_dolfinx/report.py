@@ -17,9 +17,16 @@ from hhr_dolfinx.full_order import FullOrderModel
 from hhr_dolfinx.snapshots import SnapshotSet
 from hhr_dolfinx.study import StudyResult
 
+_COMPARED = ("fom_naive", "fom_best", "condensed")
+
 
 def make_report(
-    full_order: FullOrderModel, snapshots: SnapshotSet, result: StudyResult, *, seed: int, stages: dict[str, float]
+    full_order: FullOrderModel,
+    snapshots: SnapshotSet,
+    result: StudyResult,
+    *,
+    seed: int,
+    stages: dict[str, float],
 ) -> dict:
     """Collect everything measured under the keys all scenes share; SI units, seconds, fractions.
 
@@ -50,8 +57,8 @@ def make_report(
         "errors": {**errors.summaries(), "points_with_false_contact": errors.false_contact},
         "times": {
             "offline": {**stages, **hyper.log.times},
-            **{name: summary(values) for name, values in result.times["warm"].items()},
-            "cold_start": {name: summary(values) for name, values in result.times["cold"].items()},
+            **_times(result.times["warm"], (*_COMPARED, "online", "online_full")),
+            "cold_start": _times(result.times["cold"], (*_COMPARED, "online")),
         },
         "ratios": {**_ratios(result.times["warm"]), "cold_start": _ratios(result.times["cold"])},
         "work_precision": result.work_precision,
@@ -89,17 +96,24 @@ def print_report(report: dict, console: Console | None = None) -> None:
             errors.add_row(name, *(f"{row[key]:.2e}" for key in ("median", "p95", "max")))
     times = Table("time per query", "median", "95 %", "x online")
     online = report["times"]["online"]["median"]
-    for name in ("fom_naive", "fom_best", "condensed", "online", "online_full"):
+    for name in (*_COMPARED, "online", "online_full"):
         row = report["times"][name]
+        if row is None:
+            continue
         times.add_row(name, _seconds(row["median"]), _seconds(row["p95"]), f"{row['median'] / online:.1f}")
     console.print(errors, times)
     for item in report["skipped"]:
         console.print(f"left out: {item['stage']}: {item['why']}")
 
 
+def _times(times, names):
+    """Summaries by name; null for a model that was not run."""
+    return {name: summary(times[name]) if name in times else None for name in names}
+
+
 def _ratios(times):
     online = np.median(times["online"])
-    return {f"{name}/online": float(np.median(times[name]) / online) for name in ("fom_naive", "fom_best", "condensed")}
+    return {f"{name}/online": float(np.median(times[name]) / online) if name in times else None for name in _COMPARED}
 
 
 def _seconds(value):

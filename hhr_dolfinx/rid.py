@@ -27,7 +27,7 @@ class IndexSets:
     A: np.ndarray
     A_lambda: np.ndarray
     A_c: np.ndarray
-    I: np.ndarray  # noqa: E741
+    I: np.ndarray
 
 
 def reduced_domain(problem: ContactProblem, nodes: np.ndarray, layers: int = 0) -> IndexSets:

@@ -28,9 +28,7 @@ class Body:
     def __post_init__(self):
         """Refuse constants for which the elastic energy is not positive."""
         if not self.young > 0 or not -1 < self.poisson < 0.5:
-            raise SceneError(
-                f"body {self.tag}: E = {self.young} must be positive and nu = {self.poisson} in (-1, 0.5)"
-            )
+            raise SceneError(f"body {self.tag}: E = {self.young} must be positive and nu = {self.poisson} in (-1, 0.5)")
 
 
 @dataclass(frozen=True)

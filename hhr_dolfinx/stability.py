@@ -173,7 +173,9 @@ def check_trust(stability: Stability, limits: TrustLimits) -> None:
         raise UnstableModelError(f"cond(K~) = {stability.cond_K:.1e} > {limits.refuse_cond_K:.0e}: {advice}")
     if stability.cond_K > limits.warn_cond_K:
         warnings.warn(
-            f"cond(K~) = {stability.cond_K:.1e} > {limits.warn_cond_K:.0e}: {advice}", StabilityWarning, stacklevel=3
+            f"cond(K~) = {stability.cond_K:.1e} > {limits.warn_cond_K:.0e}: {advice}",
+            StabilityWarning,
+            stacklevel=3,
         )
     if stability.kappa_B > limits.warn_kappa_B:
         warnings.warn(

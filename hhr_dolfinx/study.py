@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import gc
 import time
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -15,7 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from hhr_dolfinx.accuracy import FORCE_FLOOR, energy_minimum, relative_error, summary
 from hhr_dolfinx.baselines import NaiveFullOrder, exact_condensation
-from hhr_dolfinx.errors import HHRError
+from hhr_dolfinx.errors import HHRError, StabilityWarning
 from hhr_dolfinx.full_order import FullOrderModel
 from hhr_dolfinx.offline import HyperReduction, ReductionSettings, build_reduced_model
 from hhr_dolfinx.snapshots import SnapshotSet
@@ -72,7 +73,11 @@ class StudyResult:
 
 
 def measure_errors(
-    full_order: FullOrderModel, hyper: HyperReduction, snapshots: SnapshotSet, points, progress: Progress = iter
+    full_order: FullOrderModel,
+    hyper: HyperReduction,
+    snapshots: SnapshotSet,
+    points,
+    progress: Progress = iter,
 ) -> PointErrors:
     """Compare the reduced with the full model at every point; no point is dropped.
 
@@ -140,13 +145,13 @@ def run_study(
     full_order: FullOrderModel,
     snapshots: SnapshotSet,
     points: np.ndarray,
-    settings: StudySettings = StudySettings(),  # noqa: B008 (frozen)
+    settings: StudySettings = StudySettings(),
     progress: Callable[[str], Progress] = lambda _: iter,
 ) -> StudyResult:
-    """Build the reduced model, measure its errors and time it against all other models. Serial.
+    """Build the reduced model, measure its errors and time it against all other models.
 
     Args:
-        full_order: the full model on one rank.
+        full_order: the full model; on several ranks the serial baselines are left out.
         snapshots: training solutions.
         points: test points, (n, P).
         settings: what to measure.
@@ -157,28 +162,37 @@ def run_study(
     """
     hyper = build_reduced_model(full_order.problem, full_order.schur, snapshots, settings.reduction)
     errors = measure_errors(full_order, hyper, snapshots, points, progress("errors"))
+    warm, cold = _models(full_order, hyper, snapshots)
+    times = {
+        start: time_queries(models, points, settings.queries) for start, models in (("warm", warm), ("cold", cold))
+    }
+    result = StudyResult(hyper, points, errors, times)
+    return replace(result, work_precision=_work_precision(full_order, snapshots, result, settings, progress))
+
+
+def _models(full_order, hyper, snapshots) -> tuple[dict[str, Callable], dict[str, Callable]]:
+    """All models by name, each started from the nearest known statuses and from none."""
     known = snapshots.known_statuses
-    naive, condensed = NaiveFullOrder(full_order), exact_condensation(full_order, known)
 
     def near(solve):
         return lambda point: solve(point, start=known.active[known.nearest(point)])
 
+    def unaided(solve):
+        return lambda point: solve(point, warm=False)
+
     warm = {
-        "fom_naive": near(naive.solve),
         "fom_best": near(full_order.solve),
-        "condensed": condensed.solve,
         "online": hyper.model.solve,
         "online_full": hyper.solve_everywhere,
     }
-    cold = {
-        "fom_naive": naive.solve,
-        "fom_best": full_order.solve,
-        "condensed": lambda point: condensed.solve(point, warm=False),
-        "online": lambda point: hyper.model.solve(point, warm=False),
-    }
-    times = {start: time_queries(models, points, settings.queries) for start, models in (("warm", warm), ("cold", cold))}
-    result = StudyResult(hyper, points, errors, times)
-    return replace(result, work_precision=_work_precision(full_order, snapshots, result, settings, progress))
+    cold = {"fom_best": full_order.solve, "online": unaided(hyper.model.solve)}
+    if full_order.comm.size > 1:
+        hyper.log.skip("fom_naive, condensed", f"serial baselines, run on {full_order.comm.size} ranks")
+        return warm, cold
+    naive, condensed = NaiveFullOrder(full_order), exact_condensation(full_order, known)
+    warm |= {"fom_naive": near(naive.solve), "condensed": condensed.solve}
+    cold |= {"fom_naive": naive.solve, "condensed": unaided(condensed.solve)}
+    return warm, cold
 
 
 def _work_precision(full_order, snapshots, result, settings, progress) -> list[dict]:
@@ -187,16 +201,21 @@ def _work_precision(full_order, snapshots, result, settings, progress) -> list[d
     for tolerance in progress("sizes")(settings.sizes):
         recipe = replace(settings.reduction, pod_tolerance=tolerance)
         try:
-            hyper = build_reduced_model(full_order.problem, full_order.schur, snapshots, recipe)
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always", StabilityWarning)
+                hyper = build_reduced_model(full_order.problem, full_order.schur, snapshots, recipe)
             errors = measure_errors(full_order, hyper, snapshots, result.points)
         except HHRError as error:
             rows.append({"method": "HHR", "setting": _setting(tolerance), "refused": str(error)})
             continue
         times = time_queries({"online": hyper.model.solve}, result.points, settings.queries)
-        rows.append(_row("HHR", tolerance, times["online"], errors))
+        row = _row("HHR", tolerance, times["online"], errors)
+        rows.append(row | ({"warning": str(caught[0].message)} if caught else {}))
     for name in ("condensed", "fom_best", "fom_naive"):
-        seconds = float(np.median(result.times["warm"][name]))
-        rows.append({"method": name, "setting": "exact", "online_s": seconds, "primal_l2": 0.0, "dual_full_floored": 0.0})
+        if name in result.times["warm"]:
+            seconds = float(np.median(result.times["warm"][name]))
+            exact = {"setting": "exact", "online_s": seconds, "primal_l2": 0.0, "dual_full_floored": 0.0}
+            rows.append({"method": name, **exact})
     return rows
 
 
