@@ -6,6 +6,8 @@ a file (``load_model``) needs neither DOLFINx nor gmsh.
 
 from importlib import import_module
 
+from hhr_dolfinx import compat as _compat  # noqa: F401  (before any import of dolfinx, mpi4py or petsc4py)
+
 _PUBLIC = {
     "Amplitude": "parameters",
     "ParameterSpace": "parameters",

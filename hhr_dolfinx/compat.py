@@ -1,8 +1,8 @@
 """What differs between DOLFINx distributions and versions, in one place.
 
 The wheel ``dolfinx-solver-real`` wants ``import dolfinx_solver`` before dolfinx, mpi4py
-or petsc4py; conda and apt have no such module. Every module of this package that needs
-one of those imports this one first. Nothing heavy is imported at the top.
+or petsc4py; conda and apt have no such module. The package imports this module before any
+other, so the rest of it need not know. Nothing heavy is imported at the top.
 """
 
 from __future__ import annotations

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-
-from hhr_dolfinx import compat  # noqa: F401  (before petsc4py)
-from hhr_dolfinx.errors import NotSolvableError
-
-# isort: split
 from petsc4py import PETSc
+
+from hhr_dolfinx.errors import NotSolvableError
 
 
 class DenseLU:

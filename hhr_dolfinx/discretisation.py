@@ -7,23 +7,20 @@ the full-order solver and a :class:`ContactProblem` gathered on every rank for e
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_matrix
-
-from hhr_dolfinx import compat
-from hhr_dolfinx import pairing as pair
-from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.parameters import Amplitude, Amplitudes
-from hhr_dolfinx.problem import ContactProblem, ContactRows
-from hhr_dolfinx.scene import NodeToNode, Pressure, Scene
-
-# isort: split
 import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.sparse import csr_matrix
 
+from hhr_dolfinx import compat
+from hhr_dolfinx import pairing as pair
+from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import contact, elasticity
+from hhr_dolfinx.parameters import Amplitude, Amplitudes
+from hhr_dolfinx.problem import ContactProblem, ContactRows
+from hhr_dolfinx.scene import NodeToNode, Pressure, Scene
 
 
 class Discretisation:
@@ -93,6 +90,7 @@ class Discretisation:
             lifts=lifts,
             contact=_without_columns(rows.matrix, ~free),
             gaps=_gap_terms(rows, lifts),
+            contact_slaves=rows.slaves,
             contact_points=rows.points,
             contact_areas=rows.areas,
             cell_nodes=self._cell_nodes(),

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
 
-from hhr_dolfinx import compat  # noqa: F401  (before mpi4py and petsc4py)
 from hhr_dolfinx.active_set import SchurEqualities, active_set
 from hhr_dolfinx.condensed import rejected
 from hhr_dolfinx.discretisation import Discretisation
 from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.problem import ContactSolution
 from hhr_dolfinx.scene import Scene
-
-# isort: split
-from mpi4py import MPI
-from petsc4py import PETSc
 
 
 class FullOrderModel:

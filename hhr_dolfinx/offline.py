@@ -13,6 +13,7 @@ import numpy as np
 
 from hhr_dolfinx.condensed import KnownStatuses
 from hhr_dolfinx.deim import deim
+from hhr_dolfinx.enrichment import Enrichment, enrich
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.pod import pod
 from hhr_dolfinx.problem import ContactProblem
@@ -28,15 +29,23 @@ class ReductionSettings:
     """How to reduce a scene.
 
     Attributes:
-        pod_tolerance: epsilon of (1.53), in (0, 1).
+        pod_tolerance: epsilon of (1.53) for the basis whose DEIM points make the RID, in (0, 1).
+        extended_pod_tolerance: smaller epsilon for the basis of the model itself (POD + FE enrichment,
+            section 3.4.2); None keeps the first basis.
+        dual_pod_tolerance: epsilon of a POD of the contact forces whose DEIM points extend the RID
+            (section 1.4.3); None leaves it out.
         layers: layers of cells added around the RID.
         zone_nodes: nodes added to the RID; None takes one node for each load, see :func:`loaded_nodes`.
+        kappa_max: kappa(B~) down to which FE functions are added, Alg. 3.1.
         limits: what the trust check refuses or warns of.
     """
 
     pod_tolerance: float = 1e-8
+    extended_pod_tolerance: float | None = None
+    dual_pod_tolerance: float | None = None
     layers: int = 0
     zone_nodes: tuple[int, ...] | None = None
+    kappa_max: float = 10.0
     limits: TrustLimits = TrustLimits()
 
 
@@ -69,6 +78,7 @@ class HyperReduction:
         basis: V, (N, ell).
         sets: index sets of the RID.
         stability: the constants behind the trust check.
+        enrichment: how the basis was enriched.
         log: times of the stages and what was left out.
     """
 
@@ -77,6 +87,7 @@ class HyperReduction:
     basis: np.ndarray
     sets: IndexSets
     stability: Stability
+    enrichment: Enrichment
     log: StageLog
 
     def solve_everywhere(self, mu):
@@ -129,26 +140,51 @@ def build_reduced_model(
     with log.stage("primal_basis"):
         basis, _ = pod(snapshots.displacements, settings.pod_tolerance)
     with log.stage("rid"):
-        picked = deim(basis) // problem.block_size
-        zone = loaded_nodes(problem) if settings.zone_nodes is None else np.array(settings.zone_nodes, dtype=int)
-        sets = reduced_domain(problem, np.concatenate([picked, zone]), settings.layers)
+        nodes = np.concatenate([deim(basis) // problem.block_size, _zone(problem, settings)])
+        nodes = np.concatenate([nodes, _dual_nodes(problem, snapshots, settings, log)])
+        sets = reduced_domain(problem, nodes, settings.layers)
         _check_loads_seen(problem, sets)
-    log.skip("dual_deim", "the DEIM of the primal basis already picks contact nodes")
+    basis, enrichment = _enriched(problem, snapshots, basis, sets, settings, log)
     with log.stage("projection"):
         reduced = project(problem, basis, sets)
     with log.stage("stability"):
         stability = assess(problem, schur, basis, sets, reduced)
         check_trust(stability, settings.limits)
-    log.skip(
-        "enrichment",
-        f"kappa(B~) = {stability.kappa_B:.2f} <= {settings.limits.warn_kappa_B:g} and (1.67) holds",
-    )
     with log.stage("online_arrays"):
         known = KnownStatuses(snapshots.points, np.ascontiguousarray(snapshots.active[sets.A_lambda].T))
         model = ReducedModel(reduced, problem.parameters, problem.amplitudes, known)
     with log.stage("reconstruction"):
         reconstruction = prepare_reconstruction(problem, basis, sets, snapshots)
-    return HyperReduction(model, reconstruction, basis, sets, stability, log)
+    return HyperReduction(model, reconstruction, basis, sets, stability, enrichment, log)
+
+
+def _zone(problem, settings):
+    if settings.zone_nodes is None:
+        return loaded_nodes(problem)
+    return np.array(settings.zone_nodes, dtype=np.int64)
+
+
+def _dual_nodes(problem, snapshots, settings, log):
+    """Slave nodes of the contact conditions picked by DEIM on a POD of the forces, section 1.4.3."""
+    if settings.dual_pod_tolerance is None:
+        log.skip("dual_deim", "the DEIM of the primal basis already picks contact nodes")
+        return np.zeros(0, dtype=np.int64)
+    dual_basis, _ = pod(snapshots.forces, settings.dual_pod_tolerance)
+    return problem.contact_slaves[deim(dual_basis)]
+
+
+def _enriched(problem, snapshots, basis, sets, settings, log):
+    """Basis of the model: more POD modes if asked for, then FE functions if kappa wants them."""
+    if settings.extended_pod_tolerance is None:
+        log.skip("extended_pod", "the basis that makes the RID is the basis of the model")
+    else:
+        with log.stage("extended_pod"):
+            basis, _ = pod(snapshots.displacements, settings.extended_pod_tolerance)
+    with log.stage("enrichment"):
+        enrichment = enrich(problem, basis, sets, settings.kappa_max)
+    if not len(enrichment.added):
+        log.skip("enrichment", f"kappa(B~) = {enrichment.kappas[0]:.2f} <= {settings.kappa_max:g} and (1.67) holds")
+    return enrichment.basis, enrichment
 
 
 def _check_loads_seen(problem, sets):

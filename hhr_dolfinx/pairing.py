@@ -63,7 +63,7 @@ def node_to_node(first: Surface, second: Surface, normal: np.ndarray, dofs: int)
     gap = (second.points[partner] - first.points) @ normal
     order = _order(first.points, normal)
     rows = _rows(first.nodes[order], normal, dofs) - _rows(second.nodes[partner][order], normal, dofs)
-    return ContactRows(rows, gap[order], first.points[order], first.areas[order])
+    return ContactRows(rows, gap[order], first.nodes[order], first.points[order], first.areas[order])
 
 
 def obstacle(surface: Surface, normal: np.ndarray, offset: float, dofs: int) -> ContactRows:
@@ -81,7 +81,8 @@ def obstacle(surface: Surface, normal: np.ndarray, offset: float, dofs: int) -> 
     _check_facing(surface, normal, "to")
     order = _order(surface.points, normal)
     gap = offset - surface.points[order] @ normal
-    return ContactRows(_rows(surface.nodes[order], normal, dofs), gap, surface.points[order], surface.areas[order])
+    nodes = surface.nodes[order]
+    return ContactRows(_rows(nodes, normal, dofs), gap, nodes, surface.points[order], surface.areas[order])
 
 
 def stack(rows: list[ContactRows], free: np.ndarray) -> ContactRows:
@@ -92,14 +93,12 @@ def stack(rows: list[ContactRows], free: np.ndarray) -> ContactRows:
     """
     joined = ContactRows(
         csr_matrix(vstack([r.matrix for r in rows])),
-        np.concatenate([r.gap for r in rows]),
-        np.concatenate([r.points for r in rows]),
-        np.concatenate([r.areas for r in rows]),
+        *(np.concatenate([getattr(r, name) for r in rows]) for name in ("gap", "slaves", "points", "areas")),
     )
     kept = np.flatnonzero(abs(joined.matrix) @ free.astype(float))
     if kept.size == 0:
         raise SceneError("the contact pairs are empty: all of their nodes have imposed displacements")
-    return ContactRows(joined.matrix[kept], joined.gap[kept], joined.points[kept], joined.areas[kept])
+    return ContactRows(*(getattr(joined, name)[kept] for name in ("matrix", "gap", "slaves", "points", "areas")))
 
 
 def unit(normal, dim: int) -> np.ndarray:

@@ -49,7 +49,9 @@ class ParameterSpace:
             raise SceneError(f"bounds {self.lower} .. {self.upper} of {self.names} must be finite and increasing")
         # room for round-off in grids that end on the bounds
         slack = 1e-12 * (bounds[1] - bounds[0])
-        object.__setattr__(self, "_box", list(zip((bounds[0] - slack).tolist(), (bounds[1] + slack).tolist(), strict=True)))
+        object.__setattr__(
+            self, "_box", list(zip((bounds[0] - slack).tolist(), (bounds[1] + slack).tolist(), strict=True))
+        )
 
     def point(self, mu) -> np.ndarray:
         """Turn a number, a sequence or a mapping by name into a checked point, shape (P,).

@@ -22,12 +22,14 @@ class ContactRows:
     Attributes:
         matrix: B, (N_lambda, N), nodal and unweighted, so that kappa(B) = 1 node to node.
         gap: initial gap, (N_lambda,), in the unit of length.
+        slaves: node that carries each condition, (N_lambda,).
         points: position of each condition, (N_lambda, dim).
         areas: tributary area of each condition, (N_lambda,).
     """
 
     matrix: csr_matrix
     gap: np.ndarray
+    slaves: np.ndarray
     points: np.ndarray
     areas: np.ndarray
 
@@ -47,6 +49,7 @@ class ContactProblem:
         lifts: imposed displacements, carried by the imposed dofs alone (section 2.6), (N, 1 + T).
         contact: B with zero columns at imposed dofs, (N_lambda, N).
         gaps: D - B lift, (N_lambda, 1 + T).
+        contact_slaves: node that carries each condition, (N_lambda,).
         contact_points: position of each condition, (N_lambda, dim).
         contact_areas: tributary area of each condition, (N_lambda,).
         cell_nodes: nodes of each cell, (cells, n).
@@ -62,6 +65,7 @@ class ContactProblem:
     lifts: np.ndarray
     contact: csr_matrix
     gaps: np.ndarray
+    contact_slaves: np.ndarray
     contact_points: np.ndarray
     contact_areas: np.ndarray
     cell_nodes: np.ndarray

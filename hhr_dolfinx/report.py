@@ -46,14 +46,14 @@ def make_report(
         "sizes": {
             "N": int(full_order.problem.free.size),
             "N_lambda": int(full_order.problem.contact.shape[0]),
-            "ell": int(hyper.basis.shape[1]),
+            "ell": int(hyper.basis.shape[1]) - len(hyper.enrichment.added),
             "ell_bar": int(hyper.basis.shape[1]),
             "N_lambda_C": len(hyper.sets.A_lambda),
             "cells": len(full_order.problem.cell_nodes),
             "rid_cells": len(hyper.sets.cells),
             "snapshots": len(snapshots.points),
         },
-        "stability": hyper.stability.as_report(),
+        "stability": {**hyper.stability.as_report(), "enrichment": _enrichment(hyper)},
         "errors": {**errors.summaries(), "points_with_false_contact": errors.false_contact},
         "times": {
             "offline": {**stages, **hyper.log.times},
@@ -104,6 +104,11 @@ def print_report(report: dict, console: Console | None = None) -> None:
     console.print(errors, times)
     for item in report["skipped"]:
         console.print(f"left out: {item['stage']}: {item['why']}")
+
+
+def _enrichment(hyper):
+    """kappa(B~) after each added function; the first row is the basis before any."""
+    return [{"added": k, "kappa": kappa} for k, kappa in enumerate(hyper.enrichment.kappas)]
 
 
 def _times(times, names):

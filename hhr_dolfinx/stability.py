@@ -13,18 +13,15 @@ import warnings
 from dataclasses import asdict, dataclass
 
 import numpy as np
+from petsc4py import PETSc
 from scipy import linalg
 from scipy.sparse import identity
+from slepc4py import SLEPc
 
-from hhr_dolfinx import compat  # noqa: F401  (before petsc4py)
 from hhr_dolfinx.errors import NotSolvableError, StabilityWarning, UnstableModelError
 from hhr_dolfinx.problem import ContactProblem
 from hhr_dolfinx.reduced import ReducedProblem
 from hhr_dolfinx.rid import IndexSets
-
-# isort: split
-from petsc4py import PETSc
-from slepc4py import SLEPc
 
 
 @dataclass(frozen=True)
@@ -67,7 +64,7 @@ class Stability:
     def as_report(self) -> dict:
         """The ``stability`` part of a report; the constants at its top are the Euclidean ones."""
         report = asdict(self)
-        return {**report, **report["euclidean"], "enrichment": []}
+        return {**report, **report["euclidean"]}
 
 
 @dataclass(frozen=True)

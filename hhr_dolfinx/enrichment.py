@@ -1,0 +1,109 @@
+"""Enrichment of the primal basis by finite element functions of the contact nodes, thesis section 3.4.1, Alg. 3.1.
+
+A candidate is the normal displacement of the slave node of one contact condition of the RID: its partner
+on the other body would change B~ by the same column. Basis and candidates are orthonormalised first, since
+kappa(B~) depends on the length of the columns while the reduced model depends on their span only.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+
+from hhr_dolfinx.problem import ContactProblem
+from hhr_dolfinx.rid import IndexSets
+
+
+@dataclass(frozen=True)
+class Enrichment:
+    """An enriched basis and the way to it.
+
+    Attributes:
+        basis: V bar of (3.2), orthonormal columns, (N, ell_bar).
+        added: conditions whose slave node was added, in order, L_c of Alg. 3.1.
+        kappas: kappa(B~) before the first and after each addition; infinite while rows are dependent.
+        stalled: candidates were left, but none lowered kappa any more, before ``kappa_max`` was reached.
+    """
+
+    basis: np.ndarray
+    added: np.ndarray
+    kappas: list[float]
+    stalled: bool
+
+
+def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_max: float) -> Enrichment:
+    """Add finite element functions until kappa(B~) <= ``kappa_max``, greedily, Alg. 3.1.
+
+    While rows of B~ are dependent no column lowers kappa; then the candidate that lies farthest from the
+    range of B~ is taken, which raises the rank. The singular values of a candidate come from a rank-one
+    update of B~ B~^T, without its basis being formed.
+
+    Args:
+        problem: the full problem.
+        basis: V with orthonormal columns, (N, ell).
+        sets: index sets of the RID.
+        kappa_max: largest condition number wanted, at least 1.
+    """
+    candidates = _candidates(problem, sets)  # they vanish outside A_c
+    contact = problem.contact[sets.A_lambda][:, sets.A_c]
+    contact_basis, images = contact @ basis[sets.A_c], contact @ candidates
+    inner, weights = candidates.T @ candidates, basis[sets.A_c].T @ candidates
+    left, added, kappas, stalled = np.arange(candidates.shape[1]), [], [_kappa(contact_basis)], False
+    while kappas[-1] > kappa_max:
+        # length of each candidate less its part in the basis
+        lengths = np.sqrt(np.maximum(np.diag(inner)[left] - np.sum(weights[:, left] ** 2, axis=0), 0.0))
+        left, lengths = left[lengths > 1e-8], lengths[lengths > 1e-8]
+        if left.size == 0:
+            break
+        new = (images[:, left] - contact_basis @ weights[:, left]) / lengths
+        best, kappa = _best(contact_basis, new)
+        if kappa >= kappas[-1] and math.isfinite(kappas[-1]):
+            stalled = True
+            break
+        chosen = left[best]
+        left = np.delete(left, best)
+        contact_basis = np.column_stack([contact_basis, new[:, best]])
+        weights = np.vstack([weights, (inner[chosen] - weights[:, chosen] @ weights) / lengths[best]])
+        added.append(chosen)
+        kappas.append(kappa)
+    functions = np.zeros((basis.shape[0], len(added)))
+    functions[sets.A_c] = candidates[:, added]
+    enriched, _ = linalg.qr(np.hstack([basis, functions]), mode="economic")
+    return Enrichment(enriched if added else basis, sets.A_lambda[np.array(added, dtype=int)], kappas, stalled)
+
+
+def _candidates(problem, sets):
+    """Unit normal displacement of the slave node of each condition, or of its partner if that is imposed.
+
+    Columns over A_c, (card A_c, N_lambda_C).
+    """
+    rows = problem.contact[sets.A_lambda][:, sets.A_c].toarray()
+    own = sets.A_c // problem.block_size == problem.contact_slaves[sets.A_lambda][:, None]
+    chosen = np.where(np.any(rows * own, axis=1)[:, None], rows * own, rows)
+    return (chosen / np.linalg.norm(chosen, axis=1, keepdims=True)).T
+
+
+def _kappa(matrix):
+    """Condition number of the rows; infinite if they are dependent to round-off."""
+    if matrix.shape[0] > matrix.shape[1]:
+        return math.inf
+    values = np.linalg.svd(matrix, compute_uv=False)
+    return values[0] / values[-1] if values[-1] > 1e-13 * values[0] else math.inf
+
+
+def _best(contact_basis, new):
+    """Index of the best new column and kappa with it."""
+    directions, values, _ = np.linalg.svd(contact_basis)
+    rank = int((values > 1e-13 * values[0]).sum())
+    if rank < contact_basis.shape[0]:
+        outside = np.linalg.norm(directions[:, rank:].T @ new, axis=0)
+        best = int(outside.argmax())
+        return best, _kappa(np.column_stack([contact_basis, new[:, best]]))
+    gram = contact_basis @ contact_basis.T
+    values = np.linalg.eigvalsh(gram + new.T[:, :, None] * new.T[:, None, :])
+    # the squares lose half of the digits: good enough to choose, not to report
+    best = int(np.argmax(values[:, 0] / values[:, -1]))
+    return best, _kappa(np.column_stack([contact_basis, new[:, best]]))

@@ -1,0 +1,78 @@
+"""The active set on linear complementarity problems w = g + S z, w >= 0, z >= 0, w z = 0."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hhr_dolfinx.active_set import SchurEqualities, active_set
+from hhr_dolfinx.errors import NotSolvableError
+from hhr_dolfinx.problem import Status
+
+
+def solve(schur, gap, start=None):
+    schur, gap = np.asarray(schur, dtype=float), np.asarray(gap, dtype=float)
+    start = gap < 0 if start is None else np.asarray(start)
+    return active_set(SchurEqualities(schur), gap, start)
+
+
+@settings(max_examples=200, deadline=None)
+@given(size=st.integers(1, 12), seed=st.integers(0, 10**6), skew=st.floats(0, 10))
+def test_solves_every_positive_definite_problem(size, seed, skew):
+    """S + S^T positive definite makes S a P-matrix, symmetric or not: one solution, always found."""
+    rng = np.random.default_rng(seed)
+    root, turn = rng.normal(size=(2, size, size))
+    schur = root @ root.T + 0.1 * np.eye(size) + skew * (turn - turn.T)
+    gap = rng.normal(size=size)
+    found = solve(schur, gap, start=rng.random(size) < 0.5)
+    slack = gap + schur @ found.forces
+    assert found.status is Status.CONVERGED
+    scale = np.abs(schur).max() * (1 + found.forces.max())
+    assert found.forces.min() >= -1e-10 * (1 + found.forces.max())
+    assert slack.min() >= -1e-10 * scale
+    assert np.abs(slack * found.forces).max() <= 1e-9 * scale * (1 + found.forces.max())
+
+
+CYCLIC = [[1, 2, 0], [0, 1, 2], [2, 0, 1]]
+"""A P-matrix on which Alg. 1.1 cycles (Ben Gharbia and Gilbert, Math. Program. 134, 2012)."""
+
+
+@pytest.mark.parametrize("start", [(True, False, False), (False, True, True), (False, False, False)])
+def test_cycling_is_detected_and_ended(start):
+    found = solve(CYCLIC, [-1, -1, -1], start)
+    assert found.status is Status.CONVERGED
+    assert found.forces == pytest.approx([1 / 3] * 3)
+
+
+def test_the_plain_rule_does_cycle_there():
+    """Guards the test above: without the terminating rule it would prove nothing."""
+    assert solve(CYCLIC, [-1, -1, -1], (True, False, False)).cycled
+
+
+def test_no_solution_is_said_not_answered():
+    """S = -1, g = -1: any force makes it worse, so there is no solution and the statuses alternate."""
+    found = solve([[-1.0]], [-1.0])
+    assert found.status is Status.CYCLING
+
+
+def test_iteration_limit_is_a_status():
+    found = active_set(SchurEqualities(np.array([[2.0]])), np.array([-1.0]), np.array([False]), max_iterations=1)
+    assert found.status is Status.ITERATION_LIMIT
+
+
+def test_singular_active_block_is_an_error():
+    with pytest.raises(NotSolvableError, match=r"1\.67"):
+        solve([[1.0, 1.0], [1.0, 1.0]], [-1.0, -1.0])
+
+
+def test_start_is_not_modified():
+    start = np.array([True, False, False])
+    solve(CYCLIC, [-1, -1, -1], start)
+    assert start.tolist() == [True, False, False]
+
+
+def test_factors_are_bounded():
+    equalities = SchurEqualities(np.eye(6), kept=4)
+    for k in range(6):
+        equalities(np.arange(6) == k, -np.ones(6))
+    assert len(equalities._factors) == 4

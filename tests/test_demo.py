@@ -1,0 +1,94 @@
+"""The demo as its reader runs it, the numbers it reports, and the README's example."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory):
+    """Output folder of ``--quick``."""
+    out = tmp_path_factory.mktemp("demo")
+    command = [sys.executable, str(ROOT / "demos/hertz_half_discs.py"), "--quick", "--out", str(out)]
+    run = subprocess.run(command, capture_output=True, text=True, cwd=out, timeout=300)
+    assert run.returncode == 0, run.stderr[-3000:]
+    return out
+
+
+def test_report(quick):
+    report = json.loads((quick / "report.json").read_text())
+    keys = "scene seed versions machine sizes stability errors times ratios work_precision active_set skipped"
+    assert set(report) == set(keys.split())
+    sizes = report["sizes"]
+    assert (sizes["N"], sizes["N_lambda"], sizes["snapshots"]) == (1356, 55, 31)
+    assert {"beta_h", "beta_HR", "beta_HR_2", "alpha_prime", "kappa_B", "cond_K", "sigma_max"} <= set(
+        report["stability"]
+    )
+    assert report["errors"]["primal_euclid"]["n"] == 11
+    assert report["errors"]["primal_euclid"]["max"] <= 5e-4
+    assert report["errors"]["dual_rid"]["max"] <= 8e-3
+    assert report["active_set"]["cycles"] == 0
+    assert {item["stage"] for item in report["skipped"]} >= {"enrichment"}
+    assert all(item["why"] for item in report["skipped"])
+    # half of what is required of the demo: the machine of a test may be busy
+    assert report["ratios"]["fom_naive/online"] >= 150
+    assert report["ratios"]["fom_best/online"] >= 2.5
+    assert {"fom_naive", "fom_best", "condensed", "online", "online_full", "offline"} <= set(report["times"])
+    methods = {row["method"] for row in report["work_precision"]}
+    assert methods == {"HHR", "condensed", "fom_best", "fom_naive"}
+
+
+def test_pictures_fields_and_model(quick):
+    for name in ("deformed.png", "multipliers.png", "errors.png", "work_precision.png", "fields.vtu", "model.npz"):
+        assert (quick / name).stat().st_size > 5000, name
+
+
+def test_fields_open_as_a_mesh(quick):
+    import pyvista
+
+    grid = pyvista.read(quick / "fields.vtu")
+    assert grid.n_cells == 1212 and grid.n_points == 678
+    full, reduced = grid.point_data["full_order"], grid.point_data["hhr"]
+    assert np.linalg.norm(full - reduced) < 5e-4 * np.linalg.norm(full)
+    assert 0 < grid.cell_data["rid"].sum() < 100
+
+
+def test_readme_example_runs(tmp_path, monkeypatch):
+    """The scene of the README, as printed. Measured: 1e-4 in displacement, 4e-4 in forces."""
+    monkeypatch.chdir(tmp_path)
+    code = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL).group(1)
+    names: dict = {}
+    exec(code, names)
+    reference = names["full_order"].solve({"push": 3e7, "pull": 1e7})
+    for answer, exact in ((names["displacement"], reference.primal), (names["forces"], reference.forces)):
+        assert np.linalg.norm(answer - exact) < 5e-3 * np.linalg.norm(exact)
+    assert (tmp_path / "block.npz").exists()
+
+
+def test_an_elastic_scene_loads_only_what_it_needs():
+    """No pictures, no baselines and no file formats where nobody asked for them."""
+    program = (
+        "import sys\n"
+        f"sys.path.insert(0, {str(ROOT / 'demos')!r})\n"
+        "import hertz_half_discs as demo, hhr_dolfinx as hhr\n"
+        "full_order = hhr.FullOrderModel(demo.scene())\n"
+        "snapshots = hhr.compute_snapshots(full_order, full_order.problem.parameters.grid([31]))\n"
+        "hhr.build_reduced_model(full_order.problem, full_order.schur, snapshots).model.solve(0.3)\n"
+        "loaded = {'pyvista', 'matplotlib', 'hhr_dolfinx.plots', 'hhr_dolfinx.study', 'hhr_dolfinx.baselines'}\n"
+        "assert not loaded & set(sys.modules), loaded & set(sys.modules)\n"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0, run.stderr[-2000:]
+
+
+def test_command_line_help():
+    command = [sys.executable, str(ROOT / "demos/hertz_half_discs.py"), "--help"]
+    text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert all(option in text for option in ("--out", "--quick", "--seed"))

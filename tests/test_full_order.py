@@ -1,0 +1,190 @@
+"""Full-order contact against closed forms."""
+
+import dataclasses
+
+import hertz_half_discs as demo
+import numpy as np
+import pytest
+from scenes import check_contact_conditions, pressed_block
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.geometries import block
+
+AREAS = {"plane_strain": 1.5, "plane_stress": 1.5, "axisymmetric": np.pi * 1.5**2, "solid": 1.5**2}
+
+
+@pytest.mark.parametrize("simplices", [False, True])
+@pytest.mark.parametrize("hypothesis", AREAS)
+def test_uniform_pressure_is_exact(hypothesis, simplices):
+    """Patch test: P1 and Q1 hold the linear field, so the pressure is exact at every node."""
+    full_order = hhr.FullOrderModel(pressed_block(hypothesis, simplices=simplices))
+    solution = full_order.solve(0.05)
+    modulus = 3.0 / (1 - 0.3**2) if hypothesis == "plane_strain" else 3.0
+    pressure = solution.forces / full_order.problem.contact_areas
+    assert pressure == pytest.approx(modulus * (0.05 - 0.01) / 2, rel=1e-10)
+    assert solution.forces.sum() == pytest.approx(modulus * 0.02 * AREAS[hypothesis], rel=1e-10)
+    check_contact_conditions(full_order.problem, solution.primal, solution.forces, 0.05)
+
+
+@pytest.mark.parametrize(("push", "active"), [(0.0, "none"), (0.01 - 1e-9, "none"), (0.1, "all")])
+def test_no_contact_and_all_contacts(push, active):
+    full_order = hhr.FullOrderModel(pressed_block("plane_stress"))
+    solution = full_order.solve(push)
+    assert solution.converged
+    assert solution.active.all() if active == "all" else not solution.active.any()
+
+
+def test_grazing_contact_settles():
+    """Gap exactly closed: force and slack are both zero, and round-off must not make statuses cycle."""
+    solution = hhr.FullOrderModel(pressed_block("plane_strain")).solve(0.01)
+    assert solution.converged and not solution.cycled
+    assert np.abs(solution.forces).max() < 1e-12
+
+
+def test_initial_overlap_is_pushed_apart():
+    full_order = hhr.FullOrderModel(pressed_block("plane_stress", gap=-0.02))
+    solution = full_order.solve(0.0)
+    assert solution.forces.sum() == pytest.approx(3.0 * 0.02 / 2 * 1.5, rel=1e-10)
+
+
+def test_several_pairs_act_independently():
+    """A block between two rigid walls, stretched sideways by a squeeze from floor and lid."""
+    scene = hhr.Scene(
+        name="between_walls",
+        geometry=lambda comm: block.block(comm, lower=(0, 0), upper=(1, 1), cells=(4, 4)),
+        hypothesis="plane_strain",
+        bodies=(hhr.Body(block.SOLID, 2.0, 0.25),),
+        contacts=(
+            hhr.Obstacle(block.side(0, upper=True), (1, 0), 1.0),
+            hhr.Obstacle(block.side(1, upper=False), (0, -1), 0.0),
+        ),
+        parameters=hhr.ParameterSpace(("push",), (0.0,), (0.1,)),
+        displacements=(
+            hhr.Displacement(block.side(0, upper=False), 0),
+            hhr.Displacement(block.side(1, upper=True), 1, hhr.Amplitude(slopes={"push": -1.0})),
+        ),
+    )
+    full_order = hhr.FullOrderModel(scene)
+    forces = full_order.solve(0.05).forces
+    on_wall = np.isclose(full_order.problem.contact_points[:, 0], 1.0)
+    # rows stand pair by pair; the corner belongs to both surfaces and has a condition in each
+    assert on_wall.tolist() == [True] * 5 + [False] * 4 + [True]
+    # plane strain, eps_x = 0, eps_y = -0.05: sigma_y = -(lambda + 2 mu) 0.05, sigma_x = -lambda 0.05
+    lam, mu = 2.0 * 0.25 / (1.25 * 0.5), 2.0 / 2.5
+    assert forces[:5].sum() == pytest.approx(0.05 * lam, rel=1e-10)
+    assert forces[5:].sum() == pytest.approx(0.05 * (lam + 2 * mu), rel=1e-10)
+
+
+def lame_tube(cells, gap):
+    """Tube 1 <= r <= 2 under inner pressure in [0, 1], held axially, with a rigid wall at 2 + gap."""
+    return hhr.Scene(
+        name="lame_tube",
+        geometry=lambda comm: block.block(comm, lower=(1, 0), upper=(2, 0.25), cells=(cells, max(cells // 4, 1))),
+        hypothesis="axisymmetric",
+        bodies=(hhr.Body(block.SOLID, 10.0, 0.3),),
+        contacts=(hhr.Obstacle(block.side(0, upper=True), (1, 0), 2 + gap),),
+        parameters=hhr.ParameterSpace(("pressure",), (0.0,), (1.0,)),
+        displacements=tuple(hhr.Displacement(block.side(1, upper=upper), 1) for upper in (False, True)),
+        loads=(hhr.Pressure(block.side(0, upper=False), hhr.Amplitude(slopes={"pressure": 1.0})),),
+    )
+
+
+def lame_outer_displacement(inner, outer):
+    """Radial displacement at r = b of a tube a = 1, b = 2 under inner and outer pressure, plane strain."""
+    E, nu, a, b = 10.0, 0.3, 1.0, 2.0
+    A = (inner * a**2 - outer * b**2) / (b**2 - a**2)
+    C = (inner - outer) * a**2 * b**2 / (b**2 - a**2)
+    return (1 + nu) / E * ((1 - 2 * nu) * A * b + C / b)
+
+
+def test_lame_tube_converges_with_and_without_the_wall():
+    """u_r and the wall pressure converge at rate 2 to Lame's closed form."""
+    free = lame_outer_displacement(1.0, 0.0)
+    gap = free / 2
+    # the outer pressure that leaves the outer radius at the wall: u(1, q) = gap, linear in q
+    wall_pressure = (free - gap) / (free - lame_outer_displacement(1.0, 1.0))
+    errors = []
+    for cells in (4, 8, 16):
+        open_tube = hhr.FullOrderModel(lame_tube(cells, gap=1.0))
+        solution = open_tube.solve(1.0)
+        assert not solution.active.any()
+        outer = np.isclose(open_tube.problem.points[:, 0], 2.0)
+        u_r = solution.primal.reshape(-1, 2)[outer, 0].mean()
+        closed = hhr.FullOrderModel(lame_tube(cells, gap))
+        forces = closed.solve(1.0).forces
+        pressure = forces.sum() / (2 * np.pi * 2.0 * 0.25)
+        errors.append((abs(u_r / free - 1), abs(pressure / wall_pressure - 1)))
+    rates = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+    assert rates[-1] == pytest.approx(2.0, abs=0.1)
+    assert max(errors[-1]) < 2e-3
+
+
+def test_hertz_line_contact():
+    """Peak pressure and half-width against Hertz (1882) for two discs of radius R = 1.
+
+    a^2 = 4 P R* / (pi E*), p0 = 2 P / (pi a), with R* = R / 2 and E* = E / (2 (1 - nu^2)). The half-width is
+    that of the elliptic pressure with the same second moment, sum(x^2 f) / P = a^2 / 4. Small load: a = 0.04 R.
+    """
+    # contact begins at mu = 0.1, below the box of the demo's training
+    near = hhr.ParameterSpace(("mu",), (0.1,), (0.15,))
+    scene = dataclasses.replace(demo.scene(arc_segments=240, pole_ratio=1.035), parameters=near)
+    full_order = hhr.FullOrderModel(scene)
+    problem = full_order.problem
+    solution = full_order.solve(0.1045)
+    x = problem.contact_points[:, 0]
+    load = solution.forces.sum()
+    modulus = 15.0 / (2 * (1 - 0.35**2))
+    half_width = np.sqrt(4 * load * 0.5 / (np.pi * modulus))
+    assert 0.02 < half_width < 0.06 and solution.active.sum() > 20
+    measured = 2 * np.sqrt((solution.forces * x**2).sum() / load)
+    pressure = (solution.forces / problem.contact_areas).max()
+    assert measured == pytest.approx(half_width, rel=0.03)
+    assert pressure == pytest.approx(2 * load / (np.pi * half_width), rel=0.03)
+
+
+@pytest.mark.parametrize("mu", [0.15, 0.217, 0.3, 0.45])
+def test_contact_conditions_hold(hertz, mu):
+    solution = hertz.solve(mu)
+    check_contact_conditions(hertz.problem, solution.primal, solution.forces, mu)
+
+
+def test_sizes_of_the_thesis(hertz):
+    """Section 1.5.1: 678 nodes and 55 pairs."""
+    assert hertz.problem.free.size == 1356
+    assert hertz.problem.contact.shape == (55, 1356)
+
+
+def test_start_does_not_change_the_answer(hertz):
+    reference = hertz.solve(0.33)
+    for start in (np.zeros(55, dtype=bool), np.ones(55, dtype=bool), np.arange(55) % 2 == 0):
+        solution = hertz.solve(0.33, start=start)
+        assert solution.forces == pytest.approx(reference.forces, abs=1e-12)
+
+
+def scaled_scene(length, stress):
+    """The half-discs in other units: coordinates and mu times ``length``, E times ``stress``."""
+    scene = demo.scene(radius=length, gap=0.1 * length)
+    return dataclasses.replace(
+        scene,
+        bodies=tuple(dataclasses.replace(body, young=body.young * stress) for body in scene.bodies),
+        parameters=hhr.ParameterSpace(("mu",), (0.15 * length,), (0.45 * length,)),
+    )
+
+
+@pytest.mark.parametrize(("length", "stress"), [(1e3, 1e-6), (1.0, 1e-6), (1.0, 1e12), (1e-9, 1.0)])
+def test_units_do_not_matter(hertz, hertz_reduction, length, stress):
+    """m and Pa, mm and MPa, E times 1e-6 and 1e12, nanometres: full and reduced answers scale exactly.
+
+    Forces per unit depth scale with stress * length. 1e-9 relative: round-off times cond(K) ~ 1e5.
+    """
+    full_order = hhr.FullOrderModel(scaled_scene(length, stress))
+    snapshots = hhr.compute_snapshots(full_order, full_order.problem.parameters.grid([31]))
+    reduction = hhr.build_reduced_model(full_order.problem, full_order.schur, snapshots)
+    for mu in (0.168, 0.4321):
+        _, reference = hertz_reduction.solve_everywhere(mu)
+        _, forces = reduction.solve_everywhere(mu * length)
+        full = full_order.solve(mu * length).forces / (stress * length)
+        assert full == pytest.approx(hertz.solve(mu).forces, rel=1e-9, abs=1e-9 * reference.max())
+        inside = reduction.sets.A_lambda
+        assert np.array_equal(inside, hertz_reduction.sets.A_lambda)
+        assert (forces / (stress * length))[inside] == pytest.approx(reference[inside], abs=1e-9 * reference.max())

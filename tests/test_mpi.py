@@ -1,0 +1,70 @@
+"""The same numbers on 1, 2 and 3 ranks."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+TESTS = Path(__file__).parent
+PROGRAM = """
+import json, sys
+sys.path[:0] = [{tests!r}, {demos!r}]
+import numpy as np
+import hertz_half_discs as demo
+from scenes import pressed_block
+import hhr_dolfinx as hhr
+out = {{}}
+full_order = hhr.FullOrderModel(demo.scene())
+for mu in (0.15, 0.3123, 0.45):
+    solution = full_order.solve(mu)
+    out[f"forces {{mu}}"] = solution.forces.tolist()
+    out[f"norm {{mu}}"] = float(np.linalg.norm(solution.primal))
+snapshots = hhr.compute_snapshots(full_order, full_order.problem.parameters.grid([31]))
+reduction = hhr.build_reduced_model(full_order.problem, full_order.schur, snapshots)
+out["reduced"] = np.linalg.norm(reduction.solve_everywhere(0.3123)[0])
+out["solid"] = hhr.FullOrderModel(pressed_block("solid", simplices=True)).solve(0.05).forces.tolist()
+if full_order.comm.rank == 0:
+    print(json.dumps(out))
+"""
+
+
+def run_on(ranks):
+    beside = str(Path(sys.executable).parent)
+    mpirun = shutil.which("mpirun", path=os.pathsep.join([beside, os.environ["PATH"]]))
+    if mpirun is None:
+        pytest.skip("no mpirun beside this Python or on the PATH")
+    program = PROGRAM.format(tests=str(TESTS), demos=str(TESTS.parent / "demos"))
+    # Open MPI refuses root and more ranks than cores unless told otherwise; MPICH ignores these
+    allow = {
+        "OMPI_ALLOW_RUN_AS_ROOT": "1",
+        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+        "OMPI_MCA_rmaps_base_oversubscribe": "1",
+        "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+        "OMP_NUM_THREADS": "1",
+    }
+    command = [mpirun, "-n", str(ranks), sys.executable, "-c", program]
+    run = subprocess.run(command, capture_output=True, text=True, env=os.environ | allow, timeout=300)
+    assert run.returncode == 0, run.stderr[-3000:]
+    return json.loads(run.stdout.splitlines()[-1])
+
+
+@pytest.fixture(scope="module")
+def serial():
+    return run_on(1)
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_ranks_do_not_change_the_answer(serial, ranks):
+    """Round-off only: 1e-10, since the factorisations order their sums differently."""
+    parallel = run_on(ranks)
+    assert parallel.keys() == serial.keys()
+    for name, value in serial.items():
+        if name == "reduced":  # dof numbers change what DEIM picks among mirror images: within the model error
+            assert parallel[name] == pytest.approx(value, rel=1e-4)
+        else:
+            assert parallel[name] == pytest.approx(value, rel=1e-10, abs=1e-10 * np.max(np.abs(value)))

@@ -1,0 +1,190 @@
+"""RID, projection and the reduced model against their definitions and against the full order."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scenes import check_contact_conditions
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.condensed import KnownStatuses
+from hhr_dolfinx.deim import deim
+from hhr_dolfinx.problem import ContactProblem
+from hhr_dolfinx.reduced import project
+from hhr_dolfinx.rid import reduced_domain, whole_domain
+
+
+def test_index_sets_follow_their_definitions(hertz, hertz_reduction):
+    """(1.35), (1.36), (1.55), (1.58), (1.59), each by brute force."""
+    problem, sets = hertz.problem, hertz_reduction.sets
+    outside = np.setdiff1d(np.arange(len(problem.cell_nodes)), sets.cells)
+    nodes_outside = np.unique(problem.cell_nodes[outside])
+    stiffness, contact = problem.stiffness.toarray(), problem.contact.toarray()
+    A = [i for i in range(problem.free.size) if i // 2 not in nodes_outside and problem.free[i]]
+    assert sets.A.tolist() == A
+    rows = [j for j, row in enumerate(contact) if not np.isin(np.flatnonzero(row) // 2, nodes_outside).any()]
+    assert sets.A_lambda.tolist() == rows
+    assert sets.A_c.tolist() == [i for i in A if contact[sets.A_lambda][:, i].any()]
+    assert sets.I.tolist() == [j for j in np.flatnonzero(np.abs(stiffness[sets.A]).sum(axis=0)) if j not in set(A)]
+
+
+def test_rid_holds_the_nodes_it_was_asked_for_and_those_they_face(hertz, hertz_reduction):
+    problem = hertz.problem
+    picked = deim(hertz_reduction.basis) // 2
+    in_A = np.unique(hertz_reduction.sets.A // 2)
+    assert np.isin(picked, in_A).all()
+    # property (1.45): no condition of the RID touches a dof outside A
+    rows = problem.contact[hertz_reduction.sets.A_lambda]
+    assert np.isin(rows.indices, hertz_reduction.sets.A).all()
+
+
+def test_layers_only_add_cells(hertz):
+    node = np.array([hertz.problem.contact[27].indices[0] // 2])
+    cells = [set(reduced_domain(hertz.problem, node, layers).cells) for layers in range(3)]
+    assert cells[0] < cells[1] < cells[2]
+
+
+def test_projection_equals_the_unrestricted_formula(hertz, hertz_reduction):
+    """(1.61) with restricted rows and columns is (1.57) with V zeroed outside A."""
+    problem, basis, sets = hertz.problem, hertz_reduction.basis, hertz_reduction.sets
+    test_functions = np.zeros_like(basis)
+    test_functions[sets.A] = basis[sets.A]
+    reduced = project(problem, basis, sets)
+    assert reduced.stiffness == pytest.approx(test_functions.T @ (problem.stiffness @ basis), abs=1e-12)
+    assert reduced.contact == pytest.approx((problem.contact @ basis)[sets.A_lambda], abs=1e-14)
+    assert reduced.contact == pytest.approx((problem.contact @ test_functions)[sets.A_lambda], abs=1e-14)
+    assert np.abs(reduced.stiffness - reduced.stiffness.T).max() > 1e-3, "a Petrov-Galerkin K~ is not symmetric"
+
+
+def test_full_basis_on_the_whole_domain_is_the_full_order(hertz, hertz_snapshots):
+    """Nothing reduced, nothing lost: 1e-10, round-off times cond(K) ~ 1e4."""
+    problem = hertz.problem
+    basis = np.eye(problem.free.size)[:, problem.free]
+    reduced = project(problem, basis, whole_domain(problem))
+    model = hhr.ReducedModel(reduced, problem.parameters, problem.amplitudes, hertz_snapshots.known_statuses)
+    for mu in (0.1513, 0.3, 0.4321):
+        reference, solution = hertz.solve(mu), model.solve(mu)
+        displacement = basis @ solution.primal + problem.lifts @ problem.amplitudes(np.array([mu]))
+        assert displacement == pytest.approx(reference.primal, abs=1e-10 * np.abs(reference.primal).max())
+        assert solution.forces == pytest.approx(reference.forces, abs=1e-10 * reference.forces.max())
+        check_contact_conditions(problem, displacement, solution.forces, mu)
+
+
+def test_full_snapshot_basis_reproduces_the_training_points(hertz, hertz_snapshots):
+    """With all modes each snapshot lies in the space, and a consistent RID model returns it."""
+    settings = hhr.ReductionSettings(pod_tolerance=1e-25)
+    reduction = hhr.build_reduced_model(hertz.problem, hertz.schur, hertz_snapshots, settings)
+    for point, field, forces in zip(
+        hertz_snapshots.points, hertz_snapshots.displacements.T, hertz_snapshots.forces.T, strict=True
+    ):
+        solution = reduction.model.solve(point)
+        assert reduction.basis @ solution.primal == pytest.approx(field, abs=1e-9)
+        assert solution.forces == pytest.approx(forces[reduction.sets.A_lambda], abs=1e-9)
+
+
+@pytest.mark.parametrize("warm", [True, False])
+def test_reduced_contact_conditions(hertz_reduction, warm):
+    """(1.61) to round-off, from a table of known statuses and from none."""
+    reduced, model = hertz_reduction.model.problem, hertz_reduction.model
+    for mu in np.linspace(0.15, 0.45, 37):
+        solution = model.solve(mu, warm=warm)
+        theta = model.amplitudes(np.array([mu]))
+        slack = reduced.gaps @ theta - reduced.contact @ solution.primal
+        load = reduced.loads @ theta
+        residual = reduced.stiffness @ solution.primal + reduced.contact.T @ solution.forces - load
+        assert np.abs(residual).max() < 1e-12 * np.abs(load).max()
+        assert solution.forces.min() >= -1e-11 * solution.forces.max() and slack.min() > -1e-11
+        assert np.abs(slack * solution.forces).max() < 1e-11
+        assert solution.converged
+
+
+def test_warm_and_cold_starts_agree(hertz_reduction):
+    for mu in np.random.default_rng(3).uniform(0.15, 0.45, 50):
+        warm, cold = hertz_reduction.model.solve(mu), hertz_reduction.model.solve(mu, warm=False)
+        assert warm.forces == pytest.approx(cold.forces, abs=1e-12)
+        assert warm.primal == pytest.approx(cold.primal, abs=1e-12)
+
+
+def test_nearest_known_statuses():
+    known = KnownStatuses(np.array([[0.0, 0.0], [1.0, 1e6], [0.4, 1e6]]), np.eye(3, dtype=bool))
+    # the second parameter is a million times larger and must not drown the first
+    assert known.nearest(np.array([0.9, 9e5])) == 1
+    assert known.nearest(np.array([0.1, 1e5])) == 0
+
+
+def test_errors_of_the_thesis(hertz, hertz_snapshots, hertz_reduction):
+    """Section 3.5.1, figure 3.3: the bounds the thesis reports on its 101 points."""
+    from hhr_dolfinx.study import measure_errors
+
+    assert 8 <= hertz_reduction.basis.shape[1] <= 10
+    assert 7 <= len(hertz_reduction.sets.A_lambda) <= 9
+    assert hertz_reduction.stability.kappa_B <= 5
+    points = hertz.problem.parameters.grid([101])
+    errors = measure_errors(hertz, hertz_reduction, hertz_snapshots, points)
+    assert errors.values["primal_euclid"].max() <= 5e-4
+    assert errors.values["dual_rid"].max() <= 8e-3
+    assert errors.values["energy_minimum"].max() <= 1e-4
+    assert errors.cycles == 0
+
+
+def test_displacement_converges_with_the_basis(hertz, hertz_snapshots):
+    """A smaller POD tolerance gives a smaller error, down to exactness on 14 modes."""
+    from hhr_dolfinx.study import measure_errors
+
+    points = hertz.problem.parameters.random(20, seed=0)
+    worst = []
+    for tolerance in (1e-6, 1e-8, 1e-12):
+        settings = hhr.ReductionSettings(pod_tolerance=tolerance)
+        reduction = hhr.build_reduced_model(hertz.problem, hertz.schur, hertz_snapshots, settings)
+        worst.append(measure_errors(hertz, reduction, hertz_snapshots, points).values["primal_energy"].max())
+    assert worst[0] > 3 * worst[1] > 9 * worst[2]
+
+
+def test_reconstructed_forces_keep_the_rid_and_repeat_snapshots(hertz, hertz_snapshots):
+    """At a training point one snapshot fits exactly, so the forces are right on the whole surface.
+
+    Below mu = 0.2 a single node of the RID touches, and many combinations of snapshots fit it.
+    """
+    settings = hhr.ReductionSettings(pod_tolerance=1e-12)
+    reduction = hhr.build_reduced_model(hertz.problem, hertz.schur, hertz_snapshots, settings)
+    for k in (10, 20, 30):
+        _, forces = reduction.solve_everywhere(hertz_snapshots.points[k])
+        reference = hertz_snapshots.forces[:, k]
+        assert forces == pytest.approx(reference, abs=0.02 * reference.max())
+        assert forces.min() >= 0
+
+
+def renumbered(problem: ContactProblem, seed: int) -> tuple[ContactProblem, np.ndarray]:
+    """The same problem with its nodes in another order; also the old dof of each new one."""
+    order = np.random.default_rng(seed).permutation(len(problem.points))
+    dofs = problem.node_dofs(order)
+    number = np.argsort(order)
+    return (
+        dataclasses.replace(
+            problem,
+            stiffness=problem.stiffness[dofs][:, dofs],
+            mass=problem.mass[dofs][:, dofs],
+            free=problem.free[dofs],
+            loads=problem.loads[dofs],
+            lifts=problem.lifts[dofs],
+            contact=problem.contact[:, dofs],
+            contact_slaves=number[problem.contact_slaves],
+            cell_nodes=number[problem.cell_nodes],
+            points=problem.points[order],
+        ),
+        dofs,
+    )
+
+
+def test_node_order_does_not_matter(hertz, hertz_snapshots, hertz_reduction):
+    problem, dofs = renumbered(hertz.problem, seed=5)
+    snapshots = dataclasses.replace(hertz_snapshots, displacements=hertz_snapshots.displacements[dofs])
+    reduction = hhr.build_reduced_model(problem, hertz.schur, snapshots)
+    assert np.array_equal(reduction.sets.A_lambda, hertz_reduction.sets.A_lambda)
+    for mu in (0.168, 0.4321):
+        displacement, forces = reduction.solve_everywhere(mu)
+        reference, reference_forces = hertz_reduction.solve_everywhere(mu)
+        # DEIM may pick the mirror image of a node, which moves the answer within the model error only
+        assert displacement == pytest.approx(reference[dofs], abs=1e-3 * np.abs(reference).max())
+        inside = reduction.sets.A_lambda
+        assert forces[inside] == pytest.approx(reference_forces[inside], abs=1e-3 * reference_forces.max())

@@ -1,0 +1,102 @@
+"""Inf-sup constants against their definition, and what the trust check refuses."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy import linalg
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import NotSolvableError, StabilityWarning, UnstableModelError
+from hhr_dolfinx.stability import TrustLimits, check_trust, inf_sup, singular_range
+
+
+def spd(size, rng):
+    root = rng.normal(size=(size, size))
+    return root @ root.T + np.eye(size)
+
+
+def test_inf_sup_is_the_infimum_of_suprema():
+    """sup_v q^T R v / |v| = |L^-1 R^T q| for |v|^2 = v^T G v; no q gives less, and one gives exactly this."""
+    rng = np.random.default_rng(0)
+    rows, primal, dual = rng.normal(size=(4, 7)), spd(7, rng), spd(4, rng)
+    beta = inf_sup(rows, primal, dual)
+    quotient = lambda q: math.sqrt(q @ rows @ np.linalg.solve(primal, rows.T @ q) / (q @ dual @ q))  # noqa: E731
+    assert min(quotient(q) for q in rng.normal(size=(2000, 4))) >= beta
+    _, vectors = linalg.eigh(rows @ np.linalg.solve(primal, rows.T), dual)
+    assert quotient(vectors[:, 0]) == pytest.approx(beta, rel=1e-10)
+
+
+def test_inf_sup_is_zero_with_more_multipliers_than_modes():
+    assert inf_sup(np.ones((3, 2))) == 0.0
+
+
+def test_singular_values_of_a_matrix_that_is_not_symmetric():
+    matrix = np.array([[1.0, 2.0, 0.0], [0.0, 1.0, 5.0]])
+    values = np.linalg.svd(matrix, compute_uv=False)
+    assert singular_range(matrix) == pytest.approx((values[-1], values[0]), rel=1e-13)
+
+
+def test_constants_of_the_half_discs(hertz, hertz_reduction):
+    """B is nodal, so kappa(B) = 1 and beta_h = sqrt(2); with all its constants positive the model is solvable."""
+    stability = hertz_reduction.stability
+    assert stability.euclidean.beta_h == pytest.approx(math.sqrt(2), rel=1e-12)
+    assert stability.sigma_max / stability.sigma_min == pytest.approx(stability.kappa_B)
+    # V has orthonormal columns, so the thesis' sigma_min is the constant on the trial space
+    assert stability.euclidean.beta_HR_2 == pytest.approx(stability.sigma_min, rel=1e-10)
+    for constants in (stability.euclidean, stability.energy):
+        # a mode cut off outside A is no longer than the whole mode; in the energy norm it may be
+        assert 0 < constants.beta_HR and 0 < constants.alpha_prime
+    assert stability.euclidean.beta_HR >= stability.euclidean.beta_HR_2
+
+
+def test_energy_constant_of_the_full_model(hertz, hertz_reduction):
+    """beta_h^2 is the smallest eigenvalue of B K^-1 B^T in the L2 norm of the pressure: checked densely."""
+    problem = hertz.problem
+    free = problem.free
+    contact = problem.contact[:, free].toarray()
+    schur = contact @ np.linalg.solve(problem.stiffness[free][:, free].toarray(), contact.T)
+    root = np.sqrt(problem.contact_areas)
+    smallest = np.linalg.eigvalsh(root[:, None] * schur * root)[0]
+    assert hertz_reduction.stability.energy.beta_h == pytest.approx(math.sqrt(smallest), rel=1e-8)
+
+
+def test_energy_constants_do_not_depend_on_units(hertz, hertz_reduction):
+    """beta scales with sqrt(1/E) in the energy norm; in the Euclidean norm it does not depend on E."""
+    import hertz_half_discs as demo
+
+    scene = demo.scene()
+    bodies = tuple(dataclasses.replace(body, young=4 * body.young) for body in scene.bodies)
+    stiff = hhr.FullOrderModel(dataclasses.replace(scene, bodies=bodies))
+    snapshots = hhr.compute_snapshots(stiff, stiff.problem.parameters.grid([31]))
+    stability = hhr.build_reduced_model(stiff.problem, stiff.schur, snapshots).stability
+    assert stability.energy.beta_h == pytest.approx(hertz_reduction.stability.energy.beta_h / 2, rel=1e-8)
+    assert stability.energy.beta_HR == pytest.approx(hertz_reduction.stability.energy.beta_HR / 2, rel=1e-6)
+    assert stability.euclidean.beta_HR == pytest.approx(hertz_reduction.stability.euclidean.beta_HR, rel=1e-6)
+
+
+def test_trust_check_refuses_and_warns(hertz_reduction):
+    stability = hertz_reduction.stability
+    check_trust(stability, TrustLimits())
+    with pytest.raises(NotSolvableError, match=r"1\.67"):
+        check_trust(dataclasses.replace(stability, kappa_B=math.inf), TrustLimits())
+    with pytest.raises(UnstableModelError, match="add RID layers"):
+        check_trust(dataclasses.replace(stability, cond_K=1e9), TrustLimits())
+    with pytest.raises(UnstableModelError):
+        check_trust(dataclasses.replace(stability, cond_K=math.nan), TrustLimits())
+    with pytest.warns(StabilityWarning, match="cond"):
+        check_trust(dataclasses.replace(stability, cond_K=3e6), TrustLimits())
+    with pytest.warns(StabilityWarning, match="kappa"):
+        check_trust(dataclasses.replace(stability, kappa_B=50.0), TrustLimits())
+
+
+def test_dependent_contact_rows_are_refused(hertz, hertz_snapshots, monkeypatch):
+    """One more layer brings in 9 contact nodes for 8 modes; without enrichment the model is refused."""
+    from hhr_dolfinx import offline
+    from hhr_dolfinx.enrichment import Enrichment
+
+    none = lambda problem, basis, *_: Enrichment(basis, np.zeros(0, dtype=int), [math.inf], False)  # noqa: E731
+    monkeypatch.setattr(offline, "enrich", none)
+    with pytest.raises(NotSolvableError, match=r"1\.67"):
+        hhr.build_reduced_model(hertz.problem, hertz.schur, hertz_snapshots, hhr.ReductionSettings(layers=1))
