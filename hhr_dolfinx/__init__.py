@@ -15,6 +15,7 @@ _PUBLIC = {
     "Displacement": "scene",
     "NodeToNode": "scene",
     "Obstacle": "scene",
+    "PartialPressure": "scene",
     "Pressure": "scene",
     "Scene": "scene",
     "Traction": "scene",

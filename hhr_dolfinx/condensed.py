@@ -79,10 +79,7 @@ class CondensedContact:
     ):
         self.parameters, self.amplitudes, self.known = parameters, amplitudes, known
         self._m = schur.shape[0]
-        # columns: the value at mu = 0, then the slope along each parameter
-        to_parameters = np.column_stack([amplitudes.constant, amplitudes.slopes])
-        self._free_slack = free_slack @ to_parameters
-        self._free_primal = free_primal @ to_parameters
+        self._response = np.asfortranarray(np.vstack([free_slack, free_primal]))
         self._per_force = np.ascontiguousarray(primal_per_force)
         self._equalities = SchurEqualities(schur)
         self._regions = self._tabulate_regions()
@@ -110,23 +107,25 @@ class CondensedContact:
                 m, values = self._m, constant + slopes @ point
                 if values[: 2 * m].min() >= 0:
                     return ContactSolution(values[2 * m :], values[:m], start, 1, Status.CONVERGED, False)
-        free_slack = self._free_slack[:, 0] + self._free_slack[:, 1:] @ point
+        response = self._response @ self.amplitudes(point)
+        free_slack = response[: self._m]
         found = active_set(self._equalities, free_slack, free_slack < 0 if start is None else start)
-        free_primal = self._free_primal[:, 0] + self._free_primal[:, 1:] @ point
-        solution = ContactSolution(free_primal - self._per_force @ found.forces, *found)
+        solution = ContactSolution(response[self._m :] - self._per_force @ found.forces, *found)
         return solution if solution.converged else rejected(solution, point, raise_on_failure)
 
     def _tabulate_regions(self):
-        """For each known status the affine map mu -> (forces, slacks, primal), or None if too large."""
+        """For each known status the affine map mu -> (forces, slacks, primal); None if too large or not affine."""
         distinct, which = np.unique(self.known.active, axis=0, return_inverse=True)
-        rows = 2 * self._m + len(self._free_primal)
-        if len(distinct) * rows * self._free_slack.shape[1] > REGION_ENTRIES:
+        size = len(distinct) * (self._m + len(self._response)) * (1 + len(self.parameters.names))
+        if self.amplitudes.coverages or size > REGION_ENTRIES:
             return None
+        # columns: the value at mu = 0, then the slope along each parameter
+        response = self._response @ np.column_stack([self.amplitudes.constant, self.amplitudes.slopes])
         regions = []
         for active in distinct:
-            columns = [self._equalities(active, column) for column in self._free_slack.T]
+            columns = [self._equalities(active, column) for column in response[: self._m].T]
             forces, slack = (np.stack(item, axis=1) for item in zip(*columns, strict=True))
-            values = np.vstack([forces, slack, self._free_primal - self._per_force @ forces])
+            values = np.vstack([forces, slack, response[self._m :] - self._per_force @ forces])
             regions.append((values[:, 0].copy(), np.ascontiguousarray(values[:, 1:])))
         return [regions[k] for k in which.ravel()]
 

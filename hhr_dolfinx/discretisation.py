@@ -6,6 +6,8 @@ the full-order solver and a :class:`ContactProblem` gathered on every rank for e
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -18,9 +20,9 @@ from hhr_dolfinx import compat
 from hhr_dolfinx import pairing as pair
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import contact, elasticity
-from hhr_dolfinx.parameters import Amplitude, Amplitudes
+from hhr_dolfinx.parameters import Amplitude, Amplitudes, Coverage
 from hhr_dolfinx.problem import ContactProblem, ContactRows
-from hhr_dolfinx.scene import NodeToNode, Pressure, Scene
+from hhr_dolfinx.scene import NodeToNode, PartialPressure, Pressure, Scene
 
 
 class Discretisation:
@@ -73,12 +75,22 @@ class Discretisation:
         """
         mass = fem_petsc.assemble_matrix(self._mass_form)
         mass.assemble()
-        amplitudes, lifts, free = self._imposed()
-        loads = np.zeros_like(lifts)
+        single, lifts, free = self._imposed()
+        columns = [np.zeros(lifts.shape)]
         for load in self.scene.loads:
-            amplitudes.append(load.amplitude)
-            lifts = np.column_stack([lifts, np.zeros(self.size)])
-            loads = np.column_stack([loads, self._load_vector(load)])
+            if not isinstance(load, PartialPressure):
+                single.append(load.amplitude)
+                columns.append(self._load_vector(load)[:, None])
+        amplitudes = Amplitudes.collect(single, self.scene.parameters)
+        coverages, first = [], amplitudes.constant.size
+        for load in self.scene.loads:
+            if isinstance(load, PartialPressure):
+                coverage, terms = self._coverage(load, first)
+                coverages.append(coverage)
+                columns.append(terms)
+                first += coverage.count
+        loads = np.hstack(columns)
+        lifts = np.hstack([lifts, np.zeros((self.size, loads.shape[1] - lifts.shape[1]))])
         full = self._gather_matrix(stiffness)
         loads = (loads - full @ lifts) * free[:, None]
         rows = pair.stack([self._contact_rows(item) for item in self.scene.contacts], free)
@@ -86,16 +98,16 @@ class Discretisation:
             stiffness=full,
             mass=self._gather_matrix(mass),
             free=free,
-            loads=loads,
-            lifts=lifts,
+            loads=np.asfortranarray(loads),
+            lifts=np.asfortranarray(lifts),
             contact=_without_columns(rows.matrix, ~free),
-            gaps=_gap_terms(rows, lifts),
+            gaps=np.asfortranarray(_gap_terms(rows, lifts)),
             contact_slaves=rows.slaves,
             contact_points=rows.points,
             contact_areas=rows.areas,
             cell_nodes=self._cell_nodes(),
             points=self._points(),
-            amplitudes=Amplitudes.collect(amplitudes, self.scene.parameters),
+            amplitudes=replace(amplitudes, coverages=tuple(coverages)),
             parameters=self.scene.parameters,
         )
 
@@ -151,6 +163,35 @@ class Discretisation:
         else:
             form = elasticity.traction(self._test, load.direction, self.scene.hypothesis, self._ds(load.tag))
         return self._assemble_vector(form)
+
+    def _coverage(self, load: PartialPressure, first: int):
+        """Coverage of a partial pressure and its terms as columns, see :class:`Coverage`."""
+        space, names = self.mesh.geometry, self.scene.parameters.names
+        if space.dim != 2 or load.extent not in names or load.axis not in (0, 1):
+            raise SceneError(
+                f"the partial pressure on tag {load.tag} needs a plane mesh, an axis 0 or 1 (here {load.axis}) "
+                f"and one of the parameters {names} (here '{load.extent}')"
+            )
+        line = self._surface(load.tag, np.eye(2)[0])
+        order = np.argsort(line.points[:, load.axis])
+        nodes, positions = line.nodes[order], line.points[order, load.axis]
+        lengths = np.diff(positions)
+        nodal = (np.append(lengths, 0.0) + np.append(0.0, lengths)) / 2
+        whole = self._load_vector(Pressure(load.tag, load.amplitude)).reshape(-1, 2)[nodes]
+        # force of a unit pressure per unit length: the same at every node of a straight line along an axis
+        force = whole.sum(axis=0) / nodal.sum()
+        if np.abs(whole - nodal[:, None] * force).max() > 1e-9 * np.abs(whole).max():
+            raise SceneError(
+                f"the line tagged {load.tag} under a partial pressure is not straight along axis {load.axis}"
+            )
+        at_nodes = np.zeros((self.size, len(nodes)))
+        for component in (0, 1):
+            at_nodes[2 * nodes + component, np.arange(len(nodes))] = force[component]
+        edges = (at_nodes[:, :-1] + at_nodes[:, 1:]) * lengths / 2
+        before = np.hstack([np.zeros((self.size, 1)), np.cumsum(edges, axis=1)[:, :-1]])
+        slopes = load.amplitude.row(self.scene.parameters)
+        coverage = Coverage(first, positions, names.index(load.extent), load.amplitude.constant, slopes)
+        return coverage, np.hstack([before, at_nodes])
 
     def _contact_rows(self, item) -> ContactRows:
         normal = pair.unit(item.normal, self.mesh.geometry.dim)

@@ -43,7 +43,7 @@ class FullOrderModel:
             for array in (self._rhs, self._solution)
         ]
         self._contact = self.problem.contact[:, self._own]
-        self._own_loads = np.ascontiguousarray(self.problem.loads[self._own])
+        self._own_loads = np.asfortranarray(self.problem.loads[self._own])
         rows = self._contact.toarray()
         self.per_force = np.stack([self.solve_stiffness(row) for row in rows], axis=1)
         self.schur = comm.allreduce(self._contact @ self.per_force)

@@ -13,7 +13,7 @@ import numpy as np
 
 from hhr_dolfinx.condensed import KnownStatuses
 from hhr_dolfinx.errors import ModelFileError
-from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
+from hhr_dolfinx.parameters import Amplitudes, Coverage, ParameterSpace
 from hhr_dolfinx.reconstruct import Reconstruction
 from hhr_dolfinx.reduced import ReducedModel, ReducedProblem
 
@@ -39,7 +39,10 @@ def save_model(path: str | Path, model: ReducedModel, reconstruction: Reconstruc
         f"{part}.{name}": np.asarray(getattr(value, name))
         for part, value in parts.items()
         for name in value.__dataclass_fields__
+        if name != "coverages"
     }
+    for k, coverage in enumerate(model.amplitudes.coverages):
+        arrays |= {f"coverage{k}.{name}": np.asarray(value) for name, value in vars(coverage).items()}
     space = model.parameters
     header = {
         "format": FORMAT,
@@ -67,10 +70,11 @@ def load_model(path: str | Path) -> StoredModel:
         part, name = key.split(".")
         groups.setdefault(part, {})[name] = array[()] if array.ndim == 0 else array
     space = ParameterSpace(**{key: tuple(value) for key, value in header["parameters"].items()})
+    coverages = tuple(Coverage(**groups[part]) for part in sorted(groups) if part.startswith("coverage"))
     model = ReducedModel(
         ReducedProblem(**groups["reduced"]),
         space,
-        Amplitudes(**groups["amplitudes"]),
+        Amplitudes(**groups["amplitudes"], coverages=coverages),
         KnownStatuses(**groups["known"]),
     )
     return StoredModel(model, Reconstruction(**groups["reconstruction"]))

@@ -1,8 +1,8 @@
 """Parameters of a scene and the amplitudes of its loads, as plain data.
 
-Every load of a scene is an amplitude times a fixed shape. The amplitudes
-theta(mu) = (1, theta_1(mu), ..., theta_T(mu)) are affine in the parameters here, so a model
-on disk is data only and nothing that is loaded is ever executed.
+Every load of a scene is a sum of terms, each an amplitude times a fixed shape. The amplitudes
+theta(mu) = (1, theta_1(mu), ..., theta_T(mu)) are affine or piecewise polynomial in the parameters and
+are given by numbers, so a model on disk is data only and nothing that is loaded is ever executed.
 """
 
 from __future__ import annotations
@@ -21,6 +21,17 @@ class Amplitude:
 
     constant: float = 0.0
     slopes: Mapping[str, float] = field(default_factory=dict)
+
+    def row(self, space: ParameterSpace) -> np.ndarray:
+        """Slopes in the order of the parameters, (P,).
+
+        Raises:
+            SceneError: if a slope names an unknown parameter.
+        """
+        unknown = set(self.slopes) - set(space.names)
+        if unknown:
+            raise SceneError(f"an amplitude names {sorted(unknown)}, the scene's parameters are {space.names}")
+        return np.array([self.slopes.get(name, 0.0) for name in space.names])
 
 
 @dataclass(frozen=True)
@@ -90,33 +101,101 @@ class ParameterSpace:
         return np.random.default_rng(seed).uniform(self.lower, self.upper, (count, len(self.names)))
 
 
+class Theta:
+    """Amplitudes of all terms at one parameter, of which most may be zero.
+
+    ``matrix @ theta`` sums the columns of a matrix with one column per term; it touches only the columns
+    of non-zero terms and is fastest on matrices in Fortran order.
+    """
+
+    __slots__ = ("terms", "values")
+    __array_ufunc__ = None  # lets ndarray @ Theta come here
+
+    def __init__(self, terms: slice | np.ndarray, values: np.ndarray):
+        self.terms, self.values = terms, values
+
+    def __rmatmul__(self, matrix: np.ndarray) -> np.ndarray:
+        """Sum the columns of ``matrix``, (n, 1 + T) -> (n,)."""
+        return matrix[:, self.terms] @ self.values
+
+
 @dataclass(frozen=True)
-class Amplitudes:
-    """All amplitudes of a scene: theta(mu) = constant + slopes @ mu.
+class Coverage:
+    """Terms of a pressure on the part of a straight line up to a parameter, exact for linear elements.
+
+    A line of n nodes at increasing positions has n - 1 terms for whole edges from its start (term e is the
+    load on all edges before edge e) and n terms for its nodes. With the end of the pressure in edge e, at
+    the fraction s of its length L, the load is term e, plus L (s - s^2/2) on its first and L s^2/2 on its
+    second node.
 
     Attributes:
-        constant: (1 + T,), whose first entry is the 1 of the parameter-free part.
-        slopes: (1 + T, P).
+        first: number of the first term.
+        positions: coordinates of the nodes along the line, increasing, (n,).
+        extent: index of the parameter up to which the pressure acts.
+        constant: amplitude at mu = 0.
+        slopes: slopes of the amplitude, (P,).
+    """
+
+    first: int
+    positions: np.ndarray
+    extent: int
+    constant: float
+    slopes: np.ndarray
+
+    @property
+    def count(self) -> int:
+        """Number of terms."""
+        return 2 * len(self.positions) - 1
+
+    def __call__(self, point: np.ndarray) -> tuple[list[int], list[float]]:
+        """Numbers and amplitudes of the three terms that act at a point."""
+        positions, edges = self.positions, len(self.positions) - 1
+        edge = min(max(int(positions.searchsorted(point[self.extent])) - 1, 0), edges - 1)
+        length = positions[edge + 1] - positions[edge]
+        s = min(max((point[self.extent] - positions[edge]) / length, 0.0), 1.0)
+        amplitude = self.constant + self.slopes @ point
+        node = self.first + edges + edge
+        weights = [amplitude, amplitude * length * (s - s * s / 2), amplitude * length * s * s / 2]
+        return [self.first + edge, node, node + 1], weights
+
+
+@dataclass(frozen=True)
+class Amplitudes:
+    """All amplitudes of a scene: affine ones, constant + slopes @ mu, then those of partial pressures.
+
+    Attributes:
+        constant: (1 + T0,), whose first entry is the 1 of the parameter-free part.
+        slopes: (1 + T0, P).
+        coverages: pressures on a part of a line that depends on the parameters.
     """
 
     constant: np.ndarray
     slopes: np.ndarray
+    coverages: tuple[Coverage, ...] = ()
 
     @classmethod
     def collect(cls, amplitudes: Sequence[Amplitude], space: ParameterSpace) -> Amplitudes:
-        """Stack single amplitudes behind the leading constant 1.
+        """Stack single affine amplitudes behind the leading constant 1.
 
         Raises:
             SceneError: if a slope names an unknown parameter.
         """
-        unknown = {name for amplitude in amplitudes for name in amplitude.slopes} - set(space.names)
-        if unknown:
-            raise SceneError(f"amplitudes name {sorted(unknown)}, the scene's parameters are {space.names}")
+        rows = [amplitude.row(space) for amplitude in amplitudes]
         constant = np.array([1.0] + [amplitude.constant for amplitude in amplitudes])
-        rows = [[0.0] * len(space.names)]
-        rows += [[amplitude.slopes.get(name, 0.0) for name in space.names] for amplitude in amplitudes]
-        return cls(constant, np.array(rows))
+        return cls(constant, np.array([np.zeros(len(space.names)), *rows]))
 
-    def __call__(self, point: np.ndarray) -> np.ndarray:
-        """Evaluate theta at a checked point, shape (1 + T,)."""
-        return self.constant + self.slopes @ point
+    def __call__(self, point: np.ndarray) -> Theta:
+        """Evaluate theta at a checked point."""
+        affine = self.constant + self.slopes @ point
+        if not self.coverages:
+            return Theta(slice(None), affine)
+        terms, values = list(range(affine.size)), affine.tolist()
+        for coverage in self.coverages:
+            more_terms, more_values = coverage(point)
+            terms += more_terms
+            values += more_values
+        return Theta(np.array(terms), np.array(values))
+
+    def sum_columns(self, matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """``matrix @ theta`` at every point, (n, len(points))."""
+        return np.stack([matrix @ self(point) for point in points], axis=1)

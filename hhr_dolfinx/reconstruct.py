@@ -59,8 +59,8 @@ def prepare_reconstruction(
     problem: ContactProblem, basis: np.ndarray, sets: IndexSets, snapshots: SnapshotSet
 ) -> Reconstruction:
     """Collect what :class:`Reconstruction` needs; dependent force snapshots are left out, see (1.70)."""
-    thetas = np.stack([problem.amplitudes(point) for point in snapshots.points], axis=1)
-    slack = problem.gaps @ thetas - problem.contact @ snapshots.displacements
+    gaps = problem.amplitudes.sum_columns(problem.gaps, snapshots.points)
+    slack = gaps - problem.contact @ snapshots.displacements
     scale = float(np.maximum(slack, 0.0).max())
     return Reconstruction(
         basis=basis,

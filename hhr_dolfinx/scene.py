@@ -58,6 +58,25 @@ class Pressure:
 
 
 @dataclass(frozen=True)
+class PartialPressure:
+    """Pressure on the part of a straight line with coordinate up to a parameter, in two dimensions.
+
+    Integrated exactly over the partly covered edge, and evaluated online from three terms.
+
+    Attributes:
+        tag: facet tag of the line, which runs along an axis.
+        amplitude: the pressure.
+        extent: name of the parameter up to which it acts.
+        axis: coordinate along the line.
+    """
+
+    tag: int
+    amplitude: Amplitude
+    extent: str
+    axis: int = 1
+
+
+@dataclass(frozen=True)
 class NodeToNode:
     """Contact of facing nodes, thesis (1.25): ``(u_1 - u_2)·n <= d``.
 
@@ -98,7 +117,7 @@ class Scene:
         bodies: one per cell tag.
         contacts: contact pairs, :class:`NodeToNode` or :class:`Obstacle`.
         displacements: imposed displacements.
-        loads: surface loads, :class:`Traction` or :class:`Pressure`.
+        loads: surface loads, :class:`Traction`, :class:`Pressure` or :class:`PartialPressure`.
         parameters: the box of the parameters.
     """
 
@@ -109,7 +128,7 @@ class Scene:
     contacts: tuple[NodeToNode | Obstacle, ...]
     parameters: ParameterSpace
     displacements: tuple[Displacement, ...] = ()
-    loads: tuple[Traction | Pressure, ...] = ()
+    loads: tuple[Traction | Pressure | PartialPressure, ...] = ()
 
     def __post_init__(self):
         """Refuse what no geometry could make right."""

@@ -50,5 +50,5 @@ def compute_snapshots(full_order, points: np.ndarray, progress: Callable[[Iterab
         start = solution.active
         columns.append((solution.primal, solution.forces, solution.active))
     displacements, forces, active = (np.stack(items, axis=1) for items in zip(*columns, strict=True))
-    lifts = problem.lifts @ np.stack([problem.amplitudes(point) for point in points], axis=1)
+    lifts = problem.amplitudes.sum_columns(problem.lifts, points)
     return SnapshotSet(np.array(points), displacements - lifts, forces, active)

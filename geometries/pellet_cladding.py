@@ -1,0 +1,78 @@
+"""Fuel pellet inside a tube of cladding, axisymmetric in (r, z), thesis section 1.5.2.
+
+Two structured rectangles of quadrilaterals that face each other across a gap. The defaults, in mm, give the
+thesis' 6161 + 909 nodes; with ``cladding_axial_cells`` other than ``axial_cells`` the meshes do not match.
+"""
+
+from __future__ import annotations
+
+import gmsh
+
+from hhr_dolfinx.compat import gmsh_to_mesh
+
+PELLET, CLADDING = 1, 2
+"""Cell tags of the two bodies."""
+PELLET_BOTTOM, PELLET_SIDE, PELLET_TOP, PELLET_AXIS = 11, 12, 13, 14
+CLADDING_BOTTOM, CLADDING_OUTER, CLADDING_TOP, CLADDING_INNER = 21, 22, 23, 24
+"""Facet tags, counter-clockwise from the bottom."""
+
+
+def pellet_cladding(
+    comm,
+    *,
+    radius=4.1,
+    height=7.0,
+    thickness=0.57,
+    gap=2e-3,
+    radial_cells=60,
+    axial_cells=100,
+    cladding_radial_cells=8,
+    cladding_axial_cells=None,
+):
+    """Build the mesh of pellet and cladding on all ranks of ``comm``.
+
+    Args:
+        comm: MPI communicator; rank 0 runs gmsh.
+        radius: radius of the pellet, in the unit of length of the scene, as all lengths.
+        height: height of both bodies.
+        thickness: thickness of the cladding.
+        gap: distance of the two surfaces.
+        radial_cells: cells of the pellet along r.
+        axial_cells: cells of the pellet along z.
+        cladding_radial_cells: cells of the cladding along r.
+        cladding_axial_cells: cells of the cladding along z; None for as many as the pellet has.
+
+    Returns:
+        ``(mesh, cell_tags, facet_tags)`` with Q1 quadrilaterals and the tags of this module.
+    """
+    if min(radius, height, thickness) <= 0:
+        raise ValueError(f"radius {radius}, height {height} and thickness {thickness} must be positive")
+    if cladding_axial_cells is None:
+        cladding_axial_cells = axial_cells
+    inner = radius + gap
+    gmsh.initialize()
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        if comm.rank == 0:
+            _rectangle(PELLET, 0.0, radius, height, radial_cells, axial_cells)
+            _rectangle(CLADDING, inner, inner + thickness, height, cladding_radial_cells, cladding_axial_cells)
+            gmsh.model.mesh.generate(2)
+        return gmsh_to_mesh(gmsh.model, comm, gdim=2)
+    finally:
+        gmsh.finalize()
+
+
+def _rectangle(tag, left, right, height, radial_cells, axial_cells):
+    """Add a structured rectangle; its sides are tagged 10 * tag + 1 to 4 from the bottom."""
+    geo = gmsh.model.geo
+    corners = [geo.addPoint(r, z, 0) for r, z in ((left, 0), (right, 0), (right, height), (left, height))]
+    sides = [geo.addLine(corners[k], corners[(k + 1) % 4]) for k in range(4)]
+    for side, cells in zip(sides, (radial_cells, axial_cells) * 2, strict=True):
+        geo.mesh.setTransfiniteCurve(side, cells + 1)
+    body = geo.addPlaneSurface([geo.addCurveLoop(sides)])
+    geo.mesh.setTransfiniteSurface(body)
+    geo.mesh.setRecombine(2, body)
+    geo.synchronize()
+    gmsh.model.addPhysicalGroup(2, [body], tag)
+    for k, side in enumerate(sides, start=1):
+        gmsh.model.addPhysicalGroup(1, [side], 10 * tag + k)
