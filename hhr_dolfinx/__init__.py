@@ -28,6 +28,7 @@ _PUBLIC = {
     "load_model": "model_file",
     "save_model": "model_file",
     "StudySettings": "study",
+    "Rival": "study",
     "run_study": "study",
     "make_report": "report",
     "print_report": "report",

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hhr_dolfinx.dense import DenseLU
+from hhr_dolfinx.dense import Factorise, PetscLU
 from hhr_dolfinx.problem import Status
 
 TOLERANCE = 1e-11
@@ -86,11 +86,12 @@ class SchurEqualities:
 
     Args:
         schur: S, (m, m), not necessarily symmetric.
+        factorise: what factors a dense block.
         kept: number of factors kept.
     """
 
-    def __init__(self, schur: np.ndarray, kept: int = 256):
-        self._schur = schur
+    def __init__(self, schur: np.ndarray, factorise: Factorise = PetscLU, kept: int = 256):
+        self._schur, self._factorise = schur, factorise
         self._kept = kept
         self._factors: dict[bytes, tuple] = {}
 
@@ -116,7 +117,7 @@ class SchurEqualities:
 
     def _factor(self, active, key):
         index = active.nonzero()[0]
-        factor = DenseLU(self._schur[np.ix_(index, index)]) if index.size else None
+        factor = self._factorise(self._schur[np.ix_(index, index)]) if index.size else None
         entry = (index, factor, np.ascontiguousarray(self._schur[:, index]))
         if len(self._factors) >= self._kept:
             self._factors.pop(next(iter(self._factors)))

@@ -61,7 +61,7 @@ class NaiveFullOrder:
         return solution if solution.converged else rejected(solution, point, raise_on_failure)
 
 
-def exact_condensation(full_order: FullOrderModel, known: KnownStatuses) -> CondensedContact:
+def exact_condensation(full_order: FullOrderModel, known: KnownStatuses, *, field: bool = True) -> CondensedContact:
     """Eliminate everything but the contact forces exactly; for constant stiffness only.
 
     The answer is that of the full model, to round-off: ``primal`` is U0 in the order of the dofs.
@@ -70,6 +70,7 @@ def exact_condensation(full_order: FullOrderModel, known: KnownStatuses) -> Cond
     Args:
         full_order: the full model on one rank.
         known: statuses of the training points, (S, N_lambda).
+        field: answer with the displacement; without it ``primal`` is empty and a query costs less.
     """
     if full_order.comm.size > 1:
         raise ValueError("exact condensation is serial: run it on one rank")
@@ -78,8 +79,8 @@ def exact_condensation(full_order: FullOrderModel, known: KnownStatuses) -> Cond
     return CondensedContact(
         problem.parameters,
         problem.amplitudes,
-        free_primal=free,
-        primal_per_force=full_order.per_force,
+        free_primal=free if field else free[:0],
+        primal_per_force=full_order.per_force if field else full_order.per_force[:0],
         free_slack=problem.gaps - problem.contact @ free,
         schur=full_order.schur,
         known=known,

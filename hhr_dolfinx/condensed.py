@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hhr_dolfinx.active_set import SchurEqualities, active_set
+from hhr_dolfinx.dense import Factorise, PetscLU
 from hhr_dolfinx.errors import ConvergenceError
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
 from hhr_dolfinx.problem import ContactSolution, Status
@@ -64,6 +65,7 @@ class CondensedContact:
         free_slack: slack without contact forces, (m, 1 + T).
         schur: S = B K^-1 B^T, (m, m).
         known: statuses of solved parameters.
+        factorise: what factors a dense block.
     """
 
     def __init__(
@@ -76,12 +78,13 @@ class CondensedContact:
         free_slack: np.ndarray,
         schur: np.ndarray,
         known: KnownStatuses,
+        factorise: Factorise = PetscLU,
     ):
         self.parameters, self.amplitudes, self.known = parameters, amplitudes, known
         self._m = schur.shape[0]
         self._response = np.asfortranarray(np.vstack([free_slack, free_primal]))
         self._per_force = np.ascontiguousarray(primal_per_force)
-        self._equalities = SchurEqualities(schur)
+        self._equalities = SchurEqualities(schur, factorise)
         self._regions = self._tabulate_regions()
 
     def solve(self, mu, *, warm: bool = True, raise_on_failure: bool = True) -> ContactSolution:

@@ -1,15 +1,33 @@
-"""Small dense systems, solved by a PETSc KSP that is factored once (``preonly`` with LU)."""
+"""Small dense systems, factored once and solved often.
+
+Two backends with the same call: a PETSc KSP (``preonly`` with LU), which takes options on the command line
+with the prefix ``hhr_dense_``, and LAPACK itself, which serves as its measure.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Protocol
+
 import numpy as np
 from petsc4py import PETSc
+from scipy.linalg.lapack import dgetrf, dgetrs
 
 from hhr_dolfinx.errors import NotSolvableError
 
 
-class DenseLU:
-    """LU factors of a dense matrix, by LAPACK inside PETSc.
+class Factor(Protocol):
+    """LU factors of a dense matrix."""
+
+    def solve(self, rhs: np.ndarray) -> np.ndarray:
+        """Solve for one right-hand side, (n,); the result may be a buffer that the next call overwrites."""
+
+
+Factorise = Callable[[np.ndarray], Factor]
+
+
+class PetscLU:
+    """LU factors by LAPACK inside a PETSc KSP.
 
     Args:
         matrix: (n, n), need not be symmetric.
@@ -19,9 +37,7 @@ class DenseLU:
     """
 
     def __init__(self, matrix: np.ndarray):
-        n = matrix.shape[0]
-        if not np.isfinite(matrix).all():
-            raise NotSolvableError(f"a dense block of size {n} is not finite: check materials and loads")
+        n = _checked(matrix)
         mat = PETSc.Mat().createDense((n, n), array=np.array(matrix, dtype=float, order="F"), comm=PETSc.COMM_SELF)
         mat.assemble()
         self._ksp = PETSc.KSP().create(PETSc.COMM_SELF)
@@ -40,10 +56,7 @@ class DenseLU:
         except PETSc.Error:
             failed = True
         if failed:
-            raise NotSolvableError(
-                f"a dense block of size {n} is singular: the contact rows are dependent on this basis, "
-                "thesis (1.67); add modes or use fewer contact points in the RID"
-            )
+            raise NotSolvableError(_singular(n))
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Solve for one right-hand side, (n,). The result is a buffer that the next call overwrites."""
@@ -51,9 +64,38 @@ class DenseLU:
         self._ksp.solve(self._b, self._x)
         return self._solution
 
-    def solve_columns(self, rhs: np.ndarray) -> np.ndarray:
-        """Solve for every column of (n, m)."""
-        solution = np.empty_like(rhs)
-        for k, column in enumerate(rhs.T):
-            solution[:, k] = self.solve(column)
-        return solution
+
+class LapackLU:
+    """LU factors by LAPACK; see :class:`PetscLU`."""
+
+    def __init__(self, matrix: np.ndarray):
+        n = _checked(matrix)
+        self._factors, self._pivots, info = dgetrf(matrix)
+        if info > 0:
+            raise NotSolvableError(_singular(n))
+
+    def solve(self, rhs: np.ndarray) -> np.ndarray:
+        """Solve for one right-hand side, (n,)."""
+        return dgetrs(self._factors, self._pivots, rhs)[0]
+
+
+def solve_columns(factor: Factor, rhs: np.ndarray) -> np.ndarray:
+    """Solve for every column of ``rhs``, (n, m)."""
+    solution = np.empty_like(rhs, order="F")
+    for k, column in enumerate(rhs.T):
+        solution[:, k] = factor.solve(column)
+    return solution
+
+
+def _checked(matrix):
+    n = matrix.shape[0]
+    if not np.isfinite(matrix).all():
+        raise NotSolvableError(f"a dense block of size {n} is not finite: check materials and loads")
+    return n
+
+
+def _singular(n):
+    return (
+        f"a dense block of size {n} is singular: the contact rows are dependent on this basis, "
+        "thesis (1.67); add modes or use fewer contact points in the RID"
+    )

@@ -93,7 +93,7 @@ class Discretisation:
         lifts = np.hstack([lifts, np.zeros((self.size, loads.shape[1] - lifts.shape[1]))])
         full = self._gather_matrix(stiffness)
         loads = (loads - full @ lifts) * free[:, None]
-        rows = pair.stack([self._contact_rows(item) for item in self.scene.contacts], free)
+        rows, pairs = pair.stack([self._contact_rows(item) for item in self.scene.contacts], free)
         return ContactProblem(
             stiffness=full,
             mass=self._gather_matrix(mass),
@@ -103,6 +103,7 @@ class Discretisation:
             contact=_without_columns(rows.matrix, ~free),
             gaps=np.asfortranarray(_gap_terms(rows, lifts)),
             contact_slaves=rows.slaves,
+            contact_pairs=pairs,
             contact_points=rows.points,
             contact_areas=rows.areas,
             cell_nodes=self._cell_nodes(),

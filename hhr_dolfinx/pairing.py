@@ -85,8 +85,11 @@ def obstacle(surface: Surface, normal: np.ndarray, offset: float, dofs: int) -> 
     return ContactRows(_rows(nodes, normal, dofs), gap, nodes, surface.points[order], surface.areas[order])
 
 
-def stack(rows: list[ContactRows], free: np.ndarray) -> ContactRows:
+def stack(rows: list[ContactRows], free: np.ndarray) -> tuple[ContactRows, np.ndarray]:
     """Join the rows of all pairs; rows without a free dof hold no unknown and are left out.
+
+    Returns:
+        The rows, and for each the number of its pair.
 
     Raises:
         SceneError: if no row is left.
@@ -98,7 +101,8 @@ def stack(rows: list[ContactRows], free: np.ndarray) -> ContactRows:
     kept = np.flatnonzero(abs(joined.matrix) @ free.astype(float))
     if kept.size == 0:
         raise SceneError("the contact pairs are empty: all of their nodes have imposed displacements")
-    return ContactRows(*(getattr(joined, name)[kept] for name in ("matrix", "gap", "slaves", "points", "areas")))
+    pairs = np.repeat(np.arange(len(rows)), [r.gap.size for r in rows])[kept]
+    return ContactRows(*(getattr(joined, name)[kept] for name in ("matrix", "gap", "slaves", "points", "areas"))), pairs
 
 
 def unit(normal, dim: int) -> np.ndarray:

@@ -50,6 +50,7 @@ class ContactProblem:
         contact: B with zero columns at imposed dofs, (N_lambda, N).
         gaps: D - B lift, (N_lambda, 1 + T).
         contact_slaves: node that carries each condition, (N_lambda,).
+        contact_pairs: number of the contact pair of each condition, in the order of the scene, (N_lambda,).
         contact_points: position of each condition, (N_lambda, dim).
         contact_areas: tributary area of each condition, (N_lambda,).
         cell_nodes: nodes of each cell, (cells, n).
@@ -66,6 +67,7 @@ class ContactProblem:
     contact: csr_matrix
     gaps: np.ndarray
     contact_slaves: np.ndarray
+    contact_pairs: np.ndarray
     contact_points: np.ndarray
     contact_areas: np.ndarray
     cell_nodes: np.ndarray

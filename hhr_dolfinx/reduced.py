@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hhr_dolfinx.condensed import CondensedContact, KnownStatuses
-from hhr_dolfinx.dense import DenseLU
+from hhr_dolfinx.dense import Factorise, PetscLU, solve_columns
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
 from hhr_dolfinx.problem import ContactProblem
 from hhr_dolfinx.rid import IndexSets
@@ -62,6 +62,7 @@ class ReducedModel:
         parameters: the box of the parameters.
         amplitudes: θ as a function of the parameters.
         known: statuses of the training points on A_lambda.
+        factorise: what factors K~ and the active blocks.
 
     Raises:
         NotSolvableError: if K~ is singular.
@@ -73,10 +74,11 @@ class ReducedModel:
         parameters: ParameterSpace,
         amplitudes: Amplitudes,
         known: KnownStatuses,
+        factorise: Factorise = PetscLU,
     ):
         self.problem, self.known = problem, known
-        factor = DenseLU(problem.stiffness)
-        per_force, free = factor.solve_columns(problem.contact.T), factor.solve_columns(problem.loads)
+        factor = factorise(problem.stiffness)
+        per_force, free = solve_columns(factor, problem.contact.T), solve_columns(factor, problem.loads)
         self._online = CondensedContact(
             parameters,
             amplitudes,
@@ -85,6 +87,7 @@ class ReducedModel:
             free_slack=problem.gaps - problem.contact @ free,
             schur=problem.contact @ per_force,
             known=known,
+            factorise=factorise,
         )
         self.solve = self._online.solve
         self.parameters, self.amplitudes = parameters, amplitudes

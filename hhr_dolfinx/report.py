@@ -18,6 +18,7 @@ from hhr_dolfinx.snapshots import SnapshotSet
 from hhr_dolfinx.study import StudyResult
 
 _COMPARED = ("fom_naive", "fom_best", "condensed")
+_TIMED = (*_COMPARED, "condensed_full", "online", "online_lapack", "online_full")
 
 
 def make_report(
@@ -38,7 +39,7 @@ def make_report(
         stages: seconds of the stages before the reduction, by name.
     """
     hyper, errors = result.hyper, result.errors
-    return {
+    report = {
         "scene": full_order.scene.name,
         "seed": seed,
         "versions": _versions(),
@@ -54,11 +55,15 @@ def make_report(
             "snapshots": len(snapshots.points),
         },
         "stability": {**hyper.stability.as_report(), "enrichment": _enrichment(hyper)},
-        "errors": {**errors.summaries(), "points_with_false_contact": errors.false_contact},
+        "errors": {
+            **errors.summaries(),
+            "points_with_false_contact": errors.false_contact,
+            "unconverged": errors.unconverged,
+        },
         "times": {
             "offline": {**stages, **hyper.log.times},
-            **_times(result.times["warm"], (*_COMPARED, "online", "online_full")),
-            "cold_start": _times(result.times["cold"], (*_COMPARED, "online")),
+            **_times(result.times["warm"], _TIMED),
+            "cold_start": _times(result.times["cold"], (*_COMPARED, "online", "online_lapack")),
         },
         "ratios": {**_ratios(result.times["warm"]), "cold_start": _ratios(result.times["cold"])},
         "work_precision": result.work_precision,
@@ -68,7 +73,33 @@ def make_report(
             "cycles": int(errors.cycles),
         },
         "skipped": hyper.log.skipped,
+        "refused_before": hyper.log.refused,
     }
+    return {**report, "advice": advice(report)}
+
+
+def advice(report: dict) -> str:
+    """Which method this scene should use, and why, in words.
+
+    Exact condensation has no reduction error; it is advised unless it is much slower than the reduced model
+    where both give the forces on the whole contact surface, or does not apply.
+    """
+    times, error = report["times"], report["errors"]["dual_full_floored"]
+    reduced = times["online_full"]["median"]
+    accuracy = f"force errors {error['median']:.1%} median, {error['p95']:.1%} at 95 %, {error['max']:.1%} at most"
+    if times["condensed_full"] is None:
+        return f"The hyper-reduced model answers in {_seconds(reduced)} with {accuracy}; condensation was not measured."
+    exact = times["condensed_full"]["median"]
+    figures = (
+        f"displacements and forces everywhere take {_seconds(exact)} by exact condensation and "
+        f"{_seconds(reduced)} by the hyper-reduced model ({accuracy})"
+    )
+    if exact <= 3 * reduced:
+        return (
+            f"Use exact condensation while the stiffness stays constant: {figures}. "
+            "Use the hyper-reduced model where the displacement field is not needed for every query or memory is short."
+        )
+    return f"Use the hyper-reduced model: {figures}. Use exact condensation where no error can be afforded."
 
 
 def write_report(report: dict, folder: Path) -> Path:
@@ -96,12 +127,13 @@ def print_report(report: dict, console: Console | None = None) -> None:
             errors.add_row(name, *(f"{row[key]:.2e}" for key in ("median", "p95", "max")))
     times = Table("time per query", "median", "95 %", "x online")
     online = report["times"]["online"]["median"]
-    for name in (*_COMPARED, "online", "online_full"):
+    for name in _TIMED:
         row = report["times"][name]
         if row is None:
             continue
         times.add_row(name, _seconds(row["median"]), _seconds(row["p95"]), f"{row['median'] / online:.1f}")
     console.print(errors, times)
+    console.print(report["advice"])
     for item in report["skipped"]:
         console.print(f"left out: {item['stage']}: {item['why']}")
 

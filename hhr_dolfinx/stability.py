@@ -1,4 +1,4 @@
-"""Stability of full and reduced models: inf-sup constants by SLEPc, condition numbers, trust.
+"""Stability of full and reduced models: inf-sup constants by SLEPc and condition numbers.
 
 An inf-sup constant inf_q sup_v b(v, q) / (|v| |q|) over v = Phi gamma and q is the smallest singular
 value of L_q^-1 B~ L_v^-T, where the Gram matrices of the two norms are L_v L_v^T and L_q L_q^T. Two pairs
@@ -9,7 +9,6 @@ of norms are used: the thesis' Euclidean norms of nodal values (section 2.6.1), 
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -18,7 +17,6 @@ from scipy import linalg
 from scipy.sparse import identity
 from slepc4py import SLEPc
 
-from hhr_dolfinx.errors import NotSolvableError, StabilityWarning, UnstableModelError
 from hhr_dolfinx.problem import ContactProblem
 from hhr_dolfinx.reduced import ReducedProblem
 from hhr_dolfinx.rid import IndexSets
@@ -50,6 +48,7 @@ class Stability:
         sigma_min: smallest singular value of B~, by which the thesis evaluates beta_HR.
         sigma_max: largest singular value of B~.
         cond_K: condition number of K~.
+        norm_K: largest singular value of K~.
         euclidean: constants in the Euclidean norms of the thesis.
         energy: constants in the energy and L2 norms.
     """
@@ -58,6 +57,7 @@ class Stability:
     sigma_min: float
     sigma_max: float
     cond_K: float
+    norm_K: float
     euclidean: Constants
     energy: Constants
 
@@ -65,21 +65,6 @@ class Stability:
         """The ``stability`` part of a report; the constants at its top are the Euclidean ones."""
         report = asdict(self)
         return {**report, **report["euclidean"]}
-
-
-@dataclass(frozen=True)
-class TrustLimits:
-    """Limits on the stability of a model; the values come from trials on all scenes of the thesis.
-
-    Attributes:
-        refuse_cond_K: cond(K~) above which a model is refused (errors grew beyond use above 1e7).
-        warn_cond_K: cond(K~) above which it is warned of (clean below 1e6).
-        warn_kappa_B: kappa(B~) above which dual errors grow, thesis section 3.5.2.
-    """
-
-    refuse_cond_K: float = 1e7
-    warn_cond_K: float = 1e6
-    warn_kappa_B: float = 10.0
 
 
 def singular_range(matrix: np.ndarray) -> tuple[float, float]:
@@ -138,6 +123,7 @@ def assess(
         sigma_min=smallest,
         sigma_max=largest,
         cond_K=high / low if low > 0 else math.inf,
+        norm_K=high,
         euclidean=_constants(
             identity(problem.free.size, format="csr"),
             np.ones(len(sets.A_lambda)),
@@ -148,39 +134,6 @@ def assess(
         ),
         energy=_constants(problem.stiffness, pressure[sets.A_lambda], basis, sets, reduced, energy_beta_h),
     )
-
-
-def check_trust(stability: Stability, limits: TrustLimits) -> None:
-    """Refuse or warn of a model whose constants say that it cannot be trusted.
-
-    Raises:
-        NotSolvableError: if the rows of B~ are dependent, thesis (1.67).
-        UnstableModelError: if cond(K~) is beyond the limit.
-
-    Warns:
-        StabilityWarning: if cond(K~) or kappa(B~) is in the doubtful range.
-    """
-    if math.isinf(stability.kappa_B):
-        raise NotSolvableError(
-            "the contact rows are dependent on the reduced basis, thesis (1.67): keep more modes "
-            "(a smaller POD tolerance) or fewer contact points in the RID (fewer layers or zones)"
-        )
-    advice = "add RID layers, or keep fewer modes (a larger POD tolerance)"
-    if not stability.cond_K <= limits.refuse_cond_K:
-        raise UnstableModelError(f"cond(K~) = {stability.cond_K:.1e} > {limits.refuse_cond_K:.0e}: {advice}")
-    if stability.cond_K > limits.warn_cond_K:
-        warnings.warn(
-            f"cond(K~) = {stability.cond_K:.1e} > {limits.warn_cond_K:.0e}: {advice}",
-            StabilityWarning,
-            stacklevel=3,
-        )
-    if stability.kappa_B > limits.warn_kappa_B:
-        warnings.warn(
-            f"kappa(B~) = {stability.kappa_B:.1e} > {limits.warn_kappa_B:g}: contact forces will be inaccurate; "
-            "keep more modes or fewer contact points in the RID",
-            StabilityWarning,
-            stacklevel=3,
-        )
 
 
 def _constants(gram, dual_diagonal, basis, sets, reduced, beta_h) -> Constants:

@@ -9,19 +9,39 @@ import gc
 import time
 import warnings
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from hhr_dolfinx.accuracy import FORCE_FLOOR, energy_minimum, relative_error, summary
 from hhr_dolfinx.baselines import NaiveFullOrder, exact_condensation
+from hhr_dolfinx.dense import LapackLU
 from hhr_dolfinx.errors import HHRError, StabilityWarning
 from hhr_dolfinx.full_order import FullOrderModel
 from hhr_dolfinx.offline import HyperReduction, ReductionSettings, build_reduced_model
+from hhr_dolfinx.problem import ContactProblem
+from hhr_dolfinx.reduced import ReducedModel
 from hhr_dolfinx.snapshots import SnapshotSet
 
 Progress = Callable[[Iterable], Iterable]
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another approximation to compare with.
+
+    Attributes:
+        method: its name.
+        setting: what distinguishes it from others of the same method.
+        model: object with ``solve(mu)``, which is timed, and ``solve_everywhere(mu)``, whose displacement (N,)
+            and forces (N_lambda,) are compared.
+    """
+
+    method: str
+    setting: str
+    model: Any
 
 
 @dataclass(frozen=True)
@@ -30,13 +50,32 @@ class StudySettings:
 
     Attributes:
         reduction: the recipe under study.
-        sizes: POD tolerances of the further models in the work-precision table.
+        variants: further recipes by label, for the work-precision table.
         queries: timed queries per model, at least 100 for a figure to quote.
+        seed: seed of the parameters that are timed; they are neither trained nor tested on.
     """
 
     reduction: ReductionSettings = ReductionSettings()
-    sizes: Sequence[float] = (1e-4, 1e-5, 1e-6, 1e-7, 1e-9, 1e-10)
+    variants: Sequence[tuple[str, ReductionSettings]] = ()
     queries: int = 200
+    seed: int = 1
+
+
+@dataclass(frozen=True)
+class References:
+    """Full-order answers at the test points.
+
+    Attributes:
+        points: test points, (n, P).
+        displacements: (n, N).
+        forces: (n, N_lambda).
+        floor: force norm below which a relative error means nothing.
+    """
+
+    points: np.ndarray
+    displacements: np.ndarray
+    forces: np.ndarray
+    floor: float
 
 
 @dataclass(frozen=True)
@@ -47,6 +86,7 @@ class PointErrors:
     iterations: np.ndarray
     cycles: int
     false_contact: int
+    unconverged: int
 
     def summaries(self) -> dict:
         """The ``errors`` part of a report."""
@@ -72,73 +112,99 @@ class StudyResult:
     work_precision: list[dict] = field(default_factory=list)
 
 
-def measure_errors(
-    full_order: FullOrderModel,
-    hyper: HyperReduction,
-    snapshots: SnapshotSet,
-    points,
-    progress: Progress = iter,
-) -> PointErrors:
+def solve_references(
+    full_order: FullOrderModel, snapshots: SnapshotSet, points, progress: Progress = iter
+) -> References:
+    """Solve the full model at the test points.
+
+    Args:
+        full_order: the full model.
+        snapshots: training solutions, whose largest force sets the floor of relative errors.
+        points: test points, (n, P).
+        progress: wraps the iteration, for a progress bar.
+    """
+    solutions = [full_order.solve(point) for point in progress(points)]
+    return References(
+        np.asarray(points),
+        np.stack([solution.primal for solution in solutions]),
+        np.stack([solution.forces for solution in solutions]),
+        FORCE_FLOOR * float(np.linalg.norm(snapshots.forces, axis=0).max()),
+    )
+
+
+def measure_errors(problem: ContactProblem, hyper: HyperReduction, references: References) -> PointErrors:
     """Compare the reduced with the full model at every point; no point is dropped.
 
-    ``*_floored`` divides by at least 1e-3 of the largest training force norm, since a relative
-    error means nothing near grazing contact. ``*_rid`` looks at A_lambda, ``*_full`` at the whole
-    contact surface after reconstruction.
+    ``*_floored`` divides by at least 1e-3 of the largest training force norm, since a relative error means
+    nothing near grazing contact. ``*_rid`` looks at A_lambda, ``*_full`` at the whole contact surface after
+    reconstruction. A point without an answer has infinite errors.
     """
-    problem, inside = full_order.problem, hyper.sets.A_lambda
-    floor = FORCE_FLOOR * np.linalg.norm(snapshots.forces, axis=0).max()
-    rows, iterations, cycles, false_contact = [], [], 0, 0
-    for point in progress(points):
-        reference = full_order.solve(point)
+    rows, solutions, false_contact = [], [], 0
+    for point, exact, exact_forces in zip(references.points, references.displacements, references.forces, strict=True):
         theta = problem.amplitudes(problem.parameters.point(point))
-        solution = hyper.model.solve(point)
+        solution = hyper.model.solve(point, raise_on_failure=False)
+        solutions.append(solution)
+        if not solution.converged:
+            rows.append(None)
+            continue
         displacement = hyper.reconstruction.displacement(solution.primal, theta)
         forces = hyper.reconstruction.forces(solution, theta)
+        energies = (energy_minimum(problem, field, theta) for field in (displacement, exact))
+        inside = exact_forces[hyper.sets.A_lambda]
         rows.append(
-            {
-                "primal_l2": relative_error(displacement, reference.primal, problem.mass),
-                "primal_energy": relative_error(displacement, reference.primal, problem.stiffness),
-                "primal_euclid": relative_error(displacement, reference.primal),
-                "energy_minimum": abs(
-                    energy_minimum(problem, displacement, theta) - energy_minimum(problem, reference.primal, theta)
-                ),
-                "dual_rid": relative_error(solution.forces, reference.forces[inside]),
-                "dual_rid_floored": relative_error(solution.forces, reference.forces[inside], floor=floor),
-                "dual_full": relative_error(forces, reference.forces),
-                "dual_full_floored": relative_error(forces, reference.forces, floor=floor),
+            _field_errors(problem, references.floor, displacement, forces, exact, exact_forces)
+            | {
+                "energy_minimum": abs(next(energies) - next(energies)),
+                "dual_rid": relative_error(solution.forces, inside),
+                "dual_rid_floored": relative_error(solution.forces, inside, floor=references.floor),
             }
         )
-        iterations.append(solution.iterations)
-        cycles += solution.cycled
-        false_contact += bool(((forces > floor) & (reference.forces == 0)).any())
-    values = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    return PointErrors(values, np.array(iterations), cycles, false_contact)
+        false_contact += bool(((forces > references.floor) & (exact_forces == 0)).any())
+    names = next((row.keys() for row in rows if row is not None), ("primal_l2", "dual_full_floored"))
+    values = {name: np.array([np.inf if row is None else row[name] for row in rows]) for name in names}
+    return PointErrors(
+        values,
+        np.array([solution.iterations for solution in solutions]),
+        sum(solution.cycled for solution in solutions),
+        false_contact,
+        sum(row is None for row in rows),
+    )
 
 
-def time_queries(models: dict[str, Callable], points: np.ndarray, queries: int) -> dict[str, np.ndarray]:
-    """Seconds per query of each model, (queries,) each, on one thread after a warm-up.
+def _field_errors(problem, floor, displacement, forces, exact, exact_forces) -> dict[str, float]:
+    return {
+        "primal_l2": relative_error(displacement, exact, problem.mass),
+        "primal_energy": relative_error(displacement, exact, problem.stiffness),
+        "primal_euclid": relative_error(displacement, exact),
+        "dual_full": relative_error(forces, exact_forces),
+        "dual_full_floored": relative_error(forces, exact_forces, floor=floor),
+    }
 
-    The models take turns in blocks, so that a disturbance of the machine hits all of them.
+
+def time_queries(models: dict[str, Callable], points: np.ndarray) -> dict[str, np.ndarray]:
+    """Seconds per query of each model at every point, (len(points) less a warm-up,), on one thread.
+
+    No point is asked twice, so that nothing kept from an earlier query helps more than it would in use. The
+    models take turns in blocks, so that a disturbance of the machine hits all of them.
     """
-    blocks = 5
-    per_block = -(-queries // blocks)
-    turns = np.resize(np.arange(len(points)), per_block * blocks).reshape(blocks, per_block)
+    warm_up, timed = points[:5], points[5:]
     times: dict[str, list[float]] = {name: [] for name in models}
     with threadpool_limits(1):
-        for block in turns:
+        for solve in models.values():
+            for point in warm_up:
+                solve(point)
+        for block in np.array_split(timed, min(5, len(timed))):
             for name, solve in models.items():
-                for k in block[:3]:
-                    solve(points[k])
                 gc.collect()
                 gc.disable()
                 try:
-                    for k in block:
+                    for point in block:
                         start = time.perf_counter()
-                        solve(points[k])
+                        solve(point)
                         times[name].append(time.perf_counter() - start)
                 finally:
                     gc.enable()
-    return {name: np.array(values[:queries]) for name, values in times.items()}
+    return {name: np.array(values) for name, values in times.items()}
 
 
 def run_study(
@@ -146,6 +212,9 @@ def run_study(
     snapshots: SnapshotSet,
     points: np.ndarray,
     settings: StudySettings = StudySettings(),
+    *,
+    held_out: SnapshotSet | None = None,
+    rivals: Sequence[Rival] = (),
     progress: Callable[[str], Progress] = lambda _: iter,
 ) -> StudyResult:
     """Build the reduced model, measure its errors and time it against all other models.
@@ -155,24 +224,34 @@ def run_study(
         snapshots: training solutions.
         points: test points, (n, P).
         settings: what to measure.
+        held_out: solutions for the trust check of the model under study.
+        rivals: other approximations for the work-precision table.
         progress: maps a label to a wrapper of iterations, for progress bars.
 
     Raises:
         HHRError: if the reduced model under study is refused.
     """
-    hyper = build_reduced_model(full_order.problem, full_order.schur, snapshots, settings.reduction)
-    errors = measure_errors(full_order, hyper, snapshots, points, progress("errors"))
+    problem = full_order.problem
+    hyper = build_reduced_model(problem, full_order.schur, snapshots, settings.reduction, held_out)
+    references = solve_references(full_order, snapshots, points, progress("references"))
+    errors = measure_errors(problem, hyper, references)
+    fresh = problem.parameters.random(settings.queries + 5, settings.seed + 1000)
     warm, cold = _models(full_order, hyper, snapshots)
-    times = {
-        start: time_queries(models, points, settings.queries) for start, models in (("warm", warm), ("cold", cold))
-    }
-    result = StudyResult(hyper, points, errors, times)
-    return replace(result, work_precision=_work_precision(full_order, snapshots, result, settings, progress))
+    times = {start: time_queries(models, fresh) for start, models in (("warm", warm), ("cold", cold))}
+    rows = [_row("HHR", "this model", times["warm"]["online"], errors.values)]
+    for label, recipe in progress("variants")(settings.variants):
+        rows.append(_variant(full_order, snapshots, references, label, recipe, fresh))
+    for rival in progress("rivals")(rivals):
+        rows.append(_rival(problem, references, rival, fresh))
+    for name in ("condensed", "fom_best", "fom_naive"):
+        if name in times["warm"]:
+            rows.append(_row(name, "exact", times["warm"][name], {"primal_l2": [0.0], "dual_full_floored": [0.0]}))
+    return StudyResult(hyper, references.points, errors, times, rows)
 
 
 def _models(full_order, hyper, snapshots) -> tuple[dict[str, Callable], dict[str, Callable]]:
     """All models by name, each started from the nearest known statuses and from none."""
-    known = snapshots.known_statuses
+    known, problem, model = snapshots.known_statuses, full_order.problem, hyper.model
 
     def near(solve):
         return lambda point: solve(point, start=known.active[known.nearest(point)])
@@ -180,54 +259,55 @@ def _models(full_order, hyper, snapshots) -> tuple[dict[str, Callable], dict[str
     def unaided(solve):
         return lambda point: solve(point, warm=False)
 
+    lapack = ReducedModel(model.problem, problem.parameters, problem.amplitudes, model.known, LapackLU)
     warm = {
         "fom_best": near(full_order.solve),
-        "online": hyper.model.solve,
+        "online": model.solve,
+        "online_lapack": lapack.solve,
         "online_full": hyper.solve_everywhere,
     }
-    cold = {"fom_best": full_order.solve, "online": unaided(hyper.model.solve)}
+    cold = {"fom_best": full_order.solve, "online": unaided(model.solve), "online_lapack": unaided(lapack.solve)}
     if full_order.comm.size > 1:
         hyper.log.skip("fom_naive, condensed", f"serial baselines, run on {full_order.comm.size} ranks")
         return warm, cold
-    naive, condensed = NaiveFullOrder(full_order), exact_condensation(full_order, known)
-    warm |= {"fom_naive": near(naive.solve), "condensed": condensed.solve}
-    cold |= {"fom_naive": naive.solve, "condensed": unaided(condensed.solve)}
+    naive = NaiveFullOrder(full_order)
+    forces_only = exact_condensation(full_order, known, field=False)
+    condensed = exact_condensation(full_order, known)
+    warm |= {"fom_naive": near(naive.solve), "condensed": forces_only.solve, "condensed_full": condensed.solve}
+    cold |= {"fom_naive": naive.solve, "condensed": unaided(forces_only.solve)}
     return warm, cold
 
 
-def _work_precision(full_order, snapshots, result, settings, progress) -> list[dict]:
-    """One row per method and setting; a refused model is a row with its reason."""
-    rows = [_row("HHR", settings.reduction.pod_tolerance, result.times["warm"]["online"], result.errors)]
-    for tolerance in progress("sizes")(settings.sizes):
-        recipe = replace(settings.reduction, pod_tolerance=tolerance)
-        try:
-            with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter("always", StabilityWarning)
-                hyper = build_reduced_model(full_order.problem, full_order.schur, snapshots, recipe)
-            errors = measure_errors(full_order, hyper, snapshots, result.points)
-        except HHRError as error:
-            rows.append({"method": "HHR", "setting": _setting(tolerance), "refused": str(error)})
-            continue
-        times = time_queries({"online": hyper.model.solve}, result.points, settings.queries)
-        row = _row("HHR", tolerance, times["online"], errors)
-        rows.append(row | ({"warning": str(caught[0].message)} if caught else {}))
-    for name in ("condensed", "fom_best", "fom_naive"):
-        if name in result.times["warm"]:
-            seconds = float(np.median(result.times["warm"][name]))
-            exact = {"setting": "exact", "online_s": seconds, "primal_l2": 0.0, "dual_full_floored": 0.0}
-            rows.append({"method": name, **exact})
-    return rows
+def _variant(full_order, snapshots, references, label, recipe, fresh) -> dict:
+    """Row of another recipe; a refused model is a row with its reason, a doubtful one has a warning."""
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", StabilityWarning)
+            hyper = build_reduced_model(full_order.problem, full_order.schur, snapshots, recipe)
+        errors = measure_errors(full_order.problem, hyper, references)
+        times = time_queries({"online": hyper.model.solve}, fresh)["online"]
+    except HHRError as error:
+        return {"method": "HHR", "setting": label, "refused": str(error)}
+    size = f"{label} ({hyper.basis.shape[1]}+{len(hyper.sets.A_lambda)})"
+    row = _row("HHR", size, times, errors.values)
+    return row | ({"warning": str(caught[0].message)} if caught else {})
 
 
-def _row(method, tolerance, times, errors):
-    return {
-        "method": method,
-        "setting": _setting(tolerance),
-        "online_s": float(np.median(times)),
-        "primal_l2": float(np.median(errors.values["primal_l2"])),
-        "dual_full_floored": float(np.median(errors.values["dual_full_floored"])),
-    }
+def _rival(problem, references, rival, fresh) -> dict:
+    """Row of another method."""
+    rows = []
+    for point, exact, exact_forces in zip(references.points, references.displacements, references.forces, strict=True):
+        displacement, forces = rival.model.solve_everywhere(point)
+        rows.append(_field_errors(problem, references.floor, displacement, forces, exact, exact_forces))
+    values = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    return _row(rival.method, rival.setting, time_queries({"online": rival.model.solve}, fresh)["online"], values)
 
 
-def _setting(tolerance):
-    return f"eps={tolerance:.0e}"
+def _row(method, setting, times, values) -> dict:
+    """Medians as in every scene, and the tails beside them."""
+    row = {"method": method, "setting": setting, "online_s": float(np.median(times))}
+    for name in ("primal_l2", "dual_full_floored"):
+        row[name] = summary(values[name])["median"]
+        row[f"{name}_p95"] = summary(values[name])["p95"]
+        row[f"{name}_max"] = summary(values[name])["max"]
+    return row

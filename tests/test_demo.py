@@ -25,6 +25,7 @@ def quick(tmp_path_factory):
 def test_report(quick):
     report = json.loads((quick / "report.json").read_text())
     keys = "scene seed versions machine sizes stability errors times ratios work_precision active_set skipped"
+    keys += " refused_before advice"
     assert set(report) == set(keys.split())
     sizes = report["sizes"]
     assert (sizes["N"], sizes["N_lambda"], sizes["snapshots"]) == (1356, 55, 31)
@@ -41,6 +42,7 @@ def test_report(quick):
     assert report["ratios"]["fom_naive/online"] >= 150
     assert report["ratios"]["fom_best/online"] >= 2.5
     assert {"fom_naive", "fom_best", "condensed", "online", "online_full", "offline"} <= set(report["times"])
+    assert "condensation" in report["advice"]
     methods = {row["method"] for row in report["work_precision"]}
     assert methods == {"HHR", "condensed", "fom_best", "fom_naive"}
 
@@ -80,7 +82,7 @@ def test_an_elastic_scene_loads_only_what_it_needs():
         "import hertz_half_discs as demo, hhr_dolfinx as hhr\n"
         "full_order = hhr.FullOrderModel(demo.scene())\n"
         "snapshots = hhr.compute_snapshots(full_order, full_order.problem.parameters.grid([31]))\n"
-        "hhr.build_reduced_model(full_order.problem, full_order.schur, snapshots).model.solve(0.3)\n"
+        "hhr.build_reduced_model(full_order.problem, full_order.schur, snapshots, demo.RECIPE).model.solve(0.3)\n"
         "loaded = {'pyvista', 'matplotlib', 'hhr_dolfinx.plots', 'hhr_dolfinx.study', 'hhr_dolfinx.baselines'}\n"
         "assert not loaded & set(sys.modules), loaded & set(sys.modules)\n"
     )

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from hertz_half_discs import RECIPE
 from scenes import check_contact_conditions
 
 import hhr_dolfinx as hhr
@@ -72,7 +73,7 @@ def test_full_basis_on_the_whole_domain_is_the_full_order(hertz, hertz_snapshots
 
 def test_full_snapshot_basis_reproduces_the_training_points(hertz, hertz_snapshots):
     """With all modes each snapshot lies in the space, and a consistent RID model returns it."""
-    settings = hhr.ReductionSettings(pod_tolerance=1e-25)
+    settings = hhr.ReductionSettings.thesis(1e-25)
     reduction = hhr.build_reduced_model(hertz.problem, hertz.schur, hertz_snapshots, settings)
     for point, field, forces in zip(
         hertz_snapshots.points, hertz_snapshots.displacements.T, hertz_snapshots.forces.T, strict=True
@@ -114,13 +115,13 @@ def test_nearest_known_statuses():
 
 def test_errors_of_the_thesis(hertz, hertz_snapshots, hertz_reduction):
     """Section 3.5.1, figure 3.3: the bounds the thesis reports on its 101 points."""
-    from hhr_dolfinx.study import measure_errors
+    from hhr_dolfinx.study import measure_errors, solve_references
 
     assert 8 <= hertz_reduction.basis.shape[1] <= 10
     assert 7 <= len(hertz_reduction.sets.A_lambda) <= 9
     assert hertz_reduction.stability.kappa_B <= 5
     points = hertz.problem.parameters.grid([101])
-    errors = measure_errors(hertz, hertz_reduction, hertz_snapshots, points)
+    errors = measure_errors(hertz.problem, hertz_reduction, solve_references(hertz, hertz_snapshots, points))
     assert errors.values["primal_euclid"].max() <= 5e-4
     assert errors.values["dual_rid"].max() <= 8e-3
     assert errors.values["energy_minimum"].max() <= 1e-4
@@ -129,14 +130,15 @@ def test_errors_of_the_thesis(hertz, hertz_snapshots, hertz_reduction):
 
 def test_displacement_converges_with_the_basis(hertz, hertz_snapshots):
     """A smaller POD tolerance gives a smaller error, down to exactness on 14 modes."""
-    from hhr_dolfinx.study import measure_errors
+    from hhr_dolfinx.study import measure_errors, solve_references
 
     points = hertz.problem.parameters.random(20, seed=0)
+    references = solve_references(hertz, hertz_snapshots, points)
     worst = []
     for tolerance in (1e-6, 1e-8, 1e-12):
-        settings = hhr.ReductionSettings(pod_tolerance=tolerance)
+        settings = hhr.ReductionSettings.thesis(tolerance)
         reduction = hhr.build_reduced_model(hertz.problem, hertz.schur, hertz_snapshots, settings)
-        worst.append(measure_errors(hertz, reduction, hertz_snapshots, points).values["primal_energy"].max())
+        worst.append(measure_errors(hertz.problem, reduction, references).values["primal_energy"].max())
     assert worst[0] > 3 * worst[1] > 9 * worst[2]
 
 
@@ -145,7 +147,7 @@ def test_reconstructed_forces_keep_the_rid_and_repeat_snapshots(hertz, hertz_sna
 
     Below mu = 0.2 a single node of the RID touches, and many combinations of snapshots fit it.
     """
-    settings = hhr.ReductionSettings(pod_tolerance=1e-12)
+    settings = hhr.ReductionSettings.thesis(1e-12)
     reduction = hhr.build_reduced_model(hertz.problem, hertz.schur, hertz_snapshots, settings)
     for k in (10, 20, 30):
         _, forces = reduction.solve_everywhere(hertz_snapshots.points[k])
@@ -179,7 +181,7 @@ def renumbered(problem: ContactProblem, seed: int) -> tuple[ContactProblem, np.n
 def test_node_order_does_not_matter(hertz, hertz_snapshots, hertz_reduction):
     problem, dofs = renumbered(hertz.problem, seed=5)
     snapshots = dataclasses.replace(hertz_snapshots, displacements=hertz_snapshots.displacements[dofs])
-    reduction = hhr.build_reduced_model(problem, hertz.schur, snapshots)
+    reduction = hhr.build_reduced_model(problem, hertz.schur, snapshots, RECIPE)
     assert np.array_equal(reduction.sets.A_lambda, hertz_reduction.sets.A_lambda)
     for mu in (0.168, 0.4321):
         displacement, forces = reduction.solve_everywhere(mu)

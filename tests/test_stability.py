@@ -5,11 +5,13 @@ import math
 
 import numpy as np
 import pytest
+from hertz_half_discs import RECIPE
 from scipy import linalg
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotSolvableError, StabilityWarning, UnstableModelError
-from hhr_dolfinx.stability import TrustLimits, check_trust, inf_sup, singular_range
+from hhr_dolfinx.stability import inf_sup, singular_range
+from hhr_dolfinx.trust import TrustLimits, check_stability
 
 
 def spd(size, rng):
@@ -70,7 +72,7 @@ def test_energy_constants_do_not_depend_on_units(hertz, hertz_reduction):
     bodies = tuple(dataclasses.replace(body, young=4 * body.young) for body in scene.bodies)
     stiff = hhr.FullOrderModel(dataclasses.replace(scene, bodies=bodies))
     snapshots = hhr.compute_snapshots(stiff, stiff.problem.parameters.grid([31]))
-    stability = hhr.build_reduced_model(stiff.problem, stiff.schur, snapshots).stability
+    stability = hhr.build_reduced_model(stiff.problem, stiff.schur, snapshots, RECIPE).stability
     assert stability.energy.beta_h == pytest.approx(hertz_reduction.stability.energy.beta_h / 2, rel=1e-8)
     assert stability.energy.beta_HR == pytest.approx(hertz_reduction.stability.energy.beta_HR / 2, rel=1e-6)
     assert stability.euclidean.beta_HR == pytest.approx(hertz_reduction.stability.euclidean.beta_HR, rel=1e-6)
@@ -78,17 +80,17 @@ def test_energy_constants_do_not_depend_on_units(hertz, hertz_reduction):
 
 def test_trust_check_refuses_and_warns(hertz_reduction):
     stability = hertz_reduction.stability
-    check_trust(stability, TrustLimits())
+    check_stability(stability, TrustLimits())
     with pytest.raises(NotSolvableError, match=r"1\.67"):
-        check_trust(dataclasses.replace(stability, kappa_B=math.inf), TrustLimits())
+        check_stability(dataclasses.replace(stability, kappa_B=math.inf), TrustLimits())
     with pytest.raises(UnstableModelError, match="add RID layers"):
-        check_trust(dataclasses.replace(stability, cond_K=1e9), TrustLimits())
+        check_stability(dataclasses.replace(stability, cond_K=1e9), TrustLimits())
     with pytest.raises(UnstableModelError):
-        check_trust(dataclasses.replace(stability, cond_K=math.nan), TrustLimits())
+        check_stability(dataclasses.replace(stability, cond_K=math.nan), TrustLimits())
     with pytest.warns(StabilityWarning, match="cond"):
-        check_trust(dataclasses.replace(stability, cond_K=3e6), TrustLimits())
+        check_stability(dataclasses.replace(stability, cond_K=3e6), TrustLimits())
     with pytest.warns(StabilityWarning, match="kappa"):
-        check_trust(dataclasses.replace(stability, kappa_B=50.0), TrustLimits())
+        check_stability(dataclasses.replace(stability, kappa_B=50.0), TrustLimits())
 
 
 def test_dependent_contact_rows_are_refused(hertz, hertz_snapshots, monkeypatch):
@@ -99,4 +101,6 @@ def test_dependent_contact_rows_are_refused(hertz, hertz_snapshots, monkeypatch)
     none = lambda problem, basis, *_: Enrichment(basis, np.zeros(0, dtype=int), [math.inf], False)  # noqa: E731
     monkeypatch.setattr(offline, "enrich", none)
     with pytest.raises(NotSolvableError, match=r"1\.67"):
-        hhr.build_reduced_model(hertz.problem, hertz.schur, hertz_snapshots, hhr.ReductionSettings(layers=1))
+        hhr.build_reduced_model(
+            hertz.problem, hertz.schur, hertz_snapshots, hhr.ReductionSettings.thesis(1e-8, layers=1)
+        )
