@@ -16,7 +16,7 @@ import numpy as np
 from rich.console import Console
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.cli import demo_options, progress_bars
+from hhr_dolfinx.cli import demo_parser, progress_bars
 from hhr_dolfinx.geometries import hertz_half_discs as geometry
 
 RECIPE = hhr.ReductionSettings.thesis(pod_tolerance=1e-8)
@@ -43,7 +43,7 @@ def scene(**mesh_options) -> hhr.Scene:
 
 def main() -> None:
     """Train, validate, time, and write everything to the output folder."""
-    options = demo_options("hertz_half_discs", __doc__.splitlines()[0])
+    options = demo_parser("hertz_half_discs", __doc__.splitlines()[0]).parse_args()
     stages, start = {}, time.perf_counter()
     full_order = hhr.FullOrderModel(scene())
     console = Console(quiet=full_order.comm.rank > 0)

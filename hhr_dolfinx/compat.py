@@ -49,3 +49,9 @@ def gmsh_to_mesh(model, comm, gdim: int):
         module = importlib.import_module("dolfinx.io.gmshio")
     result = module.model_to_mesh(model, comm, 0, gdim=gdim)
     return tuple(result[:3])
+
+
+def interpolation_points(element):
+    """Points of a DOLFINx element for interpolation: a method up to 0.9, a property from 0.10 on."""
+    points = element.interpolation_points
+    return points() if callable(points) else points

@@ -112,6 +112,26 @@ class Discretisation:
             parameters=self.scene.parameters,
         )
 
+    def von_mises(self, displacement: np.ndarray) -> np.ndarray:
+        """Von Mises stress at the middle of each cell, in the order of ``ContactProblem.cell_nodes``.
+
+        Args:
+            displacement: on all dofs, (N,).
+        """
+        field = fem.Function(self.space)
+        field.x.petsc_vec.array[:] = displacement[self.rows]
+        field.x.scatter_forward()
+        constants = fem.functionspace(self.mesh, ("Discontinuous Lagrange", 0))
+        points = compat.interpolation_points(constants.element)
+        stress = fem.Function(constants)
+        for body in self.scene.bodies:
+            cells = self._cell_tags.find(body.tag)
+            sigma = elasticity.stress(field, body.young, body.poisson, self.scene.hypothesis)
+            deviator = sigma - ufl.tr(sigma) / 3 * ufl.Identity(3)
+            stress.interpolate(fem.Expression(ufl.sqrt(1.5 * ufl.inner(deviator, deviator)), points), cells)
+        owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
+        return np.concatenate(self.comm.allgather(stress.x.array[constants.dofmap.list[:owned].ravel()]))
+
     def _check_tags(self):
         scene, fdim = self.scene, self.mesh.topology.dim - 1
         used = [item.tag for item in (*scene.displacements, *scene.loads)]

@@ -102,8 +102,32 @@ def _best(contact_basis, new):
         outside = np.linalg.norm(directions[:, rank:].T @ new, axis=0)
         best = int(outside.argmax())
         return best, _kappa(np.column_stack([contact_basis, new[:, best]]))
-    gram = contact_basis @ contact_basis.T
-    values = np.linalg.eigvalsh(gram + new.T[:, :, None] * new.T[:, None, :])
+    smallest, largest = _extremes_after_update(values**2, (directions.T @ new) ** 2)
     # the squares lose half of the digits: good enough to choose, not to report
-    best = int(np.argmax(values[:, 0] / values[:, -1]))
+    best = int(np.argmax(smallest / largest))
     return best, _kappa(np.column_stack([contact_basis, new[:, best]]))
+
+
+def _extremes_after_update(squares, weights):
+    """Smallest and largest eigenvalue of diag(squares) + z z^T for each column z^2 of ``weights``.
+
+    They are roots of the secular equation 1 + sum_i z_i^2 / (d_i - x) = 0: the smallest lies between the two
+    smallest d_i, the largest between the largest one and that plus |z|^2. Bisection for all columns at once.
+
+    Args:
+        squares: d, in decreasing order, (m,).
+        weights: z^2, (m, candidates).
+    """
+
+    def root(low, high):
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                above = 1 + np.sum(weights / (squares[:, None] - middle), axis=0) > 0
+            low, high = np.where(above, low, middle), np.where(above, middle, high)
+        return high
+
+    total = weights.sum(axis=0)
+    ones = np.ones(weights.shape[1])
+    last = squares[-2] if squares.size > 1 else squares[-1] + total
+    return root(squares[-1] * ones, last * ones), root(squares[0] * ones, squares[0] + total)

@@ -92,6 +92,7 @@ class HyperReduction:
         sets: index sets of the RID.
         stability: the constants behind the trust check.
         enrichment: how the basis was enriched.
+        dimension: components of the displacement at a node.
         log: times of the stages and what was left out.
     """
 
@@ -101,6 +102,7 @@ class HyperReduction:
     sets: IndexSets
     stability: Stability
     enrichment: Enrichment
+    dimension: int
     log: StageLog
 
     def solve_everywhere(self, mu):
@@ -191,7 +193,7 @@ def _build(problem, schur, snapshots, settings, held_out, log) -> HyperReduction
             check_validation(validate(problem, model, basis, sets, held_out), settings.limits)
     with log.stage("reconstruction"):
         reconstruction = prepare_reconstruction(problem, basis, sets, snapshots)
-    return HyperReduction(model, reconstruction, basis, sets, stability, enrichment, log)
+    return HyperReduction(model, reconstruction, basis, sets, stability, enrichment, problem.block_size, log)
 
 
 def _weights(snapshots, settings):

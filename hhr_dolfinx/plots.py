@@ -17,6 +17,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 import pyvista
+from matplotlib.colors import LogNorm
 
 from hhr_dolfinx.offline import HyperReduction
 from hhr_dolfinx.problem import ContactProblem
@@ -51,6 +52,48 @@ def plot_deformed(grid: pyvista.UnstructuredGrid, names: list[str], path: Path) 
             plotter.camera.tight(padding=0.05, adjust_render_window=False)
     plotter.screenshot(path)
     plotter.close()
+
+
+def plot_fields(grid: pyvista.UnstructuredGrid, names: list[str], path: Path, *, enlarge=(1.0, 1.0)) -> None:
+    """Scalar fields of points or cells side by side on the mesh, which may be stretched to be seen."""
+    shown = grid.scale((*enlarge, 1.0), inplace=False)
+    plotter = pyvista.Plotter(off_screen=True, shape=(1, len(names)), window_size=(420 * len(names), 700), border=False)
+    for k, name in enumerate(names):
+        plotter.subplot(0, k)
+        bar = {
+            "title": name,
+            "vertical": False,
+            "title_font_size": 16,
+            "label_font_size": 13,
+            "n_labels": 3,
+            "color": "k",
+        }
+        plotter.add_mesh(shown.copy(), scalars=name, cmap="viridis", scalar_bar_args=bar, lighting=False)
+        plotter.view_xy()
+        plotter.camera.tight(padding=0.15, adjust_render_window=False)
+    plotter.screenshot(path)
+    plotter.close()
+
+
+def plot_maps(points, maps: dict[str, np.ndarray], labels: tuple[str, str], path: Path, top: float = 1.0) -> None:
+    """Relative errors over two parameters, one map per model on one logarithmic scale, thesis figure 3.9.
+
+    Args:
+        points: parameters on a regular grid, (n, 2).
+        maps: errors by model, (n,) each.
+        labels: names of the two parameters.
+        path: picture file.
+        top: error at the end of the colour scale.
+    """
+    figure, axes = plt.subplots(1, len(maps), figsize=(4.6 * len(maps), 4), layout="constrained", squeeze=False)
+    first, second = (np.unique(points[:, k]) for k in (0, 1))
+    norm = LogNorm(1e-4, top)
+    for axis, (name, errors) in zip(axes[0], maps.items(), strict=True):
+        table = np.clip(np.nan_to_num(errors, nan=top, posinf=top), 1e-4, top).reshape(first.size, second.size)
+        image = axis.pcolormesh(first, second, table.T, norm=norm, cmap="magma_r", shading="nearest")
+        axis.set(title=name, xlabel=labels[0], ylabel=labels[1])
+    figure.colorbar(image, ax=axes, label="relative error of the contact forces")
+    _save(figure, path)
 
 
 def plot_multipliers(positions, references, answers, labels, path: Path, xlabel="position along the surface"):

@@ -130,10 +130,16 @@ def assess(
             basis,
             sets,
             reduced,
-            singular_range(problem.contact.toarray())[0],
+            _full_beta(problem),
         ),
         energy=_constants(problem.stiffness, pressure[sets.A_lambda], basis, sets, reduced, energy_beta_h),
     )
+
+
+def _full_beta(problem):
+    """Smallest singular value of B; only the few columns of contact nodes are not zero."""
+    touched = np.unique(problem.contact.nonzero()[1])
+    return singular_range(problem.contact[:, touched].toarray())[0]
 
 
 def _constants(gram, dual_diagonal, basis, sets, reduced, beta_h) -> Constants:

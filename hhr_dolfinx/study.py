@@ -9,6 +9,7 @@ import gc
 import time
 import warnings
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,7 +19,7 @@ from threadpoolctl import threadpool_limits
 from hhr_dolfinx.accuracy import FORCE_FLOOR, energy_minimum, relative_error, summary
 from hhr_dolfinx.baselines import NaiveFullOrder, exact_condensation
 from hhr_dolfinx.dense import LapackLU
-from hhr_dolfinx.errors import HHRError, StabilityWarning
+from hhr_dolfinx.errors import ConvergenceError, HHRError, StabilityWarning
 from hhr_dolfinx.full_order import FullOrderModel
 from hhr_dolfinx.offline import HyperReduction, ReductionSettings, build_reduced_model
 from hhr_dolfinx.problem import ContactProblem
@@ -185,14 +186,16 @@ def time_queries(models: dict[str, Callable], points: np.ndarray) -> dict[str, n
     """Seconds per query of each model at every point, (len(points) less a warm-up,), on one thread.
 
     No point is asked twice, so that nothing kept from an earlier query helps more than it would in use. The
-    models take turns in blocks, so that a disturbance of the machine hits all of them.
+    models take turns in blocks, so that a disturbance of the machine hits all of them. A query without an answer
+    counts with the time it took.
     """
     warm_up, timed = points[:5], points[5:]
     times: dict[str, list[float]] = {name: [] for name in models}
     with threadpool_limits(1):
         for solve in models.values():
             for point in warm_up:
-                solve(point)
+                with suppress(ConvergenceError):
+                    solve(point)
         for block in np.array_split(timed, min(5, len(timed))):
             for name, solve in models.items():
                 gc.collect()
@@ -200,7 +203,8 @@ def time_queries(models: dict[str, Callable], points: np.ndarray) -> dict[str, n
                 try:
                     for point in block:
                         start = time.perf_counter()
-                        solve(point)
+                        with suppress(ConvergenceError):
+                            solve(point)
                         times[name].append(time.perf_counter() - start)
                 finally:
                     gc.enable()
@@ -289,7 +293,7 @@ def _variant(full_order, snapshots, references, label, recipe, fresh) -> dict:
     except HHRError as error:
         return {"method": "HHR", "setting": label, "refused": str(error)}
     size = f"{label} ({hyper.basis.shape[1]}+{len(hyper.sets.A_lambda)})"
-    row = _row("HHR", size, times, errors.values)
+    row = _row("HHR", size, times, errors.values) | {"unconverged": errors.unconverged}
     return row | ({"warning": str(caught[0].message)} if caught else {})
 
 
