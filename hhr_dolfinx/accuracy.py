@@ -9,6 +9,26 @@ from hhr_dolfinx.problem import ContactProblem
 FORCE_FLOOR = 1e-3
 """Fraction of the largest training force below which a relative dual error means nothing."""
 
+ROUND_OFF_FORCE = 1e-9
+"""Contact forces below this fraction of the loads are round-off: there is no contact."""
+
+
+def force_floor(problem: ContactProblem, points: np.ndarray, forces: np.ndarray) -> float:
+    """Force norm below which a relative dual error means nothing.
+
+    Args:
+        problem: the full problem.
+        points: training parameters, (S, P).
+        forces: training forces, (N_lambda, S).
+    """
+    return max(FORCE_FLOOR * float(np.linalg.norm(forces, axis=0).max()), round_off_force(problem, points))
+
+
+def round_off_force(problem: ContactProblem, points: np.ndarray) -> float:
+    """Force norm that is round-off beside the loads at the given parameters."""
+    loads = problem.amplitudes.sum_columns(problem.loads, points)
+    return ROUND_OFF_FORCE * float(np.linalg.norm(loads, axis=0).max())
+
 
 def relative_error(approximation: np.ndarray, reference: np.ndarray, gram=None, floor: float = 0.0) -> float:
     """Error ``|a - r| / max(|r|, floor)`` in the norm of ``gram``, (3.6)-(3.8); Euclidean if None.

@@ -37,15 +37,17 @@ class NaiveFullOrder:
         indptr, indices, data = matrix.getValuesCSR()
         matrix.destroy()
         stiffness = type(problem.stiffness)((data, indices, indptr))[free][:, free]
+        # rows and forces scaled to the size of K: without it LU loses digits where E is large or small
+        scale = stiffness.diagonal().mean()
         loads, gaps, contact = problem.loads[free] @ theta, problem.gaps @ theta, problem.contact[:, free]
         last = {}
 
         def saddle_point(active, _):
-            rows = contact[active]
+            rows = scale * contact[active]
             matrix = bmat([[stiffness, rows.T], [rows, None]], format="csc")
-            solution = splu(matrix).solve(np.concatenate([loads, gaps[active]]))
+            solution = splu(matrix).solve(np.concatenate([loads, scale * gaps[active]]))
             forces = np.zeros(active.size)
-            forces[active] = solution[free.size :]
+            forces[active] = scale * solution[free.size :]
             last["free"] = solution[: free.size]
             slack = gaps - contact @ last["free"]
             slack[active] = 0.0

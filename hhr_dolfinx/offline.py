@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from hhr_dolfinx.accuracy import round_off_force
 from hhr_dolfinx.condensed import KnownStatuses
 from hhr_dolfinx.deim import deim
 from hhr_dolfinx.enrichment import Enrichment, enrich
@@ -174,7 +175,7 @@ def _build(problem, schur, snapshots, settings, held_out, log) -> HyperReduction
         basis, _ = pod(snapshots.displacements * weights, settings.pod_tolerance)
     with log.stage("rid"):
         nodes = np.concatenate([deim(basis) // problem.block_size, _zone(problem, settings)])
-        nodes = np.concatenate([nodes, _dual_nodes(problem, snapshots.forces * weights, settings, log)])
+        nodes = np.concatenate([nodes, _dual_nodes(problem, snapshots, weights, settings, log)])
         sets = reduced_domain(problem, nodes, settings.layers)
         _check_loads_seen(problem, sets)
     basis, enrichment = _enriched(problem, snapshots.displacements * weights, basis, sets, settings, log)
@@ -208,12 +209,15 @@ def _zone(problem, settings):
     return np.array(settings.zone_nodes, dtype=np.int64)
 
 
-def _dual_nodes(problem, forces, settings, log):
+def _dual_nodes(problem, snapshots, weights, settings, log):
     """Slave nodes of the contact conditions picked by DEIM on a POD of the forces, section 1.4.3."""
     if settings.dual_pod_tolerance is None:
         log.skip("dual_deim", "not asked for: the DEIM of the primal basis picks contact nodes too")
         return np.zeros(0, dtype=np.int64)
-    dual_basis, _ = pod(forces, settings.dual_pod_tolerance)
+    if np.linalg.norm(snapshots.forces, axis=0).max() <= round_off_force(problem, snapshots.points):
+        log.skip("dual_deim", "no training point has contact")
+        return problem.contact_slaves[:1]  # a RID needs at least one condition
+    dual_basis, _ = pod(snapshots.forces * weights, settings.dual_pod_tolerance)
     return problem.contact_slaves[deim(dual_basis)]
 
 

@@ -91,11 +91,16 @@ def inf_sup(rows: np.ndarray, primal_gram: np.ndarray | None = None, dual_gram: 
         dual_gram: (m, m), symmetric positive definite, or None.
 
     Returns:
-        The constant; 0 if there are more rows than columns, since then some q sees no v.
+        The constant; 0 if there are more rows than columns, since then some q sees no v; NaN if a Gram
+        matrix is not positive definite to round-off, so that double precision cannot tell.
     """
     if rows.shape[0] > rows.shape[1]:
         return 0.0
-    return singular_range(_whiten(_whiten(rows.T, primal_gram).T, dual_gram))[0]
+    try:
+        whitened = _whiten(_whiten(rows.T, primal_gram).T, dual_gram)
+    except linalg.LinAlgError:
+        return math.nan
+    return singular_range(whitened)[0]
 
 
 def assess(

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from hhr_dolfinx.accuracy import FORCE_FLOOR, energy_minimum, relative_error, summary
+from hhr_dolfinx.accuracy import energy_minimum, force_floor, relative_error, summary
 from hhr_dolfinx.baselines import NaiveFullOrder, exact_condensation
 from hhr_dolfinx.dense import LapackLU
 from hhr_dolfinx.errors import ConvergenceError, HHRError, StabilityWarning
@@ -129,7 +129,7 @@ def solve_references(
         np.asarray(points),
         np.stack([solution.primal for solution in solutions]),
         np.stack([solution.forces for solution in solutions]),
-        FORCE_FLOOR * float(np.linalg.norm(snapshots.forces, axis=0).max()),
+        force_floor(full_order.problem, snapshots.points, snapshots.forces),
     )
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hhr_dolfinx.accuracy import FORCE_FLOOR, relative_error
+from hhr_dolfinx.accuracy import force_floor, relative_error
 from hhr_dolfinx.errors import HHRError, NotSolvableError, StabilityWarning, UnstableModelError
 from hhr_dolfinx.problem import ContactProblem
 from hhr_dolfinx.reduced import ReducedModel
@@ -97,7 +97,7 @@ def validate(
 ) -> Validation:
     """Errors on solutions that were not used for training; a point that fails has an infinite error."""
     inside = held_out.forces[sets.A_lambda]
-    floor = FORCE_FLOOR * np.linalg.norm(held_out.forces, axis=0).max()
+    floor = force_floor(problem, held_out.points, held_out.forces)
     lifts = problem.amplitudes.sum_columns(problem.lifts, held_out.points)
     primal, dual = [], []
     for point, field, lift, forces in zip(held_out.points, held_out.displacements.T, lifts.T, inside.T, strict=True):
@@ -108,7 +108,7 @@ def validate(
             dual.append(math.inf)
             continue
         primal.append(relative_error(basis @ solution.primal + lift, field + lift, problem.mass))
-        dual.append(relative_error(solution.forces, forces, floor=floor or 1.0))
+        dual.append(relative_error(solution.forces, forces, floor=floor))
     return Validation(np.array(primal), np.array(dual))
 
 

@@ -33,12 +33,12 @@ if full_order.comm.rank == 0:
 """
 
 
-def run_on(ranks):
+def launch(ranks, arguments, cwd=None):
+    """Output of a Python program on some ranks."""
     beside = str(Path(sys.executable).parent)
     mpirun = shutil.which("mpirun", path=os.pathsep.join([beside, os.environ["PATH"]]))
     if mpirun is None:
         pytest.skip("no mpirun beside this Python or on the PATH")
-    program = PROGRAM.format(tests=str(TESTS), demos=str(TESTS.parent / "demos"))
     # Open MPI refuses root and more ranks than cores unless told otherwise; MPICH ignores these
     allow = {
         "OMPI_ALLOW_RUN_AS_ROOT": "1",
@@ -46,11 +46,17 @@ def run_on(ranks):
         "OMPI_MCA_rmaps_base_oversubscribe": "1",
         "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
         "OMP_NUM_THREADS": "1",
+        "COLUMNS": "200",
     }
-    command = [mpirun, "-n", str(ranks), sys.executable, "-c", program]
-    run = subprocess.run(command, capture_output=True, text=True, env=os.environ | allow, timeout=300)
-    assert run.returncode == 0, run.stderr[-3000:]
-    return json.loads(run.stdout.splitlines()[-1])
+    command = [mpirun, "-n", str(ranks), sys.executable, *arguments]
+    run = subprocess.run(command, capture_output=True, text=True, env=os.environ | allow, timeout=300, cwd=cwd)
+    assert run.returncode == 0, run.stdout[-2000:] + run.stderr[-3000:]
+    return run.stdout
+
+
+def run_on(ranks):
+    program = PROGRAM.format(tests=str(TESTS), demos=str(TESTS.parent / "demos"))
+    return json.loads(launch(ranks, ["-c", program]).splitlines()[-1])
 
 
 @pytest.fixture(scope="module")

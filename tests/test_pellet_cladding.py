@@ -1,0 +1,278 @@
+"""Pellet and cladding: geometry, the pressure on a part of a line, the recipes, the demo."""
+
+import dataclasses
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pellet_cladding as demo
+import pytest
+from hertz_half_discs import scene as hertz_scene
+from mpi4py import MPI
+from scenes import check_contact_conditions
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import ParameterError, SceneError, StabilityWarning, UnstableModelError
+from hhr_dolfinx.geometries import pellet_cladding as geometry
+from hhr_dolfinx.study import measure_errors, solve_references
+from hhr_dolfinx.trust import TrustLimits
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture(scope="module")
+def small():
+    """The scene on 280 cells."""
+    return hhr.FullOrderModel(demo.scene(**demo.QUICK_MESH))
+
+
+@pytest.fixture(scope="module")
+def small_snapshots(small):
+    return hhr.compute_snapshots(small, small.problem.parameters.grid([25, 20]))
+
+
+@pytest.fixture(scope="module")
+def small_reduction(small, small_snapshots):
+    held_out = hhr.compute_snapshots(small, small.problem.parameters.random(20, 9))
+    return hhr.build_reduced_model(small.problem, small.schur, small_snapshots, held_out=held_out)
+
+
+def test_sizes_of_the_thesis():
+    """Section 1.5.2: 6161 + 909 nodes, 101 pairs; and 61 conditions below the pellet."""
+    problem = hhr.FullOrderModel(demo.scene()).problem
+    assert problem.free.size == 14140 and len(problem.cell_nodes) == 6800
+    assert np.bincount(problem.contact_pairs).tolist() == [101, 61]
+
+
+@pytest.mark.parametrize("h1", [0.6, 0.7, 1.4, 2.234, 3.15, 5.99, 6.0])
+def test_partial_pressure_is_exact(small, h1):
+    """Against nodal forces integrated by hand: total 2 pi R P h1, and moment 2 pi R P h1^2 / 2 about z = 0."""
+    problem = small.problem
+    force = problem.loads @ problem.amplitudes(np.array([100.0, h1]))
+    radial = force.reshape(-1, 2)[:, 0]
+    outer = 4.1 + 2e-3 + 0.57
+    z = problem.points[:, 1]
+    assert radial.sum() == pytest.approx(-2 * np.pi * outer * 100 * h1, rel=1e-12)
+    assert (radial * z).sum() == pytest.approx(-2 * np.pi * outer * 100 * h1**2 / 2, rel=1e-12)
+    assert np.abs(force.reshape(-1, 2)[:, 1]).max() == 0
+    # nothing acts above the edge that h1 lies in
+    assert np.all(radial[z > h1 + 7 / 20] == 0)
+
+
+def test_whole_coverage_is_the_plain_pressure(small):
+    scene = demo.scene(**demo.QUICK_MESH)
+    plain = hhr.Pressure(geometry.CLADDING_OUTER, hhr.Amplitude(slopes={"P1": 1.0}))
+    tall = hhr.ParameterSpace(("P1", "h1"), (5.0, 0.6), (200.0, 7.0))
+    problem = hhr.FullOrderModel(dataclasses.replace(scene, loads=(plain,), parameters=tall)).problem
+    reference = problem.loads @ problem.amplitudes(np.array([100.0, 7.0]))
+    partial = small.problem.loads @ small.problem.amplitudes(np.array([100.0, 7.0]))
+    assert partial == pytest.approx(reference, abs=1e-9 * np.abs(reference).max())
+
+
+@pytest.mark.parametrize(
+    ("load", "message"),
+    [
+        (hhr.PartialPressure(geometry.CLADDING_OUTER, hhr.Amplitude(1.0), extent="height"), "height"),
+        (hhr.PartialPressure(geometry.CLADDING_OUTER, hhr.Amplitude(1.0), extent="h1", axis=2), "axis"),
+    ],
+)
+def test_partial_pressures_that_cannot_be(load, message):
+    with pytest.raises(SceneError, match=message):
+        hhr.FullOrderModel(dataclasses.replace(demo.scene(**demo.QUICK_MESH), loads=(load,)))
+
+
+def test_partial_pressure_on_an_arc_is_refused():
+    load = hhr.PartialPressure(11, hhr.Amplitude(1.0), extent="mu", axis=0)
+    with pytest.raises(SceneError, match="not straight"):
+        hhr.FullOrderModel(dataclasses.replace(hertz_scene(), loads=(load,)))
+
+
+def test_pellet_may_lift_off_or_not(small):
+    """The pellet is squeezed and stands on its support, so both bottoms give the same side forces."""
+    held = hhr.FullOrderModel(demo.scene("held", **demo.QUICK_MESH))
+    point = (170.0, 3.2)
+    lifting, fixed = small.solve(point), held.solve(point)
+    assert lifting.forces[:21] == pytest.approx(fixed.forces, rel=1e-8, abs=1e-8 * fixed.forces.max())
+    assert lifting.forces[21:].min() > 0
+    check_contact_conditions(small.problem, lifting.primal, lifting.forces, point)
+
+
+def test_default_recipe(small, small_snapshots, small_reduction):
+    """Measured on 280 cells: 1e-6 median, 4e-4 at worst; the full mesh is checked by the demo."""
+    references = solve_references(small, small_snapshots, small.problem.parameters.random(40, 3))
+    errors = measure_errors(small.problem, small_reduction, references)
+    assert errors.values["dual_full_floored"].max() < 0.01
+    assert errors.values["primal_l2"].max() < 0.005
+    assert errors.unconverged == 0 and errors.cycles == 0
+
+
+def test_dual_deim_and_layers_extend_the_rid(small, small_snapshots):
+    plain = hhr.ReductionSettings.thesis(1e-4)
+    quiet = TrustLimits(warn_cond_K=1e30, refuse_cond_K=1e30, warn_kappa_B=1e30)
+    sizes = []
+    for changes in ({}, {"dual_pod_tolerance": 1e-4}, {"dual_pod_tolerance": 1e-4, "layers": 1}):
+        settings = dataclasses.replace(plain, limits=quiet, most_layers=1, **changes)
+        reduction = hhr.build_reduced_model(small.problem, small.schur, small_snapshots, settings)
+        sizes.append((len(reduction.sets.A_lambda), len(reduction.sets.cells)))
+    assert sizes[0] < sizes[1] < sizes[2]
+
+
+def test_extended_pod_keeps_the_rid(small, small_snapshots):
+    settings = hhr.ReductionSettings.thesis(1e-5, dual_pod_tolerance=1e-3, limits=TrustLimits(1e30, 1e30))
+    first = hhr.build_reduced_model(small.problem, small.schur, small_snapshots, settings)
+    more = dataclasses.replace(settings, extended_pod_tolerance=1e-6)
+    second = hhr.build_reduced_model(small.problem, small.schur, small_snapshots, more)
+    assert np.array_equal(first.sets.cells, second.sets.cells)
+    modes = [r.basis.shape[1] - len(r.enrichment.added) for r in (first, second)]
+    assert modes[0] < modes[1]
+
+
+def test_trust_check_grows_the_rid_or_refuses(small, small_snapshots):
+    """A limit that only a larger RID meets: the model grows and says what was refused on the way."""
+    base = hhr.ReductionSettings.thesis(1e-8, dual_pod_tolerance=1e-4)
+    quiet = TrustLimits(refuse_cond_K=1e30, warn_cond_K=1e30)
+    conditions = []
+    for layers in (0, 3):
+        settings = dataclasses.replace(base, limits=quiet, layers=layers, most_layers=layers)
+        reduction = hhr.build_reduced_model(small.problem, small.schur, small_snapshots, settings)
+        conditions.append(reduction.stability.cond_K)
+    assert conditions[1] < conditions[0]
+    between = TrustLimits(refuse_cond_K=np.sqrt(conditions[0] * conditions[1]), warn_cond_K=1e30)
+    grown = dataclasses.replace(base, limits=between, most_layers=3)
+    reduction = hhr.build_reduced_model(small.problem, small.schur, small_snapshots, grown)
+    assert reduction.log.refused and reduction.log.refused[0]["layers"] == 0
+    assert "cond(K~)" in reduction.log.refused[0]["why"]
+    with pytest.raises(UnstableModelError, match="add RID layers"):
+        hhr.build_reduced_model(small.problem, small.schur, small_snapshots, dataclasses.replace(base, limits=between))
+
+
+def test_held_out_solutions_refuse_what_constants_let_pass(small, small_snapshots):
+    """Two snapshots give a small, well-conditioned model with errors of hundreds of per cent."""
+    ends = [0, -1]
+    parts = (getattr(small_snapshots, name)[:, ends] for name in ("displacements", "forces", "active"))
+    poor = hhr.SnapshotSet(small_snapshots.points[ends], *parts)
+    hhr.build_reduced_model(small.problem, small.schur, poor)
+    held_out = hhr.compute_snapshots(small, small.problem.parameters.random(20, 9))
+    with pytest.raises(UnstableModelError, match="kept out of training"):
+        hhr.build_reduced_model(small.problem, small.schur, poor, held_out=held_out)
+    wide = TrustLimits(refuse_primal=1e9, refuse_dual=1e9)
+    with pytest.warns(StabilityWarning, match="kept out of training"):
+        hhr.build_reduced_model(small.problem, small.schur, poor, hhr.ReductionSettings(limits=wide), held_out)
+
+
+def test_model_file_with_partial_pressure(small_reduction, tmp_path):
+    hhr.save_model(tmp_path / "model.npz", small_reduction.model, small_reduction.reconstruction)
+    stored = hhr.load_model(tmp_path / "model.npz")
+    for point in ((170.0, 3.2), (30.0, 5.25)):
+        assert np.array_equal(stored.model.solve(point).forces, small_reduction.model.solve(point).forces)
+
+
+@pytest.fixture
+def store(small, tmp_path):
+    return hhr.SnapshotStore(tmp_path, small.problem)
+
+
+def test_snapshots_are_not_solved_twice(small, store, tmp_path, monkeypatch):
+    points = small.problem.parameters.grid([3, 2])
+    first = hhr.compute_snapshots(small, points, store=store)
+    assert len(list(tmp_path.glob("*.npz"))) == 6 and not list(tmp_path.glob("*.part"))
+    monkeypatch.setattr(small, "solve", lambda *_, **__: pytest.fail("solved again"))
+    again = hhr.compute_snapshots(small, points, store=hhr.SnapshotStore(tmp_path, small.problem))
+    for name in ("displacements", "forces", "active"):
+        assert np.array_equal(getattr(first, name), getattr(again, name))
+
+
+def test_a_killed_run_goes_on(small, store, tmp_path, monkeypatch):
+    points = small.problem.parameters.grid([3, 2])
+    solve, calls = small.solve, []
+
+    def dies(point, **options):
+        calls.append(point)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return solve(point, **options)
+
+    monkeypatch.setattr(small, "solve", dies)
+    with pytest.raises(KeyboardInterrupt):
+        hhr.compute_snapshots(small, points, store=store)
+    hhr.compute_snapshots(small, points, store=store)
+    assert len(calls) == 4 + 3
+
+
+def test_damaged_and_foreign_snapshots_are_not_used(small, store, tmp_path):
+    points = small.problem.parameters.grid([2, 1])
+    exact = hhr.compute_snapshots(small, points, store=store)
+    for file in tmp_path.glob("*.npz"):
+        file.write_bytes(file.read_bytes()[:-100])
+    again = hhr.compute_snapshots(small, points, store=store)
+    assert np.array_equal(exact.forces, again.forces)
+    softer = dataclasses.replace(small.problem, stiffness=0.5 * small.problem.stiffness)
+    assert hhr.SnapshotStore(tmp_path, softer).load(points[0]) is None
+
+
+def test_batch_answers_good_rows_and_names_bad_ones(small, small_reduction, tmp_path):
+    table = tmp_path / "points.csv"
+    table.write_text("h1,P1\n3.2,170\n3.2,nan\nnine,100\n3.2,500\n,100\n5.25,30\n")
+    space = small.problem.parameters
+    answers = hhr.answer_rows(small_reduction, hhr.read_points(table, space), MPI.COMM_SELF)
+    status = [row[2] for row in answers]
+    assert [text == "ok" for text in status] == [True, False, False, False, False, True]
+    assert "P1 = 500 is outside [5, 200]" in status[3] and "nine" in status[2]
+    _, forces = small_reduction.solve_everywhere((170.0, 3.2))
+    assert [float(value) for value in answers[0][5:]] == pytest.approx(forces, rel=1e-11)
+    assert hhr.write_answers(tmp_path / "answers.csv", space, answers) == 4
+    lines = (tmp_path / "answers.csv").read_text().splitlines()
+    assert lines[0].startswith("P1,h1,status,largest_displacement,total_force,force_0") and len(lines) == 7
+
+
+def test_batch_without_a_column_or_file(small, tmp_path):
+    (tmp_path / "points.csv").write_text("P1\n1\n")
+    with pytest.raises(ParameterError, match="h1"):
+        hhr.read_points(tmp_path / "points.csv", small.problem.parameters)
+    with pytest.raises(ParameterError, match="no table"):
+        hhr.read_points(tmp_path / "none.csv", small.problem.parameters)
+
+
+def run_demo(*arguments, cwd, ranks=1):
+    from test_mpi import launch
+
+    return launch(ranks, [str(ROOT / "demos/pellet_cladding.py"), "--quick", *arguments], cwd)
+
+
+def test_batch_on_two_ranks_gives_the_same_numbers(tmp_path):
+    points = np.random.default_rng(0).uniform((5, 0.6), (200, 6), (40, 2))
+    np.savetxt(tmp_path / "points.csv", points, delimiter=",", header="P1,h1", comments="")
+    texts = []
+    for ranks in (1, 2):
+        out = tmp_path / f"out{ranks}"
+        output = run_demo("--batch", "points.csv", "--out", str(out), cwd=tmp_path, ranks=ranks)
+        assert f"40 answers and 0 bad rows on {ranks} ranks" in output
+        texts.append((out / "answers.csv").read_text())
+    assert texts[0] == texts[1]
+
+
+def test_quick_demo(tmp_path):
+    run_demo("--out", "out", cwd=tmp_path)
+    report = json.loads((tmp_path / "out/report.json").read_text())
+    assert report["errors"]["dual_full_floored"]["max"] < 0.05
+    assert report["errors"]["unconverged"] == 0
+    methods = {row["method"] for row in report["work_precision"]}
+    assert {"HHR", "condensed", "cone-projected greedy", "NNMF", "coarser mesh", "fom_best", "fom_naive"} <= methods
+    assert report["thesis_size"]["ell_bar"] <= 60 and report["thesis_size"]["N_lambda_C"] <= 40
+    for name in ("fields.png", "map_dual_full_floored.png", "map_dual_rid_floored.png", "multipliers.png"):
+        assert (tmp_path / "out" / name).stat().st_size > 5000, name
+
+
+def test_extreme_cases(tmp_path):
+    """No silent wrong answer: the demo ends with 1 if there is one."""
+    command = [sys.executable, str(ROOT / "demos/extreme_cases.py"), "--quick", "--out", str(tmp_path)]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert run.returncode == 0, run.stdout[-3000:] + run.stderr[-2000:]
+    rows = json.loads((tmp_path / "extreme_cases.json").read_text())
+    assert {row["outcome"] for row in rows} <= {"right", "warned", "refused"}
+    full = {row["case"]: row["outcome"] for row in rows if row["model"] == "full"}
+    assert full.pop("pellet held by contact only") == "refused"
+    assert set(full.values()) == {"right"}
+    assert all(row["why"] for row in rows)
