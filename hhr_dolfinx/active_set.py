@@ -91,7 +91,8 @@ class SchurEqualities:
     """
 
     def __init__(self, schur: np.ndarray, factorise: Factorise = PetscLU, kept: int = 256):
-        self._schur, self._factorise = schur, factorise
+        # transposed, so that picking columns of S copies whole rows
+        self._transposed, self._factorise = np.ascontiguousarray(schur.T), factorise
         self._kept = kept
         self._factors: dict[bytes, tuple] = {}
 
@@ -111,14 +112,15 @@ class SchurEqualities:
             return forces, free_slack
         local = factor.solve(-free_slack[index])
         forces[index] = local
-        slack = free_slack + columns @ local
+        slack = free_slack + local @ columns
         slack[index] = 0.0
         return forces, slack
 
     def _factor(self, active, key):
         index = active.nonzero()[0]
-        factor = self._factorise(self._schur[np.ix_(index, index)]) if index.size else None
-        entry = (index, factor, np.ascontiguousarray(self._schur[:, index]))
+        columns = self._transposed[index]
+        factor = self._factorise(columns.take(index, axis=1).T) if index.size else None
+        entry = (index, factor, columns)
         if len(self._factors) >= self._kept:
             self._factors.pop(next(iter(self._factors)))
         self._factors[key] = entry

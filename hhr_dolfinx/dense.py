@@ -7,6 +7,7 @@ with the prefix ``hhr_dense_``, and LAPACK itself, which serves as its measure.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -26,6 +27,23 @@ class Factor(Protocol):
 Factorise = Callable[[np.ndarray], Factor]
 
 
+_PREFIX = "hhr_dense_"
+
+
+@lru_cache(maxsize=1)
+def _user_options() -> bool:
+    """Whether there are options for dense solves; asking PETSc for each block took a third of its time."""
+    return bool(PETSc.Options(_PREFIX).getAll())
+
+
+@lru_cache(maxsize=512)
+def _buffers(n: int):
+    """Right-hand side and solution of size n with their PETSc vectors, shared by all factors of that size."""
+    rhs, solution = np.zeros(n), np.zeros(n)
+    vectors = [PETSc.Vec().createWithArray(array, comm=PETSc.COMM_SELF) for array in (rhs, solution)]
+    return rhs, solution, *vectors
+
+
 class PetscLU:
     """LU factors by LAPACK inside a PETSc KSP.
 
@@ -41,15 +59,13 @@ class PetscLU:
         mat = PETSc.Mat().createDense((n, n), array=np.array(matrix, dtype=float, order="F"), comm=PETSc.COMM_SELF)
         mat.assemble()
         self._ksp = PETSc.KSP().create(PETSc.COMM_SELF)
-        self._ksp.setOptionsPrefix("hhr_dense_")
         self._ksp.setType(PETSc.KSP.Type.PREONLY)
         self._ksp.getPC().setType(PETSc.PC.Type.LU)
         self._ksp.setOperators(mat)
-        self._ksp.setFromOptions()
-        self._rhs = np.zeros(n)
-        self._solution = np.zeros(n)
-        self._b = PETSc.Vec().createWithArray(self._rhs, comm=PETSc.COMM_SELF)
-        self._x = PETSc.Vec().createWithArray(self._solution, comm=PETSc.COMM_SELF)
+        if _user_options():
+            self._ksp.setOptionsPrefix(_PREFIX)
+            self._ksp.setFromOptions()
+        self._rhs, self._solution, self._b, self._x = _buffers(n)
         try:
             self._ksp.setUp()
             failed = self._ksp.getPC().getFailedReason() != 0
