@@ -3,16 +3,19 @@
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: demo test slow setup
+.PHONY: demo pellet extreme test setup
 
 demo: setup
 	.venv/bin/python demos/hertz_half_discs.py
 
+pellet: setup
+	.venv/bin/python demos/pellet_cladding.py --study thesis
+
+extreme: setup
+	.venv/bin/python demos/extreme_cases.py
+
 test: setup
 	.venv/bin/python -m pytest
-
-slow: setup
-	.venv/bin/python -m pytest -m slow
 
 setup:
 	@sh scripts/setup.sh
