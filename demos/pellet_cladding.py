@@ -19,6 +19,7 @@ from rich.console import Console
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.cli import demo_parser, progress_bars
+from hhr_dolfinx.errors import ParameterError
 from hhr_dolfinx.geometries import pellet_cladding as geometry
 
 THESIS_SIZE = hhr.ReductionSettings.thesis(1e-6, extended_pod_tolerance=3e-7, dual_pod_tolerance=1e-3, kappa_max=3.0)
@@ -62,6 +63,10 @@ def main() -> None:
         "--study", choices=["thesis"], help="print the rows of the thesis' tables 3.1 to 3.3 beside ours"
     )
     options = parser.parse_args()
+    try:
+        rows = hhr.read_points(options.batch, scene().parameters) if options.batch else None
+    except ParameterError as error:
+        parser.error(str(error))
     comm = MPI.COMM_WORLD
     console = Console(quiet=comm.rank > 0)
     bars = progress_bars(console)
@@ -75,8 +80,8 @@ def main() -> None:
     stages["snapshots"], start = time.perf_counter() - start, time.perf_counter()
     held_out = hhr.spread_snapshots(full_order, held_out, comm, bars("held out"), store)
     stages["held_out"] = time.perf_counter() - start
-    if options.batch:
-        batch(full_order, snapshots, held_out, options, comm, console)
+    if rows is not None:
+        batch(full_order, snapshots, held_out, rows, options, comm, console)
     elif comm.rank == 0:
         import pellet_cladding_study as study
 
@@ -85,9 +90,8 @@ def main() -> None:
             study.thesis_tables(full_order, snapshots, options.out, console)
 
 
-def batch(full_order, snapshots, held_out, options, comm, console) -> None:
+def batch(full_order, snapshots, held_out, rows, options, comm, console) -> None:
     """Answer the rows of a table on all ranks."""
-    rows = hhr.read_points(options.batch, full_order.problem.parameters)
     reduction = hhr.build_reduced_model(full_order.problem, full_order.schur, snapshots, held_out=held_out)
     start = time.perf_counter()
     answers = hhr.answer_rows(reduction, rows, comm, progress_bars(console)("answers"))

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hhr_dolfinx.active_set import SchurEqualities, active_set
+from hhr_dolfinx.active_set import SchurEqualities, Statuses, active_set
 from hhr_dolfinx.dense import Factorise, PetscLU
-from hhr_dolfinx.errors import ConvergenceError
+from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
 from hhr_dolfinx.problem import ContactSolution, Status
 
@@ -112,7 +112,13 @@ class CondensedContact:
                     return ContactSolution(values[2 * m :], values[:m], start, 1, Status.CONVERGED, False)
         response = self._response @ self.amplitudes(point)
         free_slack = response[: self._m]
-        found = active_set(self._equalities, free_slack, free_slack < 0 if start is None else start)
+        start = free_slack < 0 if start is None else start
+        try:
+            found = active_set(self._equalities, free_slack, start)
+        except NotSolvableError:
+            if raise_on_failure:
+                raise
+            found = Statuses(np.zeros(self._m), start, 0, Status.SINGULAR, False)
         solution = ContactSolution(response[self._m :] - self._per_force @ found.forces, *found)
         return solution if solution.converged else rejected(solution, point, raise_on_failure)
 

@@ -46,8 +46,8 @@ def node_to_node(first: Surface, second: Surface, normal: np.ndarray, dofs: int)
     Raises:
         SceneError: if a surface looks the wrong way, or a node has no partner or several.
     """
-    _check_facing(first, normal, "from")
-    _check_facing(second, -normal, "against", sign=-1.0)
+    _check_facing(first, normal, along=True)
+    _check_facing(second, normal, along=False)
     along = np.eye(normal.size) - np.outer(normal, normal)
     tangential_first, tangential_second = first.points @ along, second.points @ along
     spacing = _spacing(tangential_first)
@@ -78,7 +78,7 @@ def obstacle(surface: Surface, normal: np.ndarray, offset: float, dofs: int) -> 
     Raises:
         SceneError: if the surface looks away from the obstacle.
     """
-    _check_facing(surface, normal, "to")
+    _check_facing(surface, normal, along=True)
     order = _order(surface.points, normal)
     gap = offset - surface.points[order] @ normal
     nodes = surface.nodes[order]
@@ -118,16 +118,17 @@ def unit(normal, dim: int) -> np.ndarray:
     return normal / length
 
 
-def _check_facing(surface, normal, word, sign=1.0):
+def _check_facing(surface, normal, along):
+    """Check that a surface looks along the contact normal, or against it."""
     if len(surface.nodes) == 0:
         raise SceneError(f"contact surface {surface.tag} has no nodes: the contact pair is empty")
-    away = sign * surface.facing < -1e-9 * surface.areas
+    away = (surface.facing if along else -surface.facing) < -1e-9 * surface.areas
     if away.any():
         raise SceneError(
-            f"surface {surface.tag} does not look along the contact normal at {int(away.sum())} of "
-            f"{away.size} nodes, e.g. at {surface.points[away][0].tolist()}: the surfaces do not face each other. "
-            f"The normal must point {word} surface {surface.tag}, here it is {(sign * normal).tolist()}; "
-            "swap the surfaces or the sign"
+            f"surface {surface.tag} should look {'along' if along else 'against'} the contact normal "
+            f"{normal.tolist()} and does not at {int(away.sum())} of {away.size} nodes, e.g. at "
+            f"{surface.points[away][0].tolist()}: the surfaces do not face each other. "
+            "Swap the surfaces or the sign of the normal, which points away from the first surface"
         )
 
 

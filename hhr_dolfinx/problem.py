@@ -90,6 +90,10 @@ class Status(Enum):
 
     CONVERGED = "the statuses satisfy all contact conditions"
     ITERATION_LIMIT = "the statuses still changed at the iteration limit: raise max_iterations or start nearer"
+    SINGULAR = (
+        "the contact rows of a set of statuses are dependent on this basis, thesis (1.67): "
+        "add modes or use fewer contact points in the RID"
+    )
     CYCLING = (
         "the statuses repeat even one at a time, so the contact Schur complement is no P-matrix: "
         "the reduced model is not trustworthy here, add RID layers or change the basis"

@@ -12,7 +12,7 @@ import numpy as np
 from hhr_dolfinx.condensed import CondensedContact, KnownStatuses
 from hhr_dolfinx.dense import Factorise, PetscLU, solve_columns
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
-from hhr_dolfinx.problem import ContactProblem
+from hhr_dolfinx.problem import ContactProblem, ContactSolution
 from hhr_dolfinx.rid import IndexSets
 
 
@@ -89,5 +89,8 @@ class ReducedModel:
             known=known,
             factorise=factorise,
         )
-        self.solve = self._online.solve
         self.parameters, self.amplitudes = parameters, amplitudes
+
+    def solve(self, mu, *, warm: bool = True, raise_on_failure: bool = True) -> ContactSolution:
+        """Coordinates gamma (ell,) and contact forces on A_lambda; see :meth:`CondensedContact.solve`."""
+        return self._online.solve(mu, warm=warm, raise_on_failure=raise_on_failure)

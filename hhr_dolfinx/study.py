@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 from hhr_dolfinx.accuracy import energy_minimum, force_floor, relative_error, summary
 from hhr_dolfinx.baselines import NaiveFullOrder, exact_condensation
 from hhr_dolfinx.dense import LapackLU
-from hhr_dolfinx.errors import ConvergenceError, HHRError, StabilityWarning
+from hhr_dolfinx.errors import ConvergenceError, HHRError, NotSolvableError, StabilityWarning
 from hhr_dolfinx.full_order import FullOrderModel
 from hhr_dolfinx.offline import HyperReduction, ReductionSettings, build_reduced_model
 from hhr_dolfinx.problem import ContactProblem
@@ -194,7 +194,7 @@ def time_queries(models: dict[str, Callable], points: np.ndarray) -> dict[str, n
     with threadpool_limits(1):
         for solve in models.values():
             for point in warm_up:
-                with suppress(ConvergenceError):
+                with suppress(ConvergenceError, NotSolvableError):
                     solve(point)
         for block in np.array_split(timed, min(5, len(timed))):
             for name, solve in models.items():
@@ -203,7 +203,7 @@ def time_queries(models: dict[str, Callable], points: np.ndarray) -> dict[str, n
                 try:
                     for point in block:
                         start = time.perf_counter()
-                        with suppress(ConvergenceError):
+                        with suppress(ConvergenceError, NotSolvableError):
                             solve(point)
                         times[name].append(time.perf_counter() - start)
                 finally:

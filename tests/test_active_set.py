@@ -6,7 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hhr_dolfinx.active_set import SchurEqualities, active_set
-from hhr_dolfinx.errors import NotSolvableError
+from hhr_dolfinx.condensed import CondensedContact, KnownStatuses
+from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
+from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
 from hhr_dolfinx.problem import Status
 
 
@@ -76,3 +78,24 @@ def test_factors_are_bounded():
     for k in range(6):
         equalities(np.arange(6) == k, -np.ones(6))
     assert len(equalities._factors) == 4
+
+
+def test_singular_and_cycling_answers_hold_nan_and_a_status():
+    """Neither a zero row nor a negative S has a solution; nothing of the last iterate is handed out."""
+    space = ParameterSpace(("mu",), (0.0,), (1.0,))
+    amplitudes = Amplitudes(np.array([1.0]), np.array([[0.0]]))
+    for schur, status in ((np.zeros((1, 1)), Status.SINGULAR), (-np.ones((1, 1)), Status.CYCLING)):
+        model = CondensedContact(
+            space,
+            amplitudes,
+            free_primal=np.ones((2, 1)),
+            primal_per_force=np.ones((2, 1)),
+            free_slack=-np.ones((1, 1)),
+            schur=schur,
+            known=KnownStatuses(np.array([[0.5]]), np.array([[False]])),
+        )
+        with pytest.raises((NotSolvableError, ConvergenceError)):
+            model.solve(0.5)
+        solution = model.solve(0.5, raise_on_failure=False)
+        assert solution.status is status and not solution.converged
+        assert np.isnan(solution.primal).all() and np.isnan(solution.forces).all()
