@@ -81,20 +81,22 @@ class SchurEqualities:
     """Equality problems of the active set on the Schur complement: slack = free_slack + S lambda.
 
     With K factored once, S = B K^-1 B^T and free_slack = D - B K^-1 F hold all there is to know
-    about the contact. A set of statuses costs one dense LU of S[active, active]; factors are kept,
-    since the sets of neighbouring parameters are often the same.
+    about the contact. A set of statuses costs one dense LU of S[active, active]. The last factors of
+    each size are kept: neighbouring parameters often share their statuses, and where they do not, a
+    new block is factored in the place of an old one of its size.
 
     Args:
         schur: S, (m, m), not necessarily symmetric.
         factorise: what factors a dense block.
-        kept: number of factors kept.
     """
 
-    def __init__(self, schur: np.ndarray, factorise: Factorise = PetscLU, kept: int = 256):
+    KEPT_PER_SIZE = 2
+
+    def __init__(self, schur: np.ndarray, factorise: Factorise = PetscLU):
         # transposed, so that picking columns of S copies whole rows
         self._transposed, self._factorise = np.ascontiguousarray(schur.T), factorise
-        self._kept = kept
-        self._factors: dict[bytes, tuple] = {}
+        self._entries: dict[bytes, tuple] = {}
+        self._kept: list[list[bytes]] = [[] for _ in range(schur.shape[0] + 1)]
 
     def __call__(self, active: np.ndarray, free_slack: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Solve with the given statuses; returns ``(forces, slack)``, both (m,).
@@ -103,9 +105,9 @@ class SchurEqualities:
             NotSolvableError: if S[active, active] is singular.
         """
         key = active.tobytes()
-        entry = self._factors.get(key)
+        entry = self._entries.get(key)
         if entry is None:
-            entry = self._factor(active, key)
+            entry = self._factor(active.nonzero()[0], key)
         index, factor, columns = entry
         forces = np.zeros(free_slack.size)
         if factor is None:
@@ -116,12 +118,19 @@ class SchurEqualities:
         slack[index] = 0.0
         return forces, slack
 
-    def _factor(self, active, key):
-        index = active.nonzero()[0]
+    def _factor(self, index, key):
         columns = self._transposed[index]
-        factor = self._factorise(columns.take(index, axis=1).T) if index.size else None
+        block = columns.take(index, axis=1).T
+        kept = self._kept[index.size]
+        if index.size == 0:
+            factor = None
+        elif len(kept) < self.KEPT_PER_SIZE:
+            factor = self._factorise(block)
+        else:
+            # out of the books first: a singular block must not leave a stale entry behind
+            _, factor, _ = self._entries.pop(kept.pop(0))
+            factor.refactor(block)
         entry = (index, factor, columns)
-        if len(self._factors) >= self._kept:
-            self._factors.pop(next(iter(self._factors)))
-        self._factors[key] = entry
+        kept.append(key)
+        self._entries[key] = entry
         return entry

@@ -1,5 +1,7 @@
 """The active set on linear complementarity problems w = g + S z, w >= 0, z >= 0, w z = 0."""
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 
 from hhr_dolfinx.active_set import SchurEqualities, active_set
 from hhr_dolfinx.condensed import CondensedContact, KnownStatuses
+from hhr_dolfinx.dense import LapackLU, PetscLU
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
 from hhr_dolfinx.problem import Status
@@ -73,11 +76,25 @@ def test_start_is_not_modified():
     assert start.tolist() == [True, False, False]
 
 
-def test_factors_are_bounded():
-    equalities = SchurEqualities(np.eye(6), kept=4)
-    for k in range(6):
-        equalities(np.arange(6) == k, -np.ones(6))
-    assert len(equalities._factors) == 4
+@pytest.mark.parametrize("factorise", [PetscLU, LapackLU])
+def test_factors_are_kept_replaced_and_right(factorise):
+    """Many sets of one size, twice over and with a singular one between them: each answer is the direct one."""
+    rng = np.random.default_rng(4)
+    schur = rng.normal(size=(6, 6)) + 6 * np.eye(6)
+    schur[:2, :2] = 1.0  # the set {0, 1} is singular
+    equalities, free_slack = SchurEqualities(schur, factorise), rng.normal(size=6)
+    for first, second in [*combinations(range(6), 2)] * 2:
+        active = np.zeros(6, dtype=bool)
+        active[[first, second]] = True
+        if (first, second) == (0, 1):
+            with pytest.raises(NotSolvableError):
+                equalities(active, free_slack)
+            continue
+        forces, slack = equalities(active, free_slack)
+        direct = np.linalg.solve(schur[np.ix_(active, active)], -free_slack[active])
+        assert forces[active] == pytest.approx(direct, rel=1e-12) and not forces[~active].any()
+        assert slack == pytest.approx(np.where(active, 0.0, free_slack + schur @ forces), abs=1e-12)
+    assert len(equalities._entries) <= SchurEqualities.KEPT_PER_SIZE
 
 
 def test_singular_and_cycling_answers_hold_nan_and_a_status():
