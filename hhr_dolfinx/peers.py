@@ -73,15 +73,19 @@ def cone_projected_greedy(forces: np.ndarray, count: int) -> np.ndarray:
     Returns:
         Normalised snapshots, (N_lambda, r) with r <= count.
     """
-    residuals = np.linalg.norm(forces, axis=0)
-    chosen: list[int] = []
-    while len(chosen) < count and residuals.max() > 1e-12 * np.linalg.norm(forces, axis=0).max():
+    sizes = np.linalg.norm(forces, axis=0)
+    touching = sizes > 1e-9 * sizes.max()
+    # relative distances, so that grazing contact counts; a cone does not care for the length of its vectors
+    directions = forces[:, touching] / sizes[touching]
+    residuals, chosen = np.ones(directions.shape[1]), [int(sizes[touching].argmax())]
+    while len(chosen) < count:
+        cone = directions[:, chosen]
+        for k in np.flatnonzero(residuals > 1e-12):
+            residuals[k] = min(residuals[k], nnls(cone, directions[:, k])[1])
+        if residuals.max() <= 1e-12:
+            break
         chosen.append(int(residuals.argmax()))
-        cone = forces[:, chosen]
-        for k in np.flatnonzero(residuals > 0):
-            residuals[k] = min(residuals[k], nnls(cone, forces[:, k])[1])
-        residuals[chosen] = 0.0
-    return forces[:, chosen] / np.linalg.norm(forces[:, chosen], axis=0)
+    return directions[:, chosen]
 
 
 def nonnegative_factors(forces: np.ndarray, count: int) -> np.ndarray:
