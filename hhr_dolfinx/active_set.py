@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hhr_dolfinx.dense import Factorise, PetscLU
+from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.problem import Status
 
 TOLERANCE = 1e-11
@@ -58,6 +59,8 @@ def active_set(
         forces, slack = equalities(active, free_slack)
         if slack.min() >= 0 and forces.min() >= 0:
             return Statuses(forces, active, iteration, Status.CONVERGED, cycled)
+        if not (np.isfinite(slack).all() and np.isfinite(forces).all()):
+            raise NotSolvableError("the contact problem is not finite: check loads, gaps and materials for NaN")
         wrong = (forces < -TOLERANCE * forces.max()) | (slack < -TOLERANCE * abs(free_slack).max())
         if not wrong.any():
             return Statuses(forces, active, iteration, Status.CONVERGED, cycled)

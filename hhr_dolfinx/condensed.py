@@ -38,6 +38,7 @@ class KnownStatuses:
 
     def __post_init__(self):
         """Scale the parameters, whose units differ, by their spread, and prepare the distances."""
+        self.active.setflags(write=False)  # answers share its rows
         spread = np.ptp(self.points, axis=0)
         spread[spread == 0] = 1.0
         # |x - p|^2 / 2 less what does not depend on the candidate x

@@ -74,8 +74,10 @@ class StageLog:
     def stage(self, name: str):
         """Time the block under a name."""
         start = time.perf_counter()
-        yield
-        self.times[name] = self.times.get(name, 0.0) + time.perf_counter() - start
+        try:
+            yield
+        finally:
+            self.times[name] = self.times.get(name, 0.0) + time.perf_counter() - start
 
     def skip(self, stage: str, why: str) -> None:
         """Record a stage that this scene does not need."""
@@ -230,8 +232,12 @@ def _enriched(problem, displacements, basis, sets, settings, log):
             basis, _ = pod(displacements, settings.extended_pod_tolerance)
     with log.stage("enrichment"):
         enrichment = enrich(problem, basis, sets, settings.kappa_max)
-    if not len(enrichment.added):
-        log.skip("enrichment", f"kappa(B~) = {enrichment.kappas[0]:.2f} <= {settings.kappa_max:g} and (1.67) holds")
+    kappa = enrichment.kappas[-1]
+    if kappa > settings.kappa_max:
+        why = "no function lowers it further" if enrichment.stalled else "no function is left"
+        log.skip("further_enrichment", f"kappa(B~) = {kappa:.2f} > {settings.kappa_max:g}, but {why}")
+    elif not len(enrichment.added):
+        log.skip("enrichment", f"kappa(B~) = {kappa:.2f} <= {settings.kappa_max:g} and (1.67) holds")
     return enrichment.basis, enrichment
 
 

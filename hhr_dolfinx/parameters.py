@@ -22,6 +22,11 @@ class Amplitude:
     constant: float = 0.0
     slopes: Mapping[str, float] = field(default_factory=dict)
 
+    def __post_init__(self):
+        """Refuse numbers that are not finite."""
+        if not np.isfinite([self.constant, *self.slopes.values()]).all():
+            raise SceneError(f"amplitude {self.constant} with slopes {dict(self.slopes)} must be finite")
+
     def row(self, space: ParameterSpace) -> np.ndarray:
         """Slopes in the order of the parameters, (P,).
 

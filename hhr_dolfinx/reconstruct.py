@@ -9,6 +9,7 @@ from scipy import linalg
 from scipy.optimize import nnls
 from scipy.sparse import csr_matrix
 
+from hhr_dolfinx.errors import ConvergenceError
 from hhr_dolfinx.problem import ContactProblem, ContactSolution
 from hhr_dolfinx.rid import IndexSets
 from hhr_dolfinx.snapshots import SnapshotSet
@@ -45,11 +46,17 @@ class Reconstruction:
 
         Non-negative combinations of training forces are fitted to the forces inside the RID, and
         penalised where the reconstructed gap is open.
+
+        Raises:
+            ConvergenceError: if the fit does not end.
         """
         open_gap = np.maximum(self.gaps @ theta - self.contact_basis @ solution.primal, 0.0) / self.gap_scale
         matrix = np.vstack([self.force_snapshots[self.A_lambda], open_gap[:, None] * self.force_snapshots])
         target = np.concatenate([solution.forces, np.zeros(open_gap.size)])
-        weights, _ = nnls(matrix, target)
+        try:
+            weights, _ = nnls(matrix, target)
+        except RuntimeError as error:  # scipy's iteration limit
+            raise ConvergenceError(f"the forces outside the RID could not be fitted: {error}") from error
         forces = self.force_snapshots @ weights
         forces[self.A_lambda] = solution.forces
         return forces

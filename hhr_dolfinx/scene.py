@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -47,6 +48,11 @@ class Traction:
     tag: int
     direction: tuple[float, ...]
     amplitude: Amplitude
+
+    def __post_init__(self):
+        """Refuse a direction that is not finite."""
+        if not all(math.isfinite(value) for value in self.direction):
+            raise SceneError(f"the traction {self.direction} on tag {self.tag} must be finite")
 
 
 @dataclass(frozen=True)
@@ -104,6 +110,11 @@ class Obstacle:
     surface: int
     normal: tuple[float, ...]
     offset: float
+
+    def __post_init__(self):
+        """Refuse a plane that is nowhere."""
+        if not math.isfinite(self.offset):
+            raise SceneError(f"the offset {self.offset} of the obstacle at surface {self.surface} must be finite")
 
 
 @dataclass(frozen=True)

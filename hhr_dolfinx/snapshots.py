@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hhr_dolfinx.condensed import KnownStatuses
-from hhr_dolfinx.errors import HHRError
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -60,10 +59,14 @@ def compute_snapshots(
     """
     solutions, start = [], None
     for point in progress(points):
-        solution = store.load(point) if store is not None else None
+        # one rank decides what is known, since solving takes all of them
+        first = full_order.comm.rank == 0
+        solution = store.load(point) if store is not None and first else None
+        if store is not None:
+            solution = full_order.comm.bcast(solution)
         if solution is None:
             solution = full_order.solve(point, start=start)
-            if store is not None:
+            if store is not None and first:
                 store.save(point, solution)
         start = solution.active
         solutions.append(solution)
@@ -96,7 +99,7 @@ def spread_snapshots(
         mine = np.array_split(np.arange(len(points)), comm.size)[comm.rank]
         if mine.size:
             own = compute_snapshots(full_order, points[mine], progress, store)
-    except HHRError as error:
+    except Exception as error:  # whatever it is, the other ranks must hear of it
         failure = error
     failures = [error for error in comm.allgather(failure) if error is not None]
     if failures:

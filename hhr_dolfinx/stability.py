@@ -144,7 +144,7 @@ def assess(
 def _full_beta(problem):
     """Smallest singular value of B; only the few columns of contact nodes are not zero."""
     touched = np.unique(problem.contact.nonzero()[1])
-    return singular_range(problem.contact[:, touched].toarray())[0]
+    return inf_sup(problem.contact[:, touched].toarray())
 
 
 def _constants(gram, dual_diagonal, basis, sets, reduced, beta_h) -> Constants:

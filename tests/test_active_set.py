@@ -116,3 +116,9 @@ def test_singular_and_cycling_answers_hold_nan_and_a_status():
         solution = model.solve(0.5, raise_on_failure=False)
         assert solution.status is status and not solution.converged
         assert np.isnan(solution.primal).all() and np.isnan(solution.forces).all()
+
+
+@pytest.mark.parametrize("gap", [[np.nan, np.nan], [1.0, np.nan], [-1.0, np.inf * 0]])
+def test_nan_is_never_a_solution(gap):
+    with pytest.raises(NotSolvableError, match="finite"):
+        solve(np.eye(2), gap)

@@ -206,3 +206,14 @@ def test_meshes_without_sense():
         geometry.half_discs(None, arc_segments=7)
     with pytest.raises(ValueError, match="radius"):
         geometry.half_discs(None, radius=-1.0)
+
+
+def test_loads_and_obstacles_that_are_not_finite():
+    for make in (
+        lambda: hhr.Amplitude(np.nan),
+        lambda: hhr.Amplitude(slopes={"mu": np.inf}),
+        lambda: hhr.Obstacle(1, (0, 1), np.nan),
+        lambda: hhr.Traction(1, (0, np.nan), hhr.Amplitude(1.0)),
+    ):
+        with pytest.raises(SceneError, match="finite"):
+            make()

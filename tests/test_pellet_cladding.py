@@ -276,3 +276,15 @@ def test_extreme_cases(tmp_path):
     assert full.pop("pellet held by contact only") == "refused"
     assert set(full.values()) == {"right"}
     assert all(row["why"] for row in rows)
+
+
+def test_every_change_of_the_problem_gives_other_snapshots(small, store, tmp_path):
+    """Small numbers beside large ones count too: a force of 0.1 beside 1e11, a gap beside a unit lift."""
+    point = np.array([100.0, 3.0])
+    store.save(point, small.solve(point))
+    for name in ("loads", "gaps", "lifts"):
+        changed = getattr(small.problem, name).copy()
+        changed[-1, -1] += 1e-9
+        other = hhr.SnapshotStore(tmp_path, dataclasses.replace(small.problem, **{name: changed}))
+        assert other.load(point) is None
+    assert store.load(point) is not None
