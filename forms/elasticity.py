@@ -46,7 +46,12 @@ def stress(u, young, poisson, hypothesis: str):
 
 def volume_weight(mesh, hypothesis: str):
     """Weight of the volume and surface measures: 2πr in axisymmetry, 1 elsewhere."""
-    return 2 * ufl.pi * ufl.SpatialCoordinate(mesh)[0] if hypothesis == "axisymmetric" else 1.0
+    return weight_at(ufl.SpatialCoordinate(mesh)[0], hypothesis)
+
+
+def weight_at(radius, hypothesis: str):
+    """The same at given first coordinates, symbolic or numbers."""
+    return 2 * ufl.pi * radius if hypothesis == "axisymmetric" else 1.0 + 0 * radius
 
 
 def stiffness(u, v, young, poisson, hypothesis: str, dx):

@@ -55,3 +55,38 @@ def interpolation_points(element):
     """Points of a DOLFINx element for interpolation: a method up to 0.9, a property from 0.10 on."""
     points = element.interpolation_points
     return points() if callable(points) else points
+
+
+def facet_mesh(comm, points, cells):
+    """Linear mesh of segments, triangles or quadrilaterals in the plane or in space.
+
+    The arguments of ``create_mesh`` changed their order in 0.10.
+
+    Args:
+        comm: MPI communicator.
+        points: (n, dim).
+        cells: nodes of each, (c, 2), (c, 3) or (c, 4).
+    """
+    import basix.ufl
+    import ufl
+    from dolfinx import mesh
+
+    kind = {2: "interval", 3: "triangle", 4: "quadrilateral"}[cells.shape[1]]
+    domain = ufl.Mesh(basix.ufl.element("Lagrange", kind, 1, shape=(points.shape[1],)))
+    return mesh.create_mesh(comm, cells=cells.astype("int64"), x=points, e=domain)
+
+
+def closest_cells(mesh, points):
+    """Index of the cell closest to each point, (m,), by DOLFINx's bounding-volume tree.
+
+    Args:
+        mesh: mesh on one rank.
+        points: (m, 3).
+    """
+    import numpy as np
+    from dolfinx import geometry
+
+    dim = mesh.topology.dim
+    entities = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
+    tree = geometry.bb_tree(mesh, dim, entities=entities)
+    return geometry.compute_closest_entity(tree, geometry.create_midpoint_tree(mesh, dim, entities), mesh, points)

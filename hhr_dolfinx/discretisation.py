@@ -17,12 +17,12 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx import compat
-from hhr_dolfinx import pairing as pair
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import contact, elasticity
+from hhr_dolfinx.pairings.surface import Surface, make_surface
 from hhr_dolfinx.parameters import Amplitude, Amplitudes, Coverage
-from hhr_dolfinx.problem import ContactProblem, ContactRows
-from hhr_dolfinx.scene import NodeToNode, PartialPressure, Pressure, Scene
+from hhr_dolfinx.problem import ContactProblem, ContactRows, joined
+from hhr_dolfinx.scene import PartialPressure, Pressure, Scene
 
 
 class Discretisation:
@@ -93,7 +93,7 @@ class Discretisation:
         lifts = np.hstack([lifts, np.zeros((self.size, loads.shape[1] - lifts.shape[1]))])
         full = self._gather_matrix(stiffness)
         loads = (loads - full @ lifts) * free[:, None]
-        rows, pairs = pair.stack([self._contact_rows(item) for item in self.scene.contacts], free)
+        rows, pairs = self._contact_rows(free)
         return ContactProblem(
             stiffness=full,
             mass=self._gather_matrix(mass),
@@ -136,7 +136,7 @@ class Discretisation:
         scene, fdim = self.scene, self.mesh.topology.dim - 1
         used = [item.tag for item in (*scene.displacements, *scene.loads)]
         for item in scene.contacts:
-            used += [item.first, item.second] if isinstance(item, NodeToNode) else [item.surface]
+            used += item.tags
         for kind, tags, wanted in (
             ("facet", self._facet_tags, used),
             ("cell", self._cell_tags, [body.tag for body in scene.bodies]),
@@ -193,7 +193,7 @@ class Discretisation:
                 f"the partial pressure on tag {load.tag} needs a plane mesh, an axis 0 or 1 (here {load.axis}) "
                 f"and one of the parameters {names} (here '{load.extent}')"
             )
-        line = self._surface(load.tag, np.eye(2)[0])
+        line = self._surface(load.tag)
         order = np.argsort(line.points[:, load.axis])
         nodes, positions = line.nodes[order], line.points[order, load.axis]
         lengths = np.diff(positions)
@@ -214,19 +214,45 @@ class Discretisation:
         coverage = Coverage(first, positions, names.index(load.extent), load.amplitude.constant, slopes)
         return coverage, np.hstack([before, at_nodes])
 
-    def _contact_rows(self, item) -> ContactRows:
-        normal = pair.unit(item.normal, self.mesh.geometry.dim)
-        if isinstance(item, NodeToNode):
-            first, second = self._surface(item.first, normal), self._surface(item.second, normal)
-            return pair.node_to_node(first, second, normal, self.size)
-        return pair.obstacle(self._surface(item.surface, normal), normal, item.offset, self.size)
+    def _contact_rows(self, free) -> tuple[ContactRows, np.ndarray]:
+        """Rows of all pairs and the pair of each; rows without a free dof hold no unknown and are left out."""
+        parts = [item.rows([self._surface(tag) for tag in item.tags], self.size) for item in self.scene.contacts]
+        rows, pairs = joined(parts), np.repeat(np.arange(len(parts)), [part.gap.size for part in parts])
+        kept = np.flatnonzero(abs(rows.matrix) @ free.astype(float))
+        if kept.size == 0:
+            raise SceneError("the contact pairs are empty: all of their nodes have imposed displacements")
+        return rows.take(kept), pairs[kept]
 
-    def _surface(self, tag, normal) -> pair.Surface:
-        dim = self.mesh.geometry.dim
-        area = self._assemble_vector(contact.tributary_area(self._test, self.scene.hypothesis, self._ds(tag)))
-        facing = self._assemble_vector(contact.facing(self._test, normal.tolist(), self._ds(tag)))
-        nodes = np.flatnonzero(area[::dim] > 0)
-        return pair.Surface(tag, nodes, self._points()[nodes], area[::dim][nodes], facing[::dim][nodes])
+    def _surface(self, tag) -> Surface:
+        dim, points = self.mesh.geometry.dim, self._points()
+        area = self._assemble_vector(contact.tributary_area(self._test, self.scene.hypothesis, self._ds(tag)))[::dim]
+        facets, inner = self._facets(tag)
+        weights = elasticity.weight_at(points[:, 0], self.scene.hypothesis)
+        return make_surface(tag, facets, inner, points, weights, area)
+
+    def _facets(self, tag):
+        """Nodes of the tagged facets and the middle of the cell behind each, gathered from all ranks."""
+        topology, dofmap = self.mesh.topology, self.space.dofmap
+        tdim, dim = topology.dim, self.mesh.geometry.dim
+        topology.create_connectivity(tdim - 1, tdim)
+        topology.create_connectivity(tdim, tdim - 1)
+        to_cell, to_facets = topology.connectivity(tdim - 1, tdim), topology.connectivity(tdim, tdim - 1)
+        corners = [dofmap.dof_layout.entity_closure_dofs(tdim - 1, k) for k in range(len(to_facets.links(0)))]
+        coordinates = self.space.tabulate_dof_coordinates()[:, :dim]
+        nodes, inner = [], []
+        for facet in self._facet_tags.find(tag):
+            cell = to_cell.links(facet)[0]
+            # each rank has the facets of the cells it owns
+            if cell < topology.index_map(tdim).size_local:
+                local = int(np.flatnonzero(to_facets.links(cell) == facet)[0])
+                cell_nodes = dofmap.cell_dofs(cell)
+                nodes.append(cell_nodes[corners[local]])
+                inner.append(coordinates[cell_nodes].mean(axis=0))
+        count = len(corners[0])
+        local_nodes = np.array(nodes, dtype=np.int32).reshape(-1, count)
+        numbers = dofmap.index_map.local_to_global(local_nodes.ravel()).reshape(-1, count)
+        gathered = self.comm.allgather((numbers, np.array(inner).reshape(-1, dim)))
+        return tuple(np.concatenate(part) for part in zip(*gathered, strict=True))
 
     def _points(self):
         local = self.space.tabulate_dof_coordinates()[: self.space.dofmap.index_map.size_local]

@@ -35,3 +35,7 @@ class ModelFileError(HHRError, ValueError):
 
 class StabilityWarning(UserWarning):
     """A stability constant is outside the range seen in trustworthy models."""
+
+
+class PairingWarning(UserWarning):
+    """Some nodes of a contact pair have no partner, or bodies overlap by more than a cell."""

@@ -5,12 +5,13 @@ Everything below this layer (basis, RID, reduced model, stability, reconstructio
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, vstack
 
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
 
@@ -22,7 +23,7 @@ class ContactRows:
     Attributes:
         matrix: B, (N_lambda, N), nodal and unweighted, so that kappa(B) = 1 node to node.
         gap: initial gap, (N_lambda,), in the unit of length.
-        slaves: node that carries each condition, (N_lambda,).
+        slaves: node that carries each condition and its multiplier, (N_lambda,).
         points: position of each condition, (N_lambda, dim).
         areas: tributary area of each condition, (N_lambda,).
     """
@@ -32,6 +33,16 @@ class ContactRows:
     slaves: np.ndarray
     points: np.ndarray
     areas: np.ndarray
+
+    def take(self, index: np.ndarray) -> ContactRows:
+        """Some of the rows, in the order of ``index``."""
+        return ContactRows(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
+
+
+def joined(parts: Sequence[ContactRows]) -> ContactRows:
+    """All rows of several pairs, one pair after another."""
+    matrix, *others = ([getattr(part, name) for part in parts] for name in ContactRows.__dataclass_fields__)
+    return ContactRows(csr_matrix(vstack(matrix)), *(np.concatenate(item) for item in others))
 
 
 @dataclass(frozen=True)
@@ -49,7 +60,7 @@ class ContactProblem:
         lifts: imposed displacements, carried by the imposed dofs alone (section 2.6), (N, 1 + T).
         contact: B with zero columns at imposed dofs, (N_lambda, N).
         gaps: D - B lift, (N_lambda, 1 + T).
-        contact_slaves: node that carries each condition, (N_lambda,).
+        contact_slaves: node that carries each condition and its multiplier, (N_lambda,).
         contact_pairs: number of the contact pair of each condition, in the order of the scene, (N_lambda,).
         contact_points: position of each condition, (N_lambda, dim).
         contact_areas: tributary area of each condition, (N_lambda,).

@@ -9,6 +9,7 @@ from typing import Any
 
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms.elasticity import HYPOTHESES
+from hhr_dolfinx.pairings import Pairing
 from hhr_dolfinx.parameters import Amplitude, ParameterSpace
 
 
@@ -83,41 +84,6 @@ class PartialPressure:
 
 
 @dataclass(frozen=True)
-class NodeToNode:
-    """Contact of facing nodes, thesis (1.25): ``(u_1 - u_2)·n <= d``.
-
-    Attributes:
-        first: facet tag of the surface whose outer normal is n.
-        second: facet tag of the facing surface.
-        normal: unit vector n, from the first to the second surface.
-    """
-
-    first: int
-    second: int
-    normal: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class Obstacle:
-    """Contact with a rigid plane ``x·n = offset``, thesis (1.26): ``u·n <= offset - x·n``.
-
-    Attributes:
-        surface: facet tag of the surface of the body.
-        normal: unit vector n, from the body towards the obstacle.
-        offset: position of the plane along n.
-    """
-
-    surface: int
-    normal: tuple[float, ...]
-    offset: float
-
-    def __post_init__(self):
-        """Refuse a plane that is nowhere."""
-        if not math.isfinite(self.offset):
-            raise SceneError(f"the offset {self.offset} of the obstacle at surface {self.surface} must be finite")
-
-
-@dataclass(frozen=True)
 class Scene:
     """All that defines one parametric contact problem.
 
@@ -126,7 +92,7 @@ class Scene:
         geometry: function of a communicator that returns ``(mesh, cell_tags, facet_tags)``.
         hypothesis: ``plane_strain``, ``plane_stress``, ``axisymmetric`` or ``solid``.
         bodies: one per cell tag.
-        contacts: contact pairs, :class:`NodeToNode` or :class:`Obstacle`.
+        contacts: contact pairs, each a :class:`~hhr_dolfinx.pairings.Pairing`.
         displacements: imposed displacements.
         loads: surface loads, :class:`Traction`, :class:`Pressure` or :class:`PartialPressure`.
         parameters: the box of the parameters.
@@ -136,7 +102,7 @@ class Scene:
     geometry: Callable[[Any], tuple]
     hypothesis: str
     bodies: tuple[Body, ...]
-    contacts: tuple[NodeToNode | Obstacle, ...]
+    contacts: tuple[Pairing, ...]
     parameters: ParameterSpace
     displacements: tuple[Displacement, ...] = ()
     loads: tuple[Traction | Pressure | PartialPressure, ...] = ()

@@ -1,0 +1,193 @@
+"""Node-to-surface contact on non-matching meshes, thesis section 5.1, in one pass or two."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+from scipy.sparse import csr_matrix
+
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.pairings.projection import Feet, closest_points
+from hhr_dolfinx.pairings.surface import (
+    check_facing,
+    mean_normal,
+    never_facing,
+    nodal_rows,
+    tangential_order,
+    unit,
+    warn,
+    warn_of_overlap,
+)
+from hhr_dolfinx.problem import ContactRows, joined
+
+FACING = 0.1
+"""Cosine between a slave's normal and its contact normal below which the surfaces do not face each other."""
+BEYOND = 1e-6
+"""Part of a facet by which a slave node may lie beyond the edge of the master surface: round-off of meshers."""
+DEPENDENT = 1e-8
+"""Part of a row not spanned by the rows before it, below which it is no condition of its own."""
+POOR_INF_SUP = 0.02
+"""Inf-sup constant of a double pass relative to the norm of B below which pressures oscillate visibly."""
+
+
+@dataclass(frozen=True)
+class NodeToSurface:
+    """Nodes of the slave surface may not pass through the master surface, thesis (5.1)-(5.3).
+
+    With x' the point of the master that a slave node x faces and w its shape functions there, the condition is
+    ``(u(x) - sum_i w_i u_i)·n <= (x' - x)·n``. Take the finer surface as slave (section 5.1).
+
+    Attributes:
+        slave: facet tag of the surface whose nodes carry conditions and multipliers.
+        master: facet tag of the facing surface.
+        normal: n from slave to master, along which the slave nodes are projected; None takes the closest point
+            and, against the smoothed outer normal of the master there, its own n for each node.
+    """
+
+    slave: int
+    master: int
+    normal: tuple[float, ...] | None = None
+
+    @property
+    def tags(self) -> tuple[int, ...]:
+        """Slave and master."""
+        return (self.slave, self.master)
+
+    def rows(self, surfaces, dofs: int) -> ContactRows:
+        """One row for each slave node that faces the master surface.
+
+        Raises:
+            SceneError: if the surfaces do not face each other anywhere.
+
+        Warns:
+            PairingWarning: for slave nodes beyond the edge of the master, which get no condition, and for
+                bodies that overlap by more than a cell.
+        """
+        slave, master = surfaces
+        if self.normal is None:
+            kept, nodes, weights, normals = _closest(slave, master)
+        else:
+            kept, nodes, weights, normals = _along(slave, master, unit(self.normal, slave.points.shape[1]))
+        order = kept[tangential_order(slave.points[kept], mean_normal(slave))]
+        points, master_points = (
+            slave.points[order],
+            np.einsum("mk,mkd->md", weights[order], master.points[nodes[order]]),
+        )
+        together = np.column_stack([slave.nodes[order], master.nodes[nodes[order]]])
+        both = np.column_stack([np.ones(order.size), -weights[order]])
+        rows = ContactRows(
+            matrix=nodal_rows(together, normals[order], both, dofs),
+            gap=np.einsum("md,md->m", master_points - points, normals[order]),
+            slaves=slave.nodes[order],
+            points=points,
+            areas=slave.areas[order],
+        )
+        warn_of_overlap(slave, rows)
+        return rows
+
+
+@dataclass(frozen=True)
+class DoublePass:
+    """Node-to-surface contact both ways, with conditions that say the same twice removed (section 5.1).
+
+    Two passes can over-constrain: where nodes face each other both passes give one row, and elsewhere rows may be
+    dependent (El-Abbasi and Bathe 2001). Rows of the second pass that those before them span are left out, so
+    that B has full rank; if its inf-sup constant is still poor, a warning says so.
+
+    Attributes:
+        first: facet tag of one surface; all of its conditions are kept.
+        second: facet tag of the other.
+        normal: from the first to the second surface, or None; see :class:`NodeToSurface`.
+    """
+
+    first: int
+    second: int
+    normal: tuple[float, ...] | None = None
+
+    @property
+    def tags(self) -> tuple[int, ...]:
+        """Both surfaces."""
+        return (self.first, self.second)
+
+    def rows(self, surfaces, dofs: int) -> ContactRows:
+        """Rows of both passes without duplicates.
+
+        Raises:
+            SceneError: if the surfaces do not face each other anywhere.
+
+        Warns:
+            PairingWarning: as :class:`NodeToSurface`, and if the inf-sup constant is poor.
+        """
+        first, second = surfaces
+        back = None if self.normal is None else tuple(-np.asarray(self.normal, dtype=float))
+        one = NodeToSurface(self.first, self.second, self.normal).rows((first, second), dofs)
+        two = NodeToSurface(self.second, self.first, back).rows((second, first), dofs)
+        kept, beta = _independent(one.matrix, two.matrix)
+        if beta < POOR_INF_SUP:
+            warn(
+                f"the double pass of surfaces {self.tags} has an inf-sup constant of {beta:.1e} relative to its norm: "
+                "pressures will oscillate. Use Mortar, or NodeToSurface with the finer surface as slave"
+            )
+        return joined([one, two.take(kept)])
+
+
+def _along(slave, master, normal):
+    """Project the slave nodes along a given normal; kept slave nodes, their master nodes, weights and normals."""
+    check_facing(slave, normal, along=True)
+    facing = master.outward @ normal < -FACING
+    if not facing.any():
+        raise SceneError(never_facing(slave, master, f"no facet of {master.tag} looks against {normal.tolist()}"))
+    flat = np.eye(normal.size) - np.outer(normal, normal)
+    # seen along the normal the surfaces are flat, and the closest point is the one hit
+    feet = closest_points(slave.points @ flat, master.corners[facing] @ flat)
+    feet = feet._replace(facets=np.flatnonzero(facing)[feet.facets])
+    beyond = np.linalg.norm(feet.offsets, axis=1) > BEYOND * _lengths(master)[feet.facets]
+    return _kept(slave, master, feet, beyond, np.tile(normal, (len(slave.nodes), 1)))
+
+
+def _closest(slave, master):
+    """Closest-point projection of the slave nodes; kept slave nodes, their master nodes, weights and normals."""
+    feet = closest_points(slave.points, master.corners)
+    smooth = np.einsum("mk,mkd->md", feet.weights, master.corner_normals()[feet.facets])
+    normals = -smooth / np.linalg.norm(smooth, axis=1, keepdims=True)
+    facing = np.einsum("md,md->m", slave.node_normals(), normals) > FACING
+    if not facing.any():
+        raise SceneError(never_facing(slave, master, "the closest facets all look the same way as the slave"))
+    # beyond the edge of the master the closest point lies on that edge and not below the node
+    outward = master.outward[feet.facets]
+    sideways = feet.offsets - outward * np.einsum("md,md->m", feet.offsets, outward)[:, None]
+    on_edge = ((feet.weights < 1e-9) | master.boundary_nodes()[master.facets[feet.facets]]).all(axis=1)
+    beyond = on_edge & (np.linalg.norm(sideways, axis=1) > BEYOND * _lengths(master)[feet.facets])
+    return _kept(slave, master, feet, beyond | ~facing, normals)
+
+
+def _kept(slave, master, feet: Feet, lost, normals):
+    """Leave out slave nodes that face nothing, with a warning that names a place."""
+    if lost.all():
+        raise SceneError(never_facing(slave, master, "no slave node lies in front of a master facet"))
+    if lost.any():
+        warn(
+            f"{int(lost.sum())} of {lost.size} nodes of slave surface {slave.tag} lie beyond the edge of master "
+            f"surface {master.tag} and get no contact condition, e.g. at {slave.points[lost][0].tolist()}: "
+            "swap slave and master, or tag only what can touch"
+        )
+    return np.flatnonzero(~lost), master.facets[feet.facets], feet.weights, normals
+
+
+def _lengths(surface):
+    return surface.sizes ** (1 / (surface.points.shape[1] - 1))
+
+
+def _independent(one: csr_matrix, two: csr_matrix) -> tuple[np.ndarray, float]:
+    """Rows of the second pass that add conditions, and the inf-sup constant of all over the norm of B."""
+    columns = np.union1d(one.indices, two.indices)
+    first, second = one[:, columns].toarray(), two[:, columns].toarray()
+    basis, _ = linalg.qr(first.T, mode="economic")
+    rest = second - (second @ basis) @ basis.T
+    _, triangle, order = linalg.qr(rest.T, mode="economic", pivoting=True)
+    size = np.abs(np.diag(triangle))
+    kept = np.sort(order[: int((size > DEPENDENT * np.linalg.norm(second, axis=1).max()).sum())])
+    values = linalg.svdvals(np.vstack([first, second[kept]]))
+    return kept, float(values[-1] / values[0])

@@ -1,0 +1,53 @@
+"""Contact with a rigid plane, thesis (1.26)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.pairings.surface import check_facing, nodal_rows, tangential_order, unit, warn_of_overlap
+from hhr_dolfinx.problem import ContactRows
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """Contact with a rigid plane ``x·n = offset``, thesis (1.26): ``u·n <= offset - x·n``.
+
+    Attributes:
+        surface: facet tag of the surface of the body.
+        normal: unit vector n, from the body towards the obstacle.
+        offset: position of the plane along n.
+    """
+
+    surface: int
+    normal: tuple[float, ...]
+    offset: float
+
+    def __post_init__(self):
+        """Refuse a plane that is nowhere."""
+        if not math.isfinite(self.offset):
+            raise SceneError(f"the offset {self.offset} of the obstacle at surface {self.surface} must be finite")
+
+    @property
+    def tags(self) -> tuple[int, ...]:
+        """The surface of the body."""
+        return (self.surface,)
+
+    def rows(self, surfaces, dofs: int) -> ContactRows:
+        """One row u·n <= offset - x·n for each node.
+
+        Raises:
+            SceneError: if the surface looks away from the obstacle.
+        """
+        (surface,) = surfaces
+        normal = unit(self.normal, surface.points.shape[1])
+        check_facing(surface, normal, along=True)
+        order = tangential_order(surface.points, normal)
+        nodes, points = surface.nodes[order], surface.points[order]
+        matrix = nodal_rows(nodes[:, None], np.tile(normal, (nodes.size, 1)), np.ones((nodes.size, 1)), dofs)
+        rows = ContactRows(matrix, self.offset - points @ normal, nodes, points, surface.areas[order])
+        warn_of_overlap(surface, rows)
+        return rows

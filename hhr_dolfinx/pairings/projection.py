@@ -1,0 +1,128 @@
+"""Closest points on a surface: DOLFINx's bounding-volume tree finds the facet, a projection the point on it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from mpi4py import MPI
+
+from hhr_dolfinx import compat
+
+
+class Feet(NamedTuple):
+    """Closest points of a surface.
+
+    Attributes:
+        facets: facet of each, (m,).
+        weights: values of the facet's shape functions there, (m, k).
+        offsets: from the closest point to the point asked for, (m, dim).
+    """
+
+    facets: np.ndarray
+    weights: np.ndarray
+    offsets: np.ndarray
+
+
+def closest_points(points: np.ndarray, corners: np.ndarray) -> Feet:
+    """Closest points on facets given by their corners.
+
+    Args:
+        points: (m, dim).
+        corners: (f, k, dim).
+    """
+    count, k, dim = corners.shape
+    mesh = compat.facet_mesh(MPI.COMM_SELF, corners.reshape(-1, dim), np.arange(count * k).reshape(count, k))
+    facets = np.asarray(mesh.topology.original_cell_index)[compat.closest_cells(mesh, _in_space(points))]
+    weights = project(points, corners[facets])
+    return Feet(facets, weights, points - np.einsum("mk,mkd->md", weights, corners[facets]))
+
+
+def project(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Shape functions at the closest point of one facet for each point.
+
+    Args:
+        points: (m, dim).
+        corners: corners of the facet of each point, (m, k, dim).
+
+    Returns:
+        Weights, non-negative and of sum 1, (m, k).
+    """
+    k = corners.shape[1]
+    if k == 2:
+        return _on_segment(points, corners)
+    weights, inside = _inside(points, corners)
+    if inside.all():
+        return weights
+    sides = [[0, 1], [1, 2], [2, 0]] if k == 3 else [[0, 1], [1, 3], [3, 2], [2, 0]]
+    best = np.where(inside, 0.0, np.inf)
+    for side in sides:
+        on_side = np.zeros_like(weights)
+        on_side[:, side] = _on_segment(points, corners[:, side])
+        distance = np.linalg.norm(points - np.einsum("mk,mkd->md", on_side, corners), axis=1)
+        nearer = distance < best
+        weights[nearer], best[nearer] = on_side[nearer], distance[nearer]
+    return weights
+
+
+def shape_functions(local: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Shape functions of triangles (k = 3) or tensor-ordered quadrilaterals (k = 4) and their derivatives.
+
+    Args:
+        local: reference coordinates in the unit triangle or square, (m, 2).
+        k: nodes of the facet.
+
+    Returns:
+        Values (m, k) and derivatives (m, k, 2).
+    """
+    x, y = local.T
+    one = np.ones_like(x)
+    if k == 3:
+        values = np.stack([one - x - y, x, y], axis=1)
+        slopes = np.broadcast_to([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]], (len(x), 3, 2))
+    else:
+        values = np.stack([(1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y], axis=1)
+        along_x = np.stack([y - 1, 1 - y, -y, y], axis=1)
+        along_y = np.stack([x - 1, -x, 1 - x, x], axis=1)
+        slopes = np.stack([along_x, along_y], axis=2)
+    return values, slopes
+
+
+def local_coordinates(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Reference coordinates of the orthogonal projection on a facet, inside or not, by Gauss-Newton, (m, 2)."""
+    k = corners.shape[1]
+    local = np.full((len(points), 2), 1 / k if k == 3 else 0.5)
+    for _ in range(1 if k == 3 else 20):
+        values, slopes = shape_functions(local, k)
+        residual = points - np.einsum("mk,mkd->md", values, corners)
+        tangents = np.einsum("mkj,mkd->mjd", slopes, corners)
+        gram = np.einsum("mid,mjd->mij", tangents, tangents)
+        step = np.linalg.solve(gram, np.einsum("mjd,md->mj", tangents, residual)[:, :, None])[:, :, 0]
+        # a bilinear map folds far outside: do not go there
+        local = np.clip(local + step, -2.0, 3.0)
+        if np.abs(step).max(initial=0.0) < 1e-14:
+            break
+    return local
+
+
+def _inside(points, corners):
+    """Weights of the orthogonal projection, and whether it lies in the facet."""
+    k = corners.shape[1]
+    local = local_coordinates(points, corners)
+    # the edge belongs to the facet: what round-off puts outside is moved there
+    local = np.where(np.abs(local) < 1e-12, 0.0, np.where(np.abs(local - 1) < 1e-12, 1.0, local))
+    values, _ = shape_functions(local, k)
+    return values, (values >= 0).all(axis=1) & ((local >= 0) & (local <= 1)).all(axis=1)
+
+
+def _on_segment(points, corners):
+    start, along = corners[:, 0], corners[:, 1] - corners[:, 0]
+    position = np.einsum("md,md->m", points - start, along) / np.einsum("md,md->m", along, along)
+    position = np.clip(position, 0.0, 1.0)
+    # a node of the master surface is met exactly, not to round-off
+    position = np.where(position < 1e-12, 0.0, np.where(position > 1 - 1e-12, 1.0, position))
+    return np.column_stack([1 - position, position])
+
+
+def _in_space(points):
+    return np.ascontiguousarray(np.pad(points, ((0, 0), (0, 3 - points.shape[1]))))

@@ -1,0 +1,254 @@
+"""Contact surfaces as arrays, and what all pairings need of them."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from hhr_dolfinx.errors import PairingWarning, SceneError
+from hhr_dolfinx.problem import ContactRows
+
+CREASE = np.cos(np.deg2rad(40.0))
+"""Facets that meet at more than 40 degrees form an edge; normals are not averaged across it."""
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A tagged surface: its facets, and measures of them.
+
+    Attributes:
+        tag: facet tag, for messages.
+        nodes: node numbers in the mesh, (n,).
+        points: coordinates of the nodes, (n, dim).
+        facets: nodes of each facet, counted within the surface, (f, k); k is 2 in the plane, 3 or 4 in space,
+            quadrilaterals in tensor order.
+        outward: unit outer normal of each facet, (f, dim).
+        sizes: length or area of each facet, without weight, (f,).
+        weights: weight of the surface measure at each node, 1 or 2 pi r, (n,).
+        areas: tributary area of each node, (n,).
+    """
+
+    tag: int
+    nodes: np.ndarray
+    points: np.ndarray
+    facets: np.ndarray
+    outward: np.ndarray
+    sizes: np.ndarray
+    weights: np.ndarray
+    areas: np.ndarray
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Coordinates of the nodes of each facet, (f, k, dim)."""
+        return self.points[self.facets]
+
+    def node_normals(self) -> np.ndarray:
+        """Unit outer normals at the nodes, averaged over their facets by size, (n, dim)."""
+        normals = np.zeros_like(self.points)
+        for column in self.facets.T:
+            np.add.at(normals, column, self.outward * self.sizes[:, None])
+        return _normalised(normals)
+
+    def corner_normals(self) -> np.ndarray:
+        """Unit outer normals at the corners of each facet, (f, k, dim), averaged up to edges of the surface.
+
+        On a smooth surface they are the normals of its nodes; at an edge each side keeps its own.
+        """
+        count, k = self.facets.shape
+        touches = csr_matrix(
+            (np.ones(count * k), (np.repeat(np.arange(count), k), self.facets.ravel())), shape=(count, len(self.nodes))
+        )
+        at_node = touches.tocsc()
+        normals = np.empty((count, k, self.points.shape[1]))
+        for j in range(k):
+            here, other = touches_of(at_node, self.facets[:, j])
+            smooth = np.einsum("ij,ij->i", self.outward[here], self.outward[other]) >= CREASE
+            here, other = here[smooth], other[smooth]
+            sums = np.zeros_like(self.outward)
+            np.add.at(sums, here, self.outward[other] * self.sizes[other, None])
+            normals[:, j] = _normalised(sums)
+        return normals
+
+    def boundary_nodes(self) -> np.ndarray:
+        """Whether each node lies on the edge of the surface, (n,) bool."""
+        k = self.facets.shape[1]
+        sides = {2: [[0], [1]], 3: [[0, 1], [1, 2], [2, 0]], 4: [[0, 1], [1, 3], [3, 2], [2, 0]]}[k]
+        edges = np.concatenate([np.sort(self.facets[:, side], axis=1) for side in sides])
+        distinct, counts = np.unique(edges, axis=0, return_counts=True)
+        mask = np.zeros(len(self.nodes), dtype=bool)
+        mask[distinct[counts == 1].ravel()] = True
+        return mask
+
+    def cell_sizes(self) -> np.ndarray:
+        """Length of the largest facet at each node, (n,): what 'near' means there."""
+        lengths = self.sizes ** (1 / (self.points.shape[1] - 1))
+        largest = np.zeros(len(self.nodes))
+        for column in self.facets.T:
+            np.maximum.at(largest, column, lengths)
+        return largest
+
+
+def touches_of(at_node, nodes):
+    """Pairs (position in ``nodes``, facet) for all facets at each node; ``at_node`` is facets by nodes, CSC."""
+    starts, stops = at_node.indptr[nodes], at_node.indptr[nodes + 1]
+    counts = stops - starts
+    here = np.repeat(np.arange(len(nodes)), counts)
+    offsets = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    return here, at_node.indices[np.repeat(starts, counts) + offsets]
+
+
+def make_surface(tag, facet_nodes, inner_points, points, weights, areas) -> Surface:
+    """A surface from its facets.
+
+    Args:
+        tag: facet tag.
+        facet_nodes: nodes of each facet in the mesh, (f, k).
+        inner_points: a point inside the cell behind each facet, (f, dim), which tells where outside is.
+        points: coordinates of all nodes of the mesh.
+        weights: weight of the surface measure at all nodes.
+        areas: tributary area at all nodes.
+
+    Raises:
+        SceneError: if the surface is empty or a facet has no area.
+    """
+    if len(facet_nodes) == 0:
+        raise SceneError(f"contact surface {tag} has no facets: the contact pair is empty")
+    # an order of the facets that does not depend on how the mesh was distributed
+    middles = points[facet_nodes].mean(axis=1)
+    order = np.lexsort(np.round(middles / (np.ptp(middles, axis=0).max() or 1.0), 9).T[::-1])
+    facet_nodes, inner_points, middles = facet_nodes[order], inner_points[order], middles[order]
+    nodes, local = np.unique(facet_nodes, return_inverse=True)
+    corners = points[facet_nodes]
+    vectors = _area_vectors(corners)
+    sizes = np.linalg.norm(vectors, axis=1)
+    spans = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1) ** (points.shape[1] - 1)
+    # NaN counts as no area
+    flat = ~(sizes > 1e-10 * spans)
+    if flat.any():
+        raise SceneError(
+            f"{int(flat.sum())} facets of contact surface {tag} have no area, e.g. at {middles[flat][0].tolist()}: "
+            "mend the mesh there"
+        )
+    outward = vectors / sizes[:, None]
+    inside = np.einsum("ij,ij->i", outward, middles - inner_points) < 0
+    outward[inside] *= -1
+    return Surface(
+        tag, nodes, points[nodes], local.reshape(facet_nodes.shape), outward, sizes, weights[nodes], areas[nodes]
+    )
+
+
+def _area_vectors(corners):
+    """Normal of each facet times its area, orientation free; of a warped quadrilateral that of its diagonals."""
+    if corners.shape[1] == 2:
+        along = corners[:, 1] - corners[:, 0]
+        return np.column_stack([along[:, 1], -along[:, 0]])
+    if corners.shape[1] == 3:
+        return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
+    return np.cross(corners[:, 3] - corners[:, 0], corners[:, 2] - corners[:, 1]) / 2
+
+
+def unit(normal, dim: int) -> np.ndarray:
+    """Check a normal given by the user and normalise it.
+
+    Raises:
+        SceneError: for a wrong length or a zero or non-finite vector.
+    """
+    normal = np.asarray(normal, dtype=float)
+    length = np.linalg.norm(normal)
+    if normal.shape != (dim,) or not np.isfinite(length) or length == 0:
+        raise SceneError(f"contact normal {normal.tolist()} must be a non-zero vector of length {dim}")
+    return normal / length
+
+
+def check_facing(surface: Surface, normal: np.ndarray, along: bool) -> None:
+    """Check that a surface looks along the contact normal, or against it.
+
+    Raises:
+        SceneError: with the place where it does not.
+    """
+    facing = surface.node_normals() @ normal
+    away = (facing if along else -facing) < -1e-9
+    if away.any():
+        raise SceneError(
+            f"surface {surface.tag} should look {'along' if along else 'against'} the contact normal "
+            f"{normal.tolist()} and does not at {int(away.sum())} of {away.size} nodes, e.g. at "
+            f"{surface.points[away][0].tolist()}: the surfaces do not face each other. "
+            "Swap the surfaces or the sign of the normal, which points away from the first surface"
+        )
+
+
+def mean_normal(surface: Surface) -> np.ndarray:
+    """Mean outer normal, zero for a closed surface, (dim,)."""
+    mean = surface.sizes @ surface.outward
+    length = np.linalg.norm(mean)
+    return mean / length if length > 1e-9 * surface.sizes.sum() else np.zeros_like(mean)
+
+
+def never_facing(slave: Surface, master: Surface, why: str) -> str:
+    """Message for surfaces without a common part."""
+    return (
+        f"surfaces {slave.tag} and {master.tag} never face each other: {why}; slave around "
+        f"{slave.points.mean(axis=0).tolist()}, master around {master.points.mean(axis=0).tolist()}. "
+        "Check the tags, the normal (from slave to master) and that outer sides are tagged"
+    )
+
+
+def warn_of_overlap(surface: Surface, rows: ContactRows) -> None:
+    """Warn where bodies overlap by more than a cell: more often a mistake than a press fit.
+
+    Args:
+        surface: slave surface.
+        rows: its conditions.
+
+    Warns:
+        PairingWarning: with the deepest place.
+    """
+    sizes = np.zeros(surface.nodes.max() + 1)
+    sizes[surface.nodes] = surface.cell_sizes()
+    deep = rows.gap < -sizes[rows.slaves]
+    if deep.any():
+        worst = int(rows.gap.argmin())
+        warn(
+            f"the initial overlap at surface {surface.tag} exceeds a cell at {int(deep.sum())} places, most "
+            f"({-rows.gap[worst]:.3g}) at {rows.points[worst].tolist()}: check the positions and the normal"
+        )
+
+
+def warn(message: str) -> None:
+    """Warn of a doubtful pairing, as from the caller of the full-order model."""
+    warnings.warn(message, PairingWarning, stacklevel=2)
+
+
+def tangential_order(points: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Order of rows that does not depend on node numbers: along the tangent, axis by axis."""
+    tangential = points - np.outer(points @ normal, normal)
+    size = np.ptp(points, axis=0).max(initial=0.0) or 1.0
+    return np.lexsort(np.round(tangential / size, 9).T[::-1])
+
+
+def nodal_rows(nodes: np.ndarray, normals: np.ndarray, weights: np.ndarray, dofs: int) -> csr_matrix:
+    """Rows sum_k weights_k n·u(nodes_k), (m, N).
+
+    Args:
+        nodes: nodes of each row, (m, k).
+        normals: normal of each row, (m, dim).
+        weights: weight of each node, (m, k).
+        dofs: N, number of columns.
+    """
+    m, dim = normals.shape
+    columns = nodes[:, :, None] * dim + np.arange(dim)
+    values = weights[:, :, None] * normals[:, None, :]
+    row = np.broadcast_to(np.arange(m)[:, None, None], columns.shape)
+    rows = csr_matrix((values.ravel(), (row.ravel(), columns.ravel())), shape=(m, dofs))
+    # weights that are round-off would tie a row to nodes it has nothing to do with
+    rows.data[np.abs(rows.data) < 1e-12] = 0.0
+    rows.eliminate_zeros()
+    return rows
+
+
+def _normalised(vectors):
+    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors / np.where(lengths > 0, lengths, 1.0)
