@@ -57,21 +57,19 @@ def interpolation_points(element):
     return points() if callable(points) else points
 
 
-def facet_mesh(comm, points, cells):
-    """Linear mesh of segments, triangles or quadrilaterals in the plane or in space.
-
-    The arguments of ``create_mesh`` changed their order in 0.10.
+def linear_mesh(comm, points, cells, kind: str):
+    """Linear mesh in the plane or in space; the arguments of ``create_mesh`` changed their order in 0.10.
 
     Args:
         comm: MPI communicator.
-        points: (n, dim).
-        cells: nodes of each, (c, 2), (c, 3) or (c, 4).
+        points: (n, dim), on all ranks together.
+        cells: nodes of each cell, tensor-ordered where there is a choice, on all ranks together.
+        kind: ``interval``, ``triangle``, ``quadrilateral``, ``tetrahedron`` or ``hexahedron``.
     """
     import basix.ufl
     import ufl
     from dolfinx import mesh
 
-    kind = {2: "interval", 3: "triangle", 4: "quadrilateral"}[cells.shape[1]]
     domain = ufl.Mesh(basix.ufl.element("Lagrange", kind, 1, shape=(points.shape[1],)))
     return mesh.create_mesh(comm, cells=cells.astype("int64"), x=points, e=domain)
 

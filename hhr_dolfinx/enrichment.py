@@ -3,6 +3,9 @@
 A candidate is the normal displacement of the slave node of one contact condition of the RID: its partner
 on the other body would change B~ by the same column. Basis and candidates are orthonormalised first, since
 kappa(B~) depends on the length of the columns while the reduced model depends on their span only.
+
+Where B~1 != B~2 (section 5.2.5) both must have full rank, (5.24)-(5.25), and kappa(B~1), the one in the error bound
+of the forces, is lowered.
 """
 
 from __future__ import annotations
@@ -24,7 +27,7 @@ class Enrichment:
     Attributes:
         basis: V bar of (3.2), orthonormal columns, (N, ell_bar).
         added: conditions whose slave node was added, in order, L_c of Alg. 3.1.
-        kappas: kappa(B~) before the first and after each addition; infinite while rows are dependent.
+        kappas: kappa(B~1) before the first and after each addition; infinite while rows of B~1 or B~2 are dependent.
         stalled: candidates were left, but none lowered kappa any more, before ``kappa_max`` was reached.
     """
 
@@ -35,9 +38,9 @@ class Enrichment:
 
 
 def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_max: float) -> Enrichment:
-    """Add finite element functions until kappa(B~) <= ``kappa_max``, greedily, Alg. 3.1.
+    """Add finite element functions until kappa(B~1) <= ``kappa_max``, greedily, Alg. 3.1 and section 5.2.5.
 
-    While rows of B~ are dependent no column lowers kappa; then the candidate that lies farthest from the
+    While rows are dependent no column lowers kappa; then the candidate that lies farthest from the
     range of B~ is taken, which raises the rank. The singular values of a candidate come from a rank-one
     update of B~ B~^T, without its basis being formed.
 
@@ -48,24 +51,29 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
         kappa_max: largest condition number wanted, at least 1.
     """
     candidates = _candidates(problem, sets)  # they vanish outside A_c
-    contact = problem.contact[sets.A_lambda][:, sets.A_c]
-    contact_basis, images = contact @ basis[sets.A_c], contact @ candidates
+    rows = problem.contact[sets.A_lambda]
+    images = rows[:, sets.A_c] @ candidates
+    # B~1 and B~2; a candidate has the same image in both
+    tables = [rows[:, index] @ basis[index] for index in (sets.A_c, sets.A_c_tilde)]
     inner, weights = candidates.T @ candidates, basis[sets.A_c].T @ candidates
-    left, added, kappas, stalled = np.arange(candidates.shape[1]), [], [_kappa(contact_basis)], False
+    left = np.flatnonzero(np.diag(inner) > 0)
+    added, kappas, stalled = [], [_kappa_of_both(tables)], False
     while kappas[-1] > kappa_max:
         # length of each candidate less its part in the basis
         lengths = np.sqrt(np.maximum(np.diag(inner)[left] - np.sum(weights[:, left] ** 2, axis=0), 0.0))
         left, lengths = left[lengths > 1e-8], lengths[lengths > 1e-8]
         if left.size == 0:
             break
-        new = (images[:, left] - contact_basis @ weights[:, left]) / lengths
-        best, kappa = _best(contact_basis, new)
+        new = [(images[:, left] - table @ weights[:, left]) / lengths for table in tables]
+        best = _best(tables, new)
+        grown = [np.column_stack([table, columns[:, best]]) for table, columns in zip(tables, new, strict=True)]
+        kappa = _kappa_of_both(grown)
         if kappa >= kappas[-1] and math.isfinite(kappas[-1]):
             stalled = True
             break
         chosen = left[best]
         left = np.delete(left, best)
-        contact_basis = np.column_stack([contact_basis, new[:, best]])
+        tables = grown
         weights = np.vstack([weights, (inner[chosen] - weights[:, chosen] @ weights) / lengths[best]])
         added.append(chosen)
         kappas.append(kappa)
@@ -76,14 +84,21 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
 
 
 def _candidates(problem, sets):
-    """Unit normal displacement of the slave node of each condition, or of its partner if that is imposed.
+    """Unit normal displacement of the slave node of each condition, or of its partners if that is imposed.
 
-    Columns over A_c, (card A_c, N_lambda_C).
+    Columns over A_c, (card A_c, N_lambda_C); zero where neither can move inside A.
     """
     rows = problem.contact[sets.A_lambda][:, sets.A_c].toarray()
     own = sets.A_c // problem.block_size == problem.contact_slaves[sets.A_lambda][:, None]
     chosen = np.where(np.any(rows * own, axis=1)[:, None], rows * own, rows)
-    return (chosen / np.linalg.norm(chosen, axis=1, keepdims=True)).T
+    lengths = np.linalg.norm(chosen, axis=1, keepdims=True)
+    return (chosen / np.where(lengths > 0, lengths, 1.0)).T
+
+
+def _kappa_of_both(tables):
+    """kappa(B~1); infinite unless both B~1 and B~2 have full rank."""
+    first, second = (_kappa(table) for table in tables)
+    return first if math.isfinite(second) else math.inf
 
 
 def _kappa(matrix):
@@ -94,18 +109,17 @@ def _kappa(matrix):
     return values[0] / values[-1] if values[-1] > 1e-13 * values[0] else math.inf
 
 
-def _best(contact_basis, new):
-    """Index of the best new column and kappa with it."""
-    directions, values, _ = np.linalg.svd(contact_basis)
-    rank = int((values > 1e-13 * values[0]).sum())
-    if rank < contact_basis.shape[0]:
-        outside = np.linalg.norm(directions[:, rank:].T @ new, axis=0)
-        best = int(outside.argmax())
-        return best, _kappa(np.column_stack([contact_basis, new[:, best]]))
-    smallest, largest = _extremes_after_update(values**2, (directions.T @ new) ** 2)
+def _best(tables, new) -> int:
+    """Index of the best new column: it raises a rank that is missing, or else lowers kappa(B~1) most."""
+    for table, columns in zip(tables, new, strict=True):
+        directions, values, _ = np.linalg.svd(table)
+        rank = int((values > 1e-13 * values[0]).sum())
+        if rank < table.shape[0]:
+            return int(np.linalg.norm(directions[:, rank:].T @ columns, axis=0).argmax())
+    directions, values, _ = np.linalg.svd(tables[0], full_matrices=False)
+    smallest, largest = _extremes_after_update(values**2, (directions.T @ new[0]) ** 2)
     # the squares lose half of the digits: good enough to choose, not to report
-    best = int(np.argmax(smallest / largest))
-    return best, _kappa(np.column_stack([contact_basis, new[:, best]]))
+    return int(np.argmax(smallest / largest))
 
 
 def _extremes_after_update(squares, weights):

@@ -17,7 +17,7 @@ from hhr_dolfinx.parameters import Amplitudes, Coverage, ParameterSpace
 from hhr_dolfinx.reconstruct import Reconstruction
 from hhr_dolfinx.reduced import ReducedModel, ReducedProblem
 
-FORMAT, VERSION = "hhr_dolfinx reduced model", 1
+FORMAT, VERSION = "hhr_dolfinx reduced model", 2
 
 
 class StoredModel(NamedTuple):

@@ -44,9 +44,13 @@ class Stability:
     """What is known of the stability of a reduced model.
 
     Attributes:
-        kappa_B: condition number of B~, (3.4); infinite if its rows are dependent.
-        sigma_min: smallest singular value of B~, by which the thesis evaluates beta_HR.
-        sigma_max: largest singular value of B~.
+        kappa_B: condition number of B~1, (3.4); infinite if its rows are dependent, (5.24).
+        kappa_B_2: the same of B~2, (5.25); node to node it is kappa_B.
+        sigma_min: smallest singular value of B~1, by which the thesis evaluates beta_HR.
+        sigma_max: largest singular value of B~1.
+        contact_definite: smallest eigenvalue of the symmetric part of S = B~2 K~^-1 B~1^T over the norm of S. If it
+            is positive, S is a P-matrix: every parameter has one solution, and the active set finds it. If not,
+            the model may still answer, and an answer satisfies all contact conditions, but none is promised.
         cond_K: condition number of K~.
         norm_K: largest singular value of K~.
         euclidean: constants in the Euclidean norms of the thesis.
@@ -54,8 +58,10 @@ class Stability:
     """
 
     kappa_B: float
+    kappa_B_2: float
     sigma_min: float
     sigma_max: float
+    contact_definite: float
     cond_K: float
     norm_K: float
     euclidean: Constants
@@ -115,18 +121,16 @@ def assess(
         sets: index sets of the RID.
         reduced: the projected arrays.
     """
-    smallest, largest = singular_range(reduced.contact)
-    if reduced.contact.shape[0] > reduced.contact.shape[1]:
-        smallest = 0.0
+    smallest, largest = row_range(reduced.contact_test)
     low, high = singular_range(reduced.stiffness)
-    # rows that are dependent to round-off have no condition number
-    solvable = smallest > largest * 1e-13
     pressure = 1.0 / problem.contact_areas
     energy_beta_h = math.sqrt(singular_range(_whiten(_whiten(schur, np.diag(pressure)).T, np.diag(pressure)))[0])
     return Stability(
-        kappa_B=largest / smallest if solvable else math.inf,
+        kappa_B=_kappa(smallest, largest),
+        kappa_B_2=_kappa(*row_range(reduced.contact_trial)),
         sigma_min=smallest,
         sigma_max=largest,
+        contact_definite=_contact_definite(reduced) if low > 0 else math.nan,
         cond_K=high / low if low > 0 else math.inf,
         norm_K=high,
         euclidean=_constants(
@@ -139,6 +143,23 @@ def assess(
         ),
         energy=_constants(problem.stiffness, pressure[sets.A_lambda], basis, sets, reduced, energy_beta_h),
     )
+
+
+def row_range(rows: np.ndarray) -> tuple[float, float]:
+    """Smallest and largest singular value seen by the rows; the smallest is 0 if there are more rows than columns."""
+    smallest, largest = singular_range(rows)
+    return (0.0 if rows.shape[0] > rows.shape[1] else smallest), largest
+
+
+def _kappa(smallest, largest):
+    """Condition number; rows that are dependent to round-off have none."""
+    return largest / smallest if smallest > largest * 1e-13 else math.inf
+
+
+def _contact_definite(reduced):
+    """Smallest eigenvalue of the symmetric part of the contact Schur complement over its norm."""
+    schur = reduced.contact_trial @ np.linalg.solve(reduced.stiffness, reduced.contact_test.T)
+    return float(linalg.eigvalsh((schur + schur.T) / 2)[0] / np.linalg.norm(schur, 2))
 
 
 def _full_beta(problem):
@@ -155,19 +176,19 @@ def _constants(gram, dual_diagonal, basis, sets, reduced, beta_h) -> Constants:
     dual_gram = np.diag(dual_diagonal)
     return Constants(
         beta_h,
-        inf_sup(reduced.contact, test_gram, dual_gram),
-        inf_sup(reduced.contact, trial_gram, dual_gram),
+        inf_sup(reduced.contact_test, test_gram, dual_gram),
+        inf_sup(reduced.contact_trial, trial_gram, dual_gram),
         _alpha_prime(reduced, test_gram, trial_gram),
     )
 
 
 def _alpha_prime(reduced, test_gram, trial_gram):
     """Inf-sup constant of a on the kernels of b, thesis (2.46)."""
-    kernel = linalg.null_space(reduced.contact)
-    if kernel.shape[1] == 0:
+    test, trial = (linalg.null_space(rows) for rows in (reduced.contact_test, reduced.contact_trial))
+    if test.shape[1] == 0:
         return None
-    square = kernel.T @ reduced.stiffness.T @ kernel  # rows: trial functions, columns: test functions
-    return inf_sup(square, kernel.T @ test_gram @ kernel, kernel.T @ trial_gram @ kernel)
+    square = trial.T @ reduced.stiffness.T @ test  # rows: trial functions, columns: test functions
+    return inf_sup(square, test.T @ test_gram @ test, trial.T @ trial_gram @ trial)
 
 
 def _whiten(matrix, gram):

@@ -61,13 +61,13 @@ def check_stability(stability: Stability, limits: TrustLimits) -> None:
     """Refuse or warn of a model whose constants say that it cannot be trusted.
 
     Raises:
-        NotSolvableError: if the rows of B~ are dependent, thesis (1.67).
+        NotSolvableError: if the rows of B~1 or B~2 are dependent, thesis (1.67), (5.24)-(5.25).
         UnstableModelError: if cond(K~) or an inf-sup constant is beyond its limit.
 
     Warns:
         StabilityWarning: if cond(K~) or kappa(B~) is in the doubtful range.
     """
-    if math.isinf(stability.kappa_B):
+    if math.isinf(stability.kappa_B) or math.isinf(stability.kappa_B_2):
         raise NotSolvableError(
             "the contact rows are dependent on the reduced basis, thesis (1.67): keep more modes "
             "(a smaller POD tolerance) or fewer contact points in the RID (fewer layers or zones)"

@@ -52,8 +52,8 @@ def test_projection_equals_the_unrestricted_formula(hertz, hertz_reduction):
     test_functions[sets.A] = basis[sets.A]
     reduced = project(problem, basis, sets)
     assert reduced.stiffness == pytest.approx(test_functions.T @ (problem.stiffness @ basis), abs=1e-12)
-    assert reduced.contact == pytest.approx((problem.contact @ basis)[sets.A_lambda], abs=1e-14)
-    assert reduced.contact == pytest.approx((problem.contact @ test_functions)[sets.A_lambda], abs=1e-14)
+    assert reduced.contact_trial == pytest.approx((problem.contact @ basis)[sets.A_lambda], abs=1e-14)
+    assert reduced.contact_test == pytest.approx((problem.contact @ test_functions)[sets.A_lambda], abs=1e-14)
     assert np.abs(reduced.stiffness - reduced.stiffness.T).max() > 1e-3, "a Petrov-Galerkin K~ is not symmetric"
 
 
@@ -90,9 +90,9 @@ def test_reduced_contact_conditions(hertz_reduction, warm):
     for mu in np.linspace(0.15, 0.45, 37):
         solution = model.solve(mu, warm=warm)
         theta = model.amplitudes(np.array([mu]))
-        slack = reduced.gaps @ theta - reduced.contact @ solution.primal
+        slack = reduced.gaps @ theta - reduced.contact_trial @ solution.primal
         load = reduced.loads @ theta
-        residual = reduced.stiffness @ solution.primal + reduced.contact.T @ solution.forces - load
+        residual = reduced.stiffness @ solution.primal + reduced.contact_test.T @ solution.forces - load
         assert np.abs(residual).max() < 1e-12 * np.abs(load).max()
         assert solution.forces.min() >= -1e-11 * solution.forces.max() and slack.min() > -1e-11
         assert np.abs(slack * solution.forces).max() < 1e-11

@@ -32,7 +32,9 @@ def closest_points(points: np.ndarray, corners: np.ndarray) -> Feet:
         corners: (f, k, dim).
     """
     count, k, dim = corners.shape
-    mesh = compat.facet_mesh(MPI.COMM_SELF, corners.reshape(-1, dim), np.arange(count * k).reshape(count, k))
+    kind = {2: "interval", 3: "triangle", 4: "quadrilateral"}[k]
+    cells = np.arange(count * k).reshape(count, k)
+    mesh = compat.linear_mesh(MPI.COMM_SELF, np.ascontiguousarray(corners.reshape(-1, dim)), cells, kind)
     facets = np.asarray(mesh.topology.original_cell_index)[compat.closest_cells(mesh, _in_space(points))]
     weights = project(points, corners[facets])
     return Feet(facets, weights, points - np.einsum("mk,mkd->md", weights, corners[facets]))

@@ -1,0 +1,94 @@
+"""Two rectangular or cuboid blocks with meshes of their own: non-matching contact, press fits, patch tests.
+
+In axisymmetry two rectangles in (r, z) are two thick cylinders.
+"""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import numpy as np
+from dolfinx import mesh as dmesh
+
+from hhr_dolfinx.compat import linear_mesh
+from hhr_dolfinx.geometries import block
+
+FIRST, SECOND = 1, 2
+"""Cell tags of the two bodies."""
+
+
+def side(body: int, axis: int, upper: bool) -> int:
+    """Facet tag of a side of a body: 100 * body + 10 * (axis + 1), plus 1 on the upper side."""
+    return 100 * body + block.side(axis, upper)
+
+
+def two_blocks(comm, *, first, second, simplices=False, warp=None):
+    """Build two structured blocks with every side tagged by :func:`side`.
+
+    Args:
+        comm: MPI communicator; rank 0 makes the mesh.
+        first: ``(lower, upper, cells)`` of the first block: two corners and the cells along each axis.
+        second: the same of the second block.
+        simplices: triangles or tetrahedra instead of quadrilaterals or hexahedra.
+        warp: maps the coordinates of all nodes of a body and its tag to new ones, ``((n, dim), tag) -> (n, dim)``,
+            for instance to grade a mesh, to bend a surface or to turn both; None leaves the blocks as they are.
+
+    Returns:
+        ``(mesh, cell_tags, facet_tags)``.
+    """
+    shapes = {FIRST: first, SECOND: second}
+    parts = {tag: _grid(*shape, simplices) for tag, shape in shapes.items()}
+    dim, per_cell, count = len(first[0]), parts[FIRST][1].shape[1], len(parts[FIRST][1])
+    points = np.concatenate([part[0] for part in parts.values()])
+    cells = np.concatenate([parts[FIRST][1], parts[SECOND][1] + len(parts[FIRST][0])])
+    if comm.rank > 0:
+        points, cells = points[:0], cells[:0]
+    kind = {(2, 3): "triangle", (2, 4): "quadrilateral", (3, 4): "tetrahedron", (3, 8): "hexahedron"}[dim, per_cell]
+    mesh = linear_mesh(comm, points.reshape(-1, dim), cells.reshape(-1, per_cell), kind)
+    body = np.where(np.asarray(mesh.topology.original_cell_index) < count, FIRST, SECOND).astype(np.int32)
+    cell_tags = dmesh.meshtags(mesh, dim, np.arange(body.size, dtype=np.int32), body)
+    facet_tags = _side_tags(mesh, body, shapes)
+    if warp is not None:
+        for tag in shapes:
+            nodes = np.unique(mesh.geometry.dofmap[cell_tags.find(tag)])
+            mesh.geometry.x[nodes, :dim] = warp(mesh.geometry.x[nodes, :dim], tag)
+    return mesh, cell_tags, facet_tags
+
+
+def _grid(lower, upper, cells, simplices):
+    """Points (n, dim) and cells (c, 2^dim), or simplices (c, dim + 1), of one block."""
+    dim = len(lower)
+    axes = [np.linspace(low, high, count + 1) for low, high, count in zip(lower, upper, cells, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, dim)
+    numbers = np.arange(len(points)).reshape([count + 1 for count in cells])
+    # corners in tensor order: the first axis changes fastest
+    corners = [
+        numbers[tuple(slice(bit, count + bit) for bit, count in zip(bits[::-1], cells, strict=True))].ravel()
+        for bits in np.ndindex(*(2,) * dim)
+    ]
+    boxes = np.stack(corners, axis=1)
+    if not simplices:
+        return points, boxes
+    # paths along the edges from the first corner to the last: they fit together across neighbours
+    paths = [np.cumsum([0, *(1 << axis for axis in order)]) for order in permutations(range(dim))]
+    return points, np.concatenate([boxes[:, path] for path in paths])
+
+
+def _side_tags(mesh, body, shapes):
+    """Tags of the sides of both blocks, told apart by the cells behind them."""
+    dim = mesh.topology.dim
+    mesh.topology.create_connectivity(dim - 1, dim)
+    to_cell = mesh.topology.connectivity(dim - 1, dim)
+    facets, values = [], []
+    for tag, (lower, upper, _) in shapes.items():
+        size = float(np.max(np.subtract(upper, lower)))
+        for axis in range(dim):
+            for is_upper, at in ((False, lower[axis]), (True, upper[axis])):
+                near = lambda x, axis=axis, at=at, size=size: np.abs(x[axis] - at) < 1e-9 * size  # noqa: E731
+                found = dmesh.locate_entities_boundary(mesh, dim - 1, near)
+                own = np.array([body[to_cell.links(facet)[0]] == tag for facet in found], dtype=bool)
+                facets.append(found[own])
+                values.append(np.full(own.sum(), side(tag, axis, is_upper), dtype=np.int32))
+    facets, values = np.concatenate(facets), np.concatenate(values)
+    order = np.argsort(facets)
+    return dmesh.meshtags(mesh, dim - 1, facets[order], values[order])
