@@ -1,0 +1,56 @@
+"""A spherical cap that faces the flat top of a block: one quarter of both, with meshes that do not match.
+
+Structured hexahedra, graded towards the point of first contact at the origin. The cap is the column of a sphere
+above a square, the block a cuboid below it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
+
+SPHERE, BLOCK = FIRST, SECOND
+"""Cell tags of the two bodies."""
+SPHERE_BOTTOM, SPHERE_TOP, BLOCK_TOP, BLOCK_BOTTOM = (
+    side(SPHERE, 2, False), side(SPHERE, 2, True), side(BLOCK, 2, True), side(BLOCK, 2, False),
+)  # fmt: skip
+SYMMETRY = {axis: (side(SPHERE, axis, False), side(BLOCK, axis, False)) for axis in (0, 1)}
+"""Facet tags of the planes x = 0 and y = 0."""
+BLOCK_SIDE = side(BLOCK, 0, True)
+"""Facet tag of the outer side of the block along x."""
+
+
+def sphere_on_block(comm, *, radius=10.0, width=0.5, gap=0.0, sphere_cells=(20, 10), block_cells=(16, 8), grading=3.0):
+    """Build the mesh of both bodies on all ranks of ``comm``.
+
+    Args:
+        comm: MPI communicator.
+        radius: radius R of the sphere, in the unit of length of the scene; its height is R too.
+        width: width of the modelled square over R, at most 0.7, of the sphere; the block has the same.
+        gap: distance of sphere and block at the origin.
+        sphere_cells: cells of the sphere along x and y, and along z.
+        block_cells: cells of the block likewise.
+        grading: 0 for even cells; cells grow from the origin like the slope of sinh over [0, grading].
+
+    Returns:
+        ``(mesh, cell_tags, facet_tags)`` with Q1 hexahedra and the tags of this module.
+    """
+    if radius <= 0 or not 0 < width <= 0.7 or grading < 0:
+        raise ValueError(f"radius = {radius} must be positive, width = {width} in (0, 0.7], grading = {grading} >= 0")
+
+    def warp(points, tag):
+        x, y = (width * radius * _graded(points[:, axis], grading) for axis in (0, 1))
+        if tag == BLOCK:
+            return np.column_stack([x, y, -radius * _graded(-points[:, 2], grading)])
+        surface = radius - np.sqrt(radius**2 - x**2 - y**2)
+        return np.column_stack([x, y, gap + surface + (radius - surface) * _graded(points[:, 2], grading)])
+
+    upper = ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (sphere_cells[0], sphere_cells[0], sphere_cells[1]))
+    lower = ((0.0, 0.0, -1.0), (1.0, 1.0, 0.0), (block_cells[0], block_cells[0], block_cells[1]))
+    return two_blocks(comm, first=upper, second=lower, warp=warp)
+
+
+def _graded(position, grading):
+    """Map [0, 1] onto itself, denser towards 0."""
+    return np.sinh(grading * position) / np.sinh(grading) if grading > 0 else position
