@@ -70,34 +70,28 @@ def main() -> None:
     comm = MPI.COMM_WORLD
     console = Console(quiet=comm.rank > 0)
     bars = progress_bars(console)
-    start = time.perf_counter()
-    full_order = hhr.FullOrderModel(scene(**(QUICK_MESH if options.quick else {})), MPI.COMM_SELF)
-    stages = {"full_order": time.perf_counter() - start}
-    space, start = full_order.problem.parameters, time.perf_counter()
-    store = hhr.SnapshotStore(options.out / "snapshots", full_order.problem)
-    training, held_out = space.grid([25, 20]), space.random(40, options.seed + 2000)
-    snapshots = hhr.spread_snapshots(full_order, training, comm, bars("snapshots"), store)
-    stages["snapshots"], start = time.perf_counter() - start, time.perf_counter()
-    held_out = hhr.spread_snapshots(full_order, held_out, comm, bars("held out"), store)
-    stages["held_out"] = time.perf_counter() - start
+    mesh = QUICK_MESH if options.quick else {}
+    training = hhr.train(
+        scene(**mesh), [25, 20], seed=options.seed, folder=options.out / "snapshots", comm=comm, progress=bars
+    )
     if rows is not None:
-        batch(full_order, snapshots, held_out, rows, options, comm, console)
+        batch(training, rows, options, comm, console)
     elif comm.rank == 0:
         import pellet_cladding_study as study
 
-        study.run(full_order, snapshots, held_out, options, stages, console)
+        study.run(training, options, console)
         if options.study == "thesis":
-            study.thesis_tables(full_order, snapshots, options.out, console)
+            study.thesis_tables(training, options.out, console)
 
 
-def batch(full_order, snapshots, held_out, rows, options, comm, console) -> None:
+def batch(training, rows, options, comm, console) -> None:
     """Answer the rows of a table on all ranks."""
-    reduction = hhr.build_reduced_model(full_order.problem, full_order.schur, snapshots, held_out=held_out)
+    reduction = training.build()
     start = time.perf_counter()
     answers = hhr.answer_rows(reduction, rows, comm, progress_bars(console)("answers"))
     if comm.rank == 0:
         path = options.out / "answers.csv"
-        bad = hhr.write_answers(path, full_order.problem.parameters, answers)
+        bad = hhr.write_answers(path, scene().parameters, answers)
         seconds = time.perf_counter() - start
         console.print(f"{len(rows) - bad} answers and {bad} bad rows on {comm.size} ranks in {seconds:.1f} s: {path}")
         for number, row in enumerate(answers, start=1):

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
-import math
-import warnings
 
 import numpy as np
 import pellet_cladding as demo
@@ -14,10 +11,9 @@ from rich.table import Table
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.coarser import CoarserMesh
-from hhr_dolfinx.errors import HHRError, StabilityWarning
+from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.peers import DualBasisModel, cone_projected_greedy, nonnegative_factors
 from hhr_dolfinx.study import measure_errors, solve_references, time_queries
-from hhr_dolfinx.trust import TrustLimits
 
 POINTS = np.array([[170.0, 3.2], [30.0, 5.25]])
 """The two points of table 3.1."""
@@ -70,8 +66,9 @@ def rivals(full_order, snapshots, quick):
         yield hhr.Rival("coarser mesh", f"1/{part}", CoarserMesh(coarse, fine, fine.parameters.grid([12, 10])))
 
 
-def run(full_order, snapshots, held_out, options, stages, console) -> None:
+def run(training, options, console) -> None:
     """Measure everything, print it, and write report, model, fields and pictures."""
+    full_order, snapshots = training.full_order, training.snapshots
     space = full_order.problem.parameters
     points = space.random(20 if options.quick else 200, options.seed)
     settings = hhr.StudySettings(variants=variants(), queries=15 if options.quick else 100, seed=options.seed)
@@ -80,22 +77,22 @@ def run(full_order, snapshots, held_out, options, stages, console) -> None:
         snapshots,
         points,
         settings,
-        held_out=held_out,
+        held_out=training.held_out,
         rivals=list(rivals(full_order, snapshots, options.quick)),
         progress=demo.progress_bars(console),
     )
-    report = hhr.make_report(full_order, snapshots, result, seed=options.seed, stages=stages)
-    report["thesis_size"] = thesis_size(full_order, snapshots, report, options)
+    report = hhr.make_report(full_order, snapshots, result, seed=options.seed, stages=training.stages)
+    report["thesis_size"] = thesis_size(training, report, options)
     hhr.write_report(report, options.out)
     hhr.print_report(report, console)
     hhr.save_model(options.out / "model.npz", result.hyper.model, result.hyper.reconstruction)
-    pictures(full_order, snapshots, result, report, options)
+    pictures(training, result, report, options)
     console.print(f"report, pictures, fields and model are in {options.out}")
 
 
-def thesis_size(full_order, snapshots, report, options) -> dict:
+def thesis_size(training, report, options) -> dict:
     """Errors of the thesis-size recipe at the points of table 3.1, and its time beside the full order's."""
-    reduction = _quietly(full_order, snapshots, demo.THESIS_SIZE)
+    full_order, reduction = training.full_order, training.build(demo.THESIS_SIZE, checked=False)
     inside = reduction.sets.A_lambda
     points = full_order.problem.parameters.random(205 if not options.quick else 20, options.seed + 3000)
     seconds = float(np.median(time_queries({"online": reduction.model.solve}, points)["online"]))
@@ -114,8 +111,9 @@ def thesis_size(full_order, snapshots, report, options) -> dict:
     }
 
 
-def thesis_tables(full_order, snapshots, folder, console) -> None:
+def thesis_tables(training, folder, console) -> None:
     """Rows of tables 3.1, 3.2 and 3.3 of the thesis beside ours, printed and written to a file."""
+    full_order, snapshots = training.full_order, training.snapshots
     references = solve_references(full_order, snapshots, POINTS)
     table = Table("eps 2", "size", "errors % at (170, 3.2)", "at (30, 5.25)", title="table 3.1: thesis | here")
     rows = []
@@ -124,7 +122,7 @@ def thesis_tables(full_order, snapshots, folder, console) -> None:
             1e-6, extended_pod_tolerance=epsilon, dual_pod_tolerance=4e-4, kappa_max=1.0
         )
         try:
-            reduction = _quietly(full_order, snapshots, recipe)
+            reduction = training.build(recipe, checked=False)
             values = measure_errors(full_order.problem, reduction, references).values
             ours = [100 * values[name][k] for k in (0, 1) for name in ("primal_euclid", "dual_rid")]
             mine = str(reduction.basis.shape[1])
@@ -139,7 +137,7 @@ def thesis_tables(full_order, snapshots, folder, console) -> None:
     full = float(np.median(time_queries({"fom": full_order.solve}, fresh)["fom"]))
     for number, label, dual, epsilon, size, milliseconds in THESIS_TIMES:
         recipe = hhr.ReductionSettings.thesis(1e-6, extended_pod_tolerance=epsilon, dual_pod_tolerance=dual)
-        reduction = _quietly(full_order, snapshots, recipe)
+        reduction = training.build(recipe, checked=False)
         online = float(np.median(time_queries({"online": reduction.model.solve}, fresh)["online"]))
         rows.append({"table": number, "recipe": label, "size": reduction.basis.shape[1], "online_s": online})
         times.add_row(
@@ -150,16 +148,17 @@ def thesis_tables(full_order, snapshots, folder, console) -> None:
     (folder / "thesis_tables.json").write_text(json.dumps(rows, indent=2))
 
 
-def pictures(full_order, snapshots, result, report, options) -> None:
+def pictures(training, result, report, options) -> None:
     """Work-precision, error maps, RID and fields at (170 MPa, 3.2 mm), contact forces."""
     from hhr_dolfinx import plots
 
+    full_order, snapshots = training.full_order, training.snapshots
     problem, hyper, folder = full_order.problem, result.hyper, options.out
     plots.plot_work_precision(report["work_precision"], folder / "work_precision.png")
     thesis = hhr.ReductionSettings.thesis(1e-6, dual_pod_tolerance=4e-4)
     models = {
-        "thesis, EF": _quietly(full_order, snapshots, thesis),
-        "thesis size, POD+EF": _quietly(full_order, snapshots, demo.THESIS_SIZE),
+        "thesis, EF": training.build(thesis, checked=False),
+        "thesis size, POD+EF": training.build(demo.THESIS_SIZE, checked=False),
         "default": hyper,
     }
     references = solve_references(
@@ -183,12 +182,3 @@ def pictures(full_order, snapshots, result, report, options) -> None:
     z = problem.contact_points[side, 1]
     answers = [(z, forces[side])]
     plots.plot_multipliers(z, [exact.forces[side]], answers, ["170 MPa, 3.2 mm"], folder / "multipliers.png", "z [mm]")
-
-
-def _quietly(full_order, snapshots, recipe):
-    """Build a model of the thesis to measure it as it is, whatever the trust check thinks of it."""
-    unlimited = TrustLimits(refuse_cond_K=math.inf, refuse_inf_sup=0.0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StabilityWarning)
-        recipe = dataclasses.replace(recipe, limits=unlimited)
-        return hhr.build_reduced_model(full_order.problem, full_order.schur, snapshots, recipe)

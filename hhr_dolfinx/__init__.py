@@ -38,6 +38,7 @@ _PUBLIC = {
     "StudySettings": "study",
     "Rival": "study",
     "run_study": "study",
+    "train": "study",
     "make_report": "report",
     "print_report": "report",
     "write_report": "report",

@@ -112,8 +112,8 @@ class Discretisation:
             parameters=self.scene.parameters,
         )
 
-    def von_mises(self, displacement: np.ndarray) -> np.ndarray:
-        """Von Mises stress at the middle of each cell, in the order of ``ContactProblem.cell_nodes``.
+    def stress(self, displacement: np.ndarray) -> np.ndarray:
+        """Stress at the middle of each cell, (cells, 3, 3), in the order of ``ContactProblem.cell_nodes``.
 
         Args:
             displacement: on all dofs, (N,).
@@ -121,16 +121,21 @@ class Discretisation:
         field = fem.Function(self.space)
         field.x.petsc_vec.array[:] = displacement[self.rows]
         field.x.scatter_forward()
-        constants = fem.functionspace(self.mesh, ("Discontinuous Lagrange", 0))
+        constants = fem.functionspace(self.mesh, ("Discontinuous Lagrange", 0, (3, 3)))
         points = compat.interpolation_points(constants.element)
         stress = fem.Function(constants)
         for body in self.scene.bodies:
-            cells = self._cell_tags.find(body.tag)
             sigma = elasticity.stress(field, body.young, body.poisson, self.scene.hypothesis)
-            deviator = sigma - ufl.tr(sigma) / 3 * ufl.Identity(3)
-            stress.interpolate(fem.Expression(ufl.sqrt(1.5 * ufl.inner(deviator, deviator)), points), cells)
+            stress.interpolate(fem.Expression(sigma, points), self._cell_tags.find(body.tag))
         owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
-        return np.concatenate(self.comm.allgather(stress.x.array[constants.dofmap.list[:owned].ravel()]))
+        values = stress.x.array.reshape(-1, 3, 3)[constants.dofmap.list[:owned].ravel()]
+        return np.concatenate(self.comm.allgather(values))
+
+    def von_mises(self, displacement: np.ndarray) -> np.ndarray:
+        """Von Mises stress at the middle of each cell, (cells,); see :meth:`stress`."""
+        sigma = self.stress(displacement)
+        deviator = sigma - np.trace(sigma, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
+        return np.sqrt(1.5 * np.einsum("cij,cij->c", deviator, deviator))
 
     def _check_tags(self):
         scene, fdim = self.scene, self.mesh.topology.dim - 1

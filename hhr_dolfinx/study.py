@@ -1,19 +1,22 @@
 """Error against run time of one scene: every model on the same points in the same process.
 
-Only this module and ``offline`` hold a clock.
+In the package only this module and ``offline`` hold a clock.
 """
 
 from __future__ import annotations
 
 import gc
+import math
 import time
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
 from hhr_dolfinx.accuracy import energy_minimum, force_floor, relative_error, summary
@@ -24,9 +27,14 @@ from hhr_dolfinx.full_order import FullOrderModel
 from hhr_dolfinx.offline import HyperReduction, ReductionSettings, build_reduced_model
 from hhr_dolfinx.problem import ContactProblem
 from hhr_dolfinx.reduced import ReducedModel
-from hhr_dolfinx.snapshots import SnapshotSet
+from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.snapshot_store import SnapshotStore
+from hhr_dolfinx.snapshots import SnapshotSet, spread_snapshots
+from hhr_dolfinx.trust import TrustLimits
 
 Progress = Callable[[Iterable], Iterable]
+
+DEFAULT_RECIPE = ReductionSettings()
 
 
 @dataclass(frozen=True)
@@ -54,12 +62,74 @@ class StudySettings:
         variants: further recipes by label, for the work-precision table.
         queries: timed queries per model, at least 100 for a figure to quote.
         seed: seed of the parameters that are timed; they are neither trained nor tested on.
+        naive: whether to time the naive full order too; in space one of its queries takes many seconds.
     """
 
     reduction: ReductionSettings = ReductionSettings()
     variants: Sequence[tuple[str, ReductionSettings]] = ()
     queries: int = 200
     seed: int = 1
+    naive: bool = True
+
+
+@dataclass(frozen=True)
+class Training:
+    """A full model with the solutions to train and to check reduced models.
+
+    Attributes:
+        full_order: the full model, on one rank.
+        snapshots: training solutions.
+        held_out: solutions for the trust check.
+        stages: seconds of each stage.
+    """
+
+    full_order: FullOrderModel
+    snapshots: SnapshotSet
+    held_out: SnapshotSet
+    stages: dict[str, float]
+
+    def build(self, recipe: ReductionSettings = DEFAULT_RECIPE, *, checked: bool = True) -> HyperReduction:
+        """A reduced model; unchecked it is built however unstable it is, to be measured, without a warning."""
+        problem, schur = self.full_order.problem, self.full_order.schur
+        if checked:
+            return build_reduced_model(problem, schur, self.snapshots, recipe, self.held_out)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StabilityWarning)
+            unlimited = TrustLimits(refuse_cond_K=math.inf, refuse_inf_sup=0.0)
+            return build_reduced_model(problem, schur, self.snapshots, replace(recipe, limits=unlimited))
+
+
+def train(
+    scene: Scene,
+    counts: Sequence[int],
+    *,
+    held_out: int = 40,
+    seed: int = 1,
+    folder: Path | None = None,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    progress: Callable[[str], Progress] = lambda _: iter,
+) -> Training:
+    """Build the full model of a scene on each rank and share the training parameters out over the ranks.
+
+    Args:
+        scene: the scene.
+        counts: training points along each parameter, on a regular grid.
+        held_out: random parameters for the trust check.
+        seed: seed of these.
+        folder: where solutions are kept and found again; None keeps nothing.
+        comm: communicator over which the parameters are spread.
+        progress: maps a label to a wrapper of iterations, for progress bars.
+    """
+    stages, start = {}, time.perf_counter()
+    full_order = FullOrderModel(scene, MPI.COMM_SELF)
+    stages["full_order"] = time.perf_counter() - start
+    store = None if folder is None else SnapshotStore(folder, full_order.problem)
+    space, sets = scene.parameters, {}
+    for name, points in (("snapshots", space.grid(counts)), ("held_out", space.random(held_out, seed + 2000))):
+        start = time.perf_counter()
+        sets[name] = spread_snapshots(full_order, points, comm, progress(name.replace("_", " ")), store)
+        stages[name] = time.perf_counter() - start
+    return Training(full_order, sets["snapshots"], sets["held_out"], stages)
 
 
 @dataclass(frozen=True)
@@ -244,7 +314,7 @@ def run_study(
     references = solve_references(full_order, snapshots, points, progress("references"))
     errors = measure_errors(problem, hyper, references)
     fresh, others = (problem.parameters.random(settings.queries + 5, settings.seed + k) for k in (1000, 4000))
-    warm, cold = _models(full_order, hyper, snapshots)
+    warm, cold = _models(full_order, hyper, snapshots, settings.naive)
     times = {"warm": time_queries(warm, fresh), "cold": time_queries(cold, others)}
     rows = [_row("HHR", "this model", times["warm"]["online"], errors.values)]
     for label, recipe in progress("variants")(settings.variants):
@@ -257,7 +327,7 @@ def run_study(
     return StudyResult(hyper, references.points, errors, times, rows)
 
 
-def _models(full_order, hyper, snapshots) -> tuple[dict[str, Callable], dict[str, Callable]]:
+def _models(full_order, hyper, snapshots, with_naive) -> tuple[dict[str, Callable], dict[str, Callable]]:
     """All models by name, each started from the nearest known statuses and from none."""
     known, problem, model = snapshots.known_statuses, full_order.problem, hyper.model
 
@@ -282,11 +352,15 @@ def _models(full_order, hyper, snapshots) -> tuple[dict[str, Callable], dict[str
     if full_order.comm.size > 1:
         hyper.log.skip("fom_naive, condensed", f"serial baselines, run on {full_order.comm.size} ranks")
         return warm, cold
-    naive = NaiveFullOrder(full_order)
     forces_only = exact_condensation(full_order, known, field=False)
     condensed = exact_condensation(full_order, known)
-    warm |= {"fom_naive": near(naive.solve), "condensed": forces_only.solve, "condensed_full": condensed.solve}
-    cold |= {"fom_naive": naive.solve, "condensed": unaided(forces_only.solve)}
+    warm |= {"condensed": forces_only.solve, "condensed_full": condensed.solve}
+    cold |= {"condensed": unaided(forces_only.solve)}
+    if with_naive:
+        naive = NaiveFullOrder(full_order)
+        warm["fom_naive"], cold["fom_naive"] = near(naive.solve), naive.solve
+    else:
+        hyper.log.skip("fom_naive", "not asked for: one query takes too long to measure a hundred")
     return warm, cold
 
 
