@@ -68,9 +68,14 @@ def plot_fields(grid: pyvista.UnstructuredGrid, names: list[str], path: Path, *,
             "n_labels": 3,
             "color": "k",
         }
-        plotter.add_mesh(shown.copy(), scalars=name, cmap="viridis", scalar_bar_args=bar, lighting=False)
-        plotter.view_xy()
-        plotter.camera.tight(padding=0.15, adjust_render_window=False)
+        flat = np.ptp(grid.points[:, 2]) == 0
+        plotter.add_mesh(shown.copy(), scalars=name, cmap="viridis", scalar_bar_args=bar, lighting=not flat)
+        if flat:
+            plotter.view_xy()
+            plotter.camera.tight(padding=0.15, adjust_render_window=False)
+        else:
+            # from the side of the planes of symmetry, where the inside of a quarter model shows
+            plotter.view_vector((-1.0, -1.4, 0.6))
     plotter.screenshot(path)
     plotter.close()
 
@@ -96,7 +101,15 @@ def plot_maps(points, maps: dict[str, np.ndarray], labels: tuple[str, str], path
     _save(figure, path)
 
 
-def plot_multipliers(positions, references, answers, labels, path: Path, xlabel="position along the surface"):
+def plot_multipliers(
+    positions,
+    references,
+    answers,
+    labels,
+    path: Path,
+    xlabel="position along the surface",
+    ylabel="contact force per node",
+):
     """Contact forces of the full model (lines) and of HHR on the RID (marks), thesis figure 3.2b.
 
     Args:
@@ -105,13 +118,13 @@ def plot_multipliers(positions, references, answers, labels, path: Path, xlabel=
         answers: pairs of positions and forces of HHR.
         labels: one label per curve.
         path: picture file.
-        xlabel: meaning of ``positions``.
+        xlabel, ylabel: meaning of ``positions`` and of the forces.
     """
     figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
     for reference, (where, forces), label in zip(references, answers, labels, strict=True):
-        (line,) = axes.plot(positions, reference, label=f"full order, {label}")
-        axes.plot(where, forces, "o", color=line.get_color(), label="HHR" if label == labels[-1] else None)
-    axes.set(xlabel=xlabel, ylabel="contact force per node")
+        (line,) = axes.plot(positions, reference, label=f"full order, {label}" if len(where) else label)
+        axes.plot(where, forces, "o", color=line.get_color(), label="HHR" if label == labels[0] else None)
+    axes.set(xlabel=xlabel, ylabel=ylabel)
     axes.legend()
     _save(figure, path)
 
