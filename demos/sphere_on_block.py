@@ -82,7 +82,7 @@ def main() -> None:
         (f"eps {eps:.0e}", hhr.ReductionSettings(eps, dual_pod_tolerance=None, layers=0)) for eps in (1e-8, 1e-9)
     ]
     queries = 15 if options.quick else 200
-    settings = hhr.StudySettings(RECIPE, variants, queries=queries, seed=options.seed, naive=options.quick)
+    settings = hhr.StudySettings(RECIPE, variants, queries=queries, seed=options.seed, naive=False)
     points = built.parameters.random(20 if options.quick else 200, options.seed)
     result = hhr.run_study(full_order, snapshots, points, settings, held_out=training.held_out, progress=bars)
     report = hhr.make_report(full_order, snapshots, result, seed=options.seed, stages=training.stages)

@@ -10,7 +10,7 @@ from itertools import permutations
 import numpy as np
 from dolfinx import mesh as dmesh
 
-from hhr_dolfinx.compat import linear_mesh
+from hhr_dolfinx.compat import geometry_dofmap, linear_mesh
 from hhr_dolfinx.geometries import block
 
 FIRST, SECOND = 1, 2
@@ -49,8 +49,9 @@ def two_blocks(comm, *, first, second, simplices=False, warp=None):
     cell_tags = dmesh.meshtags(mesh, dim, np.arange(body.size, dtype=np.int32), body)
     facet_tags = _side_tags(mesh, body, shapes)
     if warp is not None:
+        cell_nodes = geometry_dofmap(mesh)
         for tag in shapes:
-            nodes = np.unique(mesh.geometry.dofmap[cell_tags.find(tag)])
+            nodes = np.unique(cell_nodes[cell_tags.find(tag)])
             mesh.geometry.x[nodes, :dim] = warp(mesh.geometry.x[nodes, :dim], tag)
     return mesh, cell_tags, facet_tags
 

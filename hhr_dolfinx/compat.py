@@ -88,3 +88,9 @@ def closest_cells(mesh, points):
     entities = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
     tree = geometry.bb_tree(mesh, dim, entities=entities)
     return geometry.compute_closest_entity(tree, geometry.create_midpoint_tree(mesh, dim, entities), mesh, points)
+
+
+def geometry_dofmap(mesh):
+    """Nodes of each cell in ``mesh.geometry.x``; ``dofmap`` is on its way out from 0.11 on."""
+    geometry = mesh.geometry
+    return geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap

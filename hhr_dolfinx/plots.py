@@ -129,6 +129,17 @@ def plot_multipliers(
     _save(figure, path)
 
 
+def plot_curves(curves: dict[str, tuple[np.ndarray, np.ndarray]], xlabel: str, ylabel: str, path: Path) -> None:
+    """Curves by name, each a pair of positions and values, in the order of the positions."""
+    figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
+    for name, (where, values) in curves.items():
+        order = np.argsort(where)
+        axes.plot(where[order], values[order], ".-", label=name)
+    axes.set(xlabel=xlabel, ylabel=ylabel)
+    axes.legend()
+    _save(figure, path)
+
+
 def plot_errors(parameter, errors: dict[str, np.ndarray], xlabel: str, path: Path) -> None:
     """Errors over one parameter on a logarithmic axis, thesis figure 3.3."""
     figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")

@@ -18,6 +18,8 @@ from scipy.spatial import cKDTree
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.projection import local_coordinates, shape_functions
 from hhr_dolfinx.pairings.surface import (
+    FACING,
+    GRAZING,
     check_facing,
     mean_normal,
     never_facing,
@@ -28,8 +30,6 @@ from hhr_dolfinx.pairings.surface import (
 )
 from hhr_dolfinx.problem import ContactRows
 
-FACING = 0.1
-"""Cosine between the direction of projection and a master facet's normal, below which they do not face each other."""
 COVERED = 1e-6
 """Covered part of a node's area below which it has no condition."""
 MULTIPLIERS = ("dual", "standard")
@@ -86,11 +86,15 @@ class Mortar:
         slave, master = surfaces
         if self.normal is None:
             normals, directions = slave.node_normals(), slave.outward
+            pairs = _near_facets(slave, master, np.eye(slave.points.shape[1]), reach=3.0)
+            cosine = FACING
         else:
             normal = unit(self.normal, slave.points.shape[1])
             check_facing(slave, normal, along=True)
             normals, directions = np.tile(normal, (len(slave.nodes), 1)), np.tile(normal, (len(slave.facets), 1))
-        pairs = _facing_facets(slave, master, directions)
+            # seen along the normal the surfaces are flat, and what faces each other is close
+            pairs, cosine = _near_facets(slave, master, np.eye(normal.size) - np.outer(normal, normal)), GRAZING
+        pairs = _opposite(slave, master, directions, *pairs, cosine)
         segments = (_segments if slave.points.shape[1] == 2 else _polygons)(slave, master, directions, *pairs)
         if not segments.measures.size:
             raise SceneError(never_facing(slave, master, "no facet of one lies in front of a facet of the other"))
@@ -145,19 +149,26 @@ class Segments(NamedTuple):
     measures: np.ndarray
 
 
-def _facing_facets(slave, master, directions):
-    """Pairs of facets that may have a common part: near each other and opposite, (p,) each."""
-    reach = cKDTree(master.points).query(slave.points)[0].max()
-    middles = [surface.corners.mean(axis=1) for surface in (slave, master)]
-    radii = [
-        np.linalg.norm(surface.corners - middle[:, None], axis=2).max()
-        for surface, middle in zip((slave, master), middles, strict=True)
-    ]
-    near = cKDTree(middles[0]).query_ball_tree(cKDTree(middles[1]), reach + sum(radii))
-    here = np.repeat(np.arange(len(near)), [len(item) for item in near])
-    there = np.array([k for item in near for k in item], dtype=int)
-    opposite = np.einsum("pd,pd->p", directions[here], master.outward[there]) < -FACING
-    opposite &= np.einsum("pd,pd->p", directions[here], slave.outward[here]) > FACING
+def _near_facets(slave, master, flat, reach=1.0):
+    """Pairs of facets that may have a common part, (p,) each.
+
+    Args:
+        slave, master: the surfaces.
+        flat: projection in which distances are measured, (dim, dim).
+        reach: how far to look, over the largest distance of a slave node to the nearest master node.
+    """
+    corners = [surface.corners @ flat for surface in (slave, master)]
+    reach *= cKDTree(master.points @ flat).query(slave.points @ flat)[0].max()
+    middles = [item.mean(axis=1) for item in corners]
+    reach += sum(np.linalg.norm(c - m[:, None], axis=2).max() for c, m in zip(corners, middles, strict=True))
+    near = cKDTree(middles[0]).sparse_distance_matrix(cKDTree(middles[1]), reach, output_type="ndarray")
+    return near["i"], near["j"]
+
+
+def _opposite(slave, master, directions, here, there, cosine):
+    """Those pairs whose slave looks along its direction of projection and whose master looks against it."""
+    opposite = np.einsum("pd,pd->p", directions[here], master.outward[there]) < -cosine
+    opposite &= np.einsum("pd,pd->p", directions[here], slave.outward[here]) > cosine
     return here[opposite], there[opposite]
 
 

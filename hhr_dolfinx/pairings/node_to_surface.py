@@ -11,6 +11,8 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.projection import Feet, closest_points
 from hhr_dolfinx.pairings.surface import (
+    FACING,
+    GRAZING,
     check_facing,
     mean_normal,
     never_facing,
@@ -22,8 +24,6 @@ from hhr_dolfinx.pairings.surface import (
 )
 from hhr_dolfinx.problem import ContactRows, joined
 
-FACING = 0.1
-"""Cosine between a slave's normal and its contact normal below which the surfaces do not face each other."""
 BEYOND = 1e-6
 """Part of a facet by which a slave node may lie beyond the edge of the master surface: round-off of meshers."""
 DEPENDENT = 1e-8
@@ -136,7 +136,7 @@ class DoublePass:
 def _along(slave, master, normal):
     """Project the slave nodes along a given normal; kept slave nodes, their master nodes, weights and normals."""
     check_facing(slave, normal, along=True)
-    facing = master.outward @ normal < -FACING
+    facing = master.outward @ normal < -GRAZING
     if not facing.any():
         raise SceneError(never_facing(slave, master, f"no facet of {master.tag} looks against {normal.tolist()}"))
     flat = np.eye(normal.size) - np.outer(normal, normal)
@@ -150,16 +150,20 @@ def _along(slave, master, normal):
 def _closest(slave, master):
     """Closest-point projection of the slave nodes; kept slave nodes, their master nodes, weights and normals."""
     feet = closest_points(slave.points, master.corners)
-    smooth = np.einsum("mk,mkd->md", feet.weights, master.corner_normals()[feet.facets])
+    corner_normals, outward = master.corner_normals()[feet.facets], master.outward[feet.facets]
+    smooth = np.einsum("mk,mkd->md", feet.weights, corner_normals)
     normals = -smooth / np.linalg.norm(smooth, axis=1, keepdims=True)
     facing = np.einsum("md,md->m", slave.node_normals(), normals) > FACING
     if not facing.any():
         raise SceneError(never_facing(slave, master, "the closest facets all look the same way as the slave"))
     # beyond the edge of the master the closest point lies on that edge and not below the node
-    outward = master.outward[feet.facets]
-    sideways = feet.offsets - outward * np.einsum("md,md->m", feet.offsets, outward)[:, None]
+    height = np.einsum("md,md->m", feet.offsets, outward)[:, None]
+    sideways = np.linalg.norm(feet.offsets - outward * height, axis=1)
+    # on a curved surface the last facet is turned against the true normal at its edge
+    turned = np.linalg.norm(corner_normals - outward[:, None], axis=2).max(axis=1)
+    allowed = BEYOND * _lengths(master)[feet.facets] + 1.1 * turned * np.linalg.norm(feet.offsets, axis=1)
     on_edge = ((feet.weights < 1e-9) | master.boundary_nodes()[master.facets[feet.facets]]).all(axis=1)
-    beyond = on_edge & (np.linalg.norm(sideways, axis=1) > BEYOND * _lengths(master)[feet.facets])
+    beyond = on_edge & (sideways > allowed)
     return _kept(slave, master, feet, beyond | ~facing, normals)
 
 

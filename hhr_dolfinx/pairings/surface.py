@@ -14,6 +14,11 @@ from hhr_dolfinx.problem import ContactRows
 CREASE = np.cos(np.deg2rad(40.0))
 """Facets that meet at more than 40 degrees form an edge; normals are not averaged across it."""
 
+FACING = 0.1
+"""Cosine between two directions found from the meshes below which surfaces do not face each other."""
+GRAZING = 1e-3
+"""The same for a normal given by the user, who may tag a half-disc up to where its surface is parallel to it."""
+
 
 @dataclass(frozen=True)
 class Surface:

@@ -1,0 +1,326 @@
+"""The hyper-reduced model of non-matching contact: closed RID, generalised saddle point, both rank conditions."""
+
+import dataclasses
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import contact_patch_test as patch
+import numpy as np
+import pellet_cladding_nonmatching as demo
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mpi4py import MPI
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.active_set import SchurEqualities, active_set
+from hhr_dolfinx.enrichment import enrich
+from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.problem import Status
+from hhr_dolfinx.reduced import project
+from hhr_dolfinx.rid import open_conditions, reduced_domain, whole_domain
+from hhr_dolfinx.stability import assess
+
+ROOT = Path(__file__).parent.parent
+MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}
+
+
+@pytest.fixture(scope="module")
+def pellet():
+    """The demo's scene on a coarse mesh with its snapshots."""
+    return hhr.train(demo.scene(**MESH), [12, 10], held_out=10, comm=MPI.COMM_SELF)
+
+
+@pytest.fixture(scope="module", params=["node_to_surface", "mortar", "double_pass"])
+def problem(request):
+    """Problems of all pairings whose rows interpolate."""
+    return hhr.FullOrderModel(demo.scene(request.param, **MESH), MPI.COMM_SELF).problem
+
+
+@pytest.fixture(scope="module")
+def standard():
+    """Standard mortar multipliers, each row of which touches its neighbours' slaves."""
+    return hhr.FullOrderModel(patch.scene(patch.standard_mortar, (12, 4), (16, 4)), MPI.COMM_SELF).problem
+
+
+def check_closed(problem, asked, sets):
+    """By the definitions of (5.5), (5.6), (5.20) and section 5.2.3, by brute force."""
+    contact, dim = problem.contact.toarray(), problem.block_size
+    in_A = np.zeros(problem.free.size, dtype=bool)
+    in_A[sets.A] = True
+    outside = np.setdiff1d(np.arange(len(problem.cell_nodes)), sets.cells)
+    assert not np.isin(sets.A // dim, problem.cell_nodes[outside]).any()
+    touching = {j for j, row in enumerate(contact) if in_A[np.flatnonzero(row)].any()}
+    assert touching <= set(sets.A_lambda), "a force outside the RID acts on it"
+    assert open_conditions(problem, sets).size == 0
+    columns = np.flatnonzero(contact[sets.A_lambda].any(axis=0))
+    assert sets.A_c_tilde.tolist() == columns.tolist()
+    assert sets.A_c.tolist() == columns[in_A[columns]].tolist()
+    # every node asked for keeps its free dofs
+    dofs = problem.node_dofs(asked)
+    assert in_A[dofs[problem.free[dofs]]].all()
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10**6), count=st.integers(1, 12), layers=st.integers(0, 2))
+def test_every_rid_is_closed_and_keeps_its_nodes(problem, seed, count, layers):
+    rng = np.random.default_rng(seed)
+    on_surface = np.unique(problem.contact.indices // problem.block_size)
+    asked = np.concatenate([rng.choice(len(problem.points), count), rng.choice(on_surface, count)])
+    check_closed(problem, asked, reduced_domain(problem, asked, layers))
+
+
+def test_overlapping_rows_grow_to_the_whole_surface(standard):
+    """Standard multipliers leave no place to cut; dual ones do."""
+    asked = standard.contact_slaves[[8]]
+    sets = reduced_domain(standard, asked)
+    check_closed(standard, asked, sets)
+    assert len(sets.A_lambda) == standard.contact.shape[0]
+    dual = hhr.FullOrderModel(patch.scene(hhr.Mortar, (12, 4), (16, 4)), MPI.COMM_SELF).problem
+    assert 1 <= len(reduced_domain(dual, dual.contact_slaves[[8]]).A_lambda) < 6
+
+
+def test_a_master_node_brings_in_its_slaves(pellet):
+    """A node of the cladding keeps its place in A together with all pellet nodes that lean on it."""
+    problem = pellet.full_order.problem
+    inner = np.setdiff1d(problem.contact.indices // 2, problem.contact_slaves)
+    for node in inner[[3, 8]]:
+        sets = reduced_domain(problem, np.array([node]))
+        leaning = np.flatnonzero(np.abs(problem.contact[:, 2 * node : 2 * node + 2]).sum(axis=1))
+        assert leaning.size and np.isin(leaning, sets.A_lambda).all() and 2 * node in sets.A
+
+
+def opened(problem, sets):
+    """The same RID without its closure: all nodes of its inside, whatever acts on them."""
+    outside = np.setdiff1d(np.arange(len(problem.cell_nodes)), sets.cells)
+    inside = np.ones(len(problem.points), dtype=bool)
+    inside[problem.cell_nodes[outside]] = False
+    A = np.flatnonzero(np.repeat(inside, problem.block_size) & problem.free)
+    touched = np.unique(problem.contact[sets.A_lambda].nonzero()[1])
+    return dataclasses.replace(sets, A=A, A_c=np.intersect1d(touched, A))
+
+
+def some_rid(problem):
+    """A RID that ends in the middle of the contact surface, and its opened twin."""
+    sets = reduced_domain(problem, problem.contact_slaves[5:9], layers=1)
+    assert len(sets.A_c) < len(sets.A_c_tilde), "B~1 and B~2 differ"
+    twin = opened(problem, sets)
+    assert len(twin.A) > len(sets.A)
+    return sets, twin
+
+
+def residual(problem, sets, solution, point):
+    """Equilibrium of the exact solution in the equations tested on A with the forces of A_lambda alone."""
+    theta = problem.amplitudes(problem.parameters.point(point))
+    homogeneous = solution.primal - problem.lifts @ theta
+    forces = np.zeros(problem.contact.shape[0])
+    forces[sets.A_lambda] = solution.forces[sets.A_lambda]
+    rest = problem.stiffness @ homogeneous + problem.contact.T @ forces - problem.loads @ theta
+    return np.abs(rest[sets.A]).max() / np.abs(problem.loads @ theta).max()
+
+
+def test_a_closed_rid_is_consistent_and_an_open_one_is_refused(pellet):
+    """The exact solution satisfies the equations of a closed RID to round-off; not those of an open one."""
+    problem = pellet.full_order.problem
+    sets, twin = some_rid(problem)
+    solution = pellet.full_order.solve([150.0, 5.0])
+    assert residual(problem, sets, solution, [150.0, 5.0]) < 1e-10
+    assert residual(problem, twin, solution, [150.0, 5.0]) > 1e-2
+    basis = np.linalg.qr(pellet.snapshots.displacements[:, :5])[0]
+    with pytest.raises(ReductionError, match="not closed"):
+        project(problem, basis, twin)
+
+
+def test_the_exact_solution_solves_the_generalised_saddle_point(pellet):
+    """(5.23): with the exact displacement in the basis, gamma and the exact forces satisfy it, B~1 and B~2 apart."""
+    problem, point = pellet.full_order.problem, np.array([150.0, 5.0])
+    sets, _ = some_rid(problem)
+    theta, solution = problem.amplitudes(point), pellet.full_order.solve(point)
+    homogeneous = solution.primal - problem.lifts @ theta
+    basis = np.linalg.qr(np.column_stack([homogeneous, pellet.snapshots.displacements[:, ::20]]))[0]
+    gamma, forces = basis.T @ homogeneous, solution.forces[sets.A_lambda]
+    reduced = project(problem, basis, sets)
+    # no load acts on this RID: what balances are forces at its interface and contact forces
+    pushed = reduced.contact_test.T @ forces
+    rest = reduced.stiffness @ gamma + pushed - reduced.loads @ theta
+    assert np.abs(rest).max() < 1e-10 * np.abs(pushed).max()
+    slack = reduced.gaps @ theta - reduced.contact_trial @ gamma
+    assert slack == pytest.approx((problem.gaps @ theta - problem.contact @ homogeneous)[sets.A_lambda], abs=1e-15)
+    wrong = reduced.gaps @ theta - reduced.contact_test @ gamma
+    assert np.abs(wrong - slack).max() > 1e-5, "B~1 would read wrong gaps at the edge of the RID"
+
+
+def test_whole_basis_on_the_whole_domain_is_the_full_order(problem):
+    """All FE functions and all cells: the reduced system is the full one."""
+    sets = whole_domain(problem)
+    free = np.flatnonzero(problem.free)
+    basis = np.zeros((problem.free.size, free.size))
+    basis[free, np.arange(free.size)] = 1.0
+    reduced = project(problem, basis, sets)
+    assert np.array_equal(reduced.contact_test, reduced.contact_trial)
+    assert reduced.contact_test == pytest.approx(problem.contact[:, free].toarray(), abs=0)
+    assert reduced.stiffness == pytest.approx(problem.stiffness[free][:, free].toarray(), rel=1e-12, abs=1e-9)
+
+
+def test_enrichment_gives_both_matrices_full_rank(pellet):
+    """A basis that vanishes on A leaves B~1 without rank, one that opens no gap leaves B~2 without."""
+    problem = pellet.full_order.problem
+    sets, _ = some_rid(problem)
+    for kind in ("zero on A", "no gap"):
+        basis = pellet.snapshots.displacements[:, [30, 60, 90]].copy()
+        if kind == "zero on A":
+            basis[sets.A] = 0.0
+        else:
+            rows = problem.contact[sets.A_lambda].toarray()
+            basis -= np.linalg.pinv(rows) @ (rows @ basis)
+        basis = np.linalg.qr(basis)[0]
+        enriched = enrich(problem, basis, sets, kappa_max=5.0)
+        reduced = project(problem, enriched.basis, sets)
+        ranks = [np.linalg.matrix_rank(table) for table in (reduced.contact_test, reduced.contact_trial)]
+        assert np.isinf(enriched.kappas[0])
+        assert ranks == [len(sets.A_lambda)] * 2, kind
+        assert np.linalg.cond(reduced.contact_test) == pytest.approx(enriched.kappas[-1], rel=1e-8)
+        slave_dofs = problem.node_dofs(problem.contact_slaves)
+        added = enriched.basis - basis @ (basis.T @ enriched.basis)
+        added = added - basis @ (basis.T @ added)
+        moved = np.flatnonzero(np.abs(problem.free * 1.0) * np.abs(added).max(axis=1) > 1e-8)
+        support = np.union1d(slave_dofs, np.flatnonzero(np.abs(basis).max(axis=1) > 0))
+        assert np.isin(moved, support).all()
+
+
+def test_both_constants_and_both_conditions_are_reported(pellet):
+    """kappa, beta and the definiteness of S against their definitions, with B~1 and B~2 apart."""
+    problem, schur = pellet.full_order.problem, pellet.full_order.schur
+    sets, _ = some_rid(problem)
+    basis = np.linalg.qr(pellet.snapshots.displacements[:, ::6])[0]
+    basis = enrich(problem, basis, sets, 2.0).basis
+    reduced = project(problem, basis, sets)
+    stability = assess(problem, schur, basis, sets, reduced)
+    one, two = (np.linalg.svd(t, compute_uv=False) for t in (reduced.contact_test, reduced.contact_trial))
+    assert stability.kappa_B == pytest.approx(one[0] / one[-1])
+    assert stability.kappa_B_2 == pytest.approx(two[0] / two[-1])
+    assert stability.euclidean.beta_HR_2 == pytest.approx(two[-1])  # V is orthonormal
+    S = reduced.contact_trial @ np.linalg.solve(reduced.stiffness, reduced.contact_test.T)
+    lowest = np.linalg.eigvalsh((S + S.T) / 2)[0] / np.linalg.norm(S, 2)
+    assert stability.contact_definite == pytest.approx(lowest, rel=1e-6)
+
+
+def brute_force(schur, free_slack):
+    """All solutions of forces >= 0, slack = free_slack + S forces >= 0, complementary, by trying all statuses."""
+    m, found = free_slack.size, []
+    for bits in range(2**m):
+        active = np.array([bits >> k & 1 for k in range(m)], dtype=bool)
+        forces = np.zeros(m)
+        forces[active] = np.linalg.solve(schur[np.ix_(active, active)], -free_slack[active])
+        slack = free_slack + schur @ forces
+        slack[active] = 0.0
+        if forces.min() >= 0 and slack.min() >= 0:
+            found.append(forces)
+    return found
+
+
+@settings(max_examples=150, deadline=None)
+@given(seed=st.integers(0, 10**6), m=st.integers(1, 7), skew=st.floats(0, 3))
+def test_the_active_set_ends_where_the_symmetric_part_is_positive(seed, m, skew):
+    """What is promised for S = B~2 K~^-1 B~1^T: one solution, found from any start."""
+    rng = np.random.default_rng(seed)
+    root, turn = rng.standard_normal((m, m)), rng.standard_normal((m, m))
+    schur = root @ root.T + 0.1 * np.eye(m) + skew * (turn - turn.T)
+    free_slack = rng.standard_normal(m)
+    (exact,) = brute_force(schur, free_slack)
+    found = active_set(SchurEqualities(schur), free_slack, rng.random(m) < 0.5)
+    assert found.status is Status.CONVERGED
+    assert found.forces == pytest.approx(exact, abs=1e-9 * (1 + np.abs(exact).max()))
+
+
+@settings(max_examples=150, deadline=None)
+@given(seed=st.integers(0, 10**6), m=st.integers(2, 6))
+def test_without_it_an_answer_is_still_a_solution(seed, m):
+    """No promise that one is found; but what is handed out satisfies all contact conditions."""
+    rng = np.random.default_rng(seed)
+    schur, free_slack = rng.standard_normal((m, m)), rng.standard_normal(m)
+    found = active_set(SchurEqualities(schur), free_slack, free_slack < 0)
+    if found.status is Status.CONVERGED:
+        slack = free_slack + schur @ found.forces
+        size = 1 + np.abs(schur).max() * np.abs(found.forces).max()
+        assert found.forces.min() >= -1e-9 * size and slack.min() >= -1e-9 * size
+        assert np.abs(found.forces * slack).max() <= 1e-8 * size**2
+
+
+def test_a_turned_scene_has_the_same_reduced_model():
+    """With basis and RID carried along, K~, B~1, B~2 and gaps do not change; only what DEIM picks may."""
+    built = {}
+    for angle in (0.0, np.sqrt(2)):
+        turned = patch.scene(hhr.NodeToSurface, (8, 4), (11, 4), poisson=0.3, angle=angle, bulge=0.02)
+        built[angle] = hhr.FullOrderModel(turned, MPI.COMM_SELF)
+    reduced, errors = {}, {}
+    points = [[0.03, 0.0], [0.05, 0.02], [0.07, 0.01], [0.1, 0.05]]
+    for angle, full_order in built.items():
+        problem = full_order.problem
+        place = problem.points @ patch.rotation(2, angle)
+        middle = problem.contact_slaves[np.argsort(place[problem.contact_slaves, 0])[3:7]]
+        sets = reduced_domain(problem, middle, layers=1)
+        fields = np.column_stack([full_order.solve(point).primal for point in points])
+        fields -= problem.amplitudes.sum_columns(problem.lifts, np.array(points))
+        basis, triangle = np.linalg.qr(fields)
+        reduced[angle] = project(problem, basis * np.sign(np.diag(triangle)), sets)
+        training = hhr.compute_snapshots(full_order, problem.parameters.grid([12, 6]))
+        reduction = hhr.build_reduced_model(problem, full_order.schur, training)
+        displacement, _ = reduction.solve_everywhere([0.083, 0.021])
+        exact = full_order.solve([0.083, 0.021]).primal
+        errors[angle] = np.linalg.norm(displacement - exact) / np.linalg.norm(exact)
+    for name in ("stiffness", "loads"):
+        ours, turned = (getattr(item, name) for item in reduced.values())
+        assert turned == pytest.approx(ours, abs=1e-9 * np.abs(ours).max())
+    for name in ("contact_test", "contact_trial", "gaps"):
+        ours, turned = (getattr(item, name) for item in reduced.values())
+        assert np.linalg.svd(turned, compute_uv=False) == pytest.approx(np.linalg.svd(ours, compute_uv=False), abs=1e-9)
+    assert max(errors.values()) < 2e-3
+
+
+def test_errors_of_the_demo_on_a_coarse_mesh(pellet):
+    """The default recipe on 20 random points: what the demo shows on the fine mesh holds on a coarse one."""
+    from hhr_dolfinx.study import measure_errors, solve_references
+
+    reduction = pellet.build()
+    problem = pellet.full_order.problem
+    assert open_conditions(problem, reduction.sets).size == 0
+    points = problem.parameters.random(20, seed=3)
+    errors = measure_errors(problem, reduction, solve_references(pellet.full_order, pellet.snapshots, points))
+    assert errors.unconverged == 0 and errors.cycles == 0
+    assert np.median(errors.values["dual_full_floored"]) < 0.02
+    assert np.percentile(errors.values["primal_l2"], 95) < 0.01
+
+
+def run_quick(name, out, *arguments):
+    command = [sys.executable, str(ROOT / f"demos/{name}.py"), "--quick", "--out", str(out), *arguments]
+    run = subprocess.run(command, capture_output=True, text=True, cwd=out, timeout=300)
+    assert run.returncode == 0, run.stderr[-3000:]
+
+
+@pytest.mark.parametrize("pairing", ["node_to_surface", "mortar"])
+def test_quick_pellet(tmp_path, pairing):
+    run_quick("pellet_cladding_nonmatching", tmp_path, "--pairing", pairing)
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["errors"]["unconverged"] == 0
+    assert report["point"]["here"]["primal_l2"] < 0.01
+    for name in ("fields.vtu", "fields.png", "multipliers.png", "work_precision.png", "model.npz"):
+        assert (tmp_path / name).stat().st_size > 5000
+
+
+def test_quick_sphere(tmp_path):
+    run_quick("sphere_on_block", tmp_path)
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["errors"]["dual_full_floored"]["median"] < 0.02
+    assert report["ratios"]["fom_best/online"] > 10
+    assert abs(report["hertz"]["mortar"][2]["peak"]) < 0.1
+    assert (tmp_path / "fields.vtu").stat().st_size > 5000
+
+
+def test_quick_patch_test(tmp_path):
+    run_quick("contact_patch_test", tmp_path)
+    rows = json.loads((tmp_path / "contact_patch_test.json").read_text())
+    assert max(row["stress"] for row in rows if row["pairing"].startswith("mortar")) < 1e-10
+    assert max(row["stress"] for row in rows if row["pairing"] == "node_to_surface") > 0.1

@@ -1,0 +1,228 @@
+"""Non-matching contact: patch test, equivalence on matching meshes, invariance, closed forms."""
+
+import dataclasses
+
+import contact_patch_test as patch
+import hertz_half_discs
+import numpy as np
+import pytest
+import sphere_on_block as sphere
+from scenes import check_contact_conditions
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.accuracy import energy_minimum
+from hhr_dolfinx.geometries import hertz_half_discs as discs
+from hhr_dolfinx.geometries import two_blocks
+
+STANDARD = patch.standard_mortar
+MESHES = [
+    ((3, 3), (5, 4), False), ((7, 4), (8, 4), True), ((1, 2), (20, 6), False), ((20, 6), (1, 2), True),
+    ((2, 2, 2), (3, 3, 3), False), ((3, 2, 2), (4, 5, 2), True), ((6, 6, 2), (1, 1, 2), False),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("pairing", [hhr.Mortar, STANDARD])
+@pytest.mark.parametrize(("lower", "upper", "simplices"), MESHES)
+def test_mortar_passes_the_patch_test(pairing, lower, upper, simplices):
+    """Round-off times cond(K): at most 1e-11 was seen."""
+    _, pressure, stress = patch.solve(patch.scene(pairing, lower, upper, simplices=simplices))
+    assert pressure == pytest.approx(1.0, abs=1e-10)
+    assert stress < 1e-10
+
+
+@pytest.mark.parametrize("slave", [two_blocks.FIRST, two_blocks.SECOND])
+def test_mortar_patch_test_in_any_direction(slave):
+    """The normal found by the pairing itself and the one it is given."""
+    for dim in (2, 3):
+        for by_normal in (True, False):
+            built = patch.scene(
+                hhr.Mortar, (3,) * dim, (4,) * dim, angle=0.1 * np.sqrt(2), by_normal=by_normal, slave=slave
+            )
+            assert patch.solve(built)[1] == pytest.approx(1.0, abs=1e-10)
+
+
+def test_node_to_surface_has_its_known_defect():
+    """It fails the patch test by some per cent, more so with the coarse surface as slave."""
+    fine = patch.solve(patch.scene(hhr.NodeToSurface, (3, 3), (5, 4)))[2]
+    coarse = patch.solve(patch.scene(hhr.NodeToSurface, (5, 4), (3, 3)))[2]
+    assert 0.01 < fine < 0.1 < coarse < 0.5
+
+
+def test_double_pass_passes_the_patch_test_in_the_plane():
+    assert patch.solve(patch.scene(hhr.DoublePass, (3, 3), (5, 4)))[2] < 1e-10
+
+
+def hertz_with(pairing, by_normal=True):
+    scene = hertz_half_discs.scene()
+    pair = pairing(discs.LOWER_ARC, discs.UPPER_ARC, (0.0, 1.0) if by_normal else None)
+    return hhr.FullOrderModel(dataclasses.replace(scene, contacts=(pair,)))
+
+
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.DoublePass, hhr.Mortar])
+def test_matching_meshes_give_the_node_to_node_answer(hertz, pairing):
+    """On curved surfaces that face each other node by node all rows are those of node to node, to round-off."""
+    other = hertz_with(pairing)
+    assert abs(other.problem.contact - hertz.problem.contact).max() < 1e-10
+    for mu in (0.168, 0.4321):
+        assert other.solve(mu).forces == pytest.approx(hertz.solve(mu).forces, abs=1e-10)
+
+
+def test_standard_multipliers_give_the_node_to_node_pressure_where_all_nodes_touch():
+    """Their gaps are averages over neighbours, so that nodal answers differ only where contact begins."""
+    solved = {}
+    for pairing in (hhr.NodeToNode, STANDARD):
+        built = patch.scene(pairing, (6, 4), (6, 4), poisson=0.3)
+        full_order = hhr.FullOrderModel(built)
+        solution = full_order.solve([patch.PUSH, 0.0])
+        assert solution.active.all()
+        solved[pairing] = solution
+    assert solved[STANDARD].primal == pytest.approx(solved[hhr.NodeToNode].primal, abs=1e-10)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("by_normal", [True, False])
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar, STANDARD])
+def test_rotation_changes_no_scalar(pairing, by_normal, dim):
+    """Forces, gaps, energy and the size of the displacement, on a curved gap, to 1e-10."""
+    cells = ((4, 3), (7, 3)) if dim == 2 else ((2, 2, 2), (3, 3, 2))
+    results = []
+    for angle in (0.0, np.sqrt(2), -np.pi / 2):
+        full_order = hhr.FullOrderModel(
+            patch.scene(pairing, *cells, poisson=0.3, angle=angle, bulge=0.04, by_normal=by_normal)
+        )
+        problem, solution = full_order.problem, full_order.solve([0.08, 0.03])
+        assert 0 < solution.active.sum() < solution.active.size
+        theta = problem.amplitudes(np.array([0.08, 0.03]))
+        energy = energy_minimum(problem, solution.primal, theta)
+        check_contact_conditions(problem, solution.primal, solution.forces, [0.08, 0.03])
+        scalars = [energy, np.linalg.norm(solution.primal), *np.sort(solution.forces), *np.sort(problem.gaps[:, 0])]
+        results.append(np.array(scalars))
+    assert results[1] == pytest.approx(results[0], abs=1e-10)
+    assert results[2] == pytest.approx(results[0], abs=1e-10)
+
+
+def shrink_fit(pairing, cells, interference=1e-6, simplices=False):
+    """Cylinder 1 <= r <= 2 in a cylinder 2 <= r <= 3, too large by ``interference``, held axially."""
+    inner, outer = two_blocks.FIRST, two_blocks.SECOND
+    axial = [hhr.Displacement(two_blocks.side(body, 1, upper), 1) for body in (inner, outer) for upper in (False, True)]
+    push = hhr.Pressure(two_blocks.side(outer, 0, True), hhr.Amplitude(slopes={"p": 1.0}))
+    return hhr.Scene(
+        name="shrink_fit",
+        geometry=lambda comm: two_blocks.two_blocks(
+            comm,
+            first=((1.0, 0.0), (2.0, 0.5), (cells, cells // 2)),
+            second=((2.0 - interference, 0.0), (3.0, 0.5), (cells, 3 * cells // 4)),
+            simplices=simplices,
+        ),
+        hypothesis="axisymmetric",
+        bodies=(hhr.Body(inner, 10.0, 0.3), hhr.Body(outer, 4.0, 0.2)),
+        contacts=(pairing(two_blocks.side(outer, 0, False), two_blocks.side(inner, 0, True), (-1.0, 0.0)),),
+        parameters=hhr.ParameterSpace(("p",), (0.0,), (1.0,)),
+        displacements=tuple(axial),
+        loads=(push,),
+    )
+
+
+def lame_pressure(interference):
+    """Interface pressure of a shrink fit in plane strain (Lame): inner 1, 2; outer 2, 3; E, nu as above."""
+
+    def compliance(young, poisson, ratio, sign):
+        modulus, nu = young / (1 - poisson**2), poisson / (1 - poisson)
+        return (ratio + sign * nu) / modulus
+
+    inner = compliance(10.0, 0.3, (4 + 1) / (4 - 1), -1)
+    outer = compliance(4.0, 0.2, (9 + 4) / (9 - 4), 1)
+    return interference / (2 * (inner + outer))
+
+
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar])
+@pytest.mark.parametrize("simplices", [False, True])
+def test_lame_shrink_fit_converges(pairing, simplices):
+    """Mean interface pressure on non-matching meshes: rate 2, and within 0.5 % on 16 cells across."""
+    errors = []
+    for cells in (4, 8, 16):
+        full_order = hhr.FullOrderModel(shrink_fit(pairing, cells, simplices=simplices))
+        solution = full_order.solve(0.0)
+        assert solution.active.all()
+        pressure = solution.forces.sum() / (2 * np.pi * 2.0 * 0.5)
+        errors.append(abs(pressure / lame_pressure(1e-6) - 1))
+    assert errors[-1] < 5e-3
+    # node-to-surface on quadrilaterals does a little better, 2.2
+    assert 1.8 < np.log2(errors[-2] / errors[-1]) < 2.4
+
+
+def test_mortar_interface_pressure_is_that_of_lame_at_every_node():
+    full_order = hhr.FullOrderModel(shrink_fit(hhr.Mortar, 16))
+    pressure = full_order.solve(0.0).forces / full_order.problem.contact_areas
+    assert pressure == pytest.approx(lame_pressure(1e-6), rel=5e-3)
+
+
+def test_hertz_sphere():
+    """Contact radius and peak pressure within 5 % of Hertz on a coarser mesh than the demo's."""
+    full_order = hhr.FullOrderModel(sphere.scene(sphere_cells=(16, 7), block_cells=(12, 6)))
+    solution = full_order.solve([0.2, 0.0])
+    check_contact_conditions(full_order.problem, solution.primal, solution.forces, [0.2, 0.0], relative=1e-9)
+    row = sphere.beside_hertz(full_order, 0.2)
+    assert abs(row["radius"]) < 0.05 and abs(row["peak"]) < 0.05
+
+
+def rows_of(built):
+    return hhr.FullOrderModel(built).problem
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_rows_vanish_for_rigid_motions_along_the_surface_and_see_the_gap_close(dim):
+    """A common translation changes no gap; moving one body by t changes it by -B t."""
+    cells = ((3, 2), (5, 2)) if dim == 2 else ((2, 2, 2), (3, 3, 2))
+    for pairing in (hhr.NodeToSurface, hhr.Mortar, STANDARD):
+        problem = rows_of(patch.scene(pairing, *cells, bulge=0.05, by_normal=False))
+        # rows without their imposed columns: the contact surfaces hold no imposed dofs here
+        translation = np.tile(np.arange(1.0, dim + 1), len(problem.points))
+        assert problem.contact @ translation == pytest.approx(0.0, abs=1e-12)
+
+
+def test_dual_multipliers_tie_each_row_to_one_slave_node():
+    problem = rows_of(patch.scene(hhr.Mortar, (3, 3, 2), (4, 4, 2)))
+    upper = problem.points[:, 2] > 1 - 1e-9
+    slaves = np.zeros(len(problem.points), dtype=bool)
+    slaves[problem.contact_slaves] = True
+    for row in problem.contact:
+        nodes = np.unique(row.indices // 3)
+        assert slaves[nodes].sum() == 1 and upper[nodes].all()
+
+
+def concentric_arcs(pairing, count):
+    """Quarter rings of radii 0.5 to 1 and 1.1 to 1.6 with ``count`` and 13 cells along the arc."""
+
+    def bend(points, _):
+        return np.column_stack([points[:, 1] * np.cos(points[:, 0]), points[:, 1] * np.sin(points[:, 0])])
+
+    shapes = {"first": ((0, 0.5), (np.pi / 2, 1.0), (count, 2)), "second": ((0, 1.1), (np.pi / 2, 1.6), (13, 2))}
+    held = (two_blocks.side(1, 1, False), two_blocks.side(2, 1, True))
+    return hhr.Scene(
+        name="arcs",
+        geometry=lambda comm: two_blocks.two_blocks(comm, **shapes, warp=bend),
+        hypothesis="plane_strain",
+        bodies=(hhr.Body(1, 1.0, 0.3), hhr.Body(2, 1.0, 0.3)),
+        contacts=(pairing(two_blocks.side(2, 1, False), two_blocks.side(1, 1, True)),),
+        parameters=hhr.ParameterSpace(("p",), (0.0,), (1.0,)),
+        displacements=tuple(hhr.Displacement(tag, component) for tag in held for component in (0, 1)),
+    )
+
+
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar])
+def test_curved_surfaces_find_their_normals_and_gaps(pairing):
+    """Two concentric arcs: normals are radial and the gap is 0.1, up to the sagitta of the segments.
+
+    Segments of length h on radius 1 cut h^2 / 8 off; the slave's own are the 13 of the outer arc.
+    """
+    for count in (8, 16):
+        problem = hhr.FullOrderModel(concentric_arcs(pairing, count)).problem
+        rows, slaves = problem.contact.toarray(), problem.contact_slaves
+        assert slaves.size == 14
+        sagitta = (np.pi / 2 / count) ** 2 / 8 + (np.pi / 2 / 13) ** 2 / 8
+        assert problem.gaps[:, 0] == pytest.approx(0.1, abs=1.2 * sagitta)
+        normals = rows[np.arange(14)[:, None], 2 * slaves[:, None] + [0, 1]]
+        radial = problem.contact_points / np.linalg.norm(problem.contact_points, axis=1, keepdims=True)
+        # at the two ends one facet alone decides, turned by half its angle
+        assert np.einsum("ij,ij->i", normals, -radial) == pytest.approx(1.0, abs=4 * sagitta)
