@@ -1,6 +1,6 @@
 """Stiff and extreme cases: solved right, or refused with the reason, and never silently wrong.
 
-Each case changes one thing about a small pellet-cladding scene. The full order is checked against an
+Each case changes one thing about a small pellet-cladding scene, or is made of two stacked blocks. The full order is
 independent solver (a saddle-point matrix factored anew for each set of statuses) and against the contact
 conditions themselves; the reduced model against the full order at random parameters. The exit code is 1 if any
 answer is wrong without a word.
@@ -15,8 +15,10 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import contact_patch_test as patch
 import numpy as np
 import pellet_cladding as demo
+import pellet_cladding_nonmatching as non_matching
 from mpi4py import MPI
 from rich.console import Console
 from rich.table import Table
@@ -25,7 +27,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.accuracy import force_floor, relative_error
 from hhr_dolfinx.baselines import NaiveFullOrder
 from hhr_dolfinx.cli import demo_parser, progress_bars
-from hhr_dolfinx.errors import HHRError, StabilityWarning
+from hhr_dolfinx.errors import HHRError, PairingWarning, StabilityWarning
 from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.offline import loaded_nodes
 from hhr_dolfinx.problem import ContactProblem
@@ -74,6 +76,41 @@ def cases():
     yield Case("duplicated snapshots", base, train=lambda s: pick(s, np.repeat(np.arange(len(s.points)), 2)))
     yield Case("collinear snapshots", base, train=collinear)
     yield Case("two snapshots", base, train=lambda s: pick(s, [0, -1]))
+    yield from non_matching_cases()
+
+
+def non_matching_cases():
+    """Meshes that do not match."""
+    for pairing in ("node_to_surface", "mortar"):
+        coarse = non_matching.scene(pairing, **MESH, cladding_axial_cells=1)
+        yield Case(f"mesh ratio 20:1, slave finer, {pairing}", coarse)
+        side = non_matching.PAIRINGS[pairing](geometry.CLADDING_INNER, geometry.PELLET_SIDE, normal=(-1.0, 0.0))
+        swapped = dataclasses.replace(coarse, contacts=(side, *coarse.contacts[1:]))
+        yield Case(f"mesh ratio 1:20, slave coarser, {pairing}", swapped)
+        yield Case(f"curved gap, {pairing}", barrelled(pairing))
+    for angle in (0.0, 2**0.5):
+        blocks = patch.scene(hhr.NodeToSurface, (8, 4), (11, 4), poisson=0.3, angle=angle, bulge=0.02)
+        yield Case(f"blocks turned by {angle:.4g} rad", blocks)
+    yield Case("double pass, 20 on 15 cells", non_matching.scene("double_pass", **MESH, cladding_axial_cells=15))
+    yield Case("double pass, all rows twice", non_matching.scene("double_pass", **MESH, cladding_axial_cells=20))
+    yield Case("double pass, 30 on 31 cells", patch.scene(hhr.DoublePass, (30, 4), (31, 4), poisson=0.3))
+    yield Case("one slave node", patch.scene(hhr.NodeToSurface, (3, 3), (1, 1), poisson=0.3, shift=0.9))
+
+
+def barrelled(pairing):
+    """The gap between pellet and cladding wider by 1 to 4 um towards both ends; normals found by the pairing."""
+    base = non_matching.scene(pairing, **MESH, cladding_axial_cells=15)
+
+    def bent(comm):
+        mesh, *tags = base.geometry(comm)
+        x = mesh.geometry.x
+        # nothing moves at the outer radius, which stays a straight line
+        through = np.clip((4.672 - x[:, 0]) / 0.57, 0.0, 1.0) * (x[:, 0] > 4.101)
+        x[:, 0] += through * (1e-3 + 3e-3 * (x[:, 1] / 3.5 - 1) ** 2)
+        return mesh, *tags
+
+    side = non_matching.PAIRINGS[pairing](geometry.PELLET_SIDE, geometry.CLADDING_INNER)
+    return dataclasses.replace(base, geometry=bent, contacts=(side, *base.contacts[1:]))
 
 
 def one_contact(problem):
@@ -116,7 +153,9 @@ def collinear(snapshots):
 def full_order_row(case, points):
     """Outcome of the full order, and the model if there is one."""
     try:
-        full_order = hhr.FullOrderModel(case.scene, MPI.COMM_SELF)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", PairingWarning)
+            full_order = hhr.FullOrderModel(case.scene, MPI.COMM_SELF)
         naive, worst = NaiveFullOrder(full_order), 0.0
         for point in points(full_order):
             ours, theirs = full_order.solve(point), naive.solve(point)
@@ -126,7 +165,8 @@ def full_order_row(case, points):
     except HHRError as error:
         return {"outcome": "refused", "figure": None, "why": str(error)}, None
     outcome = "right" if worst <= FULL_TOLERANCE else "WRONG"
-    return {"outcome": outcome, "figure": worst, "why": "two solvers and the contact conditions"}, full_order
+    said = f"; warned: {caught[0].message}" if caught else ""
+    return {"outcome": outcome, "figure": worst, "why": "two solvers and the contact conditions" + said}, full_order
 
 
 def contact_residual(full_order, solution, point):

@@ -15,6 +15,9 @@ from scipy.sparse import csr_matrix, vstack
 
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
 
+DEPENDENT = 1e-13
+"""Singular value of B V over the norm of B below which its rows are dependent to round-off."""
+
 
 @dataclass(frozen=True)
 class ContactRows:
@@ -90,6 +93,11 @@ class ContactProblem:
     def block_size(self) -> int:
         """Dofs per node; the dofs of node n are ``block_size * n + component``."""
         return self.free.size // self.points.shape[0]
+
+    @property
+    def contact_norm(self) -> float:
+        """Largest Euclidean norm of a row of B, the scale on which B V is zero or not for an orthonormal V."""
+        return float(np.sqrt(self.contact.multiply(self.contact).sum(axis=1).max()))
 
     def node_dofs(self, nodes) -> np.ndarray:
         """All dofs of the given nodes, (len(nodes) * block_size,)."""

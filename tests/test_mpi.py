@@ -15,6 +15,7 @@ PROGRAM = """
 import json, sys
 sys.path[:0] = [{tests!r}, {demos!r}]
 import numpy as np
+import contact_patch_test as patch
 import hertz_half_discs as demo
 from scenes import pressed_block
 import hhr_dolfinx as hhr
@@ -28,6 +29,14 @@ snapshots = hhr.compute_snapshots(full_order, full_order.problem.parameters.grid
 reduction = hhr.build_reduced_model(full_order.problem, full_order.schur, snapshots, demo.RECIPE)
 out["reduced"] = np.linalg.norm(reduction.solve_everywhere(0.3123)[0])
 out["solid"] = hhr.FullOrderModel(pressed_block("solid", simplices=True)).solve(0.05).forces.tolist()
+for name, pairing in patch.PAIRINGS.items():
+    for dim in (2, 3):
+        cells = ((4, 3), (7, 3)) if dim == 2 else ((2, 2, 2), (3, 3, 2))
+        turned = patch.scene(pairing, *cells, poisson=0.3, angle=1.0, bulge=0.04, by_normal=dim == 2)
+        model = hhr.FullOrderModel(turned)
+        out[f"{{name}} {{dim}} gaps"] = model.problem.gaps[:, 0].tolist()
+        out[f"{{name}} {{dim}} rows"] = np.ravel(abs(model.problem.contact).sum(axis=1)).tolist()
+        out[f"{{name}} {{dim}} forces"] = model.solve([0.09, 0.03]).forces.tolist()
 if full_order.comm.rank == 0:
     print(json.dumps(out))
 """

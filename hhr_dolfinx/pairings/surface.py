@@ -129,9 +129,10 @@ def make_surface(tag, facet_nodes, inner_points, points, weights, areas) -> Surf
     corners = points[facet_nodes]
     vectors = _area_vectors(corners)
     sizes = np.linalg.norm(vectors, axis=1)
-    spans = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1) ** (points.shape[1] - 1)
-    # NaN counts as no area
-    flat = ~(sizes > 1e-10 * spans)
+    spans = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
+    power = points.shape[1] - 1
+    # thin beyond any use, or of the size of round-off in the coordinates; NaN counts as no area
+    flat = ~(sizes > np.maximum(1e-10 * spans**power, (1e-12 * np.nanmax(spans)) ** power))
     if flat.any():
         raise SceneError(
             f"{int(flat.sum())} facets of contact surface {tag} have no area, e.g. at {middles[flat][0].tolist()}: "
