@@ -1,9 +1,9 @@
 """Stiff and extreme cases: solved right, or refused with the reason, and never silently wrong.
 
 Each case changes one thing about a small pellet-cladding scene, or is made of two stacked blocks. The full order is
-independent solver (a saddle-point matrix factored anew for each set of statuses) and against the contact
-conditions themselves; the reduced model against the full order at random parameters. The exit code is 1 if any
-answer is wrong without a word.
+checked against an independent solver (a saddle-point matrix factored anew for each set of statuses) and against the
+contact conditions themselves; the reduced model against the full order at random parameters. The exit code is 1 if
+any answer is wrong without a word.
 
     python demos/extreme_cases.py [--out DIR] [--quick] [--seed N]
 """

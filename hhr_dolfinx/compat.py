@@ -74,20 +74,34 @@ def linear_mesh(comm, points, cells, kind: str):
     return mesh.create_mesh(comm, cells=cells.astype("int64"), x=points, e=domain)
 
 
+def bounding_boxes(mesh, padding: float = 0.0):
+    """DOLFINx's bounding-volume tree of the cells of a mesh on one rank, and the numbers of these cells."""
+    import numpy as np
+    from dolfinx import geometry
+
+    cells = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
+    return geometry.bb_tree(mesh, mesh.topology.dim, entities=cells, padding=padding), cells
+
+
 def closest_cells(mesh, points):
-    """Index of the cell closest to each point, (m,), by DOLFINx's bounding-volume tree.
+    """Index of the cell closest to each point, (m,).
 
     Args:
         mesh: mesh on one rank.
         points: (m, 3).
     """
-    import numpy as np
     from dolfinx import geometry
 
-    dim = mesh.topology.dim
-    entities = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
-    tree = geometry.bb_tree(mesh, dim, entities=entities)
-    return geometry.compute_closest_entity(tree, geometry.create_midpoint_tree(mesh, dim, entities), mesh, points)
+    tree, cells = bounding_boxes(mesh)
+    middles = geometry.create_midpoint_tree(mesh, mesh.topology.dim, cells)
+    return geometry.compute_closest_entity(tree, middles, mesh, points)
+
+
+def meeting_cells(first, second, padding: float):
+    """Pairs of cells of two meshes on one rank whose bounding boxes meet, (p, 2), the first ones enlarged."""
+    from dolfinx import geometry
+
+    return geometry.compute_collisions_trees(bounding_boxes(first, padding)[0], bounding_boxes(second)[0])
 
 
 def geometry_dofmap(mesh):

@@ -1,4 +1,4 @@
-"""Mortar contact on non-matching meshes: weighted gaps integrated exactly over both meshes.
+"""Mortar contact on non-matching meshes: weighted gaps integrated over the common parts of both meshes.
 
 Beyond the thesis, which stays with nodes (chapter 5): a constant pressure passes through any pair of meshes, the
 patch test that node-to-surface fails. After B. Wohlmuth, "A mortar finite element method using dual spaces for the
@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags
+from scipy.sparse import csr_matrix, diags, identity
 from scipy.spatial import cKDTree
 
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.pairings.projection import local_coordinates, shape_functions
+from hhr_dolfinx.pairings.projection import local_coordinates, near_pairs, shape_functions
 from hhr_dolfinx.pairings.surface import (
     FACING,
     GRAZING,
@@ -30,8 +30,8 @@ from hhr_dolfinx.pairings.surface import (
 )
 from hhr_dolfinx.problem import ContactRows
 
-COVERED = 1e-6
-"""Covered part of a node's area below which it has no condition."""
+COVERED = 0.1
+"""Covered part of a node's area below which it has no condition: its gap would be extrapolated too far."""
 MULTIPLIERS = ("dual", "standard")
 
 _GAUSS_2 = np.polynomial.legendre.leggauss(3)
@@ -41,6 +41,19 @@ _TRIANGLE = (
     np.array([[_A, _A], [1 - 2 * _A, _A], [_A, 1 - 2 * _A], [_B, _B], [1 - 2 * _B, _B], [_B, 1 - 2 * _B]]),
     np.array([0.223381589678011] * 3 + [0.109951743655322] * 3),
 )
+
+
+def _collapsed_square(order):
+    """Rule on a triangle from Gauss points of the square, whose one side becomes a corner; weights of sum 1."""
+    nodes, weights = np.polynomial.legendre.leggauss(order)
+    x, y = np.meshgrid((nodes + 1) / 2, (nodes + 1) / 2, indexing="ij")
+    scale = np.outer(weights, weights) / 4 * (1 - x) * 2
+    return np.column_stack([x.ravel(), ((1 - x) * y).ravel()]), scale.ravel()
+
+
+_RULES = ((_TRIANGLE, -1.0, 1e-10), (_collapsed_square(8), 1e-10, 0.2), (_collapsed_square(16), 0.2, np.inf))
+"""Quadrature by skewness of the facets: on quadrilaterals that are no parallelograms shape functions are rational,
+and 1e-10 of the load of a node takes more points."""
 
 
 @dataclass(frozen=True)
@@ -84,31 +97,35 @@ class Mortar:
             PairingWarning: for slave nodes beyond the edge of the master, and for deep overlap.
         """
         slave, master = surfaces
+        dim, normals = slave.points.shape[1], None
         if self.normal is None:
-            normals, directions = slave.node_normals(), slave.outward
-            pairs = _near_facets(slave, master, np.eye(slave.points.shape[1]), reach=3.0)
-            cosine = FACING
+            directions, cosine = slave.outward, FACING
+            reach = 3.0 * cKDTree(master.points).query(slave.points)[0].max()
+            pairs = near_pairs(slave.corners, master.corners, reach)
         else:
-            normal = unit(self.normal, slave.points.shape[1])
+            normal, cosine = unit(self.normal, dim), GRAZING
             check_facing(slave, normal, along=True)
             normals, directions = np.tile(normal, (len(slave.nodes), 1)), np.tile(normal, (len(slave.facets), 1))
-            # seen along the normal the surfaces are flat, and what faces each other is close
-            pairs, cosine = _near_facets(slave, master, np.eye(normal.size) - np.outer(normal, normal)), GRAZING
+            # seen along the normal the surfaces are flat, and what faces each other meets
+            flat = np.eye(dim) - np.outer(normal, normal)
+            pairs = near_pairs(slave.corners @ flat, master.corners @ flat, 0.0)
         pairs = _opposite(slave, master, directions, *pairs, cosine)
-        segments = (_segments if slave.points.shape[1] == 2 else _polygons)(slave, master, directions, *pairs)
+        segments = (_segments if dim == 2 else _polygons)(slave, master, directions, *pairs)
         if not segments.measures.size:
             raise SceneError(never_facing(slave, master, "no facet of one lies in front of a facet of the other"))
+        _check_one_layer(slave, master, segments)
         return self._rows(slave, master, normals, segments, dofs)
 
     def _rows(self, slave, master, normals, segments, dofs) -> ContactRows:
         """Integrate over the segments and divide by the weight of each multiplier function."""
-        functions = segments.slave_values
-        if self.multipliers == "dual":
-            functions = _dual_functions(slave, segments)
-        n = len(slave.nodes)
+        dual, n = self.multipliers == "dual", len(slave.nodes)
+        functions = _dual_functions(slave, segments) if dual else segments.slave_values
         area = np.zeros(n)
         here, there = slave.facets[segments.slave], master.facets[segments.master]
-        np.add.at(area, here, functions * segments.measures[:, None])
+        tested = functions * segments.measures[:, None]
+        np.add.at(area, here, tested)
+        if normals is None:
+            normals = _facing_normals(slave, segments, here, tested)
         covered = area > COVERED * slave.areas
         if not covered.any():
             raise SceneError(never_facing(slave, master, "no slave node is covered by the master"))
@@ -118,8 +135,8 @@ class Mortar:
                 f"surface {master.tag} and get no contact condition, e.g. at {slave.points[~covered][0].tolist()}"
             )
         scale = diags(1 / np.where(covered, area, 1.0))
-        tested = functions * segments.measures[:, None]
-        onto_slave = scale @ _assemble(here, tested, here, segments.slave_values, (n, n))
+        # dual functions are biorthogonal to the shape functions of the slave
+        onto_slave = identity(n) if dual else scale @ _assemble(here, tested, here, segments.slave_values, (n, n))
         onto_master = scale @ _assemble(here, tested, there, segments.master_values, (n, len(master.nodes)))
         gap = np.einsum("md,md->m", onto_master @ master.points - onto_slave @ slave.points, normals)
         matrix = _along_normals(onto_slave, slave.nodes, normals, dofs)
@@ -149,27 +166,43 @@ class Segments(NamedTuple):
     measures: np.ndarray
 
 
-def _near_facets(slave, master, flat, reach=1.0):
-    """Pairs of facets that may have a common part, (p,) each.
-
-    Args:
-        slave, master: the surfaces.
-        flat: projection in which distances are measured, (dim, dim).
-        reach: how far to look, over the largest distance of a slave node to the nearest master node.
-    """
-    corners = [surface.corners @ flat for surface in (slave, master)]
-    reach *= cKDTree(master.points @ flat).query(slave.points @ flat)[0].max()
-    middles = [item.mean(axis=1) for item in corners]
-    reach += sum(np.linalg.norm(c - m[:, None], axis=2).max() for c, m in zip(corners, middles, strict=True))
-    near = cKDTree(middles[0]).sparse_distance_matrix(cKDTree(middles[1]), reach, output_type="ndarray")
-    return near["i"], near["j"]
+def _check_one_layer(slave, master, segments):
+    """Refuse slave facets that are covered more than once."""
+    covered = np.bincount(segments.slave, segments.measures, len(slave.facets))
+    times = covered / (slave.sizes * slave.weights[slave.facets].mean(axis=1))
+    if times.max() > 1.05:
+        place = slave.corners[times.argmax()].mean(axis=0).tolist()
+        raise SceneError(
+            f"several layers of master surface {master.tag} face slave surface {slave.tag} at {place}: "
+            "give each layer a tag and a contact pair of its own"
+        )
 
 
 def _opposite(slave, master, directions, here, there, cosine):
-    """Those pairs whose slave looks along its direction of projection and whose master looks against it."""
+    """Those pairs whose slave looks along its direction of projection, whose master looks against it, and whose
+    circles overlap when seen along it.
+    """
     opposite = np.einsum("pd,pd->p", directions[here], master.outward[there]) < -cosine
     opposite &= np.einsum("pd,pd->p", directions[here], slave.outward[here]) > cosine
-    return here[opposite], there[opposite]
+    here, there = here[opposite], there[opposite]
+    middles = [surface.corners.mean(axis=1) for surface in (slave, master)]
+    radii = [
+        np.linalg.norm(surface.corners - middle[:, None], axis=2).max(axis=1)
+        for surface, middle in zip((slave, master), middles, strict=True)
+    ]
+    between = middles[1][there] - middles[0][here]
+    along = np.einsum("pd,pd->p", between, directions[here])
+    across = np.linalg.norm(between - along[:, None] * directions[here], axis=1)
+    close = across <= (radii[0][here] + radii[1][there]) * (1 + 1e-9)
+    return here[close], there[close]
+
+
+def _facing_normals(slave, segments, here, tested):
+    """Normals of the slave nodes, averaged over what faces the master: at a corner the other side does not."""
+    normals = np.zeros_like(slave.points)
+    np.add.at(normals, here, tested[:, :, None] * slave.outward[segments.slave][:, None, :])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals / np.where(lengths > 0, lengths, 1.0)
 
 
 def _segments(slave, master, directions, here, there) -> Segments:
@@ -195,44 +228,70 @@ def _segments(slave, master, directions, here, there) -> Segments:
 
 def _polygons(slave, master, directions, here, there) -> Segments:
     """Common parts of facets in space, seen along the direction of the slave facet, cut into triangles."""
+    frames = _frames(directions)[here]
+    sides = ((slave, here), (master, there))
+    flat = [np.einsum("pkd,pde->pke", surface.corners[which], frames) for surface, which in sides]
+    apart = (flat[0].min(axis=1) > flat[1].max(axis=1)) | (flat[1].min(axis=1) > flat[0].max(axis=1))
+    meeting = ~apart.any(axis=1)
+    here, there, flat = here[meeting], there[meeting], [corners[meeting] for corners in flat]
+    pair, triangles = _common_triangles(slave, master, here, there, flat)
+    # areas are measured across the direction of projection
+    tilt = np.einsum("pd,pd->p", slave.outward[here], directions[here])
+    skew = np.maximum(*(_skewness(corners) for corners in flat))[pair] if pair.size else np.zeros(0)
+    parts = []
+    for rule, low, high in _RULES:
+        which = np.flatnonzero((skew > low) & (skew <= high))
+        values, measures = _on_triangles(flat, pair[which], triangles[which], *rule)
+        facet = np.repeat(pair[which], len(rule[1]))
+        density = np.einsum("qk,qk->q", values[0], slave.weights[slave.facets[here[facet]]]) / tilt[facet]
+        parts.append(Segments(here[facet], there[facet], *values, measures * density))
+    return Segments(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+def _common_triangles(slave, master, here, there, flat):
+    """Triangles that fill the common part of each pair: number of the pair (t,), corners (t, 3, 2)."""
     import shapely  # only scenes with mortar in space need it
 
-    frames = _frames(directions)[here]
-    flat = [
-        np.einsum("pkd,pde->pke", surface.corners[which], frames) for surface, which in ((slave, here), (master, there))
-    ]
     ring = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
     outlines = [shapely.polygons(corners[:, ring[corners.shape[1]]]) for corners in flat]
-    apart = (flat[0].min(axis=1) > flat[1].max(axis=1)) | (flat[1].min(axis=1) > flat[0].max(axis=1))
-    pairs = np.flatnonzero(~apart.any(axis=1))
-    common = shapely.intersection(outlines[0][pairs], outlines[1][pairs])
-    wanted = shapely.area(common) > 1e-12 * shapely.area(outlines[0][pairs])
-    pairs, triangles = pairs[wanted], []
-    for polygon, pair in zip(common[wanted], pairs, strict=True):
+    for surface, which, outline in ((slave, here, outlines[0]), (master, there, outlines[1])):
+        crossed = ~shapely.is_valid(outline)
+        if crossed.any():
+            place = surface.corners[which[crossed][0]].mean(axis=0)
+            raise SceneError(
+                f"a facet of surface {surface.tag} at {place.tolist()} is so warped that its outline crosses itself "
+                "seen from the other surface: mesh it finer or with triangles, or give the contact a normal"
+            )
+    common = shapely.intersection(*outlines)
+    wanted = np.flatnonzero(shapely.area(common) > 1e-12 * shapely.area(outlines[0]))
+    pairs, triangles = [np.zeros(0, dtype=int)], [np.zeros((0, 3, 2))]
+    for pair in wanted:
         # the common part of two convex polygons is convex: a fan fills it
-        ring_points = shapely.get_coordinates(polygon)[:-1]
-        fan = np.stack(
-            [np.broadcast_to(ring_points[0], ring_points[1:-1].shape), ring_points[1:-1], ring_points[2:]], axis=1
-        )
-        triangles.append((np.full(len(fan), pair), fan))
-    if not triangles:
-        empty = np.zeros(0, dtype=int)
-        return Segments(empty, empty, np.zeros((0, 1)), np.zeros((0, 1)), np.zeros(0))
-    pair, fans = (np.concatenate(part) for part in zip(*triangles, strict=True))
-    sides = fans[:, 1:] - fans[:, :1]
-    twice_area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
-    local, weights = _TRIANGLE
-    points = (fans[:, None, 0] + np.einsum("qj,tjd->tqd", local, sides)).reshape(-1, 2)
-    pair = np.repeat(pair, weights.size)
+        corners = shapely.get_coordinates(common[pair])[:-1]
+        first = np.broadcast_to(corners[0], corners[1:-1].shape)
+        triangles.append(np.stack([first, corners[1:-1], corners[2:]], axis=1))
+        pairs.append(np.full(len(first), pair))
+    return np.concatenate(pairs), np.concatenate(triangles)
+
+
+def _on_triangles(flat, pair, triangles, local, weights):
+    """Shape functions of both facets at the points of a rule on each triangle, and the weights times its area."""
+    sides = triangles[:, 1:] - triangles[:, :1]
+    area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) / 2
+    points = (triangles[:, None, 0] + np.einsum("qj,tjd->tqd", local, sides)).reshape(-1, 2)
     values = []
     for corners in flat:
-        here_corners = corners[pair]
-        values.append(shape_functions(local_coordinates(points, here_corners), here_corners.shape[1])[0])
-    facet = here[pair]
-    # areas were measured across the direction of projection
-    tilt = np.einsum("qd,qd->q", slave.outward[facet], directions[facet])
-    density = np.einsum("qk,qk->q", values[0], slave.weights[slave.facets[facet]]) / tilt
-    return Segments(facet, there[pair], *values, (twice_area[:, None] / 2 * weights).ravel() * density)
+        own = corners[np.repeat(pair, weights.size)]
+        values.append(shape_functions(local_coordinates(points, own), own.shape[1])[0])
+    return values, (area[:, None] * weights).ravel()
+
+
+def _skewness(corners):
+    """How far quadrilaterals are from parallelograms, on which shape functions are polynomials; 0 for triangles."""
+    if corners.shape[1] == 3:
+        return np.zeros(len(corners))
+    skew = corners[:, 0] - corners[:, 1] - corners[:, 2] + corners[:, 3]
+    return np.linalg.norm(skew, axis=1) / np.linalg.norm(corners[:, 3] - corners[:, 0], axis=1)
 
 
 def _frames(directions):

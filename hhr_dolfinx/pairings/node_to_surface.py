@@ -9,7 +9,7 @@ from scipy import linalg
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.pairings.projection import Feet, closest_points
+from hhr_dolfinx.pairings.projection import Feet, closest_points, project
 from hhr_dolfinx.pairings.surface import (
     FACING,
     GRAZING,
@@ -28,6 +28,8 @@ BEYOND = 1e-6
 """Part of a facet by which a slave node may lie beyond the edge of the master surface: round-off of meshers."""
 DEPENDENT = 1e-8
 """Part of a row not spanned by the rows before it, below which it is no condition of its own."""
+LAYERS = 1e-4
+"""Part of their height left to surfaces seen flat, so that of several layers the nearest is found."""
 POOR_INF_SUP = 0.02
 """Inf-sup constant of a double pass relative to the norm of B below which pressures oscillate visibly."""
 
@@ -122,8 +124,20 @@ class DoublePass:
         """
         first, second = surfaces
         back = None if self.normal is None else tuple(-np.asarray(self.normal, dtype=float))
-        one = NodeToSurface(self.first, self.second, self.normal).rows((first, second), dofs)
-        two = NodeToSurface(self.second, self.first, back).rows((second, first), dofs)
+        passes, refusals = [], []
+        for pairing, pair in (
+            (NodeToSurface(self.first, self.second, self.normal), (first, second)),
+            (NodeToSurface(self.second, self.first, back), (second, first)),
+        ):
+            try:
+                passes.append(pairing.rows(pair, dofs))
+            except SceneError as refusal:  # a coarse surface may have no node in front of a small one
+                refusals.append(refusal)
+        if not passes:
+            raise refusals[0]
+        if refusals:
+            return passes[0]
+        one, two = passes
         kept, beta = _independent(one.matrix, two.matrix)
         if beta < POOR_INF_SUP:
             warn(
@@ -139,31 +153,35 @@ def _along(slave, master, normal):
     facing = master.outward @ normal < -GRAZING
     if not facing.any():
         raise SceneError(never_facing(slave, master, f"no facet of {master.tag} looks against {normal.tolist()}"))
-    flat = np.eye(normal.size) - np.outer(normal, normal)
+    along = np.outer(normal, normal)
+    flat, corners = np.eye(normal.size) - along, master.corners[facing]
     # seen along the normal the surfaces are flat, and the closest point is the one hit
-    feet = closest_points(slave.points @ flat, master.corners[facing] @ flat)
-    feet = feet._replace(facets=np.flatnonzero(facing)[feet.facets])
-    beyond = np.linalg.norm(feet.offsets, axis=1) > BEYOND * _lengths(master)[feet.facets]
-    return _kept(slave, master, feet, beyond, np.tile(normal, (len(slave.nodes), 1)))
+    found = closest_points(slave.points @ (flat + LAYERS * along), corners @ (flat + LAYERS * along)).facets
+    weights = project(slave.points @ flat, corners[found] @ flat)
+    offsets = slave.points @ flat - np.einsum("mk,mkd->md", weights, corners[found] @ flat)
+    feet = Feet(np.flatnonzero(facing)[found], weights, offsets)
+    beyond = np.linalg.norm(offsets, axis=1) > BEYOND * _lengths(master)[feet.facets]
+    looking = np.zeros(len(slave.nodes), dtype=bool)
+    looking[slave.facets[slave.outward @ normal > GRAZING]] = True
+    return _kept(slave, master, feet, beyond | ~looking, np.tile(normal, (len(slave.nodes), 1)))
 
 
 def _closest(slave, master):
     """Closest-point projection of the slave nodes; kept slave nodes, their master nodes, weights and normals."""
-    feet = closest_points(slave.points, master.corners)
+    feet = closest_points(slave.points, master.corners, master.facets)
     corner_normals, outward = master.corner_normals()[feet.facets], master.outward[feet.facets]
     smooth = np.einsum("mk,mkd->md", feet.weights, corner_normals)
     normals = -smooth / np.linalg.norm(smooth, axis=1, keepdims=True)
     facing = np.einsum("md,md->m", slave.node_normals(), normals) > FACING
     if not facing.any():
         raise SceneError(never_facing(slave, master, "the closest facets all look the same way as the slave"))
-    # beyond the edge of the master the closest point lies on that edge and not below the node
-    height = np.einsum("md,md->m", feet.offsets, outward)[:, None]
-    sideways = np.linalg.norm(feet.offsets - outward * height, axis=1)
-    # on a curved surface the last facet is turned against the true normal at its edge
-    turned = np.linalg.norm(corner_normals - outward[:, None], axis=2).max(axis=1)
-    allowed = BEYOND * _lengths(master)[feet.facets] + 1.1 * turned * np.linalg.norm(feet.offsets, axis=1)
-    on_edge = ((feet.weights < 1e-9) | master.boundary_nodes()[master.facets[feet.facets]]).all(axis=1)
-    beyond = on_edge & (sideways > allowed)
+    # beyond an edge of the master the closest point lies on that edge and not below the node; on a curved surface
+    # facets are turned against the true normal, by no more than twice what the averages over neighbours are
+    height = np.einsum("md,md->m", feet.offsets, outward)
+    sideways = np.linalg.norm(feet.offsets - outward * height[:, None], axis=1)
+    cosine = np.clip(np.einsum("mkd,md->mk", corner_normals, outward).min(axis=1), -1.0, 1.0)
+    allowed = np.tan(np.minimum(2 * np.arccos(cosine), 1.0)) * np.abs(height)
+    beyond = sideways > BEYOND * _lengths(master)[feet.facets] + 1.001 * allowed
     return _kept(slave, master, feet, beyond | ~facing, normals)
 
 
@@ -174,8 +192,8 @@ def _kept(slave, master, feet: Feet, lost, normals):
     if lost.any():
         warn(
             f"{int(lost.sum())} of {lost.size} nodes of slave surface {slave.tag} lie beyond the edge of master "
-            f"surface {master.tag} and get no contact condition, e.g. at {slave.points[lost][0].tolist()}: "
-            "swap slave and master, or tag only what can touch"
+            f"surface {master.tag} or look away from it and get no contact condition, e.g. at "
+            f"{slave.points[lost][0].tolist()}: swap slave and master, or tag only what can touch"
         )
     return np.flatnonzero(~lost), master.facets[feet.facets], feet.weights, normals
 

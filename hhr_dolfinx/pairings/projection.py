@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
+from scipy.sparse import csr_matrix
 
 from hhr_dolfinx import compat
 
@@ -24,20 +25,64 @@ class Feet(NamedTuple):
     offsets: np.ndarray
 
 
-def closest_points(points: np.ndarray, corners: np.ndarray) -> Feet:
+def closest_points(points: np.ndarray, corners: np.ndarray, nodes: np.ndarray | None = None) -> Feet:
     """Closest points on facets given by their corners.
 
     Args:
         points: (m, dim).
         corners: (f, k, dim).
+        nodes: numbers of the corners, (f, k). If given, the neighbours of the facet found are tried too: the
+            library takes quadrilaterals for their convex hulls, which matters where they are warped.
     """
+    # the library's distances have an absolute tolerance of about 1e-6: give it lengths of order 1
+    shift, size = corners.reshape(-1, corners.shape[2]).mean(axis=0), np.ptp(corners, axis=(0, 1)).max()
+    mesh = _facet_mesh((corners - shift) / size)
+    found = compat.closest_cells(mesh, _in_space((points - shift) / size))
+    facets = np.asarray(mesh.topology.original_cell_index)[found]
+    if nodes is not None and corners.shape[1] == 4:
+        return _closest_of_neighbours(points, corners, nodes, facets)
+    weights = project(points, corners[facets])
+    return Feet(facets, weights, points - np.einsum("mk,mkd->md", weights, corners[facets]))
+
+
+def _closest_of_neighbours(points, corners, nodes, facets) -> Feet:
+    """The closest point on the given facet of each point and on all facets that share a node with it."""
+    count, k = nodes.shape
+    touches = csr_matrix((np.ones(count * k), (np.repeat(np.arange(count), k), nodes.ravel())))
+    tried = (touches @ touches.T)[facets]
+    point, facet = np.repeat(np.arange(len(points)), np.diff(tried.indptr)), tried.indices
+    weights = project(points[point], corners[facet])
+    offsets = points[point] - np.einsum("mk,mkd->md", weights, corners[facet])
+    # the nearest of each point comes first; of equals, the facet with the smallest number
+    order = np.lexsort((facet, np.round(np.linalg.norm(offsets, axis=1) / np.ptp(corners), 14), point))
+    best = order[np.searchsorted(point[order], np.arange(len(points)))]
+    return Feet(facet[best], weights[best], offsets[best])
+
+
+def near_pairs(first: np.ndarray, second: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of facets whose bounding boxes, the first ones enlarged by ``reach``, meet.
+
+    Args:
+        first, second: corners of the facets, (f, k, dim) and (g, l, dim).
+        reach: length.
+
+    Returns:
+        Facets of the first and of the second surface, (p,) each.
+    """
+    size = max(np.ptp(first, axis=(0, 1)).max(), np.ptp(second, axis=(0, 1)).max())
+    shift = second.reshape(-1, second.shape[2]).mean(axis=0)
+    meshes = [_facet_mesh((corners - shift) / size) for corners in (first, second)]
+    pairs = compat.meeting_cells(*meshes, reach / size + 1e-9)
+    originals = (np.asarray(mesh.topology.original_cell_index) for mesh in meshes)
+    return tuple(original[column] for original, column in zip(originals, pairs.T, strict=True))
+
+
+def _facet_mesh(corners):
+    """Mesh of facets that share no nodes."""
     count, k, dim = corners.shape
     kind = {2: "interval", 3: "triangle", 4: "quadrilateral"}[k]
     cells = np.arange(count * k).reshape(count, k)
-    mesh = compat.linear_mesh(MPI.COMM_SELF, np.ascontiguousarray(corners.reshape(-1, dim)), cells, kind)
-    facets = np.asarray(mesh.topology.original_cell_index)[compat.closest_cells(mesh, _in_space(points))]
-    weights = project(points, corners[facets])
-    return Feet(facets, weights, points - np.einsum("mk,mkd->md", weights, corners[facets]))
+    return compat.linear_mesh(MPI.COMM_SELF, np.ascontiguousarray(corners.reshape(-1, dim)), cells, kind)
 
 
 def project(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
@@ -99,6 +144,8 @@ def local_coordinates(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
         residual = points - np.einsum("mk,mkd->md", values, corners)
         tangents = np.einsum("mkj,mkd->mjd", slopes, corners)
         gram = np.einsum("mid,mjd->mij", tangents, tangents)
+        # where corners coincide the tangents are dependent
+        gram += 1e-14 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(2)
         step = np.linalg.solve(gram, np.einsum("mjd,md->mj", tangents, residual)[:, :, None])[:, :, 0]
         # a bilinear map folds far outside: do not go there
         local = np.clip(local + step, -2.0, 3.0)

@@ -1,0 +1,521 @@
+"""Independent checks of the pairings and of the RID closure: nothing here trusts the package's own geometry.
+
+Surfaces are built from raw arrays. Tolerances: lengths are of order 1, so 1e-12 is some thousand units of round-off;
+where a sampling minimises a distance, the distance (second order in the position) is good to 1e-9.
+"""
+
+import dataclasses
+import itertools
+import warnings
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.discretisation import Discretisation
+from hhr_dolfinx.errors import PairingWarning, ReductionError, SceneError
+from hhr_dolfinx.geometries.sphere_on_block import BLOCK_TOP, SPHERE_BOTTOM, sphere_on_block
+from hhr_dolfinx.geometries.two_blocks import side, two_blocks
+from hhr_dolfinx.pairings.projection import closest_points
+from hhr_dolfinx.pairings.surface import make_surface
+from hhr_dolfinx.reduced import project
+from hhr_dolfinx.rid import open_conditions, reduced_domain
+
+UP2, UP3 = (0.0, 1.0), (0.0, 0.0, 1.0)
+
+
+def make(tag, points, facets, inner, weights=None):
+    weights = np.ones(len(points)) if weights is None else weights
+    corners, k = points[facets], facets.shape[1]
+    if k == 2:
+        sizes = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)
+    elif k == 3:
+        sizes = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    else:
+        sizes = np.linalg.norm(np.cross(corners[:, 3] - corners[:, 0], corners[:, 2] - corners[:, 1]), axis=1) / 2
+    areas = np.zeros(len(points))
+    for j in range(k):  # in the plane the weight is linear along each facet, in space it is 1
+        own = weights[facets[:, j]]
+        mean = (own + weights[facets].sum(axis=1)) / 3 if k == 2 else own
+        np.add.at(areas, facets[:, j], sizes / k * mean)
+    return make_surface(tag, facets, np.broadcast_to(inner, points[facets].mean(axis=1).shape), points, weights, areas)
+
+
+def chain(n, first=0):
+    return np.column_stack([np.arange(n - 1), np.arange(1, n)]) + first
+
+
+def lines(slave, master, up=(0.0, 1.0), weight=None):
+    """Two polylines; the slave's body lies below, the master's above."""
+    points = np.vstack([slave, master])
+    up = np.asarray(up)
+    a, b = chain(len(slave)), chain(len(master), len(slave))
+    weights = None if weight is None else weight(points)
+    return (
+        make(1, points, a, points[a].mean(axis=1) - up, weights),
+        make(2, points, b, points[b].mean(axis=1) + up, weights),
+        points,
+    )
+
+
+def grid(nx, ny, height, low=(0.0, 0.0), high=(1.0, 1.0), triangles=False, jitter=0.0, rng=None):
+    x, y = np.linspace(low[0], high[0], nx + 1), np.linspace(low[1], high[1], ny + 1)
+    flat = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
+    n = np.arange(len(flat)).reshape(nx + 1, ny + 1)
+    facets = np.stack([n[:-1, :-1], n[1:, :-1], n[:-1, 1:], n[1:, 1:]], -1).reshape(-1, 4)
+    if jitter:
+        inner = np.zeros((nx + 1, ny + 1), dtype=bool)
+        inner[1:-1, 1:-1] = True
+        cell = np.array([(high[0] - low[0]) / nx, (high[1] - low[1]) / ny])
+        flat[inner.ravel()] += rng.uniform(-jitter, jitter, (inner.sum(), 2)) * cell
+    if triangles:
+        facets = np.vstack([facets[:, [0, 1, 3]], facets[:, [0, 3, 2]]])
+    z = height(*flat.T) if callable(height) else np.full(len(flat), height)
+    return np.column_stack([flat, z]), facets
+
+
+def sheets(slave, master, turn=None):
+    turn = np.eye(3) if turn is None else turn
+    points = np.vstack([slave[0], master[0]]) @ turn.T
+    a, b, up = slave[1], master[1] + len(slave[0]), turn @ np.array(UP3)
+    return (
+        make(1, points, a, points[a].mean(axis=1) - 9 * up),
+        make(2, points, b, points[b].mean(axis=1) + 9 * up),
+        points,
+    )
+
+
+def rows_of(pairing, slave, master, points, quiet=True):
+    with warnings.catch_warnings():
+        if quiet:
+            warnings.simplefilter("ignore", PairingWarning)
+        return pairing.rows((slave, master), points.size)
+
+
+def turned(rng):
+    q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    return q * np.sign(np.linalg.det(q))
+
+
+def nearest_on_segment(x, a, b):
+    t = np.clip((x - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+    return a + t * (b - a)
+
+
+def nearest(x, corners):
+    """Distance to all facets: exact for segments and triangles, nested refinement of a sampling for quadrilaterals."""
+    best = np.inf
+    for c in corners:
+        if len(c) == 2:
+            foot = nearest_on_segment(x, *c)
+            best = min(best, np.linalg.norm(x - foot))
+        elif len(c) == 3:
+            g = np.array([c[1] - c[0], c[2] - c[0]]).T
+            u = np.linalg.lstsq(g, x - c[0], rcond=None)[0]
+            feet = [nearest_on_segment(x, c[i], c[j]) for i, j in ((0, 1), (1, 2), (2, 0))]
+            if (u >= 0).all() and u.sum() <= 1:
+                feet.append(c[0] + g @ u)
+            best = min(best, *(np.linalg.norm(x - foot) for foot in feet))
+        elif np.linalg.norm(c - x, axis=1).min() < best + np.ptp(c, axis=0).max() * 2:
+            middle, half = np.array([0.5, 0.5]), 0.5
+            for _ in range(22):  # each pass keeps the best of 9 x 9 samples and a quarter of the window and more
+                s = [np.clip(middle[i] + half * np.linspace(-1, 1, 9), 0, 1) for i in (0, 1)]
+                u, v = (item.ravel() for item in np.meshgrid(*s, indexing="ij"))
+                n = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v])
+                d = np.linalg.norm(n.T @ c - x, axis=1)
+                middle, half = np.array([u[d.argmin()], v[d.argmin()]]), half * 0.4
+            best = min(best, d.min())
+    return best
+
+
+def scene(geometry, pairing, dim, hypothesis=None, held=()):
+    return hhr.Scene(
+        name="independent", geometry=geometry, hypothesis=hypothesis or ("solid" if dim == 3 else "plane_strain"),
+        bodies=(hhr.Body(1, 1.0, 0.3), hhr.Body(2, 1.0, 0.3)), contacts=(pairing,),
+        parameters=hhr.ParameterSpace(("p",), (0.0,), (1.0,)),
+        displacements=tuple(hhr.Displacement(tag, axis) for tag, axis in held),
+    )  # fmt: skip
+
+
+def problem_of(what):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model = Discretisation(what)
+        return model.contact_problem(model.assemble_stiffness())
+
+
+ARC = np.column_stack([np.cos(np.linspace(0, np.pi, 15)), np.sin(np.linspace(0, np.pi, 15))])
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e6, 1e-5, 1e-9])
+def test_closest_points_of_an_arc_in_any_unit(scale):
+    rng = np.random.default_rng(0)
+    x, corners = rng.uniform(-1.2, 1.2, (80, 2)), np.stack([ARC[:-1], ARC[1:]], axis=1)
+    feet = closest_points(x * scale, corners * scale)
+    found = np.linalg.norm(feet.offsets, axis=1) / scale
+    np.testing.assert_allclose(found, [nearest(p, corners) for p in x], atol=1e-12)
+
+
+@pytest.mark.parametrize("triangles", [True, False])
+def test_closest_points_of_a_sphere(triangles):
+    rng = np.random.default_rng(1)
+    cap = lambda x, y: 1 - np.sqrt(1 - (x**2 + y**2) / 3)  # noqa: E731
+    points, facets = grid(5, 5, cap, triangles=triangles, jitter=0.2, rng=rng)
+    x = rng.uniform(-0.1, 1.1, (25, 2))
+    x = np.column_stack([x, cap(*x.T) + rng.uniform(-0.5, 0.5, 25)])
+    found = np.linalg.norm(closest_points(x, points[facets]).offsets, axis=1)
+    # a jittered sphere is only slightly warped: the convex hulls that GJK takes are the facets within 1e-9
+    np.testing.assert_allclose(found, [nearest(p, points[facets]) for p in x], atol=1e-9)
+
+
+def test_closest_points_of_warped_quadrilaterals():
+    rng = np.random.default_rng(0)
+    wave = lambda x, y: 0.1 * np.sin(7 * x) * np.cos(5 * y)  # noqa: E731
+    points, facets = grid(7, 7, wave)
+    x = rng.uniform(0, 1, (60, 2))
+    x = np.column_stack([x, wave(*x.T) + rng.uniform(-0.3, 0.3, 60)])
+    found = np.linalg.norm(closest_points(x, points[facets], facets).offsets, axis=1)
+    np.testing.assert_allclose(found, [nearest(p, points[facets]) for p in x], atol=1e-9)
+
+
+@pytest.mark.parametrize("triangles", [True, False])
+def test_rays_and_rigid_motion(triangles):
+    """Against a plane hit by rays; B of a translation is 0; moving the slave by t changes the gap by -B t."""
+    rng = np.random.default_rng(3)
+    for _ in range(3):
+        turn = turned(rng)
+        tilt = lambda x, y: 0.3 + 0.1 * x - 0.2 * y  # noqa: E731
+        a = grid(4, 4, lambda x, y: 0.05 * np.sin(3 * x), triangles=triangles, jitter=0.3, rng=rng)
+        b = grid(3, 5, tilt, (-0.5, -0.5), (1.5, 1.5), not triangles, 0.3, rng)
+        for normal in (None, tuple(turn @ np.array(UP3))):
+            slave, master, points = sheets(a, b, turn)
+            rows = rows_of(hhr.NodeToSurface(1, 2, normal), slave, master, points)
+            assert rows.gap.size == len(a[0])
+            local = rows.points @ turn
+            exact = tilt(*local[:, :2].T) - local[:, 2]
+            if normal is None:
+                exact /= np.sqrt(1 + 0.1**2 + 0.2**2)
+            np.testing.assert_allclose(rows.gap, exact, atol=1e-12)
+            t = rng.uniform(-0.1, 0.1, 3) if normal is None else 0.1 * np.array(normal)
+            moved = rows_of(hhr.NodeToSurface(1, 2, normal), *sheets((a[0] + turn.T @ t, a[1]), b, turn))
+            motion = np.zeros_like(points)
+            motion[: len(a[0])] = t
+            np.testing.assert_allclose(moved.gap, rows.gap - rows.matrix @ motion.ravel(), atol=1e-12)
+            np.testing.assert_allclose(rows.matrix @ np.tile(t, len(points)), 0, atol=1e-12)
+
+
+def test_symmetry_axis_keeps_its_condition():
+    x = np.linspace(0, 1, 9)
+    slave, master, points = lines(np.column_stack([x, 0 * x]), np.column_stack([x, 0.1 + x**2 / 2]))
+    rows = rows_of(hhr.NodeToSurface(1, 2), slave, master, points)
+    assert rows.points[:, 0].min() == 0
+
+
+def test_sphere_as_master_keeps_the_symmetry_planes():
+    what = scene(
+        lambda comm: sphere_on_block(comm, gap=0.001, sphere_cells=(8, 3), block_cells=(6, 2)),
+        hhr.NodeToSurface(BLOCK_TOP, SPHERE_BOTTOM), 3,
+    )  # fmt: skip
+    problem = problem_of(what)
+    assert np.linalg.norm(problem.contact_points, axis=1).min() < 1e-12
+
+
+def test_nearest_layer_is_hit():
+    x = np.linspace(0, 1, 6)
+    points = np.vstack([np.column_stack([x, 0 * x + y]) for y in (0.0, 0.1, 0.5)])
+    slave = make(1, points, chain(6), np.array([0.5, -1]))
+    facets = np.vstack([chain(6, 6), chain(6, 12)])
+    master = make(2, points, facets, [*points[facets].mean(axis=1), 0, 0.05])
+    rows = rows_of(hhr.NodeToSurface(1, 2, UP2), slave, master, points)
+    np.testing.assert_allclose(rows.gap, 0.1, atol=1e-12)
+
+
+def l_shaped_slave():
+    line = np.array([[0, 0], [0.25, 0], [0.5, 0], [0.75, 0], [1, 0], [1, -0.25], [1, -0.5], [1, -0.75], [1, -1]])
+    points = np.vstack([line, np.column_stack([np.linspace(-0.5, 1.5, 9), np.full(9, 0.1)])])
+    return make(1, points, chain(9), np.array([0.5, -0.5])), make(2, points, chain(9, 9), np.array([0.5, 1])), points
+
+
+def test_sides_of_the_slave_do_not_face_the_master():
+    rows = rows_of(hhr.NodeToSurface(1, 2, UP2), *l_shaped_slave())
+    assert rows.points[:, 1].min() == 0  # those on the side have y < 0
+
+
+def test_mortar_normal_at_a_corner_of_the_slave():
+    rows = rows_of(hhr.Mortar(1, 2), *l_shaped_slave())
+    np.testing.assert_allclose(rows.gap, 0.1, atol=1e-12)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_crease_of_the_master_is_an_edge(mirrored):
+    """Two sides of a block are master; slave nodes past the corner face nothing, however the axes are named."""
+    line = np.vstack([np.column_stack([np.linspace(-1, 0, 5), np.zeros(5)]),
+                      np.column_stack([np.zeros(4), -np.arange(1, 5) / 4])])  # fmt: skip
+    upper = np.column_stack([np.linspace(-0.9, 0.6, 7), np.full(7, 0.1)])
+    points = np.vstack([upper, line])
+    inner, above = np.array([-0.5, -0.5]), np.array([0.0, 2.0])
+    if mirrored:
+        points, inner, above = points[:, ::-1].copy(), inner[::-1], above[::-1]
+    slave, master = make(1, points, chain(7), above), make(2, points, chain(9, 7), inner)
+    with pytest.warns(PairingWarning, match="3 of 7"):
+        rows = hhr.NodeToSurface(1, 2).rows((slave, master), points.size)
+    assert rows.points[:, 1 if mirrored else 0].max() < 0
+
+
+@pytest.mark.parametrize("normal", [None, UP3])
+def test_collapsed_quadrilateral(normal):
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 1, 0],
+                       [0.05, 0.9, -0.1], [0.1, 0.9, -0.1], [0.05, 0.92, -0.1], [0, 1, -0.1]], dtype=float)  # fmt: skip
+    slave = make(1, points, np.array([[4, 5, 6, 7]]), np.array([0.3, 0.3, -1]))
+    master = make(2, points, np.array([[0, 1, 2, 3]]), np.array([0.3, 0.3, 1]))
+    rows = rows_of(hhr.NodeToSurface(1, 2, normal), slave, master, points)
+    np.testing.assert_allclose(rows.gap, 0.1, atol=1e-12)
+
+
+def test_double_pass_with_one_empty_pass():
+    small, large = grid(2, 2, 0.0), grid(1, 1, 0.1, (-1, -1), (2, 2))
+    rows = rows_of(hhr.DoublePass(1, 2), *sheets(small, large))
+    assert rows.gap.size == 9
+
+
+def test_double_pass_has_full_rank():
+    rng = np.random.default_rng(8)
+    for _ in range(5):
+        a, b = grid(4, 4, 0.0, jitter=0.2, rng=rng), grid(3, 5, 0.1, jitter=0.2, rng=rng)
+        slave, master, points = sheets(a, b, turned(rng))
+        matrix = rows_of(hhr.DoublePass(1, 2), slave, master, points).matrix.toarray()
+        one = rows_of(hhr.NodeToSurface(1, 2), slave, master, points).matrix.toarray()
+        two = rows_of(hhr.NodeToSurface(2, 1), master, slave, points).matrix.toarray()
+        # rows have norms of 1 to 1.5; singular values of dependent rows are round-off
+        values = np.linalg.svd(np.vstack([one, two]), compute_uv=False)
+        assert len(matrix) == (values > 1e-9).sum() == np.linalg.matrix_rank(matrix, tol=1e-9)
+
+
+@pytest.mark.parametrize("multipliers", ["dual", "standard"])
+@pytest.mark.parametrize("axisymmetric", [False, True])
+def test_mortar_in_the_plane_against_adaptive_integration(multipliers, axisymmetric):
+    rng = np.random.default_rng(4)
+    for _ in range(4):
+        angle, shift = (0.0, 0.7) if axisymmetric else (rng.uniform(0, 6), 0.0)
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        xs = np.sort(np.append(rng.uniform(0.05, 0.95, rng.integers(1, 5)), [0, 1])) + shift
+        xm = (
+            np.sort(np.append(rng.uniform(0.3, 0.7, rng.integers(1, 20)), rng.uniform([-0.3, 0.75], [0.25, 1.3])))
+            + shift
+        )
+        ys, ym = 0.1 * np.sin(3 * xs), 0.3 + 0.05 * np.cos(5 * xm)
+        weight = (lambda p: 2 * np.pi * p[:, 0]) if axisymmetric else None
+        slave, master, points = lines(
+            np.column_stack([xs, ys]) @ turn.T, np.column_stack([xm, ym]) @ turn.T, turn @ np.array(UP2), weight
+        )
+        rows = rows_of(hhr.Mortar(1, 2, tuple(turn @ np.array(UP2)), multipliers), slave, master, points)
+        low, high = max(xs[0], xm[0]), min(xs[-1], xm[-1])
+        breaks = np.unique(np.clip(np.concatenate([xs, xm]), low, high))
+        slope = np.hypot(np.diff(xs), np.diff(ys)) / np.diff(xs)
+        cell = lambda x: int(np.clip(np.searchsorted(xs, x, side="right") - 1, 0, len(xs) - 2))  # noqa: E731
+        measure = lambda x: slope[cell(x)] * (2 * np.pi * x if axisymmetric else 1.0)  # noqa: E731
+        hat = lambda nodes, k, x: np.interp(x, nodes, np.eye(len(nodes))[k])  # noqa: E731
+        integral = lambda f: sum(quad(f, p, q, epsabs=1e-13)[0] for p, q in itertools.pairwise(breaks))  # noqa: E731
+        dual = {}
+        for e in range(len(xs) - 1):
+            p, q = max(low, xs[e]), min(high, xs[e + 1])
+            if q > p:
+                mass = np.array([[quad(lambda x: hat(xs, i, x) * hat(xs, j, x) * measure(x), p, q)[0]
+                                  for j in (e, e + 1)] for i in (e, e + 1)])  # fmt: skip
+                dual[e] = np.diag(mass.sum(axis=1)) @ np.linalg.inv(mass)
+
+        def psi(j, x):
+            if multipliers == "standard":
+                return hat(xs, j, x)
+            e = cell(x)
+            if e not in dual or j not in (e, e + 1):
+                return 0.0
+            return dual[e][j - e] @ [hat(xs, e, x), hat(xs, e + 1, x)]
+
+        along = rows.matrix.toarray().reshape(rows.gap.size, -1, 2) @ (turn @ np.array(UP2))
+        for i, j in enumerate(rows.slaves):
+            area = integral(lambda x: psi(j, x) * measure(x))
+            gap = integral(lambda x: psi(j, x) * (np.interp(x, xm, ym) - np.interp(x, xs, ys)) * measure(x))
+            k = int(rng.integers(len(xm)))
+            pull = integral(lambda x: psi(j, x) * hat(xm, k, x) * measure(x))
+            # unscaled by the area, which may be small at a hardly covered node
+            np.testing.assert_allclose(
+                [rows.areas[i], rows.gap[i] * area, -along[i, len(xs) + k] * area], [area, gap, pull], atol=1e-11
+            )
+            if multipliers == "dual":
+                assert np.flatnonzero(along[i, : len(xs)]).tolist() == [j]
+        np.testing.assert_allclose(rows.areas.sum(), integral(measure), rtol=1e-12)
+
+
+def facet_loads(points, facets):
+    """Nodal forces of a unit pressure on flat facets, with more points than any polynomial here needs."""
+    out, c = np.zeros(len(points)), points[facets]
+    if facets.shape[1] == 3:
+        sizes = np.linalg.norm(np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]), axis=1) / 2
+        np.add.at(out, facets, sizes[:, None] / 3)
+        return out
+    nodes, weights = np.polynomial.legendre.leggauss(4)
+    for u, a in zip((nodes + 1) / 2, weights / 2, strict=True):
+        for v, b in zip((nodes + 1) / 2, weights / 2, strict=True):
+            along = (1 - v) * (c[:, 1] - c[:, 0]) + v * (c[:, 3] - c[:, 2])
+            across = (1 - u) * (c[:, 2] - c[:, 0]) + u * (c[:, 3] - c[:, 1])
+            size = np.linalg.norm(np.cross(along, across), axis=1)
+            np.add.at(
+                out, facets, size[:, None] * a * b * np.array([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v])
+            )
+    return out
+
+
+@pytest.mark.parametrize("multipliers", ["dual", "standard"])
+@pytest.mark.parametrize("triangles, jitter", [(True, 0.0), (True, 0.3), (False, 0.0), (False, 0.25)])
+def test_patch_of_constant_pressure_in_space(multipliers, triangles, jitter):
+    """Forces areas * p must be the consistent loads of p on both sides; 1e-10 as a patch test asks."""
+    rng = np.random.default_rng(5)
+    for cells in ((4, 5), (1, 12), (12, 1)):
+        turn = turned(rng)
+        a = grid(cells[0], cells[0], 0.0, triangles=triangles, jitter=jitter, rng=rng)
+        b = grid(cells[1], cells[1], 0.1, triangles=triangles, jitter=jitter, rng=rng)
+        slave, master, points = sheets(a, b, turn)
+        rows = rows_of(hhr.Mortar(1, 2, None, multipliers), slave, master, points)
+        assert rows.gap.size == len(a[0]) and abs(rows.areas.sum() - 1) < 1e-12
+        np.testing.assert_allclose(rows.gap, 0.1, atol=1e-12)
+        force = (rows.matrix.T @ rows.areas).reshape(-1, 3) @ turn
+        exact = np.concatenate([facet_loads(*a), -facet_loads(*b)])
+        np.testing.assert_allclose(force[:, 2], exact, atol=1e-10 * np.abs(exact).max())
+        np.testing.assert_allclose(force[:, :2], 0, atol=1e-12)
+        np.testing.assert_allclose(rows.matrix @ np.tile(rng.normal(size=3), len(points)), 0, atol=1e-11)
+        if multipliers == "dual":
+            touched = np.abs(rows.matrix.toarray()).reshape(rows.gap.size, -1, 3).sum(axis=2)[:, : len(a[0])] > 0
+            assert (touched.sum(axis=1) == 1).all()
+
+
+@pytest.mark.parametrize("part", [0.5, 0.01])
+def test_dual_rows_touch_one_slave_on_hardly_covered_facets(part):
+    a, b = grid(3, 3, 0.0), grid(4, 4, 0.1, (0, 0), (2 / 3 + part / 3,) * 2)
+    rows = rows_of(hhr.Mortar(1, 2), *sheets(a, b))
+    touched = np.abs(rows.matrix.toarray()).reshape(rows.gap.size, -1, 3).sum(axis=2)[:, :16] > 0
+    assert (touched.sum(axis=1) == 1).all()
+
+
+def stack_of_thin_plates():
+    """Two interfaces under one pair of tags, and the surfaces and points of both."""
+    x, thick = np.linspace(0, 1, 5), 0.2
+    points = np.vstack([np.column_stack([x, 0 * x + y]) for y in (0, 0.01 + thick, 0.01, 0.02 + thick)])
+    a, b = np.vstack([chain(5), chain(5, 5)]), np.vstack([chain(5, 10), chain(5, 15)])
+    slave = make(1, points, a, points[a].mean(axis=1) - [0, thick / 2])
+    master = make(2, points, b, [*points[b].mean(axis=1), 0, thick / 2])
+    return slave, master, points
+
+
+def test_mortar_takes_the_near_layer_of_a_stack_or_refuses():
+    rows = rows_of(hhr.Mortar(1, 2), *stack_of_thin_plates())
+    np.testing.assert_allclose(rows.areas.sum(), 2, rtol=1e-12)
+    np.testing.assert_allclose(rows.gap, 0.01, atol=1e-12)
+    with pytest.raises(SceneError, match=r"several layers of master surface 2 face slave surface 1 at \["):
+        rows_of(hhr.Mortar(1, 2, UP2), *stack_of_thin_plates())
+
+
+def test_mortar_on_strongly_warped_facets_says_what_is_wrong():
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        k = rng.uniform(2, 12, 4)
+        a = grid(4, 5, lambda x, y, k=k: np.sin(k[0] * x + 1) * np.cos(k[1] * y))
+        b = grid(5, 3, lambda x, y, k=k: 0.1 + np.sin(k[2] * x + 1) * np.cos(k[3] * y))
+        try:
+            rows_of(hhr.Mortar(1, 2), *sheets(a, b))
+        except SceneError:
+            pass
+
+
+def pairings(dim):
+    up = UP2 if dim == 2 else UP3
+    return [kind(1, 2, normal) for kind in (hhr.NodeToSurface, hhr.DoublePass, hhr.Mortar) for normal in (None, up)]
+
+
+@pytest.mark.parametrize("pairing", pairings(2), ids=str)
+def test_surfaces_that_never_face_each_other(pairing):
+    x = np.linspace(0, 1, 5)
+    low, aside = np.column_stack([x, 0 * x]), np.column_stack([x + 5, 0 * x + 0.1])
+    with pytest.raises(SceneError, match="never face"):
+        rows_of(pairing, *lines(low, aside))
+    points = np.vstack([low, [*low, 0, 0.1]])
+    wrong = make(1, points, chain(5), np.array([0.5, -1])), make(2, points, chain(5, 5), np.array([0.5, -1]))
+    with pytest.raises(SceneError, match="face"):
+        rows_of(pairing, *wrong, points)
+    with pytest.raises(SceneError, match="no area"):
+        rows_of(pairing, *lines(np.where(np.arange(5)[:, None] == 2, np.nan, low), [*low, 0, 0.1]))
+
+
+def inner_facets(comm):
+    from dolfinx import mesh as dmesh
+
+    mesh = dmesh.create_unit_square(comm, 4, 4, dmesh.CellType.quadrilateral)
+    mesh.topology.create_connectivity(1, 2)
+    cells = np.arange(16, dtype=np.int32)
+    middles = dmesh.compute_midpoints(mesh, 2, cells)
+    facets = np.sort(dmesh.locate_entities(mesh, 1, lambda x: np.isclose(x[1], 0.5)))
+    tags = dmesh.meshtags(mesh, 2, cells, np.where(middles[:, 1] > 0.5, 2, 1).astype(np.int32))
+    return mesh, tags, dmesh.meshtags(mesh, 1, facets, np.full(len(facets), 7, dtype=np.int32))
+
+
+def test_facets_inside_the_mesh_are_refused():
+    with pytest.raises(SceneError):
+        problem_of(scene(inner_facets, hhr.Obstacle(7, UP2, 2.0), 2))
+
+
+# ------------------------------------------------------------------------------------------------------ RID
+def brute_force_faults(problem, sets, nodes):
+    """Whatever contradicts the definitions of the index sets, by plain loops."""
+    size, faults = problem.block_size, []
+    inside, conditions, cells = set(sets.A.tolist()), set(sets.A_lambda.tolist()), set(sets.cells.tolist())
+    whole = np.ones(len(problem.points), dtype=bool)
+    for number, cell in enumerate(problem.cell_nodes):
+        if number not in cells:
+            whole[cell] = False
+    faults += [("A outside", d) for d in inside if not problem.free[d] or not whole[d // size]]
+    faults += [
+        ("lost", n) for n in nodes for d in range(size * n, size * n + size) if problem.free[d] and d not in inside
+    ]
+    for row in range(problem.contact.shape[0]):
+        entries = problem.contact[row].tocoo()
+        touched = {int(c) for c, v in zip(entries.col, entries.data, strict=True) if v}
+        if row not in conditions and touched & inside:
+            faults.append(("open", row))
+        slave = problem.contact_slaves[row]
+        free = [d for d in range(size * slave, size * slave + size) if problem.free[d]]
+        if free and all(d in inside for d in free) != (row in conditions):
+            faults.append(("A_lambda", row))
+    return faults
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("kind", ["slave 1", "slave 2", "dual", "standard", "double"])
+def test_reduced_domains_are_closed(dim, kind):
+    rng = np.random.default_rng(6)
+    one, two = side(1, dim - 1, True), side(2, dim - 1, False)
+    pairing = {
+        "slave 1": hhr.NodeToSurface(one, two), "slave 2": hhr.NodeToSurface(two, one), "dual": hhr.Mortar(one, two),
+        "standard": hhr.Mortar(one, two, None, "standard"), "double": hhr.DoublePass(one, two),
+    }[kind]  # fmt: skip
+    first, second = ((14, 8), (9, 6)) if dim == 2 else ((5, 5, 3), (4, 4, 3))
+    low, high = (0.0,) * dim, (1.0,) * dim
+    base, top = (-0.1,) * (dim - 1) + (1.1,), (1.1,) * (dim - 1) + (2.1,)
+    held = [(side(1, dim - 1, False), i) for i in range(dim)] + [(side(2, dim - 1, True), i) for i in range(dim)]
+    problem = problem_of(
+        scene(lambda comm: two_blocks(comm, first=(low, high, first), second=(base, top, second), simplices=dim == 2),
+              pairing, dim, held=(*held, (side(1, 0, False), 0)))
+    )  # fmt: skip
+    at_contact = np.unique(problem.contact.nonzero()[1] // dim)
+    basis = rng.normal(size=(problem.free.size, 3)) * problem.free[:, None]
+    for layers in (0, 1, 2):
+        for _ in range(3):
+            nodes = np.concatenate([rng.choice(at_contact, 2), rng.integers(len(problem.points), size=2)])
+            sets = reduced_domain(problem, nodes, layers)
+            assert not brute_force_faults(problem, sets, nodes)
+            assert open_conditions(problem, sets).size == 0
+            project(problem, basis, sets)
+            row = sets.A_lambda[0]
+            if np.intersect1d(problem.contact[row].nonzero()[1], sets.A).size:
+                with pytest.raises(ReductionError, match="not closed"):
+                    project(problem, basis, dataclasses.replace(sets, A_lambda=sets.A_lambda[1:]))
