@@ -226,7 +226,7 @@ def test_nearest_layer_is_hit():
     points = np.vstack([np.column_stack([x, 0 * x + y]) for y in (0.0, 0.1, 0.5)])
     slave = make(1, points, chain(6), np.array([0.5, -1]))
     facets = np.vstack([chain(6, 6), chain(6, 12)])
-    master = make(2, points, facets, [*points[facets].mean(axis=1), 0, 0.05])
+    master = make(2, points, facets, points[facets].mean(axis=1) + np.array([0, 0.05]))
     rows = rows_of(hhr.NodeToSurface(1, 2, UP2), slave, master, points)
     np.testing.assert_allclose(rows.gap, 0.1, atol=1e-12)
 
@@ -404,7 +404,7 @@ def stack_of_thin_plates():
     points = np.vstack([np.column_stack([x, 0 * x + y]) for y in (0, 0.01 + thick, 0.01, 0.02 + thick)])
     a, b = np.vstack([chain(5), chain(5, 5)]), np.vstack([chain(5, 10), chain(5, 15)])
     slave = make(1, points, a, points[a].mean(axis=1) - [0, thick / 2])
-    master = make(2, points, b, [*points[b].mean(axis=1), 0, thick / 2])
+    master = make(2, points, b, points[b].mean(axis=1) + np.array([0, thick / 2]))
     return slave, master, points
 
 
@@ -439,12 +439,12 @@ def test_surfaces_that_never_face_each_other(pairing):
     low, aside = np.column_stack([x, 0 * x]), np.column_stack([x + 5, 0 * x + 0.1])
     with pytest.raises(SceneError, match="never face"):
         rows_of(pairing, *lines(low, aside))
-    points = np.vstack([low, [*low, 0, 0.1]])
+    points = np.vstack([low, low + np.array([0, 0.1])])
     wrong = make(1, points, chain(5), np.array([0.5, -1])), make(2, points, chain(5, 5), np.array([0.5, -1]))
     with pytest.raises(SceneError, match="face"):
         rows_of(pairing, *wrong, points)
     with pytest.raises(SceneError, match="no area"):
-        rows_of(pairing, *lines(np.where(np.arange(5)[:, None] == 2, np.nan, low), [*low, 0, 0.1]))
+        rows_of(pairing, *lines(np.where(np.arange(5)[:, None] == 2, np.nan, low), low + np.array([0, 0.1])))
 
 
 def inner_facets(comm):
