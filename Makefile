@@ -3,13 +3,22 @@
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: demo pellet extreme test setup
+.PHONY: demo pellet nonmatching sphere patch extreme test setup
 
 demo: setup
 	.venv/bin/python demos/hertz_half_discs.py
 
 pellet: setup
 	.venv/bin/python demos/pellet_cladding.py --study thesis
+
+nonmatching: setup
+	.venv/bin/python demos/pellet_cladding_nonmatching.py
+
+sphere: setup
+	.venv/bin/python demos/sphere_on_block.py
+
+patch: setup
+	.venv/bin/python demos/contact_patch_test.py
 
 extreme: setup
 	.venv/bin/python demos/extreme_cases.py
