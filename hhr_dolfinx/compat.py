@@ -108,3 +108,15 @@ def geometry_dofmap(mesh):
     """Nodes of each cell in ``mesh.geometry.x``; ``dofmap`` is on its way out from 0.11 on."""
     geometry = mesh.geometry
     return geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
+
+
+def quadrature(mesh, degree: int):
+    """Points and weights of DOLFINx's rule of a degree on the reference cell."""
+    import basix
+
+    return basix.make_quadrature(basix.CellType[mesh.topology.cell_name()], degree)
+
+
+def tabulate(expression, mesh, cells):
+    """Values of an expression in each cell; the mesh left the arguments of ``eval`` at times."""
+    return expression.eval(mesh, cells)

@@ -77,6 +77,10 @@ class Discretisation:
         mass.assemble()
         single, lifts, free = self._imposed()
         columns = [np.zeros(lifts.shape)]
+        first_opening = 1 + len(single)
+        for opening in self.scene.openings:
+            single.append(opening.amplitude)
+            columns.append(np.zeros((self.size, 1)))
         for load in self.scene.loads:
             if not isinstance(load, PartialPressure):
                 single.append(load.amplitude)
@@ -94,6 +98,9 @@ class Discretisation:
         full = self._gather_matrix(stiffness)
         loads = (loads - full @ lifts) * free[:, None]
         rows, pairs = self._contact_rows(free)
+        gaps = _gap_terms(rows, lifts)
+        for k, opening in enumerate(self.scene.openings):
+            gaps[pairs == opening.contact, first_opening + k] += 1.0
         return ContactProblem(
             stiffness=full,
             mass=self._gather_matrix(mass),
@@ -101,7 +108,7 @@ class Discretisation:
             loads=np.asfortranarray(loads),
             lifts=np.asfortranarray(lifts),
             contact=_without_columns(rows.matrix, ~free),
-            gaps=np.asfortranarray(_gap_terms(rows, lifts)),
+            gaps=np.asfortranarray(gaps),
             contact_slaves=rows.slaves,
             contact_pairs=pairs,
             contact_points=rows.points,
@@ -111,6 +118,37 @@ class Discretisation:
             amplitudes=replace(amplitudes, coverages=tuple(coverages)),
             parameters=self.scene.parameters,
         )
+
+    def strain_operator(self, degree: int = 2):
+        """Strain at the Gauss points of all cells, for materials that flow; serial.
+
+        Args:
+            degree: of the quadrature; 2 gives quadrilaterals 2 x 2 points.
+
+        Returns:
+            The :class:`~hhr_dolfinx.gauss.StrainOperator`, and the body of each cell as its place in the scene.
+        """
+        from hhr_dolfinx.forms.plasticity import strain_vector
+        from hhr_dolfinx.gauss import StrainOperator
+
+        if self.comm.size > 1:
+            raise SceneError("materials that flow are solved on one rank: share the parameters out, not the mesh")
+        topology, hypothesis = self.mesh.topology, self.scene.hypothesis
+        cells = np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)
+        points, weights = compat.quadrature(self.mesh, degree)
+        trial = ufl.TrialFunction(self.space)
+        table = compat.tabulate(fem.Expression(strain_vector(trial, hypothesis), points), self.mesh, cells)
+        measure = elasticity.volume_weight(self.mesh, hypothesis) * abs(ufl.JacobianDeterminant(self.mesh))
+        volumes = compat.tabulate(fem.Expression(measure, points), self.mesh, cells)
+        dim, count = self.mesh.geometry.dim, len(weights)
+        blocks = self.space.dofmap.list[cells]
+        dofs = (dim * blocks[:, :, None] + np.arange(dim)).reshape(len(cells), -1).astype(np.int64)
+        components = 6 if hypothesis == "solid" else 4
+        gradients = np.ascontiguousarray(table.reshape(len(cells), count, components, dofs.shape[1]))
+        bodies = np.full(len(cells), -1)
+        for place, body in enumerate(self.scene.bodies):
+            bodies[self._cell_tags.find(body.tag)] = place
+        return StrainOperator(gradients, volumes.reshape(len(cells), count) * weights, dofs, self.size), bodies
 
     def stress(self, displacement: np.ndarray) -> np.ndarray:
         """Stress at the middle of each cell, (cells, 3, 3), in the order of ``ContactProblem.cell_nodes``.

@@ -15,17 +15,19 @@ from hhr_dolfinx.parameters import Amplitude, ParameterSpace
 
 @dataclass(frozen=True)
 class Body:
-    """An elastic body.
+    """A body, elastic or with a flow.
 
     Attributes:
         tag: cell tag.
         young: Young's modulus E, in the unit of stress of the scene.
         poisson: Poisson's ratio.
+        law: how it flows, a :class:`~hhr_dolfinx.forms.plasticity.Flow`; None for an elastic body.
     """
 
     tag: int
     young: float
     poisson: float
+    law: Any = None
 
     def __post_init__(self):
         """Refuse constants for which the elastic energy is not positive."""
@@ -84,6 +86,19 @@ class PartialPressure:
 
 
 @dataclass(frozen=True)
+class Opening:
+    """An initial gap that depends on parameters: ``amplitude(mu)`` is added to all gaps of a contact pair.
+
+    Attributes:
+        contact: place of the pair in ``Scene.contacts``.
+        amplitude: the gap added.
+    """
+
+    contact: int
+    amplitude: Amplitude
+
+
+@dataclass(frozen=True)
 class Scene:
     """All that defines one parametric contact problem.
 
@@ -96,6 +111,7 @@ class Scene:
         displacements: imposed displacements.
         loads: surface loads, :class:`Traction`, :class:`Pressure` or :class:`PartialPressure`.
         parameters: the box of the parameters.
+        openings: initial gaps that depend on parameters.
     """
 
     name: str
@@ -106,6 +122,7 @@ class Scene:
     parameters: ParameterSpace
     displacements: tuple[Displacement, ...] = ()
     loads: tuple[Traction | Pressure | PartialPressure, ...] = ()
+    openings: tuple[Opening, ...] = ()
 
     def __post_init__(self):
         """Refuse what no geometry could make right."""

@@ -1,0 +1,150 @@
+"""Isotropic flow of von Mises type: plasticity with hardening and viscoplasticity, thesis section 6.2.
+
+All laws share the radial return. With the trial deviator s_tr = 2 mu dev(ε - εp_old), of equivalent stress q_tr,
+a flow Δp along it leaves
+
+    s = (1 - 3 mu Δp / q_tr) s_tr,      εp = εp_old + 3/2 Δp s_tr / q_tr,
+
+and the physics is one scalar equation for Δp(q_tr), the *flow* of a law. A law of your own is a class with
+``flow`` and ``stress_scale``; everything else is common.
+
+Tensors are vectors in Kelvin's notation, (xx, yy, zz, √2 xy[, √2 xz, √2 yz]), so that products of tensors are products
+of vectors; zz is θθ in axisymmetry.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import ufl
+
+from hhr_dolfinx.forms.elasticity import lame_parameters, strain
+
+
+class Flow(Protocol):
+    """What a body needs to flow."""
+
+    stress_scale: float
+    """A stress typical of the law, for tolerances."""
+
+    def flow(self, trial, plastic_strain, shear, dt):
+        """Cumulated flow of a step at points whose trial stress is given.
+
+        Args:
+            trial: equivalent trial stress q_tr, (n,).
+            plastic_strain: cumulated plastic strain p before the step, (n,).
+            shear: shear modulus mu.
+            dt: time step in seconds.
+
+        Returns:
+            Flow Δp >= 0 and its derivative by q_tr, (n,) each.
+        """
+
+
+@dataclass(frozen=True)
+class Plasticity:
+    """Von Mises plasticity with linear isotropic hardening, thesis (6.23)-(6.26): yield at σ0 + H p.
+
+    Attributes:
+        yield_stress: σ0, in the unit of stress of the scene.
+        hardening: H >= 0.
+    """
+
+    yield_stress: float
+    hardening: float = 0.0
+
+    def __post_init__(self):
+        """Refuse softening, for which the problem depends on the mesh, and a yield stress that is none."""
+        if not (self.yield_stress > 0 and self.hardening >= 0):
+            raise ValueError(
+                f"yield stress {self.yield_stress} must be positive and hardening {self.hardening} not negative: "
+                "softening has no answer that does not depend on the mesh"
+            )
+
+    @property
+    def stress_scale(self) -> float:
+        """The yield stress."""
+        return self.yield_stress
+
+    def flow(self, trial, plastic_strain, shear, dt):
+        """Closed form of σ0 + H (p + Δp) = q_tr - 3 mu Δp; see :class:`Flow`."""
+        slope = 1 / (3 * shear + self.hardening)
+        over = trial - self.yield_stress - self.hardening * plastic_strain
+        return np.maximum(over, 0.0) * slope, np.where(over > 0, slope, 0.0)
+
+
+@dataclass(frozen=True)
+class Norton:
+    """Norton's viscoplasticity without threshold, thesis (6.28): rate of p = (σ_eq / K)^m, implicit Euler.
+
+    The thesis prints the exponent as n - 1.
+
+    Attributes:
+        resistance: K, in stress times s^(1/m).
+        exponent: m >= 1.
+    """
+
+    resistance: float
+    exponent: float
+
+    def __post_init__(self):
+        """Refuse what has no or no unique flow."""
+        if not (self.resistance > 0 and self.exponent >= 1):
+            raise ValueError(f"resistance {self.resistance} must be positive and exponent {self.exponent} at least 1")
+
+    @property
+    def stress_scale(self) -> float:
+        """The resistance."""
+        return self.resistance
+
+    def flow(self, trial, plastic_strain, shear, dt):
+        """Newton's method for x = σ_eq in x + 3 mu dt (x / K)^m = q_tr; see :class:`Flow`.
+
+        The left side is convex and increasing, so that iterates from above fall monotonically to the root. They
+        start at the smaller of q_tr and the root without the linear term.
+        """
+        m, factor = self.exponent, 3 * shear * dt
+        top = self.resistance * (trial / factor) ** (1 / m)
+        x = np.minimum(trial, top)
+        for _ in range(60):
+            rate = (x / self.resistance) ** m
+            slope = np.where(x > 0, m * rate / np.where(x > 0, x, 1.0), 0.0)
+            step = (x + factor * rate - trial) / (1 + factor * slope)
+            x = x - step
+            if not np.any(np.abs(step) > 1e-14 * trial):
+                break
+        rate = (x / self.resistance) ** m
+        slope = np.where(x > 0, m * rate / np.where(x > 0, x, 1.0), 0.0) * dt
+        return dt * rate, slope / (1 + 3 * shear * slope)
+
+
+def strain_vector(u, hypothesis: str, poisson=0.0):
+    """Strain in Kelvin's notation: 4 components, or 6 in space."""
+    e = strain(u, hypothesis, poisson)
+    plane = [e[0, 0], e[1, 1], e[2, 2], 2**0.5 * e[0, 1]]
+    return ufl.as_vector([*plane, 2**0.5 * e[0, 2], 2**0.5 * e[1, 2]] if hypothesis == "solid" else plane)
+
+
+def return_mapping(total, plastic, plastic_strain, young, poisson, law: Plasticity):
+    """Stress after a step of :class:`Plasticity` as a UFL expression, whose derivative is the consistent tangent.
+
+    The same physics as the kernels that the solvers run, kept as their measure.
+
+    Args:
+        total: strain at the end of the step, Kelvin vector.
+        plastic: plastic strain before the step, Kelvin vector.
+        plastic_strain: cumulated plastic strain before the step.
+        young, poisson: elastic constants.
+        law: the flow.
+    """
+    lam, mu = lame_parameters(young, poisson)
+    size = ufl.shape(total)[0] if hasattr(ufl, "shape") else total.ufl_shape[0]
+    unit = ufl.as_vector([1.0, 1.0, 1.0] + [0.0] * (size - 3))
+    trace = ufl.dot(unit, total)
+    trial = 2 * mu * (total - plastic - trace / 3 * unit)
+    q = ufl.sqrt(1.5 * ufl.dot(trial, trial))
+    over = q - law.yield_stress - law.hardening * plastic_strain
+    flow = ufl.conditional(ufl.gt(over, 0), over, 0) / (3 * mu + law.hardening)
+    return (lam + 2 * mu / 3) * trace * unit + (1 - 3 * mu * flow / q) * trial

@@ -1,0 +1,146 @@
+"""Strain and internal forces through Gauss points: arrays tabulated once, loops compiled by numba.
+
+The arrays come from UFL (:meth:`Discretisation.strain_operator`); nothing here knows meshes or physics. A reduced model
+uses the same operator with the cells of its RID.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+from scipy.sparse import csr_matrix
+
+
+@dataclass(frozen=True)
+class StrainOperator:
+    """Strain ε = G u at the Gauss points of some cells, Kelvin's notation.
+
+    Attributes:
+        gradients: G of each cell, (cells, points, components, dofs of a cell).
+        weights: quadrature weight times volume of each point, (cells, points).
+        dofs: number of each dof of a cell, (cells, dofs of a cell).
+        size: number of dofs there are.
+    """
+
+    gradients: np.ndarray
+    weights: np.ndarray
+    dofs: np.ndarray
+    size: int
+
+    @property
+    def points(self) -> int:
+        """Number of Gauss points."""
+        return self.weights.size
+
+    @property
+    def components(self) -> int:
+        """Components of a strain."""
+        return self.gradients.shape[2]
+
+    def restricted(self, cells: np.ndarray, columns: np.ndarray) -> StrainOperator:
+        """The operator of some cells with only some dofs, renumbered; other dofs of these cells count as zero.
+
+        Args:
+            cells: kept cells.
+            columns: kept dofs, in their new order. Others get the number of one more dof, to be left zero.
+        """
+        number = np.full(self.size, columns.size, dtype=np.int64)
+        number[columns] = np.arange(columns.size)
+        return replace(
+            self,
+            gradients=np.ascontiguousarray(self.gradients[cells]),
+            weights=self.weights[cells],
+            dofs=number[self.dofs[cells]],
+            size=columns.size + 1,
+        )
+
+    def strain(self, field: np.ndarray) -> np.ndarray:
+        """Strain of a field (size,) at all points, (points, components)."""
+        out = np.empty((self.points, self.components))
+        _strain(self.gradients, self.dofs, field, out)
+        return out
+
+    def internal(self, stress: np.ndarray) -> np.ndarray:
+        """Internal forces ∫ ε(v) : σ of a stress (points, components), (size,)."""
+        out = np.zeros(self.size)
+        _internal(self.gradients, self.weights, self.dofs, stress, out)
+        return out
+
+    def pattern(self) -> SparsePattern:
+        """Sparsity of the stiffness matrices of these cells."""
+        d = self.dofs.shape[1]
+        rows, columns = np.repeat(self.dofs, d, axis=1), np.tile(self.dofs, (1, d))
+        keys, position = np.unique(rows.ravel() * self.size + columns.ravel(), return_inverse=True)
+        indptr = np.searchsorted(keys, np.arange(self.size + 1) * self.size).astype(np.int32)
+        return SparsePattern(indptr, (keys % self.size).astype(np.int32), position.reshape(-1, d, d))
+
+    def stiffness(self, tangents: np.ndarray, pattern: SparsePattern) -> csr_matrix:
+        """Stiffness ∫ ε(v) : H : ε(u) of tangents H (points, components, components), (size, size)."""
+        data = np.zeros(pattern.indices.size)
+        _stiffness(self.gradients, self.weights, tangents, pattern.position, data)
+        return csr_matrix((data, pattern.indices, pattern.indptr), shape=(self.size, self.size))
+
+
+@dataclass(frozen=True)
+class SparsePattern:
+    """Compressed rows, and where the entries of each cell's matrix go.
+
+    Attributes:
+        indptr, indices: of a CSR matrix.
+        position: place of each entry in its data, (cells, d, d).
+    """
+
+    indptr: np.ndarray
+    indices: np.ndarray
+    position: np.ndarray
+
+
+@njit(cache=True)
+def _strain(gradients, dofs, field, out):
+    cells, points, components, d = gradients.shape
+    for cell in range(cells):
+        for q in range(points):
+            for i in range(components):
+                value = 0.0
+                for k in range(d):
+                    value += gradients[cell, q, i, k] * field[dofs[cell, k]]
+                out[cell * points + q, i] = value
+
+
+@njit(cache=True)
+def _internal(gradients, weights, dofs, stress, out):
+    cells, points, components, d = gradients.shape
+    for cell in range(cells):
+        for q in range(points):
+            for i in range(components):
+                value = weights[cell, q] * stress[cell * points + q, i]
+                for k in range(d):
+                    out[dofs[cell, k]] += gradients[cell, q, i, k] * value
+
+
+@njit(cache=True)
+def _stiffness(gradients, weights, tangents, position, data):
+    cells, points, components, d = gradients.shape
+    flux = np.empty((components, d))
+    element = np.empty((d, d))
+    for cell in range(cells):
+        element[:] = 0.0
+        for q in range(points):
+            weight, tangent, g = weights[cell, q], tangents[cell * points + q], gradients[cell, q]
+            for i in range(components):
+                for k in range(d):
+                    value = 0.0
+                    for j in range(components):
+                        value += tangent[i, j] * g[j, k]
+                    flux[i, k] = weight * value
+            for k in range(d):
+                for m in range(d):
+                    value = 0.0
+                    for i in range(components):
+                        value += g[i, k] * flux[i, m]
+                    element[k, m] += value
+        for k in range(d):
+            for m in range(d):
+                data[position[cell, k, m]] += element[k, m]

@@ -1,0 +1,239 @@
+"""Quasi-static histories of contact between bodies that flow, thesis Alg. 6.1 and 6.2: one loop for full and reduced.
+
+Each iteration linearises the stress, solves the contact problem of that linearisation to the end, (6.16) or (6.17), and
+updates the material. The operator of the linearisation is the consistent tangent, or the elastic one with Anderson's
+acceleration (6.21). A step that does not converge is cut in halves; nothing unconverged is ever kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from hhr_dolfinx.errors import ConvergenceError
+from hhr_dolfinx.material import Material, State
+
+
+class Correction(NamedTuple):
+    """Solution of one linearised contact problem.
+
+    Attributes:
+        change: of the unknown.
+        forces: contact forces, total.
+        active: statuses.
+        converged: whether the statuses settled.
+    """
+
+    change: np.ndarray
+    forces: np.ndarray
+    active: np.ndarray
+    converged: bool
+
+
+class Equilibrium(Protocol):
+    """What the loop needs of a model; ``x`` is its unknown, U0 or gamma."""
+
+    material: Material
+    size: int
+    conditions: int
+
+    def amplitudes(self, point):
+        """θ at a parameter."""
+
+    def strain(self, x, theta):
+        """Strain at all Gauss points."""
+
+    def residual(self, stress, theta):
+        """Loads less internal forces, in the test space."""
+
+    def correct(self, residual, x, theta, active, tangents) -> Correction:
+        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps; with the elastic K where ``tangents`` is None."""
+
+    def force_scale(self, theta):
+        """Size of the forces in equilibrium, in the norm of a residual."""
+
+
+@dataclass(frozen=True)
+class MarchSettings:
+    """How histories are solved.
+
+    Attributes:
+        search: ``tangent`` or ``elastic``.
+        relative_stress, absolute_stress: ε_r and ε_a of (6.19), the latter in the unit of stress.
+        relative_force: residual over the size of the forces; the stress criterion alone sees only how much
+            iterates still change.
+        iterations: most iterations of a step before it is cut.
+        cuts: how often a step may be halved.
+        memory: iterates that Anderson's acceleration keeps.
+    """
+
+    search: str = "tangent"
+    relative_stress: float = 1e-5
+    absolute_stress: float = 1.0
+    relative_force: float = 1e-5
+    iterations: int = 60
+    cuts: int = 6
+    memory: int = 6
+
+
+class Point(NamedTuple):
+    """The model at one time.
+
+    Attributes:
+        time: in seconds.
+        unknown: U0 or gamma.
+        forces: contact forces.
+        active: statuses.
+        stress: at the Gauss points, (points, components).
+        state: of the material.
+    """
+
+    time: float
+    unknown: np.ndarray
+    forces: np.ndarray
+    active: np.ndarray
+    stress: np.ndarray
+    state: State
+
+
+@dataclass
+class History:
+    """A solved history; what converged before a failure is kept in the error's ``history``.
+
+    Attributes:
+        points: one per step asked for, the start not among them.
+        iterations: of each step, those of its cuts summed.
+        cuts: steps that were solved in parts.
+    """
+
+    points: list[Point] = field(default_factory=list)
+    iterations: list[int] = field(default_factory=list)
+    cuts: int = 0
+
+    def stack(self, name: str) -> np.ndarray:
+        """An attribute of all points, one column per step."""
+        return np.stack([getattr(point, name) for point in self.points], axis=-1)
+
+
+class _Diverged(Exception):
+    """A step did not converge: why, and the Gauss point where the stress moves most."""
+
+    def __init__(self, why, worst):
+        super().__init__(why)
+        self.worst = worst
+
+
+def march(model: Equilibrium, path: Iterable[tuple[float, np.ndarray]], settings: MarchSettings) -> History:
+    """Solve a history from rest.
+
+    Args:
+        model: full or reduced.
+        path: times and parameters, the first ones at rest; parameters are linear between them.
+        settings: how.
+
+    Raises:
+        ConvergenceError: with the step, the time and the worst point; its ``history`` holds the steps before.
+    """
+    path = iter(path)
+    time, start = next(path)
+    here = Point(
+        time, np.zeros(model.size), np.zeros(model.conditions), np.zeros(model.conditions, dtype=bool),
+        np.zeros((model.material.size, model.material.components)), model.material.at_rest(),
+    )  # fmt: skip
+    history, before = History(), None
+    for time, target in path:
+        try:
+            after, iterations, cut = _advance(model, here, before, start, target, time, settings)
+        except _Diverged as failure:
+            step = len(history.points) + 1
+            error = ConvergenceError(
+                f"step {step} to t = {time:g} s did not converge: {failure}; the stress moves most at Gauss point "
+                f"{failure.worst}. Take smaller steps; the {step - 1} steps before are kept"
+            )
+            error.history = history
+            raise error from None
+        history.points.append(after)
+        history.iterations.append(iterations)
+        history.cuts += cut
+        before, here, start = here, after, target
+    return history
+
+
+def _advance(model, here, before, start, target, time, settings):
+    """One step, in as many equal parts as it takes; also the iterations and whether it was cut."""
+    spent = 0
+    for halvings in range(settings.cuts + 1):
+        parts, point, last = 2**halvings, here, before
+        try:
+            for k in range(1, parts + 1):
+                share = k / parts
+                at = here.time + share * (time - here.time)
+                theta = model.amplitudes((1 - share) * start + share * target)
+                after, iterations = _step(model, point, last, theta, at, settings)
+                spent += iterations
+                last, point = point, after
+            return point, spent, halvings > 0
+        except _Diverged as failure:
+            spent += settings.iterations
+            last_failure = failure
+    raise last_failure
+
+
+def _step(model, here, before, theta, time, settings) -> tuple[Point, int]:
+    """One step from ``here``, started from the extrapolation of the step before."""
+    dt, x = time - here.time, here.unknown
+    if before is not None:
+        x = x + (dt / (here.time - before.time)) * (here.unknown - before.unknown)
+    tangent = settings.search == "tangent" and model.material.flows
+    mixing = Anderson(settings.memory) if model.material.flows and not tangent else None
+    active, scale = here.active, model.force_scale(theta)
+    for iteration in range(1, settings.iterations + 1):
+        update = model.material.update(model.strain(x, theta), here.state, dt, tangent=tangent)
+        if not np.isfinite(update.stress).all():
+            raise _Diverged("the stress is not finite", int(np.argmin(np.isfinite(update.stress).all(axis=1))))
+        residual = model.residual(update.stress, theta)
+        correction = model.correct(residual, x, theta, active, update.tangents)
+        if not correction.converged:
+            raise _Diverged("the statuses of the linearised contact problem do not settle", 0)
+        moved, worst, left = _unbalance(model, x, correction, update, theta)
+        allowed = settings.absolute_stress + settings.relative_stress * np.abs(update.stress).max()
+        if moved <= allowed and left <= settings.relative_force * scale:
+            return Point(time, x, correction.forces, correction.active, update.stress, update.state), iteration
+        active = correction.active
+        x = x + correction.change if mixing is None else mixing(x, correction.change)
+    raise _Diverged(f"after {settings.iterations} iterations the stress still moves by {moved:.3g}", worst)
+
+
+def _unbalance(model, x, correction, update, theta):
+    """Largest predicted change of stress (6.18) with its point, and the residual force behind it."""
+    strain = model.strain(x + correction.change, theta) - model.strain(x, theta)
+    operator = model.material.elastic if update.tangents is None else update.tangents
+    change = np.einsum("nij,nj->ni", operator, strain)
+    size = np.abs(change).max(axis=1)
+    return float(size.max()), int(size.argmax()), float(np.linalg.norm(model.residual(change, None)))
+
+
+class Anderson:
+    """Anderson's acceleration of a fixed-point iteration x -> x + change(x) (D. G. Anderson, J. ACM 12, 1965).
+
+    Args:
+        memory: differences kept.
+    """
+
+    def __init__(self, memory: int):
+        self._memory, self._points, self._changes = memory, [], []
+
+    def __call__(self, x: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """The next iterate."""
+        self._points.append(x)
+        self._changes.append(change)
+        self._points, self._changes = self._points[-self._memory - 1 :], self._changes[-self._memory - 1 :]
+        if len(self._points) == 1:
+            return x + change
+        steps = np.diff(np.stack(self._points, axis=1), axis=1)
+        differences = np.diff(np.stack(self._changes, axis=1), axis=1)
+        weights, *_ = np.linalg.lstsq(differences, change, rcond=1e-10)
+        return x + change - (steps + differences) @ weights

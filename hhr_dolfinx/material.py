@@ -1,0 +1,159 @@
+"""Constitutive update of all Gauss points: radial return by compiled loops, flow by the laws of the scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from hhr_dolfinx.forms.elasticity import lame_parameters
+
+
+class State(NamedTuple):
+    """What the material remembers.
+
+    Attributes:
+        plastic: plastic strain, Kelvin's notation, (points, components).
+        cumulated: cumulated plastic strain p, (points,).
+    """
+
+    plastic: np.ndarray
+    cumulated: np.ndarray
+
+
+class Update(NamedTuple):
+    """Outcome of a step at all points.
+
+    Attributes:
+        stress: (points, components).
+        state: at the end of the step.
+        tangents: consistent tangents, (points, components, components), or None.
+    """
+
+    stress: np.ndarray
+    state: State
+    tangents: np.ndarray | None
+
+
+@dataclass(frozen=True)
+class Group:
+    """Points of one body.
+
+    Attributes:
+        points: their numbers, a slice or indices.
+        young, poisson: elastic constants.
+        law: flow, or None for an elastic body.
+    """
+
+    points: np.ndarray
+    young: float
+    poisson: float
+    law: object | None
+
+
+class Material:
+    """Laws of all Gauss points of a model.
+
+    Args:
+        groups: one per body; together they hold every point once.
+        components: of a strain, 4 or 6.
+    """
+
+    def __init__(self, groups: list[Group], components: int):
+        self.groups, self.components = groups, components
+        self.size = sum(group.points.size for group in groups)
+        self.elastic = np.empty((self.size, components, components))
+        unit = np.zeros(components)
+        unit[:3] = 1.0
+        for group in groups:
+            lam, mu = lame_parameters(group.young, group.poisson)
+            self.elastic[group.points] = lam * np.outer(unit, unit) + 2 * mu * np.eye(components)
+
+    @property
+    def flows(self) -> bool:
+        """Whether any body can flow."""
+        return any(group.law is not None for group in self.groups)
+
+    def restricted(self, points: np.ndarray) -> Material:
+        """The material of some points, renumbered in their order."""
+        groups = []
+        for group in self.groups:
+            kept = np.flatnonzero(np.isin(points, group.points))
+            if kept.size:
+                groups.append(Group(kept, group.young, group.poisson, group.law))
+        return Material(groups, self.components)
+
+    def at_rest(self) -> State:
+        """No plastic strain anywhere."""
+        return State(np.zeros((self.size, self.components)), np.zeros(self.size))
+
+    def update(self, strain: np.ndarray, old: State, dt: float, *, tangent: bool) -> Update:
+        """Stress and state at the end of a step.
+
+        Args:
+            strain: total strain at the end of the step, (points, components).
+            old: state before the step; not modified.
+            dt: length of the step in seconds.
+            tangent: whether consistent tangents are wanted.
+        """
+        stress, plastic, cumulated = np.empty_like(strain), old.plastic.copy(), old.cumulated.copy()
+        tangents = np.empty((*strain.shape, self.components)) if tangent else _NO_TANGENTS
+        for group in self.groups:
+            lam, mu = lame_parameters(group.young, group.poisson)
+            bulk, points = lam + 2 * mu / 3, group.points
+            deviator, trial = np.empty((points.size, self.components)), np.empty(points.size)
+            _trial(points, strain, old.plastic, mu, deviator, trial)
+            if group.law is None:
+                flow, slope = np.zeros(points.size), np.zeros(points.size)
+            else:
+                flow, slope = group.law.flow(trial, old.cumulated[points], mu, dt)
+            arrays = stress, plastic, cumulated, tangents
+            _return(points, strain, deviator, trial, flow, slope, bulk, mu, *arrays, tangent)
+        return Update(stress, State(plastic, cumulated), tangents if tangent else None)
+
+
+_NO_TANGENTS = np.empty((0, 0, 0))
+
+
+@njit(cache=True)
+def _trial(points, strain, plastic, mu, deviator, trial):
+    components = strain.shape[1]
+    for n in range(points.size):
+        i = points[n]
+        mean = (strain[i, 0] + strain[i, 1] + strain[i, 2]) / 3
+        total = 0.0
+        for k in range(components):
+            value = 2 * mu * (strain[i, k] - plastic[i, k] - (mean if k < 3 else 0.0))
+            deviator[n, k] = value
+            total += value * value
+        trial[n] = np.sqrt(1.5 * total)
+
+
+@njit(cache=True)
+def _return(
+    points, strain, deviator, trial, flow, slope, bulk, mu, stress, plastic, cumulated, tangents, with_tangent
+):
+    """Radial return; H = bulk 1⊗1 + 2 mu (θ P - (3 mu dΔp/dq - 1 + θ) n⊗n) with θ = 1 - 3 mu Δp / q_tr."""
+    components = strain.shape[1]
+    for m in range(points.size):
+        i, q = points[m], trial[m]
+        mean = bulk * (strain[i, 0] + strain[i, 1] + strain[i, 2])
+        theta = 1.0 - 3 * mu * flow[m] / q if flow[m] > 0 else 1.0
+        along = 1.5 * flow[m] / q if flow[m] > 0 else 0.0
+        norm2 = q * q / 1.5
+        for k in range(components):
+            stress[i, k] = theta * deviator[m, k] + (mean if k < 3 else 0.0)
+            plastic[i, k] += along * deviator[m, k]
+        cumulated[i] += flow[m]
+        if with_tangent:
+            off = 2 * mu * (3 * mu * slope[m] - 1 + theta) / norm2 if flow[m] > 0 else 0.0
+            for k in range(components):
+                for j in range(components):
+                    value = -off * deviator[m, k] * deviator[m, j]
+                    if k == j:
+                        value += 2 * mu * theta
+                    if k < 3 and j < 3:
+                        value += bulk - 2 * mu * theta / 3
+                    tangents[i, k, j] = value

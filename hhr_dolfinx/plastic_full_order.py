@@ -1,0 +1,166 @@
+"""Full-order model of bodies that flow, thesis Alg. 6.1: Newton or elastic search on the finite element mesh."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from hhr_dolfinx.active_set import SchurEqualities, active_set
+from hhr_dolfinx.discretisation import Discretisation
+from hhr_dolfinx.errors import NotSolvableError
+from hhr_dolfinx.march import Correction
+from hhr_dolfinx.material import Group, Material
+from hhr_dolfinx.scene import Scene
+
+
+class PlasticFullOrder:
+    """Equilibrium of the full mesh for :func:`hhr_dolfinx.march.march`; serial.
+
+    Args:
+        scene: the scene; bodies without a law are elastic.
+
+    Attributes:
+        problem: the :class:`ContactProblem`, whose stiffness is the elastic one under the same quadrature.
+        operator: strain at all Gauss points.
+        material: laws at all Gauss points.
+        cell_of_point: cell of each Gauss point.
+        discretisation: mesh and forms.
+    """
+
+    def __init__(self, scene: Scene):
+        self.scene = scene
+        self.discretisation = Discretisation(scene, MPI.COMM_SELF)
+        self.operator, bodies = self.discretisation.strain_operator()
+        per_cell = self.operator.weights.shape[1]
+        self.cell_of_point = np.repeat(np.arange(len(bodies)), per_cell)
+        points = [np.flatnonzero(bodies[self.cell_of_point] == place) for place in range(len(scene.bodies))]
+        groups = [Group(p, b.young, b.poisson, b.law) for p, b in zip(points, scene.bodies, strict=True)]
+        self.material = Material(groups, self.operator.components)
+        self._pattern = self.operator.pattern()
+        stiffness = self.operator.stiffness(self.material.elastic, self._pattern)
+        problem = self.discretisation.contact_problem(self.discretisation.assemble_stiffness())
+        lifted = (stiffness - problem.stiffness) @ problem.lifts
+        self.problem = replace(problem, stiffness=stiffness, loads=problem.loads - lifted * problem.free[:, None])
+        self.amplitudes = problem.amplitudes
+        self.external = self.problem.loads + (stiffness @ problem.lifts) * problem.free[:, None]
+        self.size, self.conditions = problem.free.size, problem.contact.shape[0]
+        self._solver = _Cholesky(stiffness, problem.free, scene.name)
+        rows = problem.contact.toarray()
+        self.per_force = np.stack([self._solver.solve(row).copy() for row in rows], axis=1)
+        self.schur = problem.contact @ self.per_force
+        self._equalities = SchurEqualities(self.schur)
+        self._tangent_solver = None
+
+    def strain(self, x, theta):
+        """Strain of U0 + lift at all Gauss points."""
+        return self.operator.strain(x + self.problem.lifts @ theta)
+
+    def residual(self, stress, theta):
+        """Loads less internal forces on free dofs; without loads where ``theta`` is None."""
+        internal = self.operator.internal(stress) * self.problem.free
+        return -internal if theta is None else self.external @ theta - internal
+
+    def force_scale(self, theta):
+        """Norm of the loads, or of the reactions to imposed displacements."""
+        return np.linalg.norm(self.external @ theta) + np.linalg.norm(self.problem.stiffness @ (self.problem.lifts @ theta))
+
+    def correct(self, residual, x, theta, active, tangents) -> Correction:
+        """Solve one linearised contact problem; see :class:`hhr_dolfinx.march.Equilibrium`."""
+        problem = self.problem
+        if tangents is None:
+            solver, equalities, columns = self._solver, self._equalities, self.per_force
+        else:
+            solver = self._refactor(tangents)
+            equalities = columns = _LazyColumns(solver, problem.contact)
+        free = solver.solve(residual).copy()
+        slack = problem.gaps @ theta - problem.contact @ (x + free)
+        found = active_set(equalities, slack, active)
+        pushed = columns[:, found.active] @ found.forces[found.active]
+        return Correction(free - pushed, found.forces, found.active, found.status.name == "CONVERGED")
+
+    def _refactor(self, tangents):
+        stiffness = self.operator.stiffness(tangents, self._pattern)
+        if self._tangent_solver is None:
+            self._tangent_solver = _Cholesky(stiffness, self.problem.free, self.scene.name)
+        else:
+            self._tangent_solver.refactor(stiffness)
+        return self._tangent_solver
+
+
+class _LazyColumns:
+    """K^-1 B^T and the equality problems on it, with columns solved when a condition becomes active."""
+
+    def __init__(self, solver, contact):
+        self._solver, self._contact, self._columns, self._images = solver, contact, {}, {}
+
+    def __getitem__(self, key):
+        _, active = key
+        chosen = [self._column(k) for k in np.flatnonzero(active)]
+        return np.stack(chosen, axis=1) if chosen else np.zeros((self._contact.shape[1], 0))
+
+    def _column(self, k):
+        if k not in self._columns:
+            column = self._solver.solve(self._contact[k].toarray().ravel()).copy()
+            self._columns[k], self._images[k] = column, self._contact @ column
+        return self._columns[k]
+
+    def __call__(self, active, free_slack):
+        """Forces and slacks for given statuses; see :class:`SchurEqualities`."""
+        index, forces = np.flatnonzero(active), np.zeros(active.size)
+        if index.size == 0:
+            return forces, free_slack
+        for k in index:
+            self._column(k)
+        images = np.stack([self._images[k] for k in index], axis=1)
+        forces[index] = np.linalg.solve(images[index], -free_slack[index])
+        slack = free_slack + images @ forces[index]
+        slack[index] = 0.0
+        return forces, slack
+
+
+class _Cholesky:
+    """Factors of a stiffness on its free dofs, whose pattern does not change."""
+
+    def __init__(self, stiffness, free, name):
+        self._free, self._name = np.flatnonzero(free), name
+        self._inside = stiffness[self._free][:, self._free]
+        # place of each kept entry in the data of the whole matrix
+        marks = stiffness.copy()
+        marks.data = np.arange(1.0, marks.nnz + 1)
+        self._places = (marks[self._free][:, self._free].data - 1).astype(np.int64)
+        self._matrix = PETSc.Mat().createAIJ(
+            self._inside.shape, csr=(self._inside.indptr, self._inside.indices, self._inside.data), comm=PETSc.COMM_SELF
+        )
+        self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        self._ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+        self._ksp.setOptionsPrefix(f"hhr_{name}_plastic_")
+        self._ksp.setType(PETSc.KSP.Type.PREONLY)
+        pc = self._ksp.getPC()
+        pc.setType(PETSc.PC.Type.CHOLESKY)
+        pc.setFactorOrdering("nd")
+        self._ksp.setOperators(self._matrix)
+        self._ksp.setFromOptions()
+        self._ksp.setUp()
+        self._rhs, self._x = self._matrix.createVecs()
+        self._out = np.zeros(free.size)
+
+    def refactor(self, stiffness) -> None:
+        """Take the values of another matrix with the same pattern."""
+        data = stiffness.data[self._places]
+        self._matrix.setValuesCSR(self._inside.indptr, self._inside.indices, data)
+        self._matrix.assemble()
+        self._ksp.setOperators(self._matrix)
+        try:
+            self._ksp.setUp()
+        except PETSc.Error as error:
+            raise NotSolvableError(f"the tangent stiffness of scene '{self._name}' is singular") from error
+
+    def solve(self, rhs) -> np.ndarray:
+        """Solution on all dofs, zero on imposed ones; the next call overwrites it."""
+        self._rhs.array[:] = rhs[self._free]
+        self._ksp.solve(self._rhs, self._x)
+        self._out[self._free] = self._x.array_r
+        return self._out
