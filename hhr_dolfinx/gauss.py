@@ -7,6 +7,7 @@ uses the same operator with the cells of its RID.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -76,11 +77,27 @@ class StrainOperator:
         indptr = np.searchsorted(keys, np.arange(self.size + 1) * self.size).astype(np.int32)
         return SparsePattern(indptr, (keys % self.size).astype(np.int32), position.reshape(-1, d, d))
 
-    def stiffness(self, tangents: np.ndarray, pattern: SparsePattern) -> csr_matrix:
-        """Stiffness ∫ ε(v) : H : ε(u) of tangents H (points, components, components), (size, size)."""
-        data = np.zeros(pattern.indices.size)
-        _stiffness(self.gradients, self.weights, tangents, pattern.position, data)
+    def stiffness(self, tangents: np.ndarray, pattern: SparsePattern, elastic: ElasticPart | None = None) -> csr_matrix:
+        """Stiffness ∫ ε(v) : H : ε(u) of tangents H (points, components, components), (size, size).
+
+        Args:
+            tangents: H.
+            pattern: what :meth:`pattern` returned.
+            elastic: tangents and stiffness data of the elastic bodies; cells without flow then cost nothing.
+        """
+        if elastic is None:
+            data, reference = np.zeros(pattern.indices.size), np.zeros_like(tangents)
+        else:
+            data, reference = elastic.data.copy(), elastic.tangents
+        _stiffness(self.gradients, self.weights, tangents, reference, pattern.position, data)
         return csr_matrix((data, pattern.indices, pattern.indptr), shape=(self.size, self.size))
+
+
+class ElasticPart(NamedTuple):
+    """Elastic tangents, (points, components, components), and the data of their stiffness in a pattern."""
+
+    tangents: np.ndarray
+    data: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -121,26 +138,37 @@ def _internal(gradients, weights, dofs, stress, out):
 
 
 @njit(cache=True)
-def _stiffness(gradients, weights, tangents, position, data):
+def _stiffness(gradients, weights, tangents, reference, position, data):
+    """Add the stiffness of ``tangents - reference``; points where they agree are passed over."""
     cells, points, components, d = gradients.shape
     flux = np.empty((components, d))
     element = np.empty((d, d))
+    change = np.empty((components, components))
     for cell in range(cells):
-        element[:] = 0.0
+        changed = False
         for q in range(points):
-            weight, tangent, g = weights[cell, q], tangents[cell * points + q], gradients[cell, q]
+            n, size = cell * points + q, 0.0
+            for i in range(components):
+                for j in range(components):
+                    change[i, j] = tangents[n, i, j] - reference[n, i, j]
+                    size += abs(change[i, j])
+            if size == 0.0:
+                continue
+            if not changed:
+                element[:] = 0.0
+                changed = True
+            weight, g = weights[cell, q], gradients[cell, q]
             for i in range(components):
                 for k in range(d):
                     value = 0.0
                     for j in range(components):
-                        value += tangent[i, j] * g[j, k]
+                        value += change[i, j] * g[j, k]
                     flux[i, k] = weight * value
+            for i in range(components):
+                for k in range(d):
+                    for m in range(d):
+                        element[k, m] += g[i, k] * flux[i, m]
+        if changed:
             for k in range(d):
                 for m in range(d):
-                    value = 0.0
-                    for i in range(components):
-                        value += g[i, k] * flux[i, m]
-                    element[k, m] += value
-        for k in range(d):
-            for m in range(d):
-                data[position[cell, k, m]] += element[k, m]
+                    data[position[cell, k, m]] += element[k, m]

@@ -44,13 +44,19 @@ class Equilibrium(Protocol):
         """θ at a parameter."""
 
     def strain(self, x, theta):
-        """Strain at all Gauss points."""
+        """Strain at all Gauss points; that of ``x`` without lift where ``theta`` is None."""
 
     def residual(self, stress, theta):
         """Loads less internal forces, in the test space."""
 
-    def correct(self, residual, x, theta, active, tangents) -> Correction:
-        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps; with the elastic K where ``tangents`` is None."""
+    def contact_load(self, forces):
+        """B^T λ in the test space."""
+
+    def linearise(self, tangents):
+        """Prepare K for :meth:`correct`, the elastic one where ``tangents`` is None."""
+
+    def correct(self, residual, x, theta, active) -> Correction:
+        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps."""
 
     def force_scale(self, theta):
         """Size of the forces in equilibrium, in the norm of a residual."""
@@ -61,7 +67,8 @@ class MarchSettings:
     """How histories are solved.
 
     Attributes:
-        search: ``tangent`` or ``elastic``.
+        search: operator of the linearisation: ``tangent``, renewed in each iteration; ``frozen``, the tangent at the
+            start of each step; ``elastic``. The latter two with Anderson's acceleration.
         relative_stress, absolute_stress: ε_r and ε_a of (6.19), the latter in the unit of stress.
         relative_force: residual over the size of the forces; the stress criterion alone sees only how much
             iterates still change.
@@ -143,7 +150,7 @@ def march(model: Equilibrium, path: Iterable[tuple[float, np.ndarray]], settings
         time, np.zeros(model.size), np.zeros(model.conditions), np.zeros(model.conditions, dtype=bool),
         np.zeros((model.material.size, model.material.components)), model.material.at_rest(),
     )  # fmt: skip
-    history, before = History(), None
+    history, before = History(), ()
     for time, target in path:
         try:
             after, iterations, cut = _advance(model, here, before, start, target, time, settings)
@@ -158,7 +165,7 @@ def march(model: Equilibrium, path: Iterable[tuple[float, np.ndarray]], settings
         history.points.append(after)
         history.iterations.append(iterations)
         history.cuts += cut
-        before, here, start = here, after, target
+        before, here, start = (*before[-1:], here), after, target
     return history
 
 
@@ -174,7 +181,7 @@ def _advance(model, here, before, start, target, time, settings):
                 theta = model.amplitudes((1 - share) * start + share * target)
                 after, iterations = _step(model, point, last, theta, at, settings)
                 spent += iterations
-                last, point = point, after
+                last, point = (*last[-1:], point), after
             return point, spent, halvings > 0
         except _Diverged as failure:
             spent += settings.iterations
@@ -183,37 +190,44 @@ def _advance(model, here, before, start, target, time, settings):
 
 
 def _step(model, here, before, theta, time, settings) -> tuple[Point, int]:
-    """One step from ``here``, started from the extrapolation of the step before."""
-    dt, x = time - here.time, here.unknown
-    if before is not None:
-        x = x + (dt / (here.time - before.time)) * (here.unknown - before.unknown)
-    tangent = settings.search == "tangent" and model.material.flows
-    mixing = Anderson(settings.memory) if model.material.flows and not tangent else None
-    active, scale = here.active, model.force_scale(theta)
+    """One step from ``here``, started from the extrapolation of at most three points."""
+    dt, x = time - here.time, _extrapolated((*before, here), time)
+    flows = model.material.flows and settings.search != "elastic"
+    mixing = Anderson(settings.memory) if model.material.flows and settings.search != "tangent" else None
+    active, scale, operator = here.active, model.force_scale(theta), None
     for iteration in range(1, settings.iterations + 1):
-        update = model.material.update(model.strain(x, theta), here.state, dt, tangent=tangent)
+        renew = operator is None or settings.search == "tangent"
+        update = model.material.update(model.strain(x, theta), here.state, dt, tangent=flows and renew)
         if not np.isfinite(update.stress).all():
             raise _Diverged("the stress is not finite", int(np.argmin(np.isfinite(update.stress).all(axis=1))))
+        if renew:
+            operator = model.material.elastic if update.tangents is None else update.tangents
+            model.linearise(update.tangents)
         residual = model.residual(update.stress, theta)
-        correction = model.correct(residual, x, theta, active, update.tangents)
+        correction = model.correct(residual, x, theta, active)
         if not correction.converged:
             raise _Diverged("the statuses of the linearised contact problem do not settle", 0)
-        moved, worst, left = _unbalance(model, x, correction, update, theta)
-        allowed = settings.absolute_stress + settings.relative_stress * np.abs(update.stress).max()
-        if moved <= allowed and left <= settings.relative_force * scale:
-            return Point(time, x, correction.forces, correction.active, update.stress, update.state), iteration
+        left = np.linalg.norm(residual - model.contact_load(correction.forces))
+        if left <= settings.relative_force * scale:
+            # (6.19); the dearer of the two criteria is asked last
+            moved = np.abs(np.einsum("nij,nj->ni", operator, model.strain(correction.change, None))).max()
+            if moved <= settings.absolute_stress + settings.relative_stress * np.abs(update.stress).max():
+                return Point(time, x, correction.forces, correction.active, update.stress, update.state), iteration
         active = correction.active
         x = x + correction.change if mixing is None else mixing(x, correction.change)
-    raise _Diverged(f"after {settings.iterations} iterations the stress still moves by {moved:.3g}", worst)
+    moved = np.abs(np.einsum("nij,nj->ni", operator, model.strain(correction.change, None))).max(axis=1)
+    why = f"after {settings.iterations} iterations the stress still moves by {moved.max():.3g}"
+    raise _Diverged(why, int(moved.argmax()))
 
 
-def _unbalance(model, x, correction, update, theta):
-    """Largest predicted change of stress (6.18) with its point, and the residual force behind it."""
-    strain = model.strain(x + correction.change, theta) - model.strain(x, theta)
-    operator = model.material.elastic if update.tangents is None else update.tangents
-    change = np.einsum("nij,nj->ni", operator, strain)
-    size = np.abs(change).max(axis=1)
-    return float(size.max()), int(size.argmax()), float(np.linalg.norm(model.residual(change, None)))
+def _extrapolated(points, time):
+    """The polynomial through the unknowns of the given points, at a later time."""
+    times = np.array([point.time for point in points])
+    x = np.zeros_like(points[0].unknown)
+    for k, point in enumerate(points):
+        others = np.delete(times, k)
+        x += np.prod((time - others) / (times[k] - others)) * point.unknown
+    return x
 
 
 class Anderson:

@@ -11,6 +11,7 @@ from petsc4py import PETSc
 from hhr_dolfinx.active_set import SchurEqualities, active_set
 from hhr_dolfinx.discretisation import Discretisation
 from hhr_dolfinx.errors import NotSolvableError
+from hhr_dolfinx.gauss import ElasticPart
 from hhr_dolfinx.march import Correction
 from hhr_dolfinx.material import Group, Material
 from hhr_dolfinx.scene import Scene
@@ -41,6 +42,7 @@ class PlasticFullOrder:
         self.material = Material(groups, self.operator.components)
         self._pattern = self.operator.pattern()
         stiffness = self.operator.stiffness(self.material.elastic, self._pattern)
+        self._elastic = ElasticPart(self.material.elastic, stiffness.data.copy())
         problem = self.discretisation.contact_problem(self.discretisation.assemble_stiffness())
         lifted = (stiffness - problem.stiffness) @ problem.lifts
         self.problem = replace(problem, stiffness=stiffness, loads=problem.loads - lifted * problem.free[:, None])
@@ -53,41 +55,45 @@ class PlasticFullOrder:
         self.schur = problem.contact @ self.per_force
         self._equalities = SchurEqualities(self.schur)
         self._tangent_solver = None
+        self._transposed, self._lifted = problem.contact.T.tocsr(), bool(np.any(problem.lifts))
 
     def strain(self, x, theta):
-        """Strain of U0 + lift at all Gauss points."""
-        return self.operator.strain(x + self.problem.lifts @ theta)
+        """Strain of U0 + lift at all Gauss points; of U0 alone where ``theta`` is None."""
+        return self.operator.strain(x if theta is None or not self._lifted else x + self.problem.lifts @ theta)
+
+    def contact_load(self, forces):
+        """B^T λ."""
+        return self._transposed @ forces
 
     def residual(self, stress, theta):
-        """Loads less internal forces on free dofs; without loads where ``theta`` is None."""
-        internal = self.operator.internal(stress) * self.problem.free
-        return -internal if theta is None else self.external @ theta - internal
+        """Loads less internal forces on free dofs."""
+        return self.external @ theta - self.operator.internal(stress) * self.problem.free
 
     def force_scale(self, theta):
         """Norm of the loads, or of the reactions to imposed displacements."""
         return np.linalg.norm(self.external @ theta) + np.linalg.norm(self.problem.stiffness @ (self.problem.lifts @ theta))
 
-    def correct(self, residual, x, theta, active, tangents) -> Correction:
-        """Solve one linearised contact problem; see :class:`hhr_dolfinx.march.Equilibrium`."""
-        problem = self.problem
+    def linearise(self, tangents):
+        """Factor the tangent stiffness, or take the elastic one; see :class:`hhr_dolfinx.march.Equilibrium`."""
         if tangents is None:
-            solver, equalities, columns = self._solver, self._equalities, self.per_force
+            self._now = self._solver, self._equalities, self.per_force
+            return
+        stiffness = self.operator.stiffness(tangents, self._pattern, self._elastic)
+        if self._tangent_solver is None:
+            self._tangent_solver = _Cholesky(stiffness, self.problem.free, self.scene.name)
         else:
-            solver = self._refactor(tangents)
-            equalities = columns = _LazyColumns(solver, problem.contact)
+            self._tangent_solver.refactor(stiffness)
+        columns = _LazyColumns(self._tangent_solver, self.problem.contact)
+        self._now = self._tangent_solver, columns, columns
+
+    def correct(self, residual, x, theta, active) -> Correction:
+        """Solve one linearised contact problem; see :class:`hhr_dolfinx.march.Equilibrium`."""
+        problem, (solver, equalities, columns) = self.problem, self._now
         free = solver.solve(residual).copy()
         slack = problem.gaps @ theta - problem.contact @ (x + free)
         found = active_set(equalities, slack, active)
         pushed = columns[:, found.active] @ found.forces[found.active]
         return Correction(free - pushed, found.forces, found.active, found.status.name == "CONVERGED")
-
-    def _refactor(self, tangents):
-        stiffness = self.operator.stiffness(tangents, self._pattern)
-        if self._tangent_solver is None:
-            self._tangent_solver = _Cholesky(stiffness, self.problem.free, self.scene.name)
-        else:
-            self._tangent_solver.refactor(stiffness)
-        return self._tangent_solver
 
 
 class _LazyColumns:

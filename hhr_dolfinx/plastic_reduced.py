@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from scipy import linalg
-from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.active_set import active_set
 from hhr_dolfinx.deim import deim
 from hhr_dolfinx.enrichment import Enrichment, enrich
+from hhr_dolfinx.gauss import ElasticPart
 from hhr_dolfinx.march import Correction, History
 from hhr_dolfinx.pod import pod
 from hhr_dolfinx.reduced import project
@@ -69,19 +70,22 @@ class PlasticReduced:
         self.reduced = project(problem, basis, sets)
         self._elastic = _Factored(self.reduced.stiffness, self.reduced)
         # the elastic part of K~ is known: online only what flow changes is projected
-        self._stiffness = self.reduced.stiffness
+        self._unchanged = ElasticPart(self.material.elastic, np.zeros(self._pattern.indices.size))
 
     def strain(self, x, theta):
-        """Strain at the Gauss points of the RID."""
+        """Strain at the Gauss points of the RID; without lift where ``theta`` is None."""
         field = self._trial @ x
-        if self._lifted:
+        if self._lifted and theta is not None:
             field += self._lifts @ theta
         return self.operator.strain(field)
 
     def residual(self, stress, theta):
-        """V[A]^T of loads less internal forces; without loads where ``theta`` is None."""
-        internal = self._test @ self.operator.internal(stress)[self._rows]
-        return -internal if theta is None else self._external @ theta - internal
+        """V[A]^T of loads less internal forces."""
+        return self._external @ theta - self._test @ self.operator.internal(stress)[self._rows]
+
+    def contact_load(self, forces):
+        """B~1^T λ."""
+        return forces @ self.reduced.contact_test
 
     def force_scale(self, theta):
         """Norm of the projected loads."""
@@ -89,21 +93,42 @@ class PlasticReduced:
 
     def tangent(self, tangents) -> np.ndarray:
         """Projected consistent tangent V[A]^T K_T V, (ell, ell)."""
-        stiffness = self.operator.stiffness(tangents, self._pattern)
-        return self._test @ (stiffness[self._rows] @ self._trial)
+        change = self.operator.stiffness(tangents, self._pattern, self._unchanged)
+        return self.reduced.stiffness + self._test @ _product(change, self._rows, self._trial)
 
-    def correct(self, residual, x, theta, active, tangents) -> Correction:
+    def linearise(self, tangents):
+        """Project and factor the tangent, or take the elastic operator."""
+        self._now = self._elastic if tangents is None else _Factored(self.tangent(tangents), self.reduced)
+
+    def correct(self, residual, x, theta, active) -> Correction:
         """Solve one linearised contact problem; see :class:`hhr_dolfinx.march.Equilibrium`."""
-        factored = self._elastic if tangents is None else _Factored(self.tangent(tangents), self.reduced)
-        free = linalg.lu_solve(factored.factors, residual, check_finite=False)
+        free = linalg.lu_solve(self._now.factors, residual, check_finite=False)
         slack = self.reduced.gaps @ theta - self.reduced.contact_trial @ (x + free)
-        found = active_set(factored, slack, active)
-        change = free - factored.per_force @ found.forces
+        found = active_set(self._now, slack, active)
+        change = free - self._now.per_force @ found.forces
         return Correction(change, found.forces, found.active, found.status.name == "CONVERGED")
 
     def displacement(self, x, theta, problem) -> np.ndarray:
         """Displacement on the whole mesh, (N,)."""
         return self.basis @ x + problem.lifts @ theta
+
+
+def _product(matrix, rows, dense):
+    """Some rows of a sparse matrix, many of which are zero, times a dense one."""
+    out = np.zeros((rows.size, dense.shape[1]))
+    _rows_times(matrix.indptr, matrix.indices, matrix.data, rows, dense, out)
+    return out
+
+
+@njit(cache=True)
+def _rows_times(indptr, indices, data, rows, dense, out):
+    for r in range(rows.size):
+        for position in range(indptr[rows[r]], indptr[rows[r] + 1]):
+            value = data[position]
+            if value != 0.0:
+                column = indices[position]
+                for k in range(dense.shape[1]):
+                    out[r, k] += value * dense[column, k]
 
 
 class _Factored:
