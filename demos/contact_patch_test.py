@@ -3,7 +3,7 @@
 Two stacked blocks are pressed together with Poisson's ratio zero, so that the pressure is uniform and known.
 Mortar passes to round-off for any pair of meshes; node-to-surface does not, which is a known defect of the method
 (R. L. Taylor and P. Papadopoulos, "On a patch test for contact problems in two dimensions", 1991) and shown here. Two
-passes give the right stress in the plane, with multipliers shared out between both sides in no useful way.
+passes give the right stress, with multipliers shared out between both sides in no useful way.
 
     python demos/contact_patch_test.py [--out DIR] [--quick] [--seed N]
 """

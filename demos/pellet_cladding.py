@@ -91,7 +91,7 @@ def batch(training, rows, options, comm, console) -> None:
     answers = hhr.answer_rows(reduction, rows, comm, progress_bars(console)("answers"))
     if comm.rank == 0:
         path = options.out / "answers.csv"
-        bad = hhr.write_answers(path, scene().parameters, answers)
+        bad = hhr.write_answers(path, training.full_order.problem.parameters, answers)
         seconds = time.perf_counter() - start
         console.print(f"{len(rows) - bad} answers and {bad} bad rows on {comm.size} ranks in {seconds:.1f} s: {path}")
         for number, row in enumerate(answers, start=1):

@@ -3,8 +3,8 @@
 As ``pellet_cladding.py``, with 76 instead of 100 cells along the cladding: N = 13,708, and 101 conditions on the side
 of the pellet, which is the slave surface. The reduced problem is a generalised saddle point (5.27) on a closed RID.
 
-What to see: with the thesis' recipe a small RID fails at half of the points although both inf-sup constants are
-perfect; the default recipe is as good as on matching meshes. Mortar instead of node-to-surface costs the same.
+What to see: the thesis' recipe on a small RID is refused, cond(K~) is 1e9 although both inf-sup constants are perfect;
+with layers of cells it answers. The default recipe is as good as on matching meshes; mortar costs the same.
 
     python demos/pellet_cladding_nonmatching.py [--out DIR] [--quick] [--seed N] [--pairing mortar] [--bottom held]
 """

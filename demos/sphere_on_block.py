@@ -111,7 +111,7 @@ def pictures(training, result, report, folder) -> None:
 
     full_order, hyper, mu = training.full_order, result.hyper, (0.21, 60.0)
     problem, exact, (displacement, forces) = full_order.problem, full_order.solve(mu), hyper.solve_everywhere(mu)
-    distance, order = np.linalg.norm(problem.contact_points[:, :2], axis=1), None
+    distance = np.linalg.norm(problem.contact_points[:, :2], axis=1)
     order = np.argsort(distance)[: int((exact.forces > 0).sum() * 1.3)]
     r, pressures = distance[order], [(f / problem.contact_areas)[order] for f in (exact.forces, forces)]
     radius, peak = hertz(4 * exact.forces.sum())

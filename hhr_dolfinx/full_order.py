@@ -13,6 +13,8 @@ from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.problem import ContactSolution
 from hhr_dolfinx.scene import Scene
 
+_MISSING_PACKAGE = 92  # PETSC_ERR_MISSING_FACTOR
+
 
 class FullOrderModel:
     """Solves the full problem with K factored once and the contact on its Schur complement.
@@ -93,7 +95,7 @@ class FullOrderModel:
         ksp.setType(PETSc.KSP.Type.PREONLY)
         pc = ksp.getPC()
         pc.setType(PETSc.PC.Type.CHOLESKY)
-        if self.comm.size > 1 or self.problem.block_size == 3:
+        if self.comm.size > 1 or (self.problem.block_size == 3 and PETSc.Sys.hasExternalPackage("mumps")):
             pc.setFactorSolverType("mumps")
         else:
             pc.setFactorOrdering("qmd")
@@ -101,6 +103,10 @@ class FullOrderModel:
         try:
             ksp.setUp()
         except PETSc.Error as error:
+            if error.ierr == _MISSING_PACKAGE:
+                raise NotSolvableError(
+                    f"this PETSc lacks the package that should factor the stiffness: {error}"
+                ) from error
             raise NotSolvableError(_singular(self.scene.name)) from error
         if pc.getFailedReason() != 0:
             raise NotSolvableError(_singular(self.scene.name))

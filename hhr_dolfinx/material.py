@@ -132,9 +132,7 @@ def _trial(points, strain, plastic, mu, deviator, trial):
 
 
 @njit(cache=True)
-def _return(
-    points, strain, deviator, trial, flow, slope, bulk, mu, stress, plastic, cumulated, tangents, with_tangent
-):
+def _return(points, strain, deviator, trial, flow, slope, bulk, mu, stress, plastic, cumulated, tangents, with_tangent):
     """Radial return; H = bulk 1⊗1 + 2 mu (θ P - (3 mu dΔp/dq - 1 + θ) n⊗n) with θ = 1 - 3 mu Δp / q_tr."""
     components = strain.shape[1]
     for m in range(points.size):

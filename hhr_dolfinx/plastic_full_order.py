@@ -71,7 +71,9 @@ class PlasticFullOrder:
 
     def force_scale(self, theta):
         """Norm of the loads, or of the reactions to imposed displacements."""
-        return np.linalg.norm(self.external @ theta) + np.linalg.norm(self.problem.stiffness @ (self.problem.lifts @ theta))
+        return np.linalg.norm(self.external @ theta) + np.linalg.norm(
+            self.problem.stiffness @ (self.problem.lifts @ theta)
+        )
 
     def linearise(self, tangents):
         """Factor the tangent stiffness, or take the elastic one; see :class:`hhr_dolfinx.march.Equilibrium`."""

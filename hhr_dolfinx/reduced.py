@@ -21,8 +21,8 @@ from hhr_dolfinx.rid import IndexSets, open_conditions
 class ReducedProblem:
     """Find gamma and lambda >= 0 with K~ gamma + B~1^T lambda = loads θ, B~2 gamma <= gaps θ, thesis (5.23).
 
-    A generalised saddle point (5.27): node to node B~1 = B~2 and it is (1.61); where conditions of the RID
-    touch its interface they differ.
+    A generalised saddle point (5.27): where conditions of the RID touch its interface B~1 and B~2 differ;
+    elsewhere they are the same and it is (1.61).
 
     Attributes:
         stiffness: K~ = V[A]^T K[A, A u I] V[A u I], (1.63), (ell, ell), not symmetric.

@@ -2,9 +2,8 @@
 
 A RID is *closed* if every contact condition that acts on a dof of A belongs to A_lambda. Only then do the equations
 tested on A hold all the forces that the full model has there; one multiplier missing makes answers useless (errors
-of 240 % were seen) without any other sign. Node to node a RID is closed by taking both nodes of a pair. With one
-surface interpolated on the other, master nodes whose slaves do not all lie in A are taken out of A and become part
-of the interface (figure 5.3a).
+of 240 % were seen) without any other sign. Nodes bring in those they face; master nodes whose slaves do not all lie
+in A even so are taken out of A and become part of the interface (figure 5.3a).
 """
 
 from __future__ import annotations
@@ -24,8 +23,8 @@ class IndexSets:
 
     Attributes:
         cells: cells of Omega_A, (1.55).
-        A: free dofs not connected to the rest of the domain, (1.35).
-        A_lambda: contact conditions whose slave node lies in A, (1.36), (5.6).
+        A: free dofs not connected to the rest of the domain, (1.35), less the nodes taken out to close the RID.
+        A_lambda: contact conditions whose slave node lies inside and which act on A, (1.36), (5.6).
         A_c: dofs of A connected to A_lambda through B, (1.58), (5.20): where contact forces act.
         A_c_tilde: all dofs connected to A_lambda through B, (5.20): where gaps are read.
         I: dofs of the interface, connected to A through K but not in A, (1.59).
@@ -113,7 +112,9 @@ def _close(problem, rows, inside):
 
 def _index_sets(problem, cells, inside) -> IndexSets:
     in_A = np.repeat(inside, problem.block_size) & problem.free
-    in_A_lambda = inside[problem.contact_slaves]
+    # an imposed slave whose masters lie outside would leave a row of B~1 that is zero
+    acts = abs(problem.contact) @ in_A.astype(float) > 0
+    in_A_lambda = inside[problem.contact_slaves] & acts
     if not in_A_lambda.any():
         raise ReductionError(
             "no contact condition lies inside the reduced integration domain: "

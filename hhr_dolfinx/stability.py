@@ -45,7 +45,7 @@ class Stability:
 
     Attributes:
         kappa_B: condition number of B~1, (3.4); infinite if its rows are dependent, (5.24).
-        kappa_B_2: the same of B~2, (5.25); node to node it is kappa_B.
+        kappa_B_2: the same of B~2, (5.25).
         sigma_min: smallest singular value of B~1, by which the thesis evaluates beta_HR.
         sigma_max: largest singular value of B~1.
         contact_definite: smallest eigenvalue of the symmetric part of S = B~2 K~^-1 B~1^T over the norm of S. If it
@@ -159,7 +159,8 @@ def _kappa(smallest, largest, norm):
 def _contact_definite(reduced):
     """Smallest eigenvalue of the symmetric part of the contact Schur complement over its norm."""
     schur = reduced.contact_trial @ np.linalg.solve(reduced.stiffness, reduced.contact_test.T)
-    return float(linalg.eigvalsh((schur + schur.T) / 2)[0] / np.linalg.norm(schur, 2))
+    size = np.linalg.norm(schur, 2)
+    return float(linalg.eigvalsh((schur + schur.T) / 2)[0] / size) if size > 0 else math.nan
 
 
 def _full_beta(problem):
@@ -185,6 +186,8 @@ def _constants(gram, dual_diagonal, basis, sets, reduced, beta_h) -> Constants:
 def _alpha_prime(reduced, test_gram, trial_gram):
     """Inf-sup constant of a on the kernels of b, thesis (2.46)."""
     test, trial = (linalg.null_space(rows) for rows in (reduced.contact_test, reduced.contact_trial))
+    if test.shape[1] != trial.shape[1]:  # dependent rows in one of the two: some direction has no equation
+        return 0.0
     if test.shape[1] == 0:
         return None
     square = trial.T @ reduced.stiffness.T @ test  # rows: trial functions, columns: test functions

@@ -89,14 +89,18 @@ class Training:
     stages: dict[str, float]
 
     def build(self, recipe: ReductionSettings = DEFAULT_RECIPE, *, checked: bool = True) -> HyperReduction:
-        """A reduced model; unchecked it is built however unstable it is, to be measured, without a warning."""
+        """A reduced model; unchecked it is built as it is, to be measured: no warning, no growth of its RID.
+
+        Only what cannot be solved at all is refused even so: dependent contact rows, a singular K~.
+        """
         problem, schur = self.full_order.problem, self.full_order.schur
         if checked:
             return build_reduced_model(problem, schur, self.snapshots, recipe, self.held_out)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StabilityWarning)
-            unlimited = TrustLimits(refuse_cond_K=math.inf, refuse_inf_sup=0.0)
-            return build_reduced_model(problem, schur, self.snapshots, replace(recipe, limits=unlimited))
+            unlimited = TrustLimits(refuse_cond_K=math.inf, refuse_inf_sup=-1.0)
+            as_it_is = replace(recipe, limits=unlimited, most_layers=recipe.layers)
+            return build_reduced_model(problem, schur, self.snapshots, as_it_is)
 
 
 def train(

@@ -13,15 +13,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
+from scipy import linalg
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.active_set import SchurEqualities, active_set
+from hhr_dolfinx.condensed import KnownStatuses
 from hhr_dolfinx.enrichment import enrich
-from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.errors import NotSolvableError, ReductionError, StabilityWarning, UnstableModelError
+from hhr_dolfinx.geometries import two_blocks
+from hhr_dolfinx.offline import loaded_nodes
+from hhr_dolfinx.pod import pod
 from hhr_dolfinx.problem import Status
-from hhr_dolfinx.reduced import project
+from hhr_dolfinx.reduced import ReducedModel, project
 from hhr_dolfinx.rid import open_conditions, reduced_domain, whole_domain
 from hhr_dolfinx.stability import assess
+from hhr_dolfinx.trust import TrustLimits, check_stability, validate
 
 ROOT = Path(__file__).parent.parent
 MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}
@@ -150,6 +156,118 @@ def test_the_exact_solution_solves_the_generalised_saddle_point(pellet):
     assert slack == pytest.approx((problem.gaps @ theta - problem.contact @ homogeneous)[sets.A_lambda], abs=1e-15)
     wrong = reduced.gaps @ theta - reduced.contact_test @ gamma
     assert np.abs(wrong - slack).max() > 1e-5, "B~1 would read wrong gaps at the edge of the RID"
+
+
+def test_the_reduced_model_finds_the_exact_solution_of_a_saddle_point_with_two_matrices(pellet):
+    """The exact displacement lies in the basis, so the exact forces are the answer; only with B~1 and B~2 in place."""
+    full_order, point = pellet.full_order, np.array([150.0, 5.0])
+    problem = full_order.problem
+    sets = reduced_domain(problem, np.array([*problem.contact_slaves[3:7], *loaded_nodes(problem)]), layers=1)
+    assert len(sets.A_c) < len(sets.A_c_tilde)
+    solution = full_order.solve(point)
+    homogeneous = solution.primal - problem.lifts @ problem.amplitudes(point)
+    modes = pod(pellet.snapshots.displacements, 1e-5)[0][:, :4]
+    basis = enrich(problem, np.linalg.qr(np.column_stack([homogeneous, modes]))[0], sets, 3.0).basis
+    known = KnownStatuses(point[None], solution.active[sets.A_lambda][None])
+    model = ReducedModel(project(problem, basis, sets), problem.parameters, problem.amplitudes, known)
+    exact = solution.forces[sets.A_lambda]
+    assert exact.any()
+    # measured 7e-14; 0.13 and 1.0 with one matrix in the place of the other
+    assert model.solve(point).forces == pytest.approx(exact, abs=1e-10 * exact.max())
+    assert basis @ model.solve(point).primal == pytest.approx(homogeneous, abs=1e-10 * np.abs(homogeneous).max())
+
+
+def test_alpha_prime_on_two_kernels(pellet):
+    """(2.46) by its definition: trial functions in the kernel of B~2, test functions in that of B~1."""
+    problem = pellet.full_order.problem
+    sets = reduced_domain(problem, np.array([*problem.contact_slaves[3:7], *loaded_nodes(problem)]), layers=1)
+    basis = enrich(problem, pod(pellet.snapshots.displacements, 1e-5)[0][:, :4], sets, 3.0).basis
+    reduced = project(problem, basis, sets)
+    stability = assess(problem, pellet.full_order.schur, basis, sets, reduced)
+    one, two = linalg.null_space(reduced.contact_test), linalg.null_space(reduced.contact_trial)
+    assert np.abs(reduced.contact_test - reduced.contact_trial).max() > 1e-3
+    cut = linalg.orth(np.where(np.isin(np.arange(len(basis)), sets.A)[:, None], basis, 0.0) @ one)
+    # in orthonormal bases of the test and trial functions themselves
+    a = cut.T @ (problem.stiffness @ linalg.orth(basis @ two))
+    assert stability.euclidean.alpha_prime == pytest.approx(linalg.svdvals(a)[-1], rel=1e-6)
+    gram = linalg.sqrtm(np.linalg.inv(basis[sets.A].T @ basis[sets.A])).real
+    assert stability.euclidean.beta_HR == pytest.approx(linalg.svdvals(gram @ reduced.contact_test.T)[-1], rel=1e-6)
+
+
+def test_every_constant_can_refuse_a_model(pellet):
+    reduction = pellet.build()
+    good, limits = reduction.stability, TrustLimits()
+    check_stability(good, limits)
+    for error, broken in (
+        (NotSolvableError, {"kappa_B": np.inf}),
+        (NotSolvableError, {"kappa_B_2": np.inf}),
+        (UnstableModelError, {"cond_K": 1e9}),
+        (UnstableModelError, {"euclidean": dataclasses.replace(good.euclidean, beta_HR=0.0)}),
+        (UnstableModelError, {"euclidean": dataclasses.replace(good.euclidean, beta_HR_2=0.0)}),
+        (UnstableModelError, {"euclidean": dataclasses.replace(good.euclidean, alpha_prime=0.0)}),
+    ):
+        with pytest.raises(error):
+            check_stability(dataclasses.replace(good, **broken), limits)
+    with pytest.warns(StabilityWarning, match="may have two answers"):
+        check_stability(dataclasses.replace(good, contact_definite=-0.5), limits)
+
+
+def test_two_answers_to_one_parameter_are_caught(pellet):
+    """The thesis' recipe without layers: started from elsewhere, it answers otherwise; held-out points tell."""
+    recipe = hhr.ReductionSettings.thesis(1e-6, dual_pod_tolerance=1e-3, kappa_max=1.0)
+    reduction = pellet.build(recipe, checked=False)
+    assert reduction.stability.contact_definite < -0.5
+    problem = pellet.full_order.problem
+    held_out = hhr.compute_snapshots(pellet.full_order, problem.parameters.random(60, seed=9))
+    validation = validate(problem, reduction.model, reduction.basis, reduction.sets, held_out)
+    answered = np.isfinite(validation.primal)
+    assert np.isinf(validation.dual[answered]).any(), "two answers"
+    with pytest.warns(StabilityWarning), pytest.raises(UnstableModelError):
+        hhr.build_reduced_model(problem, pellet.full_order.schur, pellet.snapshots, recipe, held_out)
+
+
+def test_an_imposed_slave_surface_keeps_only_conditions_that_act_inside():
+    """A rigid die driven through its contact side: where its masters lie outside the RID a row would be zero."""
+    scene = patch.scene(hhr.NodeToSurface, (16, 4), (8, 4), poisson=0.3, bulge=0.05)
+    contact_side = two_blocks.side(two_blocks.SECOND, 1, False)
+    driven = tuple(
+        hhr.Displacement(contact_side, k, hhr.Amplitude(slopes={"push": -1.0 if k else 0.0})) for k in (0, 1)
+    )
+    scene = dataclasses.replace(scene, displacements=(*scene.displacements, *driven))
+    problem = hhr.FullOrderModel(scene, MPI.COMM_SELF).problem
+    sets = reduced_domain(problem, problem.contact_slaves[[4]], layers=1)
+    rows = problem.contact[sets.A_lambda][:, sets.A_c]
+    assert (np.abs(rows.toarray()).sum(axis=1) > 0).all()
+    assert open_conditions(problem, sets).size == 0
+
+
+def test_training_keeps_and_finds_its_solutions(tmp_path, monkeypatch):
+    """A second training with the folder of the first solves nothing; held-out points are not those of the grid."""
+    scene = patch.scene(hhr.Mortar, (4, 3), (5, 3), poisson=0.3, bulge=0.02)
+    first = hhr.train(scene, [4, 3], held_out=5, folder=tmp_path, comm=MPI.COMM_SELF)
+    assert not {tuple(p) for p in first.held_out.points} & {tuple(p) for p in first.snapshots.points}
+    monkeypatch.setattr(hhr.FullOrderModel, "solve", lambda *_, **__: pytest.fail("solved again"))
+    second = hhr.train(scene, [4, 3], held_out=5, folder=tmp_path, comm=MPI.COMM_SELF)
+    assert np.array_equal(first.snapshots.displacements, second.snapshots.displacements)
+    bad = dataclasses.replace(second, held_out=dataclasses.replace(second.held_out, forces=-second.held_out.forces))
+    with pytest.raises(UnstableModelError):
+        bad.build()
+
+
+def test_stress_uses_the_constants_of_each_body():
+    """A linear field on both bodies: sigma = lambda tr(e) 1 + 2 mu e with their own E and nu."""
+    scene = patch.scene(hhr.Mortar, (3, 3), (4, 3))
+    bodies = (hhr.Body(1, 3.0, 0.3), hhr.Body(2, 7.0, 0.1))
+    full_order = hhr.FullOrderModel(dataclasses.replace(scene, bodies=bodies), MPI.COMM_SELF)
+    points = full_order.problem.points
+    field = np.column_stack([0.1 * points[:, 0], 0.2 * points[:, 1]]).ravel()
+    stress = full_order.discretisation.stress(field)
+    middles = points[full_order.problem.cell_nodes].mean(axis=1)
+    for body, inside in zip(bodies, (middles[:, 1] < 1, middles[:, 1] > 1), strict=True):
+        lam = body.young * body.poisson / ((1 + body.poisson) * (1 - 2 * body.poisson))
+        mu = body.young / (2 * (1 + body.poisson))
+        exact = np.diag([lam * 0.3 + 2 * mu * 0.1, lam * 0.3 + 2 * mu * 0.2, lam * 0.3])
+        assert stress[inside] == pytest.approx(np.tile(exact, (inside.sum(), 1, 1)), abs=1e-12)
 
 
 def test_whole_basis_on_the_whole_domain_is_the_full_order(problem):

@@ -119,6 +119,7 @@ def test_dual_deim_and_layers_extend_the_rid(small, small_snapshots):
     assert sizes[0] < sizes[1] < sizes[2]
 
 
+@pytest.mark.filterwarnings("ignore:contact_definite:hhr_dolfinx.errors.StabilityWarning")
 def test_extended_pod_keeps_the_rid(small, small_snapshots):
     settings = hhr.ReductionSettings.thesis(1e-5, dual_pod_tolerance=1e-3, limits=TrustLimits(1e30, 1e30))
     first = hhr.build_reduced_model(small.problem, small.schur, small_snapshots, settings)

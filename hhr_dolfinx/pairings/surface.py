@@ -220,7 +220,7 @@ def warn_of_overlap(surface: Surface, rows: ContactRows) -> None:
 
 
 def warn(message: str) -> None:
-    """Warn of a doubtful pairing, as from the caller of the full-order model."""
+    """Warn of a doubtful pairing."""
     warnings.warn(message, PairingWarning, stacklevel=2)
 
 
