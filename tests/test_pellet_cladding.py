@@ -133,14 +133,15 @@ def test_extended_pod_keeps_the_rid(small, small_snapshots):
 def test_trust_check_grows_the_rid_or_refuses(small, small_snapshots):
     """A limit that only a larger RID meets: the model grows and says what was refused on the way."""
     base = hhr.ReductionSettings.thesis(1e-8, dual_pod_tolerance=1e-4)
-    quiet = TrustLimits(refuse_cond_K=1e30, warn_cond_K=1e30)
+    quiet = TrustLimits(refuse_cond_K=1e30, warn_cond_K=1e30, warn_definite=-np.inf)
     conditions = []
     for layers in (0, 3):
         settings = dataclasses.replace(base, limits=quiet, layers=layers, most_layers=layers)
         reduction = hhr.build_reduced_model(small.problem, small.schur, small_snapshots, settings)
         conditions.append(reduction.stability.cond_K)
     assert conditions[1] < conditions[0]
-    between = TrustLimits(refuse_cond_K=np.sqrt(conditions[0] * conditions[1]), warn_cond_K=1e30)
+    limit = np.sqrt(conditions[0] * conditions[1])
+    between = TrustLimits(refuse_cond_K=limit, warn_cond_K=1e30, warn_definite=-np.inf)
     grown = dataclasses.replace(base, limits=between, most_layers=3)
     reduction = hhr.build_reduced_model(small.problem, small.schur, small_snapshots, grown)
     assert reduction.log.refused and reduction.log.refused[0]["layers"] == 0
