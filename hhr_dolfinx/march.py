@@ -75,6 +75,7 @@ class MarchSettings:
         iterations: most iterations of a step before it is cut.
         cuts: how often a step may be halved.
         memory: iterates that Anderson's acceleration keeps.
+        patience: a frozen tangent is kept for the next step if this one took no more iterations.
     """
 
     search: str = "tangent"
@@ -84,6 +85,7 @@ class MarchSettings:
     iterations: int = 60
     cuts: int = 6
     memory: int = 6
+    patience: int = 0
 
 
 class Point(NamedTuple):
@@ -151,9 +153,10 @@ def march(model: Equilibrium, path: Iterable[tuple[float, np.ndarray]], settings
         np.zeros((model.material.size, model.material.components)), model.material.at_rest(),
     )  # fmt: skip
     history, before = History(), ()
+    kept = _Kept()
     for time, target in path:
         try:
-            after, iterations, cut = _advance(model, here, before, start, target, time, settings)
+            after, iterations, cut = _advance(model, here, before, start, target, time, settings, kept)
         except _Diverged as failure:
             step = len(history.points) + 1
             error = ConvergenceError(
@@ -169,7 +172,7 @@ def march(model: Equilibrium, path: Iterable[tuple[float, np.ndarray]], settings
     return history
 
 
-def _advance(model, here, before, start, target, time, settings):
+def _advance(model, here, before, start, target, time, settings, kept):
     """One step, in as many equal parts as it takes; also the iterations and whether it was cut."""
     spent = 0
     for halvings in range(settings.cuts + 1):
@@ -179,22 +182,30 @@ def _advance(model, here, before, start, target, time, settings):
                 share = k / parts
                 at = here.time + share * (time - here.time)
                 theta = model.amplitudes((1 - share) * start + share * target)
-                after, iterations = _step(model, point, last, theta, at, settings)
+                after, iterations = _step(model, point, last, theta, at, settings, kept)
                 spent += iterations
                 last, point = (*last[-1:], point), after
             return point, spent, halvings > 0
         except _Diverged as failure:
+            kept.operator = None
             spent += settings.iterations
             last_failure = failure
     raise last_failure
 
 
-def _step(model, here, before, theta, time, settings) -> tuple[Point, int]:
+@dataclass
+class _Kept:
+    """The operator of the last step, if it served well."""
+
+    operator: np.ndarray | None = None
+
+
+def _step(model, here, before, theta, time, settings, kept) -> tuple[Point, int]:
     """One step from ``here``, started from the extrapolation of at most three points."""
     dt, x = time - here.time, _extrapolated((*before, here), time)
     flows = model.material.flows and settings.search != "elastic"
     mixing = Anderson(settings.memory) if model.material.flows and settings.search != "tangent" else None
-    active, scale, operator = here.active, model.force_scale(theta), None
+    active, scale, operator = here.active, model.force_scale(theta), kept.operator
     for iteration in range(1, settings.iterations + 1):
         renew = operator is None or settings.search == "tangent"
         update = model.material.update(model.strain(x, theta), here.state, dt, tangent=flows and renew)
@@ -212,6 +223,8 @@ def _step(model, here, before, theta, time, settings) -> tuple[Point, int]:
             # (6.19); the dearer of the two criteria is asked last
             moved = np.abs(np.einsum("nij,nj->ni", operator, model.strain(correction.change, None))).max()
             if moved <= settings.absolute_stress + settings.relative_stress * np.abs(update.stress).max():
+                slow = settings.search == "tangent" or iteration > settings.patience
+                kept.operator = None if slow else operator
                 return Point(time, x, correction.forces, correction.active, update.stress, update.state), iteration
         active = correction.active
         x = x + correction.change if mixing is None else mixing(x, correction.change)
