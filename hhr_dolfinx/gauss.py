@@ -114,30 +114,37 @@ class SparsePattern:
     position: np.ndarray
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=True)
 def _strain(gradients, dofs, field, out):
     cells, points, components, d = gradients.shape
+    local = np.empty(d)
     for cell in range(cells):
+        for k in range(d):
+            local[k] = field[dofs[cell, k]]
         for q in range(points):
             for i in range(components):
                 value = 0.0
                 for k in range(d):
-                    value += gradients[cell, q, i, k] * field[dofs[cell, k]]
+                    value += gradients[cell, q, i, k] * local[k]
                 out[cell * points + q, i] = value
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=True)
 def _internal(gradients, weights, dofs, stress, out):
     cells, points, components, d = gradients.shape
+    local = np.empty(d)
     for cell in range(cells):
+        local[:] = 0.0
         for q in range(points):
             for i in range(components):
                 value = weights[cell, q] * stress[cell * points + q, i]
                 for k in range(d):
-                    out[dofs[cell, k]] += gradients[cell, q, i, k] * value
+                    local[k] += gradients[cell, q, i, k] * value
+        for k in range(d):
+            out[dofs[cell, k]] += local[k]
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=True)
 def _stiffness(gradients, weights, tangents, reference, position, data):
     """Add the stiffness of ``tangents - reference``; points where they agree are passed over."""
     cells, points, components, d = gradients.shape

@@ -10,15 +10,15 @@ from petsc4py import PETSc
 
 from hhr_dolfinx.active_set import SchurEqualities, active_set
 from hhr_dolfinx.discretisation import Discretisation
-from hhr_dolfinx.errors import NotSolvableError
+from hhr_dolfinx.errors import NotSolvableError, SceneError
 from hhr_dolfinx.gauss import ElasticPart
-from hhr_dolfinx.march import Correction
 from hhr_dolfinx.material import Group, Material
+from hhr_dolfinx.quasi_static import Correction
 from hhr_dolfinx.scene import Scene
 
 
 class PlasticFullOrder:
-    """Equilibrium of the full mesh for :func:`hhr_dolfinx.march.march`; serial.
+    """Equilibrium of the full mesh for :func:`hhr_dolfinx.quasi_static.march`; serial.
 
     Args:
         scene: the scene; bodies without a law are elastic.
@@ -33,6 +33,8 @@ class PlasticFullOrder:
 
     def __init__(self, scene: Scene):
         self.scene = scene
+        if scene.hypothesis == "plane_stress" and any(body.law is not None for body in scene.bodies):
+            raise SceneError("a body that flows in plane stress needs its thickness strain solved for: not built in")
         self.discretisation = Discretisation(scene, MPI.COMM_SELF)
         self.operator, bodies = self.discretisation.strain_operator()
         per_cell = self.operator.weights.shape[1]
@@ -75,12 +77,16 @@ class PlasticFullOrder:
             self.problem.stiffness @ (self.problem.lifts @ theta)
         )
 
+    def stiffness(self, tangents):
+        """K_T of consistent tangents at all Gauss points, (N, N)."""
+        return self.operator.stiffness(tangents, self._pattern, self._elastic)
+
     def linearise(self, tangents):
-        """Factor the tangent stiffness, or take the elastic one; see :class:`hhr_dolfinx.march.Equilibrium`."""
+        """Factor the tangent stiffness, or take the elastic one; see :class:`hhr_dolfinx.quasi_static.Equilibrium`."""
         if tangents is None:
             self._now = self._solver, self._equalities, self.per_force
             return
-        stiffness = self.operator.stiffness(tangents, self._pattern, self._elastic)
+        stiffness = self.stiffness(tangents)
         if self._tangent_solver is None:
             self._tangent_solver = _Cholesky(stiffness, self.problem.free, self.scene.name)
         else:
@@ -89,7 +95,7 @@ class PlasticFullOrder:
         self._now = self._tangent_solver, columns, columns
 
     def correct(self, residual, x, theta, active) -> Correction:
-        """Solve one linearised contact problem; see :class:`hhr_dolfinx.march.Equilibrium`."""
+        """Solve one linearised contact problem; see :class:`hhr_dolfinx.quasi_static.Equilibrium`."""
         problem, (solver, equalities, columns) = self.problem, self._now
         free = solver.solve(residual).copy()
         slack = problem.gaps @ theta - problem.contact @ (x + free)

@@ -11,11 +11,16 @@ from scipy import linalg
 from hhr_dolfinx.active_set import active_set
 from hhr_dolfinx.deim import deim
 from hhr_dolfinx.enrichment import Enrichment, enrich
+from hhr_dolfinx.errors import NotSolvableError, UnstableModelError
 from hhr_dolfinx.gauss import ElasticPart
-from hhr_dolfinx.march import Correction, History
+from hhr_dolfinx.offline import loaded_nodes
 from hhr_dolfinx.pod import pod
+from hhr_dolfinx.problem import ContactSolution, Status
+from hhr_dolfinx.quasi_static import Correction, History, Point
+from hhr_dolfinx.reconstruct import Reconstruction, prepare_reconstruction
 from hhr_dolfinx.reduced import project
 from hhr_dolfinx.rid import IndexSets, reduced_domain
+from hhr_dolfinx.snapshots import SnapshotSet
 
 
 @dataclass(frozen=True)
@@ -24,22 +29,26 @@ class PlasticSettings:
 
     Attributes:
         primal, dual, stress, plastic_strain: tolerances of the bases whose DEIM points make the RID (section 6.2.3).
-        layers: layers of cells added around.
-        zone_nodes: nodes added to the RID.
+        layers: layers of cells added around, to begin with.
+        most_layers: layers up to which the RID grows until the projected tangents are positive.
+        zone_nodes: nodes added to the RID; None takes one node for each load.
         kappa_max: kappa(B~1) down to which FE functions are added.
+        checked_states: training states of each history at which tangents are checked.
     """
 
-    primal: float = 1e-11
+    primal: float = 1e-9
     dual: float = 1e-8
     stress: float = 1e-9
     plastic_strain: float = 1e-6
-    layers: int = 5
-    zone_nodes: tuple[int, ...] = ()
+    layers: int = 3
+    most_layers: int = 8
+    zone_nodes: tuple[int, ...] | None = None
     kappa_max: float = 1.0
+    checked_states: int = 4
 
 
 class PlasticReduced:
-    """Equilibrium of the reduced unknown gamma for :func:`hhr_dolfinx.march.march`.
+    """Equilibrium of the reduced unknown gamma for :func:`hhr_dolfinx.quasi_static.march`.
 
     Args:
         full: the full model, of which only arrays are kept.
@@ -101,16 +110,12 @@ class PlasticReduced:
         self._now = self._elastic if tangents is None else _Factored(self.tangent(tangents), self.reduced)
 
     def correct(self, residual, x, theta, active) -> Correction:
-        """Solve one linearised contact problem; see :class:`hhr_dolfinx.march.Equilibrium`."""
+        """Solve one linearised contact problem; see :class:`hhr_dolfinx.quasi_static.Equilibrium`."""
         free = linalg.lu_solve(self._now.factors, residual, check_finite=False)
         slack = self.reduced.gaps @ theta - self.reduced.contact_trial @ (x + free)
         found = active_set(self._now, slack, active)
         change = free - self._now.per_force @ found.forces
         return Correction(change, found.forces, found.active, found.status.name == "CONVERGED")
-
-    def displacement(self, x, theta, problem) -> np.ndarray:
-        """Displacement on the whole mesh, (N,)."""
-        return self.basis @ x + problem.lifts @ theta
 
 
 def _product(matrix, rows, dense):
@@ -151,6 +156,124 @@ class _Factored:
         return forces, slack
 
 
+@dataclass(frozen=True)
+class PlasticReduction:
+    """A reduced model of a scene that flows, with what completes it.
+
+    Attributes:
+        model: equilibrium of gamma, for :func:`hhr_dolfinx.quasi_static.march`.
+        forces: contact forces outside the RID, (1.70)-(1.71).
+        cumulated: modes of the cumulated plastic strain at all Gauss points and the fit of their amplitudes to the
+            points of the RID (gappy POD, section 6.2.3); None where nothing flowed in training.
+        enrichment: how the basis was enriched.
+        layers: layers of cells of the RID.
+        tangent: smallest real part of the eigenvalues of the projected tangents, see :func:`tangent_margin`.
+        refused: attempts that were given up, and why.
+    """
+
+    model: PlasticReduced
+    forces: Reconstruction
+    cumulated: tuple[np.ndarray, np.ndarray] | None
+    enrichment: Enrichment
+    layers: int
+    tangent: float
+    refused: list[dict]
+
+    def displacement_everywhere(self, point: Point) -> np.ndarray:
+        """Displacement on the whole mesh, (N,)."""
+        return self.forces.displacement(point.unknown, self.model.amplitudes(point.parameter))
+
+    def forces_everywhere(self, point: Point) -> np.ndarray:
+        """Contact forces on the whole surface, (N_lambda,)."""
+        answer = ContactSolution(point.unknown, point.forces, point.active, 1, Status.CONVERGED, False)
+        return self.forces.forces(answer, self.model.amplitudes(point.parameter))
+
+    def plastic_strain_everywhere(self, point: Point) -> np.ndarray:
+        """Cumulated plastic strain at all Gauss points, (points,): the model's own in the RID, fitted elsewhere."""
+        if self.cumulated is None:
+            return np.zeros(0)
+        modes, fit = self.cumulated
+        everywhere = np.maximum(modes @ (fit @ point.state.cumulated), 0.0)
+        everywhere[self.model.points] = point.state.cumulated
+        return everywhere
+
+
+def build_plastic_reduction(
+    full, histories: list[History], settings: PlasticSettings = PlasticSettings()
+) -> PlasticReduction:
+    """Build a reduced model whose projected tangents are positive at training states, or refuse.
+
+    A RID that is too small for its modes makes the projected consistent tangent indefinite under flow; steps then
+    fail, or converge to a wrong path with the smallest residuals. The elastic operator shows nothing of it.
+
+    Args:
+        full: the full model, a :class:`hhr_dolfinx.plastic_full_order.PlasticFullOrder`.
+        histories: its training histories.
+        settings: how to reduce.
+
+    Raises:
+        UnstableModelError: if tangents are still not positive at ``most_layers``.
+        NotSolvableError: if contact rows are dependent on the basis, (5.24)-(5.25).
+    """
+    basis, nodes = snapshot_nodes(full, histories, settings)
+    states = _training_tangents(full, histories, settings.checked_states)
+    refused = []
+    for layers in range(settings.layers, max(settings.layers, settings.most_layers) + 1):
+        sets = reduced_domain(full.problem, nodes, layers)
+        enrichment = enrich(full.problem, basis, sets, settings.kappa_max)
+        if not np.isfinite(enrichment.kappas[-1]):
+            raise NotSolvableError("the contact rows are dependent on the reduced basis, thesis (5.24)-(5.25)")
+        model = PlasticReduced(full, enrichment.basis, sets)
+        margin = min((tangent_margin(model, *state) for state in states), default=np.inf)
+        if margin > 0:
+            return PlasticReduction(
+                model, *_completion(full, model, histories, settings), enrichment, layers, margin, refused
+            )
+        refused.append({"layers": layers, "why": f"a projected tangent has an eigenvalue of real part {margin:.2g}"})
+    raise UnstableModelError(
+        f"with {layers} layers a projected tangent at a training state still has an eigenvalue of real part "
+        f"{margin:.2g}: steps would fail or follow a wrong path. Allow more layers or keep fewer modes"
+    )
+
+
+def tangent_margin(model: PlasticReduced, tangents: np.ndarray, stiffness) -> float:
+    """Smallest real part of the eigenvalues of V[A]^T K_T V relative to V^T K_T V, 1 where the RID is everything.
+
+    Args:
+        model: the reduced model.
+        tangents: consistent tangents at all Gauss points of the full model.
+        stiffness: K_T of the full model.
+    """
+    whole = model.basis.T @ (stiffness @ model.basis)
+    return float(linalg.eigvals(np.linalg.solve(whole, model.tangent(tangents[model.points]))).real.min())
+
+
+def _training_tangents(full, histories, count):
+    """Tangents and stiffness of the full model at some states of each history, the last one among them."""
+    states = []
+    for history in histories:
+        steps = np.unique(np.linspace(0, len(history.points), count + 1).astype(int)[1:]) - 1
+        for step in steps[steps > 0]:
+            before, here = history.points[step - 1], history.points[step]
+            strain = full.strain(here.unknown, full.amplitudes(here.parameter))
+            tangents = full.material.update(strain, before.state, here.time - before.time, tangent=True).tangents
+            states.append((tangents, full.stiffness(tangents)))
+    return states if full.material.flows else []
+
+
+def _completion(full, model, histories, settings):
+    """Reconstruction of contact forces, and of the cumulated plastic strain."""
+    points = [point for history in histories for point in history.points]
+    columns = (np.stack([getattr(p, name) for p in points], axis=1) for name in ("unknown", "forces", "active"))
+    snapshots = SnapshotSet(np.stack([point.parameter for point in points]), *columns)
+    forces = prepare_reconstruction(full.problem, model.basis, model.sets, snapshots)
+    cumulated = np.stack([point.state.cumulated for point in points], axis=1)
+    if not np.any(cumulated):
+        return forces, None
+    modes, _ = pod(cumulated, settings.plastic_strain)
+    return forces, (modes, np.linalg.pinv(modes[model.points]))
+
+
 def snapshot_nodes(full, histories: list[History], settings: PlasticSettings) -> tuple[np.ndarray, np.ndarray]:
     """POD basis of the displacements, and the nodes of all DEIM points (section 6.2.3).
 
@@ -163,26 +286,18 @@ def snapshot_nodes(full, histories: list[History], settings: PlasticSettings) ->
         ``(basis, nodes)``.
     """
     problem = full.problem
-    stacked = {
-        name: np.concatenate([h.stack(name) for h in histories], axis=-1) for name in ("unknown", "forces", "stress")
-    }
-    cumulated = np.stack([p.state.cumulated for h in histories for p in h.points], axis=1)
-    basis, _ = pod(stacked["unknown"], settings.primal)
-    nodes = [deim(basis) // problem.block_size, np.array(settings.zone_nodes, dtype=np.int64)]
-    if np.any(stacked["forces"]):
-        nodes.append(problem.contact_slaves[deim(pod(stacked["forces"], settings.dual)[0])])
-    stresses = stacked["stress"].reshape(-1, cumulated.shape[1])
-    points = [deim(pod(stresses, settings.stress)[0]) // full.material.components]
+    unknown, forces, stress = (
+        np.concatenate([history.stack(name) for history in histories], axis=-1)
+        for name in ("unknown", "forces", "stress")
+    )
+    basis, _ = pod(unknown, settings.primal)
+    zone = loaded_nodes(problem) if settings.zone_nodes is None else np.array(settings.zone_nodes, dtype=np.int64)
+    nodes = [deim(basis) // problem.block_size, zone]
+    if np.any(forces):
+        nodes.append(problem.contact_slaves[deim(pod(forces, settings.dual)[0])])
+    points = [deim(pod(stress.reshape(-1, stress.shape[-1]), settings.stress)[0]) // full.material.components]
+    cumulated = np.stack([point.state.cumulated for history in histories for point in history.points], axis=1)
     if np.any(cumulated):
         points.append(deim(pod(cumulated, settings.plastic_strain)[0]))
-    cells = full.cell_of_point[np.concatenate(points)]
-    nodes.append(problem.cell_nodes[cells].ravel())
+    nodes.append(problem.cell_nodes[full.cell_of_point[np.concatenate(points)]].ravel())
     return basis, np.unique(np.concatenate(nodes))
-
-
-def build_plastic_reduced(full, histories, settings=PlasticSettings()) -> tuple[PlasticReduced, Enrichment]:
-    """Basis, RID and projection; one attempt."""
-    basis, nodes = snapshot_nodes(full, histories, settings)
-    sets = reduced_domain(full.problem, nodes, settings.layers)
-    enrichment = enrich(full.problem, basis, sets, settings.kappa_max)
-    return PlasticReduced(full, enrichment.basis, sets), enrichment

@@ -78,14 +78,14 @@ class MarchSettings:
         patience: a frozen tangent is kept for the next step if this one took no more iterations.
     """
 
-    search: str = "tangent"
+    search: str = "frozen"
     relative_stress: float = 1e-5
     absolute_stress: float = 1.0
     relative_force: float = 1e-5
     iterations: int = 60
     cuts: int = 6
     memory: int = 6
-    patience: int = 0
+    patience: int = 5
 
 
 class Point(NamedTuple):
@@ -93,6 +93,7 @@ class Point(NamedTuple):
 
     Attributes:
         time: in seconds.
+        parameter: mu, (P,).
         unknown: U0 or gamma.
         forces: contact forces.
         active: statuses.
@@ -101,6 +102,7 @@ class Point(NamedTuple):
     """
 
     time: float
+    parameter: np.ndarray
     unknown: np.ndarray
     forces: np.ndarray
     active: np.ndarray
@@ -135,7 +137,9 @@ class _Diverged(Exception):
         self.worst = worst
 
 
-def march(model: Equilibrium, path: Iterable[tuple[float, np.ndarray]], settings: MarchSettings) -> History:
+def march(
+    model: Equilibrium, path: Iterable[tuple[float, np.ndarray]], settings: MarchSettings = MarchSettings()
+) -> History:
     """Solve a history from rest.
 
     Args:
@@ -149,7 +153,8 @@ def march(model: Equilibrium, path: Iterable[tuple[float, np.ndarray]], settings
     path = iter(path)
     time, start = next(path)
     here = Point(
-        time, np.zeros(model.size), np.zeros(model.conditions), np.zeros(model.conditions, dtype=bool),
+        time, np.asarray(start, dtype=float), np.zeros(model.size), np.zeros(model.conditions),
+        np.zeros(model.conditions, dtype=bool),
         np.zeros((model.material.size, model.material.components)), model.material.at_rest(),
     )  # fmt: skip
     history, before = History(), ()
@@ -181,8 +186,8 @@ def _advance(model, here, before, start, target, time, settings, kept):
             for k in range(1, parts + 1):
                 share = k / parts
                 at = here.time + share * (time - here.time)
-                theta = model.amplitudes((1 - share) * start + share * target)
-                after, iterations = _step(model, point, last, theta, at, settings, kept)
+                parameter = (1 - share) * start + share * target
+                after, iterations = _step(model, point, last, parameter, at, settings, kept)
                 spent += iterations
                 last, point = (*last[-1:], point), after
             return point, spent, halvings > 0
@@ -200,9 +205,9 @@ class _Kept:
     operator: np.ndarray | None = None
 
 
-def _step(model, here, before, theta, time, settings, kept) -> tuple[Point, int]:
+def _step(model, here, before, parameter, time, settings, kept) -> tuple[Point, int]:
     """One step from ``here``, started from the extrapolation of at most three points."""
-    dt, x = time - here.time, _extrapolated((*before, here), time)
+    dt, x, theta = time - here.time, _extrapolated((*before, here), time), model.amplitudes(parameter)
     flows = model.material.flows and settings.search != "elastic"
     mixing = Anderson(settings.memory) if model.material.flows and settings.search != "tangent" else None
     active, scale, operator = here.active, model.force_scale(theta), kept.operator
@@ -225,7 +230,8 @@ def _step(model, here, before, theta, time, settings, kept) -> tuple[Point, int]
             if moved <= settings.absolute_stress + settings.relative_stress * np.abs(update.stress).max():
                 slow = settings.search == "tangent" or iteration > settings.patience
                 kept.operator = None if slow else operator
-                return Point(time, x, correction.forces, correction.active, update.stress, update.state), iteration
+                answer = correction.forces, correction.active, update.stress, update.state
+                return Point(time, parameter, x, *answer), iteration
         active = correction.active
         x = x + correction.change if mixing is None else mixing(x, correction.change)
     moved = np.abs(np.einsum("nij,nj->ni", operator, model.strain(correction.change, None))).max(axis=1)
