@@ -68,14 +68,9 @@ class PlasticFullOrder:
         return self._transposed @ forces
 
     def residual(self, stress, theta):
-        """Loads less internal forces on free dofs."""
-        return self.external @ theta - self.operator.internal(stress) * self.problem.free
-
-    def force_scale(self, theta):
-        """Norm of the loads, or of the reactions to imposed displacements."""
-        return np.linalg.norm(self.external @ theta) + np.linalg.norm(
-            self.problem.stiffness @ (self.problem.lifts @ theta)
-        )
+        """Loads less internal forces on free dofs, and the norm of both with the reactions."""
+        loads, internal = self.external @ theta, self.operator.internal(stress)
+        return loads - internal * self.problem.free, np.linalg.norm(loads) + np.linalg.norm(internal)
 
     def stiffness(self, tangents):
         """K_T of consistent tangents at all Gauss points, (N, N)."""

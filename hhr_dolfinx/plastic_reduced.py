@@ -89,16 +89,13 @@ class PlasticReduced:
         return self.operator.strain(field)
 
     def residual(self, stress, theta):
-        """V[A]^T of loads less internal forces."""
-        return self._external @ theta - self._test @ self.operator.internal(stress)[self._rows]
+        """V[A]^T of loads less internal forces, and the norm of both, those at the interface among them."""
+        loads, internal = self._external @ theta, self.operator.internal(stress)
+        return loads - self._test @ internal[self._rows], np.linalg.norm(loads) + np.linalg.norm(internal)
 
     def contact_load(self, forces):
         """B~1^T λ."""
         return forces @ self.reduced.contact_test
-
-    def force_scale(self, theta):
-        """Norm of the projected loads."""
-        return np.linalg.norm(self._external @ theta)
 
     def tangent(self, tangents) -> np.ndarray:
         """Projected consistent tangent V[A]^T K_T V, (ell, ell)."""

@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from hhr_dolfinx.errors import ConvergenceError
+from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.material import Material, State
 
 
@@ -47,7 +47,7 @@ class Equilibrium(Protocol):
         """Strain at all Gauss points; that of ``x`` without lift where ``theta`` is None."""
 
     def residual(self, stress, theta):
-        """Loads less internal forces, in the test space."""
+        """Loads less internal forces, in the test space, and the size of both, reactions among them."""
 
     def contact_load(self, forces):
         """B^T λ in the test space."""
@@ -57,9 +57,6 @@ class Equilibrium(Protocol):
 
     def correct(self, residual, x, theta, active) -> Correction:
         """Solve K δ + B^T λ = residual, B (x + δ) <= gaps."""
-
-    def force_scale(self, theta):
-        """Size of the forces in equilibrium, in the norm of a residual."""
 
 
 @dataclass(frozen=True)
@@ -191,7 +188,8 @@ def _advance(model, here, before, start, target, time, settings, kept):
                 spent += iterations
                 last, point = (*last[-1:], point), after
             return point, spent, halvings > 0
-        except _Diverged as failure:
+        except (_Diverged, NotSolvableError, np.linalg.LinAlgError) as error:
+            failure = error if isinstance(error, _Diverged) else _Diverged(f"{error} (a singular tangent)", 0)
             kept.operator = None
             spent += settings.iterations
             last_failure = failure
@@ -200,9 +198,10 @@ def _advance(model, here, before, start, target, time, settings, kept):
 
 @dataclass
 class _Kept:
-    """The operator of the last step, if it served well."""
+    """The operator of the last step, if it served well, and the largest forces in equilibrium so far."""
 
     operator: np.ndarray | None = None
+    forces: float = 0.0
 
 
 def _step(model, here, before, parameter, time, settings, kept) -> tuple[Point, int]:
@@ -210,7 +209,7 @@ def _step(model, here, before, parameter, time, settings, kept) -> tuple[Point, 
     dt, x, theta = time - here.time, _extrapolated((*before, here), time), model.amplitudes(parameter)
     flows = model.material.flows and settings.search != "elastic"
     mixing = Anderson(settings.memory) if model.material.flows and settings.search != "tangent" else None
-    active, scale, operator = here.active, model.force_scale(theta), kept.operator
+    active, operator = here.active, kept.operator
     for iteration in range(1, settings.iterations + 1):
         renew = operator is None or settings.search == "tangent"
         update = model.material.update(model.strain(x, theta), here.state, dt, tangent=flows and renew)
@@ -219,17 +218,18 @@ def _step(model, here, before, parameter, time, settings, kept) -> tuple[Point, 
         if renew:
             operator = model.material.elastic if update.tangents is None else update.tangents
             model.linearise(update.tangents)
-        residual = model.residual(update.stress, theta)
+        residual, scale = model.residual(update.stress, theta)
         correction = model.correct(residual, x, theta, active)
         if not correction.converged:
             raise _Diverged("the statuses of the linearised contact problem do not settle", 0)
         left = np.linalg.norm(residual - model.contact_load(correction.forces))
-        if left <= settings.relative_force * scale:
+        # where a body is unloaded its own forces are no measure
+        if left <= settings.relative_force * max(scale, kept.forces):
             # (6.19); the dearer of the two criteria is asked last
             moved = np.abs(np.einsum("nij,nj->ni", operator, model.strain(correction.change, None))).max()
             if moved <= settings.absolute_stress + settings.relative_stress * np.abs(update.stress).max():
                 slow = settings.search == "tangent" or iteration > settings.patience
-                kept.operator = None if slow else operator
+                kept.operator, kept.forces = None if slow else operator, max(scale, kept.forces)
                 answer = correction.forces, correction.active, update.stress, update.state
                 return Point(time, parameter, x, *answer), iteration
         active = correction.active

@@ -1,0 +1,374 @@
+"""Bodies that flow: laws against UFL and closed forms, histories against closed forms, reduced against full."""
+
+import dataclasses
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pellet_cladding_plastic as demo
+import pytest
+import ufl
+from dolfinx import fem, mesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mpi4py import MPI
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.compat import tabulate
+from hhr_dolfinx.errors import ConvergenceError, SceneError, UnstableModelError
+from hhr_dolfinx.forms.plasticity import return_mapping
+from hhr_dolfinx.geometries import block
+from hhr_dolfinx.material import Group, Material, State
+from hhr_dolfinx.plastic_reduced import PlasticReduced, tangent_margin
+from hhr_dolfinx.rid import whole_domain
+
+ROOT = Path(__file__).parent.parent
+YOUNG, POISSON = 200.0, 0.3
+MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}
+
+
+@dataclasses.dataclass(frozen=True)
+class Voce:
+    """A law of a user's own: hardening that saturates, yield at s0 + Q (1 - exp(-b p))."""
+
+    yield_stress: float
+    rise: float
+    rate: float
+    stress_scale: float = 1.0
+
+    def flow(self, trial, plastic_strain, shear, dt):
+        """Newton's method for q_tr - 3 mu Δp = yield(p + Δp), concave in Δp: iterates rise to the root."""
+        step = np.zeros_like(trial)
+        for _ in range(50):
+            saturation = self.rise * np.exp(-self.rate * (plastic_strain + step))
+            over = trial - 3 * shear * step - self.yield_stress - self.rise + saturation
+            step = np.maximum(step + over / (3 * shear + self.rate * saturation), 0.0)
+        slope = 1 / (3 * shear + self.rate * self.rise * np.exp(-self.rate * (plastic_strain + step)))
+        return step, np.where(step > 0, slope, 0.0)
+
+
+LAWS = {
+    "plasticity": hhr.Plasticity(1.0, 5.0),
+    "perfect plasticity": hhr.Plasticity(1.0, 0.0),
+    "norton 4": hhr.Norton(2.0, 4.0),
+    "norton 20": hhr.Norton(2.0, 20.0),
+    "voce": Voce(1.0, 0.5, 30.0),
+}
+
+
+def material(law, points, components=4):
+    return Material([Group(np.arange(points), YOUNG, POISSON, law)], components)
+
+
+def some_states(seed, points=40, components=4):
+    """Strains around yield, and a state reached by an earlier step."""
+    rng = np.random.default_rng(seed)
+    strain = rng.standard_normal((points, components)) * 10 ** rng.uniform(-3.5, -1, (points, 1))
+    plastic = 0.3 * rng.standard_normal((points, components)) * np.abs(strain).max(axis=1, keepdims=True)
+    plastic[:, :3] -= plastic[:, :3].mean(axis=1, keepdims=True)
+    return strain, State(plastic, np.abs(rng.standard_normal(points)) * 1e-2)
+
+
+@pytest.mark.parametrize("components", [4, 6])
+@pytest.mark.parametrize("law", LAWS)
+def test_tangents_are_the_derivatives_of_the_stress(law, components):
+    """Central differences with a step of 1e-6 of the strain: 1e-6 relative, away from the onset of flow."""
+    points, h = 40, 1e-6
+    strain, old = some_states(3, points, components)
+    model = material(LAWS[law], points, components)
+    tangents = model.update(strain, old, 0.1, tangent=True).tangents
+    sizes = np.abs(strain).max(axis=1)
+    for k in range(components):
+        change = np.zeros_like(strain)
+        change[:, k] = h * sizes
+        ends = [model.update(strain + sign * change, old, 0.1, tangent=False).stress for sign in (1, -1)]
+        assert (ends[0] - ends[1]) / (2 * h * sizes[:, None]) == pytest.approx(tangents[:, :, k], abs=1e-5 * YOUNG)
+
+
+def test_return_mapping_is_that_of_ufl():
+    """The kernels against the UFL statement of the physics, stress and derivative, to round-off."""
+    law, count = LAWS["plasticity"], 12
+    strain, old = some_states(5, count)
+    update = material(law, count).update(strain, old, 0.1, tangent=True)
+    line = mesh.create_interval(MPI.COMM_SELF, 1, [0.0, 1.0])
+    total, plastic = fem.Constant(line, np.zeros(4)), fem.Constant(line, np.zeros(4))
+    cumulated = fem.Constant(line, 0.0)
+    variable = ufl.variable(total)
+    stress = return_mapping(variable, plastic, cumulated, YOUNG, POISSON, law)
+    point, cell = np.array([[0.5]]), np.zeros(1, dtype=np.int32)
+    expressions = [fem.Expression(form, point) for form in (stress, ufl.diff(stress, variable))]
+    for k in range(count):
+        total.value[:], plastic.value[:], cumulated.value = strain[k], old.plastic[k], old.cumulated[k]
+        values = [np.ravel(tabulate(expression, line, cell)) for expression in expressions]
+        assert update.stress[k] == pytest.approx(values[0], abs=1e-13 * YOUNG)
+        assert update.tangents[k].ravel() == pytest.approx(values[1], abs=1e-11 * YOUNG)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), law=st.sampled_from(sorted(LAWS)))
+def test_flow_dissipates_keeps_volume_and_stays_admissible(seed, law):
+    strain, old = some_states(seed)
+    update = material(LAWS[law], len(strain)).update(strain, old, 0.1, tangent=False)
+    flow = update.state.plastic - old.plastic
+    assert flow[:, :3].sum(axis=1) == pytest.approx(0.0, abs=1e-14)
+    assert (np.einsum("ni,ni->n", update.stress, flow) >= -1e-15).all()
+    assert (update.state.cumulated >= old.cumulated).all()
+    if isinstance(LAWS[law], hhr.Plasticity):
+        deviator = update.stress - np.pad(
+            update.stress[:, :3].mean(axis=1, keepdims=True) * np.ones(3), ((0, 0), (0, 1))
+        )
+        equivalent = np.sqrt(1.5 * np.sum(deviator**2, axis=1))
+        limit = LAWS[law].yield_stress + LAWS[law].hardening * update.state.cumulated
+        assert (equivalent <= limit * (1 + 1e-12)).all()
+
+
+@pytest.mark.parametrize("exponent", [1.0, 2.5, 4.0, 5.0, 20.0])
+def test_norton_over_many_decades(exponent):
+    """x + 3 mu dt (x / K)^m = q_tr, to round-off over K and q in twelve decades."""
+    for resistance in 10.0 ** np.arange(-3, 4):
+        law, shear, dt = hhr.Norton(resistance, exponent), 80.0, 0.1
+        trial = np.concatenate([[0.0], 10.0 ** np.linspace(-6, 6, 200)])
+        flow, _ = law.flow(trial, np.zeros_like(trial), shear, dt)
+        stress = resistance * (flow / dt) ** (1 / exponent)
+        assert stress + 3 * shear * flow == pytest.approx(trial, rel=1e-9)
+
+
+def bar(law, steps_scene=0.1):
+    """A cylinder pulled and pushed along its axis, free at its side: uniaxial stress."""
+    up = block.side(1, upper=True)
+    return hhr.Scene(
+        name="bar",
+        geometry=lambda comm: block.block(comm, lower=(0, 0), upper=(1, 2), cells=(2, 2)),
+        hypothesis="axisymmetric",
+        bodies=(hhr.Body(block.SOLID, YOUNG, POISSON, law),),
+        contacts=(hhr.Obstacle(block.side(0, upper=True), (1, 0), 2.0),),  # far away
+        parameters=hhr.ParameterSpace(("pull",), (-steps_scene,), (steps_scene,)),
+        displacements=(
+            hhr.Displacement(block.side(0, upper=False), 0),
+            hhr.Displacement(block.side(1, upper=False), 1),
+            hhr.Displacement(up, 1, hhr.Amplitude(slopes={"pull": 2.0})),
+        ),
+    )
+
+
+def uniaxial(law, strains):
+    """Stress of a bar under the given axial strains, one scalar equation per step."""
+    shear, plastic, cumulated, stresses = YOUNG / 3, 0.0, 0.0, []  # 3 mu -> E in one dimension
+    for strain in strains:
+        trial = YOUNG * (strain - plastic)
+        flow = float(law.flow(np.array([abs(trial)]), np.array([cumulated]), shear, 0.1)[0][0])
+        plastic, cumulated = plastic + np.sign(trial) * flow, cumulated + flow
+        stresses.append(YOUNG * (strain - plastic))
+    return np.array(stresses)
+
+
+@pytest.mark.parametrize("law", ["plasticity", "perfect plasticity", "norton 4", "voce"])
+@pytest.mark.parametrize("search", ["tangent", "frozen", "elastic"])
+def test_uniaxial_cycle_with_unloading(law, search):
+    """Loading, unloading, flow the other way and back, by every search operator and a law of a user's own."""
+    full = hhr.PlasticFullOrder(bar(LAWS[law]))
+    strains = np.concatenate([np.linspace(0, 0.02, 6), np.linspace(0.015, -0.02, 8), np.linspace(-0.01, 0.01, 4)])
+    path = [(0.1 * k, np.array([strain])) for k, strain in enumerate(strains)]
+    tight = hhr.MarchSettings(search, 1e-12, 1e-10, 1e-10, iterations=400)
+    history = hhr.march(full, path, tight)
+    axial = np.array([point.stress[:, 1] for point in history.points])
+    assert axial == pytest.approx(np.tile(uniaxial(LAWS[law], strains[1:])[:, None], (1, axial.shape[1])), abs=1e-8)
+    assert np.abs(history.points[-1].stress[:, [0, 2, 3]]).max() < 1e-8
+
+
+def tube(law, pressure, cells=24, poisson=0.3):
+    """Tube 1 <= r <= 2 held axially, with inner pressure up to the given one."""
+    return hhr.Scene(
+        name="tube",
+        geometry=lambda comm: block.block(comm, lower=(1, 0), upper=(2, 0.2), cells=(cells, 1)),
+        hypothesis="axisymmetric",
+        bodies=(hhr.Body(block.SOLID, YOUNG, poisson, law),),
+        contacts=(hhr.Obstacle(block.side(0, upper=True), (1, 0), 9.0),),
+        parameters=hhr.ParameterSpace(("p",), (0.0,), (pressure,)),
+        displacements=tuple(hhr.Displacement(block.side(1, upper=upper), 1) for upper in (False, True)),
+        loads=(hhr.Pressure(block.side(0, upper=False), hhr.Amplitude(slopes={"p": 1.0})),),
+    )
+
+
+def test_thick_tube_elastic_plastic():
+    """Perfectly plastic tube in plane strain: p = 2 σ0/√3 (ln c + (1 - c²/4) / 2) at a plastic radius c.
+
+    Exact for an incompressible material; with nu = 0.49 the front differs by less than an element.
+    """
+    law, radius = hhr.Plasticity(1.0), 1.5
+    pressure = 2 / np.sqrt(3) * (np.log(radius) + (1 - radius**2 / 4) / 2)
+    full = hhr.PlasticFullOrder(tube(law, 1.0, poisson=0.49))
+    path = [(k / 20, np.array([pressure * k / 20])) for k in range(21)]
+    last = hhr.march(full, path).points[-1]
+    cells = np.flatnonzero(last.state.cumulated.reshape(-1, 4).max(axis=1) > 0)
+    middles = full.problem.points[full.problem.cell_nodes].mean(axis=1)[:, 0]
+    assert middles[cells].max() == pytest.approx(radius, abs=1.5 / 24)
+    # hoop less radial stress where it yields
+    flowing = last.state.cumulated > 1e-6
+    assert (last.stress[:, 2] - last.stress[:, 0])[flowing] == pytest.approx(2 / np.sqrt(3), rel=5e-3)
+
+
+def test_thick_tube_in_steady_creep():
+    """Norton tube under constant pressure: σ_θ - σ_r = p 2/m (2/r)^(2/m) / (2^(2/m) - 1) when rates are steady.
+
+    Creep strains are then ten times the elastic ones; far beyond, bilinear elements lock.
+    """
+    law, pressure = hhr.Norton(2.0, 4.0), 0.5
+    full = hhr.PlasticFullOrder(tube(law, pressure))
+    times = np.concatenate([[0.0, 1e-3], np.geomspace(1e-2, 4.0, 60)])
+    path = [(time, np.array([pressure if k else 0.0])) for k, time in enumerate(times)]
+    last = hhr.march(full, path, hhr.MarchSettings(absolute_stress=1e-6)).points[-1]
+    points = full.problem.points[full.problem.cell_nodes]
+    # radii of the 2 x 2 Gauss points of each cell, in the order of the rule
+    low, high = points[:, :, 0].min(axis=1), points[:, :, 0].max(axis=1)
+    nodes = np.array([0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5])
+    radii = np.repeat(low[:, None] + (high - low)[:, None] * nodes, 2, axis=1)
+    difference = np.sort((last.stress[:, 2] - last.stress[:, 0]).reshape(len(points), 4), axis=1)[:, ::-1]
+    assert difference == pytest.approx(pressure * 0.5 * (2 / radii) ** 0.5 / (2**0.5 - 1), rel=0.01)
+
+
+def test_newton_converges_quadratically():
+    """With consistent tangents the residual squares from one iteration to the next."""
+    full = hhr.PlasticFullOrder(tube(hhr.Plasticity(1.0, 5.0), 1.0))
+    theta = full.amplitudes(np.array([0.7]))
+    x, rest, norms = np.zeros(full.size), full.material.at_rest(), []
+    for _ in range(8):
+        update = full.material.update(full.strain(x, theta), rest, 1.0, tangent=True)
+        residual, _ = full.residual(update.stress, theta)
+        norms.append(np.linalg.norm(residual))
+        full.linearise(update.tangents)
+        x = x + full.correct(residual, x, theta, np.zeros(full.conditions, dtype=bool)).change
+    norms = np.array(norms) / norms[0]
+    small = np.flatnonzero((norms < 1e-2) & (norms > 1e-13))
+    assert small.size >= 2 and norms.min() < 1e-12
+    for k in small[:-1]:
+        assert norms[k + 1] < 100 * norms[k] ** 2 + 1e-13
+
+
+@pytest.fixture(scope="module")
+def pellet():
+    """The demo's scene on a coarse mesh and its training histories."""
+    full = hhr.PlasticFullOrder(demo.scene(**MESH))
+    return full, {gap: hhr.march(full, demo.path(gap, 20)) for gap in (5.0, 10.0, 15.0)}
+
+
+def test_search_operators_agree(pellet):
+    full, histories = pellet
+    for search in ("tangent", "elastic"):
+        other = hhr.march(full, demo.path(10.0, 20), hhr.MarchSettings(search, iterations=300))
+        for ours, theirs in zip(other.points, histories[10.0].points, strict=True):
+            size = np.abs(theirs.unknown).max()
+            # a residual of 1e-5 of the loads
+            assert ours.unknown == pytest.approx(theirs.unknown, abs=2e-4 * size)
+            assert np.array_equal(ours.active, theirs.active)
+
+
+def test_whole_basis_on_the_whole_domain_gives_the_full_history():
+    """All functions and all cells: the reduced history is the full one, to the tolerance of the solver."""
+    full = hhr.PlasticFullOrder(
+        demo.scene(radial_cells=4, axial_cells=6, cladding_radial_cells=2, cladding_axial_cells=5)
+    )
+    free = np.flatnonzero(full.problem.free)
+    basis = np.zeros((full.size, free.size))
+    basis[free, np.arange(free.size)] = 1.0
+    reduced = PlasticReduced(full, basis, whole_domain(full.problem))
+    tight = hhr.MarchSettings(relative_force=1e-10, absolute_stress=1e-6)
+    histories = [hhr.march(model, demo.path(10.0, 12), tight) for model in (full, reduced)]
+    assert any(point.active.any() for point in histories[0].points)
+    for there, here in zip(*(history.points for history in histories), strict=True):
+        assert reduced.basis @ here.unknown == pytest.approx(there.unknown, abs=1e-8 * np.abs(there.unknown).max())
+        assert here.forces == pytest.approx(there.forces, abs=1e-6 * max(there.forces.max(), 1.0))
+        assert here.state.cumulated == pytest.approx(there.state.cumulated, abs=1e-9)
+    # and its projected tangents are those of the full model
+    point, before = histories[0].points[-1], histories[0].points[-2]
+    strain = full.strain(point.unknown, full.amplitudes(point.parameter))
+    tangents = full.material.update(strain, before.state, 1 / 12, tangent=True).tangents
+    assert tangent_margin(reduced, tangents, full.stiffness(tangents)) == pytest.approx(1.0, abs=1e-8)
+
+
+def test_reduced_history_of_the_demo(pellet):
+    """Trained on the ends of the gap, compared in the middle: the errors of the demo hold on a coarse mesh."""
+    full, histories = pellet
+    settings = hhr.PlasticSettings(zone_nodes=demo.pressed_nodes(full))
+    reduction = hhr.build_plastic_reduction(full, [histories[5.0], histories[15.0]], settings)
+    assert reduction.tangent > 0
+    history = hhr.march(reduction.model, demo.path(10.0, 20))
+    row = demo.errors(full, reduction, history, histories[10.0])
+    assert row["displacement"] < 0.02 and row["dual_rid"] < 0.1 and row["sigma_rr"] < 0.05
+    assert row["plastic_strain_everywhere"] < 0.02
+    assert len(reduction.model.cells) < len(full.problem.cell_nodes)
+
+
+def test_tangents_that_are_not_positive_refuse_a_model(pellet):
+    """Without growth the RID stays too small for its modes: refused, whatever the elastic operator looks like."""
+    full, histories = pellet
+    small = hhr.PlasticSettings(primal=1e-10, stress=1e-2, plastic_strain=1e-2, dual=1e-2, layers=0, most_layers=0)
+    with pytest.raises(UnstableModelError, match="projected tangent at a training state"):
+        hhr.build_plastic_reduction(full, [histories[5.0], histories[15.0]], small)
+
+
+def test_what_converged_is_kept_when_a_step_fails():
+    """A bar of perfect plasticity under more than it bears: step, time and point are named, and the rest is kept."""
+    scene = bar(hhr.Plasticity(1.0), 2.0)
+    pulled = hhr.Traction(block.side(1, upper=True), (0.0, 1.0), hhr.Amplitude(slopes={"pull": 1.0}))
+    full = hhr.PlasticFullOrder(dataclasses.replace(scene, displacements=scene.displacements[:2], loads=(pulled,)))
+    path = [(k / 10, np.array([1.4 * k / 10])) for k in range(11)]
+    with pytest.raises(ConvergenceError, match=r"step \d+ to t = 0\.\d+ s did not converge.*Gauss point \d+") as caught:
+        hhr.march(full, path, hhr.MarchSettings(cuts=2))
+    done = caught.value.history.points
+    assert len(done) == 7, "7 x 0.14 is less than the yield stress of 1, 8 x 0.14 is more"
+    assert done[-1].stress[:, 1] == pytest.approx(0.98)
+
+
+def test_a_step_too_long_is_cut():
+    full = hhr.PlasticFullOrder(tube(hhr.Plasticity(1.0, 1.0), 2.0))
+    history = hhr.march(full, [(0.0, np.zeros(1)), (1.0, np.array([1.2]))], hhr.MarchSettings("tangent", iterations=5))
+    assert history.cuts == 1 and len(history.points) == 1
+
+
+@pytest.mark.parametrize(
+    "kind, values",
+    [("Plasticity", (80.0, -1.0)), ("Plasticity", (0.0,)), ("Norton", (1.0, 0.5)), ("Norton", (0.0, 4.0))]
+)  # fmt: skip
+def test_impossible_laws(kind, values):
+    with pytest.raises(ValueError, match="must"):
+        getattr(hhr, kind)(*values)
+
+
+def test_plane_stress_with_flow_is_refused():
+    scene = dataclasses.replace(bar(LAWS["plasticity"]), hypothesis="plane_stress")
+    with pytest.raises(SceneError, match="plane stress"):
+        hhr.PlasticFullOrder(scene)
+
+
+def test_no_flow_costs_two_iterations_a_step():
+    """An elastic scene in time: the answer of each step, and one look at it."""
+    full = hhr.PlasticFullOrder(bar(None))
+    history = hhr.march(full, [(0.1 * k, np.array([1e-3 * k])) for k in range(6)])
+    assert max(history.iterations) <= 2
+    assert not history.points[-1].state.cumulated.any()
+
+
+def test_an_elastic_scene_imports_none_of_this():
+    program = (
+        "import sys; sys.path[:0] = [{!r}]; import hertz_half_discs as demo; import hhr_dolfinx as hhr\n"
+        "full = hhr.FullOrderModel(demo.scene()); s = hhr.compute_snapshots(full, full.problem.parameters.grid([31]))\n"
+        "hhr.build_reduced_model(full.problem, full.schur, s, demo.RECIPE).model.solve(0.3)\n"
+        "print([m for m in sys.modules if m.startswith(('hhr_dolfinx.forms.plasticity', 'hhr_dolfinx.material',"
+        " 'hhr_dolfinx.gauss', 'hhr_dolfinx.quasi_static', 'hhr_dolfinx.plastic'))])"
+    ).format(str(ROOT / "demos"))
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert run.stdout.strip().splitlines()[-1] == "[]"
+
+
+def test_quick_demo(tmp_path):
+    command = [sys.executable, str(ROOT / "demos/pellet_cladding_plastic.py"), "--quick", "--out", str(tmp_path)]
+    run = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=300)
+    assert run.returncode == 0, run.stderr[-3000:]
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["stability"]["tangent"] > 0
+    assert all(row["displacement"] < 0.05 for row in report["errors"])
+    for name in ("fields.vtu", "fields.png", "multipliers.png", "histories.png", "iterations.png"):
+        assert (tmp_path / name).stat().st_size > 5000
