@@ -3,7 +3,7 @@
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: demo pellet nonmatching sphere patch extreme test setup
+.PHONY: demo pellet nonmatching plastic sphere patch extreme test setup
 
 demo: setup
 	.venv/bin/python demos/hertz_half_discs.py
@@ -13,6 +13,9 @@ pellet: setup
 
 nonmatching: setup
 	.venv/bin/python demos/pellet_cladding_nonmatching.py
+
+plastic: setup
+	.venv/bin/python demos/pellet_cladding_plastic.py
 
 sphere: setup
 	.venv/bin/python demos/sphere_on_block.py

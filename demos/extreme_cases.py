@@ -19,6 +19,7 @@ import contact_patch_test as patch
 import numpy as np
 import pellet_cladding as demo
 import pellet_cladding_nonmatching as non_matching
+import pellet_cladding_plastic as plastic
 from mpi4py import MPI
 from rich.console import Console
 from rich.table import Table
@@ -37,6 +38,11 @@ FULL_TOLERANCE = 1e-6
 """Two exact solvers differ by round-off times cond(K), which reaches 1e10 in these cases."""
 REDUCED_TOLERANCE = {"displacement": 0.02, "force": 0.1}
 """At the 95th percentile: what the trust check lets pass without a warning."""
+
+FLOW_TOLERANCE = 2e-3
+"""Two searches stop at residuals of 1e-5; where a body is near its limit load the displacement moves 100 times that."""
+FLOW_REDUCED_TOLERANCE = 0.15
+"""Two training histories of 20 steps on a coarse mesh."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +117,92 @@ def barrelled(pairing):
 
     side = non_matching.PAIRINGS[pairing](geometry.PELLET_SIDE, geometry.CLADDING_INNER)
     return dataclasses.replace(base, geometry=bent, contacts=(side, *base.contacts[1:]))
+
+
+@dataclass(frozen=True)
+class FlowCase:
+    """A scene that flows, its path in time, and how it is trained.
+
+    Attributes:
+        name: what is extreme.
+        scene: makes the scene; what it raises counts as refused.
+        path: times and parameters for a gap in um.
+    """
+
+    name: str
+    scene: Callable[[], hhr.Scene]
+    path: Callable[[float], list] = lambda gap: plastic.path(gap, 20)
+
+
+def flow_cases():
+    """Bodies that flow, on the small mesh."""
+    mesh = {**MESH, "cladding_axial_cells": 15}
+
+    def with_laws(pellet=None, cladding=None):
+        base = plastic.scene(**mesh)
+        laws = (pellet or base.bodies[0].law, cladding or base.bodies[1].law)
+        bodies = tuple(dataclasses.replace(body, law=law) for body, law in zip(base.bodies, laws, strict=True))
+        return dataclasses.replace(base, bodies=bodies)
+
+    def paced(seconds):
+        return lambda gap: [(seconds * time, parameter) for time, parameter in plastic.path(gap, 20)]
+
+    def up_and_down(gap):
+        shares = (*np.linspace(0, 0.8, 13), *np.linspace(0.7, 0.1, 7), *np.linspace(0.2, 1.0, 9))
+        return [(k / 28, np.array([plastic.PRESSURE * s, plastic.HEIGHT, gap * 1e-3])) for k, s in enumerate(shares)]
+
+    def weak(gap, top):
+        return [(t, np.array([top * t, plastic.HEIGHT, gap * 1e-3])) for t in np.linspace(0, 1, 11)]
+
+    yield FlowCase("flow, nothing changed", with_laws)
+    yield FlowCase("Norton exponent 20", lambda: with_laws(cladding=hhr.Norton(1e3, 20.0)))
+    for exponent in (-3, 3):
+        # six decades of K: below, the cladding is a fluid
+        yield FlowCase(
+            f"Norton K times 1e{exponent}",
+            lambda exponent=exponent: with_laws(cladding=hhr.Norton(1e3 * 10.0**exponent, 4.0)),
+        )
+    for pace in (100.0, 0.01):
+        yield FlowCase(f"time steps times {pace:g}", with_laws, paced(pace))
+    yield FlowCase("4 steps instead of 20", with_laws, lambda gap: plastic.path(gap, 4))
+    yield FlowCase("H = 0", lambda: with_laws(pellet=hhr.Plasticity(80.0, 0.0)))
+    yield FlowCase("H < 0", lambda: with_laws(pellet=hhr.Plasticity(80.0, -1.0)))
+    yield FlowCase(
+        "hardly a point yields", lambda: with_laws(cladding=hhr.Norton(1e9, 4.0)), lambda gap: weak(gap, 200.0)
+    )
+    yield FlowCase("unloading and reloading", with_laws, up_and_down)
+    stiff = hhr.Plasticity(1e9)
+    yield FlowCase("nothing flows", lambda: with_laws(stiff, stiff))
+
+
+def flow_rows(case):
+    """Full order by two search operators; reduced model trained on the ends of the gap, tried in the middle."""
+    try:
+        full = hhr.PlasticFullOrder(case.scene())
+        histories = {gap: hhr.march(full, case.path(gap)) for gap in (5.0, 10.0, 15.0)}
+        other = hhr.march(full, case.path(10.0), hhr.MarchSettings("tangent"))
+    except (HHRError, ValueError) as error:
+        yield {"case": case.name, "model": "full", "outcome": "refused", "figure": None, "why": str(error)}
+        return
+    exact = histories[10.0]
+    worst = max(
+        relative_error(ours.unknown, theirs.unknown) for ours, theirs in zip(exact.points, other.points, strict=True)
+    )
+    outcome = "right" if worst <= FLOW_TOLERANCE else "WRONG"
+    why = f"two search operators, {sum(exact.iterations)} and {sum(other.iterations)} iterations, {exact.cuts} cuts"
+    yield {"case": case.name, "model": "full", "outcome": outcome, "figure": worst, "why": why}
+    settings = hhr.PlasticSettings(zone_nodes=plastic.pressed_nodes(full))
+    try:
+        reduction = hhr.build_plastic_reduction(full, [histories[5.0], histories[15.0]], settings)
+        history = hhr.march(reduction.model, case.path(10.0))
+    except HHRError as error:
+        yield {"case": case.name, "model": "reduced", "outcome": "refused", "figure": None, "why": str(error)}
+        return
+    row = plastic.errors(full, reduction, history, exact)
+    high = max(row["displacement"], row["dual_rid"])
+    outcome = "right" if high <= FLOW_REDUCED_TOLERANCE else "WRONG"
+    why = f"displacement {row['displacement']:.1e}, forces {row['dual_rid']:.1e}, {reduction.layers} layers"
+    yield {"case": case.name, "model": "reduced", "outcome": outcome, "figure": high, "why": why}
 
 
 def one_contact(problem):
@@ -231,6 +323,8 @@ def main() -> int:
         if full_order is not None:
             counts = [10, 8] if options.quick else [20, 16]
             rows.append({"case": case.name, "model": "reduced", **reduced_row(case, full_order, options.seed, counts)})
+    for case in progress_bars(console)("flow")(list(flow_cases())):
+        rows += flow_rows(case)
     table = Table("case", "model", "outcome", "figure", "why")
     for row in rows:
         figure = "" if row["figure"] is None else f"{row['figure']:.1e}"

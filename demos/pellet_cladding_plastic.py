@@ -7,7 +7,7 @@ What to see: constitutive laws are evaluated on a fifth of the cells, and a hist
 a RID converges to a wrong path with the smallest residuals; eigenvalues of the projected tangents tell beforehand.
 
     python demos/pellet_cladding_plastic.py [--out DIR] [--quick] [--seed N] [--exponent 5]
-        [--train 5 7.5 15] [--pod 1e-11]
+        [--train 5 7.5 15 --pod 1e-11 --layers 6]
 """
 
 import json
@@ -102,6 +102,7 @@ def main() -> None:
     parser = demo_parser("pellet_cladding_plastic", __doc__.splitlines()[0])
     parser.add_argument("--exponent", type=float, default=4.0, help="exponent of Norton's law (%(default)s)")
     parser.add_argument("--pod", type=float, default=1e-9, help="tolerance of the POD of displacements (%(default)s)")
+    parser.add_argument("--layers", type=int, default=3, help="layers of cells to begin with (%(default)s)")
     parser.add_argument("--train", type=float, nargs="+", default=[5.0, 15.0], help="gaps to train on in um")
     options = parser.parse_args()
     console = Console()
@@ -119,9 +120,8 @@ def main() -> None:
     start = time.perf_counter()
     training = [hhr.march(full, path(gap, steps), settings) for gap in bars("training")(options.train)]
     offline["snapshots"], start = time.perf_counter() - start, time.perf_counter()
-    reduction = hhr.build_plastic_reduction(
-        full, training, hhr.PlasticSettings(options.pod, zone_nodes=pressed_nodes(full))
-    )
+    recipe = hhr.PlasticSettings(options.pod, layers=options.layers, zone_nodes=pressed_nodes(full))
+    reduction = hhr.build_plastic_reduction(full, training, recipe)
     offline["reduction"] = time.perf_counter() - start
     hhr.march(reduction.model, path(gaps[0], steps)[:3])  # compiles
     rows, full_times, reduced_times = [], [], []
@@ -181,8 +181,8 @@ def print_report(report, console) -> None:
     console.print(table)
     times, ratios = report["times"], report["ratios"]
     console.print(
-        f"a history takes {np.median(times['fom_best']):.2f} s in full ({times['fom_newton']:.2f} s by Newton's method) "
-        f"and {np.median(times['online']):.3f} s reduced: ratio {ratios['fom_best/online']:.1f}; "
+        f"a history takes {np.median(times['fom_best']):.2f} s in full ({times['fom_newton']:.2f} s by Newton's method)"
+        f" and {np.median(times['online']):.3f} s reduced: ratio {ratios['fom_best/online']:.1f}; "
         f"the laws alone {ratios['laws']:.1f}"
     )
 

@@ -2,13 +2,14 @@
 
 Each iteration linearises the stress, solves the contact problem of that linearisation to the end, (6.16) or (6.17), and
 updates the material. The operator of the linearisation is the consistent tangent, or the elastic one with Anderson's
-acceleration (6.21). A step that does not converge is cut in halves; nothing unconverged is ever kept.
+acceleration (6.21). A step that does not converge is tried with new tangents in each iteration, then cut in halves;
+nothing unconverged is ever kept.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -175,24 +176,30 @@ def march(
 
 
 def _advance(model, here, before, start, target, time, settings, kept):
-    """One step, in as many equal parts as it takes; also the iterations and whether it was cut."""
+    """One step: as asked for, then with new tangents and no extrapolation, then in 2, 4, ... parts.
+
+    Returns:
+        The point reached, the iterations of all attempts, and whether the step was cut.
+    """
+    careful = replace(settings, search="tangent") if settings.search == "frozen" else settings
+    attempts = [(1, settings, before), (1, careful, ())]
+    attempts += [(2**halvings, careful, ()) for halvings in range(1, settings.cuts + 1)]
     spent = 0
-    for halvings in range(settings.cuts + 1):
-        parts, point, last = 2**halvings, here, before
+    for parts, how, last in attempts:
+        point = here
         try:
             for k in range(1, parts + 1):
                 share = k / parts
                 at = here.time + share * (time - here.time)
                 parameter = (1 - share) * start + share * target
-                after, iterations = _step(model, point, last, parameter, at, settings, kept)
+                after, iterations = _step(model, point, last, parameter, at, how, kept)
                 spent += iterations
                 last, point = (*last[-1:], point), after
-            return point, spent, halvings > 0
+            return point, spent, parts > 1
         except (_Diverged, NotSolvableError, np.linalg.LinAlgError) as error:
-            failure = error if isinstance(error, _Diverged) else _Diverged(f"{error} (a singular tangent)", 0)
+            last_failure = error if isinstance(error, _Diverged) else _Diverged(f"{error} (a singular tangent)", 0)
             kept.operator = None
             spent += settings.iterations
-            last_failure = failure
     raise last_failure
 
 

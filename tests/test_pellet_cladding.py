@@ -276,6 +276,7 @@ def test_extreme_cases(tmp_path):
     assert {row["outcome"] for row in rows} <= {"right", "warned", "refused"}
     full = {row["case"]: row["outcome"] for row in rows if row["model"] == "full"}
     assert full.pop("pellet held by contact only") == "refused"
+    assert full.pop("H < 0") == "refused"
     assert set(full.values()) == {"right"}
     assert all(row["why"] for row in rows)
 
