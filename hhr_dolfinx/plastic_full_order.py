@@ -48,7 +48,7 @@ class PlasticFullOrder:
         problem = self.discretisation.contact_problem(self.discretisation.assemble_stiffness())
         lifted = (stiffness - problem.stiffness) @ problem.lifts
         self.problem = replace(problem, stiffness=stiffness, loads=problem.loads - lifted * problem.free[:, None])
-        self.amplitudes = problem.amplitudes
+        self.amplitudes, self.parameters = problem.amplitudes, problem.parameters
         self.external = self.problem.loads + (stiffness @ problem.lifts) * problem.free[:, None]
         self.size, self.conditions = problem.free.size, problem.contact.shape[0]
         self._solver = _Cholesky(stiffness, problem.free, scene.name)

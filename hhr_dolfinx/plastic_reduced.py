@@ -62,7 +62,8 @@ class PlasticReduced:
 
     def __init__(self, full, basis: np.ndarray, sets: IndexSets):
         problem, operator = full.problem, full.operator
-        self.sets, self.basis, self.amplitudes = sets, basis, problem.amplitudes
+        self.sets, self.basis = sets, basis
+        self.amplitudes, self.parameters = problem.amplitudes, problem.parameters
         self.size, self.conditions = basis.shape[1], len(sets.A_lambda)
         inside = np.zeros(problem.free.size, dtype=bool)
         inside[sets.A] = True

@@ -14,8 +14,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
+from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ParameterError
 from hhr_dolfinx.material import Material, State
+from hhr_dolfinx.parameters import ParameterSpace
 
 
 class Correction(NamedTuple):
@@ -38,6 +39,7 @@ class Equilibrium(Protocol):
     """What the loop needs of a model; ``x`` is its unknown, U0 or gamma."""
 
     material: Material
+    parameters: ParameterSpace
     size: int
     conditions: int
 
@@ -146,18 +148,23 @@ def march(
         settings: how.
 
     Raises:
+        ParameterError: if a parameter is not finite or outside the box, or times do not increase.
         ConvergenceError: with the step, the time and the worst point; its ``history`` holds the steps before.
     """
     path = iter(path)
     time, start = next(path)
+    start = model.parameters.point(start)
     here = Point(
-        time, np.asarray(start, dtype=float), np.zeros(model.size), np.zeros(model.conditions),
+        time, start, np.zeros(model.size), np.zeros(model.conditions),
         np.zeros(model.conditions, dtype=bool),
         np.zeros((model.material.size, model.material.components)), model.material.at_rest(),
     )  # fmt: skip
     history, before = History(), ()
     kept = _Kept()
     for time, target in path:
+        target = model.parameters.point(target)
+        if not time > here.time:
+            raise ParameterError(f"times must increase: {time:g} s comes after {here.time:g} s")
         try:
             after, iterations, cut = _advance(model, here, before, start, target, time, settings, kept)
         except _Diverged as failure:
@@ -233,8 +240,8 @@ def _step(model, here, before, parameter, time, settings, kept) -> tuple[Point, 
         # where a body is unloaded its own forces are no measure
         if left <= settings.relative_force * max(scale, kept.forces):
             # (6.19); the dearer of the two criteria is asked last
-            moved = np.abs(np.einsum("nij,nj->ni", operator, model.strain(correction.change, None))).max()
-            if moved <= settings.absolute_stress + settings.relative_stress * np.abs(update.stress).max():
+            moved = np.abs(np.einsum("nij,nj->ni", operator, model.strain(correction.change, None)))
+            if (moved - settings.relative_stress * np.abs(update.stress)).max() <= settings.absolute_stress:
                 slow = settings.search == "tangent" or iteration > settings.patience
                 kept.operator, kept.forces = None if slow else operator, max(scale, kept.forces)
                 answer = correction.forces, correction.active, update.stress, update.state

@@ -17,7 +17,7 @@ from mpi4py import MPI
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.compat import tabulate
-from hhr_dolfinx.errors import ConvergenceError, SceneError, UnstableModelError
+from hhr_dolfinx.errors import ConvergenceError, ParameterError, SceneError, UnstableModelError
 from hhr_dolfinx.forms.plasticity import return_mapping
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.material import Group, Material, State
@@ -326,6 +326,15 @@ def test_a_step_too_long_is_cut():
     full = hhr.PlasticFullOrder(tube(hhr.Plasticity(1.0, 1.0), 2.0))
     history = hhr.march(full, [(0.0, np.zeros(1)), (1.0, np.array([1.2]))], hhr.MarchSettings("tangent", iterations=5))
     assert history.cuts == 1 and len(history.points) == 1
+
+
+@pytest.mark.parametrize("path", [
+    [(0.0, [0.0]), (1.0, [np.nan])], [(0.0, [0.0]), (1.0, [9.0])], [(0.0, [0.0, 0.0])], [(0.0, [0.0]), (0.0, [0.01])],
+])  # fmt: skip
+def test_impossible_paths(path):
+    full = hhr.PlasticFullOrder(bar(LAWS["plasticity"]))
+    with pytest.raises(ParameterError):
+        hhr.march(full, path)
 
 
 @pytest.mark.parametrize(
