@@ -14,6 +14,8 @@ from dolfinx import fem, mesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
+from scenes import pressed_block
+from scipy.sparse import csr_matrix
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.compat import tabulate
@@ -381,3 +383,19 @@ def test_quick_demo(tmp_path):
     assert all(row["displacement"] < 0.05 for row in report["errors"])
     for name in ("fields.vtu", "fields.png", "multipliers.png", "histories.png", "iterations.png"):
         assert (tmp_path / name).stat().st_size > 5000
+
+
+@pytest.mark.parametrize("simplices", [False, True])
+@pytest.mark.parametrize("hypothesis", ["plane_strain", "solid"])
+def test_stiffness_through_gauss_points_is_the_assembled_one(hypothesis, simplices):
+    """Where both rules are exact, and for strains of 4 and of 6 components."""
+    full = hhr.PlasticFullOrder(pressed_block(hypothesis, simplices=simplices, cells=3))
+    indptr, indices, data = full.discretisation.assemble_stiffness().getValuesCSR()
+    assembled = csr_matrix((data, indices, indptr))
+    assert abs(full.problem.stiffness - assembled).max() < 1e-12 * abs(assembled).max()
+    history = hhr.march(full, [(0.0, np.zeros(1)), (1.0, np.array([0.05]))])
+    elastic = hhr.FullOrderModel(pressed_block(hypothesis, simplices=simplices, cells=3)).solve(0.05)
+    point = history.points[-1]
+    moved = point.unknown + full.problem.lifts @ full.amplitudes(point.parameter)
+    assert moved == pytest.approx(elastic.primal, abs=1e-8)
+    assert point.forces == pytest.approx(elastic.forces, abs=1e-6)
