@@ -10,7 +10,6 @@ a RID converges to a wrong path with the smallest residuals; eigenvalues of the 
         [--train 5 7.5 15 --pod 1e-11 --layers 6]
 """
 
-import json
 import time
 
 import numpy as np
@@ -19,9 +18,10 @@ from rich.console import Console
 from rich.table import Table
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.accuracy import relative_error
+from hhr_dolfinx.accuracy import relative_error, summary
 from hhr_dolfinx.cli import demo_parser, progress_bars
 from hhr_dolfinx.geometries import pellet_cladding as geometry
+from hhr_dolfinx.report import environment
 
 THESIS = {10.0: (0.0089, 0.067, 0.046, 0.022), 12.5: (0.028, 0.025, 0.025, 0.0061)}
 """Table 6.1 by gap in um: errors of displacement, forces, sigma_rr and cumulated plastic strain."""
@@ -138,24 +138,37 @@ def main() -> None:
     inside = last._replace(unknown=history.points[-1].unknown, state=history.points[-1].state)
     laws = seconds_of_laws(full, last), seconds_of_laws(reduction.model, inside)
     online, fom_best = float(np.median(reduced_times)), float(np.median(full_times))
+    measured = [name for name in rows[0] if name not in ("gap_um", "cuts", "iterations", "full_iterations")]
     report = {
         "scene": full.scene.name,
         "seed": options.seed,
+        **environment(),
         "sizes": {
             "N": full.size, "N_lambda": full.conditions, "ell_bar": reduction.model.size,
             "ell": reduction.model.size - len(reduction.enrichment.added), "N_lambda_C": reduction.model.conditions,
             "cells": len(full.problem.cell_nodes), "rid_cells": len(reduction.model.cells), "layers": reduction.layers,
             "snapshots": sum(len(history.points) for history in training),
         },
-        "stability": {"kappa_B": reduction.enrichment.kappas[-1], "tangent": reduction.tangent},
-        "errors": rows,
-        "times": {"offline": offline, "fom_best": full_times, "fom_newton": newton_seconds,
-                  "online": reduced_times, "laws": {"fom": laws[0], "online": laws[1]}},
+        "stability": {
+            "kappa_B": reduction.enrichment.kappas[-1], "tangent": reduction.tangent,
+            "enrichment": [{"added": k, "kappa": kappa} for k, kappa in enumerate(reduction.enrichment.kappas)],
+        },
+        "errors": {name: summary([row[name] for row in rows]) for name in measured},
+        "gaps": rows,
+        "times": {
+            "offline": offline, "fom_best": summary(full_times), "fom_newton": newton_seconds, "condensed": None,
+            "online": summary(reduced_times), "laws": {"fom": laws[0], "online": laws[1]},
+        },
         "ratios": {"fom_best/online": fom_best / online, "laws": laws[0] / laws[1]},
+        "work_precision": [
+            {"method": "HHR", "setting": f"{reduction.layers} layers", "online_s": online,
+             "primal_euclid": summary([row["displacement"] for row in rows])["median"]},
+            {"method": "fom_best", "setting": "frozen tangent", "online_s": fom_best, "primal_euclid": 0.0},
+        ],
+        "skipped": [{"stage": "condensed", "why": "the stiffness changes with the flow"}],
         "refused_before": reduction.refused,
     }  # fmt: skip
-    options.out.mkdir(parents=True, exist_ok=True)
-    (options.out / "report.json").write_text(json.dumps(report, indent=2))
+    hhr.write_report(report, options.out)
     print_report(report, console)
     pictures(full, reduction, exact, history, options.out)
     console.print(f"report, pictures and fields are in {options.out}")
@@ -171,9 +184,9 @@ def print_report(report, console) -> None:
     )
     for item in report["refused_before"]:
         console.print(f"{item['layers']} layers refused: {item['why']}")
-    names = [name for name in report["errors"][0] if name not in ("gap_um", "cuts", "iterations", "full_iterations")]
+    names = list(report["errors"])
     table = Table("gap [um]", *names, title="errors at the last step in %, thesis in brackets")
-    for row in report["errors"]:
+    for row in report["gaps"]:
         thesis = THESIS.get(row["gap_um"], ())
         cells = [f"{100 * row[name]:.2g}" + (f" ({100 * thesis[k]:.2g})" if k < len(thesis) else "")
                  for k, name in enumerate(names)]  # fmt: skip
@@ -181,8 +194,8 @@ def print_report(report, console) -> None:
     console.print(table)
     times, ratios = report["times"], report["ratios"]
     console.print(
-        f"a history takes {np.median(times['fom_best']):.2f} s in full ({times['fom_newton']:.2f} s by Newton's method)"
-        f" and {np.median(times['online']):.3f} s reduced: ratio {ratios['fom_best/online']:.1f}; "
+        f"a history takes {times['fom_best']['median']:.2f} s in full ({times['fom_newton']:.2f} s by Newton's method)"
+        f" and {times['online']['median']:.3f} s reduced: ratio {ratios['fom_best/online']:.1f}; "
         f"the laws alone {ratios['laws']:.1f}"
     )
 

@@ -42,8 +42,7 @@ def make_report(
     report = {
         "scene": full_order.scene.name,
         "seed": seed,
-        "versions": _versions(),
-        "machine": {"cpu": _cpu(), "threads": 1, "ranks": full_order.comm.size},
+        **environment(full_order.comm.size),
         "sizes": {
             "N": int(full_order.problem.free.size),
             "N_lambda": int(full_order.problem.contact.shape[0]),
@@ -76,6 +75,11 @@ def make_report(
         "refused_before": hyper.log.refused,
     }
     return {**report, "advice": advice(report)}
+
+
+def environment(ranks: int = 1) -> dict:
+    """The ``versions`` and ``machine`` parts of a report."""
+    return {"versions": _versions(), "machine": {"cpu": _cpu(), "threads": 1, "ranks": ranks}}
 
 
 def advice(report: dict) -> str:
