@@ -199,9 +199,9 @@ def flow_rows(case):
         yield {"case": case.name, "model": "reduced", "outcome": "refused", "figure": None, "why": str(error)}
         return
     row = plastic.errors(full, reduction, history, exact)
-    high = max(row["displacement"], row["dual_rid"])
+    high = max(row["primal_euclid"], row["dual_rid"])
     outcome = "right" if high <= FLOW_REDUCED_TOLERANCE else "WRONG"
-    why = f"displacement {row['displacement']:.1e}, forces {row['dual_rid']:.1e}, {reduction.layers} layers"
+    why = f"displacement {row['primal_euclid']:.1e}, forces {row['dual_rid']:.1e}, {reduction.layers} layers"
     yield {"case": case.name, "model": "reduced", "outcome": outcome, "figure": high, "why": why}
 
 
