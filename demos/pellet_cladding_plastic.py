@@ -76,6 +76,7 @@ def errors(full, reduction, history, exact) -> dict:
         "stress_rr": relative_error(here.stress[:, 0], there.stress[model.points][:, 0]),
         "plastic_strain": relative_error(*cumulated),
         "plastic_strain_everywhere": relative_error(reduction.plastic_strain_everywhere(here), there.state.cumulated),
+        "stress_rr_everywhere": relative_error(reduction.stress_everywhere(here)[:, 0], there.stress[:, 0]),
         "dual_full": relative_error(reduction.forces_everywhere(here), there.forces),
         "worst_displacement": max(fields),
     }
@@ -88,13 +89,26 @@ def timed(model, gap, steps, settings):
     return history, time.perf_counter() - start
 
 
-def seconds_of_laws(model, point, repetitions=20) -> float:
-    """One evaluation of all laws at the state of a history's last point."""
-    strain = model.strain(point.unknown, model.amplitudes(point.parameter))
-    start = time.perf_counter()
-    for _ in range(repetitions):
-        model.material.update(strain, point.state, 0.025, tangent=False)
-    return (time.perf_counter() - start) / repetitions
+def seconds_of_parts(model, point, repetitions=20) -> dict[str, float]:
+    """Seconds of each part of an iteration at a state, and of a new tangent."""
+    theta = model.amplitudes(point.parameter)
+    strain = model.strain(point.unknown, theta)
+    update = model.material.update(strain, point.state, 0.025, tangent=True)
+    residual, _ = model.residual(update.stress, theta)
+    parts = {
+        "strain": lambda: model.strain(point.unknown, theta),
+        "laws": lambda: model.material.update(strain, point.state, 0.025, tangent=False),
+        "residual": lambda: model.residual(update.stress, theta),
+        "tangent": lambda: model.linearise(update.tangents),
+        "contact": lambda: model.correct(residual, point.unknown, theta, point.active),
+    }
+    seconds = {}
+    for name, part in parts.items():
+        start = time.perf_counter()
+        for _ in range(repetitions):
+            part()
+        seconds[name] = (time.perf_counter() - start) / repetitions
+    return seconds
 
 
 def main() -> None:
@@ -134,9 +148,7 @@ def main() -> None:
         rows.append({"gap_um": float(gap), **errors(full, reduction, history, exact), "cuts": history.cuts,
                      "iterations": history.iterations, "full_iterations": exact.iterations})  # fmt: skip
     _, newton_seconds = timed(full, gaps[0], steps, tangent)
-    last = exact.points[-1]
-    inside = last._replace(unknown=history.points[-1].unknown, state=history.points[-1].state)
-    laws = seconds_of_laws(full, last), seconds_of_laws(reduction.model, inside)
+    parts = [seconds_of_parts(*pair) for pair in ((full, exact.points[-1]), (reduction.model, history.points[-1]))]
     online, fom_best = float(np.median(reduced_times)), float(np.median(full_times))
     measured = [name for name in rows[0] if name not in ("gap_um", "cuts", "iterations", "full_iterations")]
     report = {
@@ -157,9 +169,9 @@ def main() -> None:
         "gaps": rows,
         "times": {
             "offline": offline, "fom_best": summary(full_times), "fom_newton": newton_seconds, "condensed": None,
-            "online": summary(reduced_times), "laws": {"fom": laws[0], "online": laws[1]},
+            "online": summary(reduced_times), "parts": dict(zip(("fom", "online"), parts, strict=True)),
         },
-        "ratios": {"fom_best/online": fom_best / online, "laws": laws[0] / laws[1]},
+        "ratios": {"fom_best/online": fom_best / online, "laws": parts[0]["laws"] / parts[1]["laws"]},
         "work_precision": [
             {"method": "HHR", "setting": f"{reduction.layers} layers", "online_s": online,
              "primal_euclid": summary([row["primal_euclid"] for row in rows])["median"]},
@@ -193,6 +205,10 @@ def print_report(report, console) -> None:
         table.add_row(f"{row['gap_um']:g}", *cells)
     console.print(table)
     times, ratios = report["times"], report["ratios"]
+    shown = Table("part of an iteration", *times["parts"]["fom"], title="where the time goes, ms")
+    for model in ("fom", "online"):
+        shown.add_row(model, *(f"{1e3 * seconds:.2f}" for seconds in times["parts"][model].values()))
+    console.print(shown)
     console.print(
         f"a history takes {times['fom_best']['median']:.2f} s in full ({times['fom_newton']:.2f} s by Newton's method)"
         f" and {times['online']['median']:.3f} s reduced: ratio {ratios['fom_best/online']:.1f}; "
@@ -214,10 +230,12 @@ def pictures(full, reduction, exact, history, folder) -> None:
     ):
         grid.point_data[f"u_r {name} [mm]"] = field[::2]
         grid.cell_data[f"plastic strain {name}"] = cumulated.reshape(-1, per_cell).mean(axis=1)
-    grid.cell_data["sigma_rr full order [MPa]"] = there.stress[:, 0].reshape(-1, per_cell).mean(axis=1)
+    for name, stress in (("full order", there.stress), ("HHR", reduction.stress_everywhere(here))):
+        grid.cell_data[f"sigma_rr {name} [MPa]"] = stress[:, 0].reshape(-1, per_cell).mean(axis=1)
     grid.save(folder / "fields.vtu")
-    shown = [f"plastic strain {name}" for name in ("full order", "HHR")]
-    plots.plot_fields(grid, ["rid", "u_r full order [mm]", "u_r HHR [mm]", *shown], folder / "fields.png")
+    shown = [f"{field} {name}{unit}" for field, unit in (("plastic strain", ""), ("sigma_rr", " [MPa]"))
+             for name in ("full order", "HHR")]  # fmt: skip
+    plots.plot_fields(grid, ["rid", *shown], folder / "fields.png")
     order = np.argsort(problem.contact_points[:, 1])
     z, forces = problem.contact_points[order, 1], reduction.forces_everywhere(here)[order]
     plots.plot_multipliers(z, [there.forces[order]], [(z, forces)], ["last step"], folder / "multipliers.png", "z [mm]")

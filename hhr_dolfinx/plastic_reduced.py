@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -158,6 +159,22 @@ class _Factored:
         return forces, slack
 
 
+class GappyField(NamedTuple):
+    """A field of the Gauss points from its values in the RID (gappy POD, section 6.2.3).
+
+    Attributes:
+        modes: POD modes of training states, (values everywhere, modes).
+        fit: amplitudes of the modes per value in the RID, (modes, values in the RID).
+    """
+
+    modes: np.ndarray
+    fit: np.ndarray
+
+    def everywhere(self, inside: np.ndarray) -> np.ndarray:
+        """The field everywhere, fitted to its values in the RID by least squares."""
+        return self.modes @ (self.fit @ inside)
+
+
 @dataclass(frozen=True)
 class PlasticReduction:
     """A reduced model of a scene that flows, with what completes it.
@@ -165,8 +182,8 @@ class PlasticReduction:
     Attributes:
         model: equilibrium of gamma, for :func:`hhr_dolfinx.quasi_static.march`.
         forces: contact forces outside the RID, (1.70)-(1.71).
-        cumulated: modes of the cumulated plastic strain at all Gauss points and the fit of their amplitudes to the
-            points of the RID (gappy POD, section 6.2.3); None where nothing flowed in training.
+        stress: how the stress is completed.
+        cumulated: how the cumulated plastic strain is completed; None where nothing flowed in training.
         enrichment: how the basis was enriched.
         layers: layers of cells of the RID.
         gauss_points: number of Gauss points of the full model.
@@ -176,7 +193,8 @@ class PlasticReduction:
 
     model: PlasticReduced
     forces: Reconstruction
-    cumulated: tuple[np.ndarray, np.ndarray] | None
+    stress: GappyField
+    cumulated: GappyField | None
     enrichment: Enrichment
     layers: int
     gauss_points: int
@@ -196,9 +214,14 @@ class PlasticReduction:
         """Cumulated plastic strain at all Gauss points, (points,): the model's own in the RID, fitted elsewhere."""
         if self.cumulated is None:
             return np.zeros(self.gauss_points)
-        modes, fit = self.cumulated
-        everywhere = np.maximum(modes @ (fit @ point.state.cumulated), 0.0)
+        everywhere = np.maximum(self.cumulated.everywhere(point.state.cumulated), 0.0)
         everywhere[self.model.points] = point.state.cumulated
+        return everywhere
+
+    def stress_everywhere(self, point: Point) -> np.ndarray:
+        """Stress at all Gauss points, (points, components): the model's own in the RID, fitted elsewhere."""
+        everywhere = self.stress.everywhere(point.stress.ravel()).reshape(self.gauss_points, -1)
+        everywhere[self.model.points] = point.stress
         return everywhere
 
 
@@ -272,16 +295,23 @@ def _training_tangents(full, histories, count):
 
 
 def _completion(full, model, histories, settings):
-    """Reconstruction of contact forces, and of the cumulated plastic strain."""
+    """Reconstruction of contact forces, of the stress and of the cumulated plastic strain."""
     points = [point for history in histories for point in history.points]
     columns = (np.stack([getattr(p, name) for p in points], axis=1) for name in ("unknown", "forces", "active"))
     snapshots = SnapshotSet(np.stack([point.parameter for point in points]), *columns)
     forces = prepare_reconstruction(full.problem, model.basis, model.sets, snapshots)
+    components = full.material.components
+    values = (model.points[:, None] * components + np.arange(components)).ravel()
+    stress = _gappy(np.stack([point.stress.ravel() for point in points], axis=1), values, settings.stress)
     cumulated = np.stack([point.state.cumulated for point in points], axis=1)
     if not np.any(cumulated):
-        return forces, None
-    modes, _ = pod(cumulated, settings.plastic_strain)
-    return forces, (modes, np.linalg.pinv(modes[model.points]))
+        return forces, stress, None
+    return forces, stress, _gappy(cumulated, model.points, settings.plastic_strain)
+
+
+def _gappy(snapshots, inside, tolerance) -> GappyField:
+    modes, _ = pod(snapshots, tolerance)
+    return GappyField(modes, np.linalg.pinv(modes[inside]))
 
 
 def snapshot_nodes(full, histories: list[History], settings: PlasticSettings) -> tuple[np.ndarray, np.ndarray]:
