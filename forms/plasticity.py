@@ -6,7 +6,7 @@ a flow Δp along it leaves
     s = (1 - 3 mu Δp / q_tr) s_tr,      εp = εp_old + 3/2 Δp s_tr / q_tr,
 
 and the physics is one scalar equation for Δp(q_tr), the *flow* of a law. A law of your own is a class with
-``flow`` and ``stress_scale``; everything else is common.
+``flow``; everything else is common.
 
 Tensors are vectors in Kelvin's notation, (xx, yy, zz, √2 xy[, √2 xz, √2 yz]), so that products of tensors are products
 of vectors; zz is θθ in axisymmetry.
@@ -25,9 +25,6 @@ from hhr_dolfinx.forms.elasticity import lame_parameters, strain
 
 class Flow(Protocol):
     """What a body needs to flow."""
-
-    stress_scale: float
-    """A stress typical of the law, for tolerances."""
 
     def flow(self, trial, plastic_strain, shear, dt):
         """Cumulated flow of a step at points whose trial stress is given.
@@ -57,16 +54,11 @@ class Plasticity:
 
     def __post_init__(self):
         """Refuse softening, for which the problem depends on the mesh, and a yield stress that is none."""
-        if not (self.yield_stress > 0 and self.hardening >= 0):
+        if not (0 < self.yield_stress < np.inf and 0 <= self.hardening < np.inf):
             raise ValueError(
                 f"yield stress {self.yield_stress} must be positive and hardening {self.hardening} not negative: "
                 "softening has no answer that does not depend on the mesh"
             )
-
-    @property
-    def stress_scale(self) -> float:
-        """The yield stress."""
-        return self.yield_stress
 
     def flow(self, trial, plastic_strain, shear, dt):
         """Closed form of σ0 + H (p + Δp) = q_tr - 3 mu Δp; see :class:`Flow`."""
@@ -91,13 +83,8 @@ class Norton:
 
     def __post_init__(self):
         """Refuse what has no or no unique flow."""
-        if not (self.resistance > 0 and self.exponent >= 1):
+        if not (0 < self.resistance < np.inf and 1 <= self.exponent < np.inf):
             raise ValueError(f"resistance {self.resistance} must be positive and exponent {self.exponent} at least 1")
-
-    @property
-    def stress_scale(self) -> float:
-        """The resistance."""
-        return self.resistance
 
     def flow(self, trial, plastic_strain, shear, dt):
         """Newton's method for x = σ_eq in x + 3 mu dt (x / K)^m = q_tr; see :class:`Flow`.

@@ -120,3 +120,16 @@ def quadrature(mesh, degree: int):
 def tabulate(expression, mesh, cells):
     """Values of an expression in each cell; the mesh left the arguments of ``eval`` at times."""
     return expression.eval(mesh, cells)
+
+
+def compiled(**options):
+    """numba's ``njit`` with a cache on disk, or without one where no place can be written."""
+    from numba import njit
+
+    def decorate(function):
+        try:
+            return njit(cache=True, **options)(function)
+        except RuntimeError:
+            return njit(**options)(function)
+
+    return decorate

@@ -9,7 +9,7 @@ from petsc4py import PETSc
 from hhr_dolfinx.active_set import SchurEqualities, active_set
 from hhr_dolfinx.condensed import rejected
 from hhr_dolfinx.discretisation import Discretisation
-from hhr_dolfinx.errors import NotSolvableError
+from hhr_dolfinx.errors import NotSolvableError, SceneError
 from hhr_dolfinx.problem import ContactSolution
 from hhr_dolfinx.scene import Scene
 
@@ -33,6 +33,10 @@ class FullOrderModel:
     """
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
+        if any(body.law is not None for body in scene.bodies):
+            raise SceneError(
+                f"bodies of scene '{scene.name}' flow: use PlasticFullOrder, and march along a path in time"
+            )
         self.scene, self.comm = scene, comm
         self.discretisation = Discretisation(scene, comm)
         stiffness = self.discretisation.assemble_stiffness()
@@ -107,9 +111,9 @@ class FullOrderModel:
                 raise NotSolvableError(
                     f"this PETSc lacks the package that should factor the stiffness: {error}"
                 ) from error
-            raise NotSolvableError(_singular(self.scene.name)) from error
+            raise NotSolvableError(singular_stiffness(self.scene.name)) from error
         if pc.getFailedReason() != 0:
-            raise NotSolvableError(_singular(self.scene.name))
+            raise NotSolvableError(singular_stiffness(self.scene.name))
         return ksp
 
     def _check_regular(self):
@@ -121,7 +125,7 @@ class FullOrderModel:
         known = np.random.default_rng(0).standard_normal(self.problem.free.size) * self.problem.free
         found = self._gather(self.solve_stiffness((self.problem.stiffness @ known * self.problem.free)[self._own]))
         if not np.linalg.norm(found - known) <= 1e-3 * np.linalg.norm(known):
-            raise NotSolvableError(_singular(self.scene.name))
+            raise NotSolvableError(singular_stiffness(self.scene.name))
 
     def solve_stiffness(self, own_rhs) -> np.ndarray:
         """K^-1 times a vector, each rank with its own rows."""
@@ -136,7 +140,8 @@ class FullOrderModel:
         return own if self.comm.size == 1 else np.concatenate(self.comm.allgather(own))
 
 
-def _singular(name):
+def singular_stiffness(name: str) -> str:
+    """Message for a stiffness that does not hold its bodies."""
     return (
         f"the stiffness of scene '{name}' is singular: a body can move freely. "
         "Impose displacements that hold every body without its contacts"

@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.sparse import csr_matrix
+
+from hhr_dolfinx.compat import compiled
 
 
 @dataclass(frozen=True)
@@ -63,11 +64,14 @@ class StrainOperator:
         _strain(self.gradients, self.dofs, field, out)
         return out
 
-    def internal(self, stress: np.ndarray) -> np.ndarray:
-        """Internal forces ∫ ε(v) : σ of a stress (points, components), (size,)."""
-        out = np.zeros(self.size)
-        _internal(self.gradients, self.weights, self.dofs, stress, out)
-        return out
+    def internal(self, stress: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Internal forces ∫ ε(v) : σ of a stress (points, components), (size,), and their size.
+
+        The size sums what the cells contribute without sign: in equilibrium the sum itself cancels.
+        """
+        out, size = np.zeros(self.size), np.zeros(self.size)
+        _internal(self.gradients, self.weights, self.dofs, stress, out, size)
+        return out, size
 
     def pattern(self) -> SparsePattern:
         """Sparsity of the stiffness matrices of these cells."""
@@ -114,7 +118,7 @@ class SparsePattern:
     position: np.ndarray
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def _strain(gradients, dofs, field, out):
     cells, points, components, d = gradients.shape
     local = np.empty(d)
@@ -129,8 +133,8 @@ def _strain(gradients, dofs, field, out):
                 out[cell * points + q, i] = value
 
 
-@njit(cache=True, fastmath=True)
-def _internal(gradients, weights, dofs, stress, out):
+@compiled(fastmath=True)
+def _internal(gradients, weights, dofs, stress, out, size):
     cells, points, components, d = gradients.shape
     local = np.empty(d)
     for cell in range(cells):
@@ -142,9 +146,10 @@ def _internal(gradients, weights, dofs, stress, out):
                     local[k] += gradients[cell, q, i, k] * value
         for k in range(d):
             out[dofs[cell, k]] += local[k]
+            size[dofs[cell, k]] += abs(local[k])
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def _stiffness(gradients, weights, tangents, reference, position, data):
     """Add the stiffness of ``tangents - reference``; points where they agree are passed over."""
     cells, points, components, d = gradients.shape

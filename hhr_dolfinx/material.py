@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from hhr_dolfinx.compat import compiled
+from hhr_dolfinx.errors import ConvergenceError
 from hhr_dolfinx.forms.elasticity import lame_parameters
 
 
@@ -109,15 +110,27 @@ class Material:
                 flow, slope = np.zeros(points.size), np.zeros(points.size)
             else:
                 flow, slope = group.law.flow(trial, old.cumulated[points], mu, dt)
+                _check_flow(group.law, flow, slope, trial, mu)
             arrays = stress, plastic, cumulated, tangents
             _return(points, strain, deviator, trial, flow, slope, bulk, mu, *arrays, tangent)
         return Update(stress, State(plastic, cumulated), tangents if tangent else None)
 
 
+def _check_flow(law, flow, slope, trial, mu):
+    """Refuse a flow that is not finite or would turn the stress round."""
+    right = np.isfinite(slope) & (flow >= 0) & (3 * mu * flow <= trial * (1 + 1e-9))
+    if np.isfinite(trial).all() and not right.all():
+        worst = int(np.argmin(right))
+        raise ConvergenceError(
+            f"{law} flows by {flow[worst]:g} under an equivalent stress of {trial[worst]:g}: between 0 and "
+            f"{trial[worst] / (3 * mu):g} was expected"
+        )
+
+
 _NO_TANGENTS = np.empty((0, 0, 0))
 
 
-@njit(cache=True)
+@compiled()
 def _trial(points, strain, plastic, mu, deviator, trial):
     components = strain.shape[1]
     for n in range(points.size):
@@ -131,7 +144,7 @@ def _trial(points, strain, plastic, mu, deviator, trial):
         trial[n] = np.sqrt(1.5 * total)
 
 
-@njit(cache=True)
+@compiled()
 def _return(points, strain, deviator, trial, flow, slope, bulk, mu, stress, plastic, cumulated, tangents, with_tangent):
     """Radial return; H = bulk 1⊗1 + 2 mu (θ P - (3 mu dΔp/dq - 1 + θ) n⊗n) with θ = 1 - 3 mu Δp / q_tr."""
     components = strain.shape[1]

@@ -11,6 +11,7 @@ from petsc4py import PETSc
 from hhr_dolfinx.active_set import SchurEqualities, active_set
 from hhr_dolfinx.discretisation import Discretisation
 from hhr_dolfinx.errors import NotSolvableError, SceneError
+from hhr_dolfinx.full_order import singular_stiffness
 from hhr_dolfinx.gauss import ElasticPart
 from hhr_dolfinx.material import Group, Material
 from hhr_dolfinx.quasi_static import Correction
@@ -33,8 +34,8 @@ class PlasticFullOrder:
 
     def __init__(self, scene: Scene):
         self.scene = scene
-        if scene.hypothesis == "plane_stress" and any(body.law is not None for body in scene.bodies):
-            raise SceneError("a body that flows in plane stress needs its thickness strain solved for: not built in")
+        if scene.hypothesis == "plane_stress":
+            raise SceneError("flow in plane stress needs the thickness strain solved for: not built in")
         self.discretisation = Discretisation(scene, MPI.COMM_SELF)
         self.operator, bodies = self.discretisation.strain_operator()
         per_cell = self.operator.weights.shape[1]
@@ -56,8 +57,20 @@ class PlasticFullOrder:
         self.per_force = np.stack([self._solver.solve(row).copy() for row in rows], axis=1)
         self.schur = problem.contact @ self.per_force
         self._equalities = SchurEqualities(self.schur)
+        self._check_regular()
         self._tangent_solver = None
+        self._body = np.zeros(self.size, dtype=int)
+        self._body[self.operator.dofs] = bodies[:, None]
+        self._sizes = abs(stiffness)
+        self.points = np.arange(self.operator.points)
         self._transposed, self._lifted = problem.contact.T.tocsr(), bool(np.any(problem.lifts))
+
+    def _check_regular(self):
+        """Refuse a singular elastic stiffness, which a factorisation does not always notice."""
+        known = np.random.default_rng(0).standard_normal(self.size) * self.problem.free
+        found = self._solver.solve(self.problem.stiffness @ known * self.problem.free)
+        if not np.linalg.norm(found - known) <= 1e-3 * np.linalg.norm(known):
+            raise NotSolvableError(singular_stiffness(self.scene.name))
 
     def strain(self, x, theta):
         """Strain of U0 + lift at all Gauss points; of U0 alone where ``theta`` is None."""
@@ -68,9 +81,22 @@ class PlasticFullOrder:
         return self._transposed @ forces
 
     def residual(self, stress, theta):
-        """Loads less internal forces on free dofs, and the norm of both with the reactions."""
-        loads, internal = self.external @ theta, self.operator.internal(stress)
-        return loads - internal * self.problem.free, np.linalg.norm(loads) + np.linalg.norm(internal)
+        """Loads less internal forces on free dofs, and the norm of what they are made of in each body."""
+        loads, (internal, size) = self.external @ theta, self.operator.internal(stress)
+        free = self.problem.free
+        return loads - internal * free, self.norms(np.abs(loads) + size * free)
+
+    def norms(self, residual):
+        """Norm of a residual on the dofs of each body, (bodies,)."""
+        return np.sqrt(np.bincount(self._body, residual**2))
+
+    def round_off(self, x, theta):
+        """Residual that comes of adding stiffness times displacement in double precision, (bodies,)."""
+        return 1e-13 * self.norms(self._sizes @ np.abs(x + self.problem.lifts @ theta))
+
+    def displacement(self, point):
+        """Displacement of a point of a history, lift included, (N,)."""
+        return point.unknown + self.problem.lifts @ self.amplitudes(point.parameter)
 
     def stiffness(self, tangents):
         """K_T of consistent tangents at all Gauss points, (N, N)."""
@@ -152,7 +178,10 @@ class _Cholesky:
         pc.setFactorOrdering("nd")
         self._ksp.setOperators(self._matrix)
         self._ksp.setFromOptions()
-        self._ksp.setUp()
+        try:
+            self._ksp.setUp()
+        except PETSc.Error as error:
+            raise NotSolvableError(singular_stiffness(name)) from error
         self._rhs, self._x = self._matrix.createVecs()
         self._out = np.zeros(free.size)
 
@@ -164,8 +193,11 @@ class _Cholesky:
         self._ksp.setOperators(self._matrix)
         try:
             self._ksp.setUp()
-        except PETSc.Error as error:
-            raise NotSolvableError(f"the tangent stiffness of scene '{self._name}' is singular") from error
+            failed = self._ksp.getPC().getFailedReason() != 0
+        except PETSc.Error:
+            failed = True
+        if failed:
+            raise NotSolvableError(f"the tangent stiffness of scene '{self._name}' is singular")
 
     def solve(self, rhs) -> np.ndarray:
         """Solution on all dofs, zero on imposed ones; the next call overwrites it."""

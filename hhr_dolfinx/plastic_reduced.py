@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy import linalg
 
 from hhr_dolfinx.active_set import active_set
+from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.deim import deim
 from hhr_dolfinx.enrichment import Enrichment, enrich
-from hhr_dolfinx.errors import NotSolvableError, UnstableModelError
+from hhr_dolfinx.errors import NotSolvableError, ReductionError, UnstableModelError
 from hhr_dolfinx.gauss import ElasticPart
 from hhr_dolfinx.offline import loaded_nodes
 from hhr_dolfinx.pod import pod
@@ -79,6 +79,7 @@ class PlasticReduced:
         self._trial = np.vstack([basis[columns], np.zeros((1, self.size))])
         self._lifts = np.vstack([problem.lifts[columns], np.zeros((1, problem.lifts.shape[1]))])
         self._lifted = bool(np.any(self._lifts))
+        self._sizes = abs(self.operator.stiffness(self.material.elastic, self._pattern))
         self._rows = np.flatnonzero(inside[columns])
         self._test = np.ascontiguousarray(self._trial[self._rows].T)
         self._external = self._test @ full.external[columns[self._rows]]
@@ -95,9 +96,17 @@ class PlasticReduced:
         return self.operator.strain(field)
 
     def residual(self, stress, theta):
-        """V[A]^T of loads less internal forces, and the norm of both, those at the interface among them."""
-        loads, internal = self._external @ theta, self.operator.internal(stress)
-        return loads - self._test @ internal[self._rows], np.linalg.norm(loads) + np.linalg.norm(internal)
+        """V[A]^T of loads less internal forces, and the norm of what they are made of on A, (1,)."""
+        loads, (internal, size) = self._external @ theta, self.operator.internal(stress)
+        return loads - self._test @ internal[self._rows], self.norms(loads) + self.norms(size[self._rows])
+
+    def norms(self, residual):
+        """Norm of a residual; modes span all bodies, (1,)."""
+        return np.array([np.sqrt(residual @ residual)])
+
+    def round_off(self, x, theta):
+        """Residual that comes of adding stiffness times displacement in double precision, (1,)."""
+        return 1e-13 * self.norms(self._sizes @ np.abs(self._trial @ x + self._lifts @ theta))
 
     def contact_load(self, forces):
         """B~1^T λ."""
@@ -128,7 +137,7 @@ def _product(matrix, rows, dense):
     return out
 
 
-@njit(cache=True)
+@compiled()
 def _rows_times(indptr, indices, data, rows, dense, out):
     for r in range(rows.size):
         for position in range(indptr[rows[r]], indptr[rows[r] + 1]):
@@ -239,9 +248,12 @@ def build_plastic_reduction(
         settings: how to reduce.
 
     Raises:
+        ReductionError: if there is nothing to train on.
         UnstableModelError: if tangents are still not positive at ``most_layers``.
         NotSolvableError: if contact rows are dependent on the basis, (5.24)-(5.25).
     """
+    if not histories or not all(history.points for history in histories):
+        raise ReductionError("a reduced model needs at least one training history, each with at least one step")
     basis, nodes = snapshot_nodes(full, histories, settings)
     states = _training_tangents(full, histories, settings.checked_states)
     refused = []
@@ -251,7 +263,7 @@ def build_plastic_reduction(
         if not np.isfinite(enrichment.kappas[-1]):
             raise NotSolvableError("the contact rows are dependent on the reduced basis, thesis (5.24)-(5.25)")
         model = PlasticReduced(full, enrichment.basis, sets)
-        margin = min((tangent_margin(model, *state) for state in states), default=np.inf)
+        margin = min((tangent_margin(model, *state) for state in states), default=1.0)
         if margin > settings.least_tangent:
             return PlasticReduction(
                 model,
@@ -286,10 +298,13 @@ def _training_tangents(full, histories, count):
     states = []
     for history in histories:
         steps = np.unique(np.linspace(0, len(history.points), count + 1).astype(int)[1:]) - 1
-        for step in steps[steps > 0]:
-            before, here = history.points[step - 1], history.points[step]
+        for step in steps:
+            here = history.points[step]
+            time, state = history.start, full.material.at_rest()
+            if step > 0:
+                time, state = history.points[step - 1].time, history.points[step - 1].state
             strain = full.strain(here.unknown, full.amplitudes(here.parameter))
-            tangents = full.material.update(strain, before.state, here.time - before.time, tangent=True).tangents
+            tangents = full.material.update(strain, state, here.time - time, tangent=True).tangents
             states.append((tangents, full.stiffness(tangents)))
     return states if full.material.flows else []
 

@@ -50,7 +50,13 @@ class Equilibrium(Protocol):
         """Strain at all Gauss points; that of ``x`` without lift where ``theta`` is None."""
 
     def residual(self, stress, theta):
-        """Loads less internal forces, in the test space, and the size of both, reactions among them."""
+        """Loads less internal forces, in the test space, and the size of both for each body, (bodies,)."""
+
+    def norms(self, residual):
+        """Norm of a residual for each body, (bodies,)."""
+
+    def round_off(self, x, theta):
+        """Residual that is round-off at an unknown, for each body, (bodies,)."""
 
     def contact_load(self, forces):
         """B^T λ in the test space."""
@@ -115,11 +121,13 @@ class History:
     """A solved history; what converged before a failure is kept in the error's ``history``.
 
     Attributes:
+        start: time at rest, in seconds.
         points: one per step asked for, the start not among them.
-        iterations: of each step, those of its cuts summed.
+        iterations: of each step, those of its parts summed; a failed attempt counts as the most allowed.
         cuts: steps that were solved in parts.
     """
 
+    start: float = 0.0
     points: list[Point] = field(default_factory=list)
     iterations: list[int] = field(default_factory=list)
     cuts: int = 0
@@ -130,9 +138,9 @@ class History:
 
 
 class _Diverged(Exception):
-    """A step did not converge: why, and the Gauss point where the stress moves most."""
+    """A step did not converge: why, and the Gauss point where the stress moves most, if that is known."""
 
-    def __init__(self, why, worst):
+    def __init__(self, why, worst=None):
         super().__init__(why)
         self.worst = worst
 
@@ -159,7 +167,7 @@ def march(
         np.zeros(model.conditions, dtype=bool),
         np.zeros((model.material.size, model.material.components)), model.material.at_rest(),
     )  # fmt: skip
-    history, before = History(), ()
+    history, before = History(here.time), ()
     kept = _Kept()
     for time, target in path:
         target = model.parameters.point(target)
@@ -170,8 +178,8 @@ def march(
         except _Diverged as failure:
             step = len(history.points) + 1
             error = ConvergenceError(
-                f"step {step} to t = {time:g} s did not converge: {failure}; the stress moves most at Gauss point "
-                f"{failure.worst}. Take smaller steps; the {step - 1} steps before are kept"
+                f"step {step} to t = {time:g} s did not converge: {failure}{_place(model, failure.worst)}. "
+                f"Take smaller steps; the {step - 1} steps before are kept"
             )
             error.history = history
             raise error from None
@@ -180,6 +188,14 @@ def march(
         history.cuts += cut
         before, here, start = (*before[-1:], here), after, target
     return history
+
+
+def _place(model, worst):
+    """Where in the full mesh a Gauss point of the model lies, in words."""
+    if worst is None:
+        return ""
+    number = int(model.points[worst])
+    return f"; worst at Gauss point {number}, in cell {number // model.operator.weights.shape[1]}"
 
 
 def _advance(model, here, before, start, target, time, settings, kept):
@@ -203,8 +219,8 @@ def _advance(model, here, before, start, target, time, settings, kept):
                 spent += iterations
                 last, point = (*last[-1:], point), after
             return point, spent, parts > 1
-        except (_Diverged, NotSolvableError, np.linalg.LinAlgError) as error:
-            last_failure = error if isinstance(error, _Diverged) else _Diverged(f"{error} (a singular tangent)", 0)
+        except (_Diverged, ConvergenceError) as error:
+            last_failure = error if isinstance(error, _Diverged) else _Diverged(str(error))
             kept.operator = None
             spent += settings.iterations
     raise last_failure
@@ -215,7 +231,7 @@ class _Kept:
     """The operator of the last step, if it served well, and the largest forces in equilibrium so far."""
 
     operator: np.ndarray | None = None
-    forces: float = 0.0
+    forces: np.ndarray | float = 0.0
 
 
 def _step(model, here, before, parameter, time, settings, kept) -> tuple[Point, int]:
@@ -223,27 +239,31 @@ def _step(model, here, before, parameter, time, settings, kept) -> tuple[Point, 
     dt, x, theta = time - here.time, _extrapolated((*before, here), time), model.amplitudes(parameter)
     flows = model.material.flows and settings.search != "elastic"
     mixing = Anderson(settings.memory) if model.material.flows and settings.search != "tangent" else None
-    active, operator = here.active, kept.operator
+    active, operator, noise = here.active, kept.operator, model.round_off(x, theta)
     for iteration in range(1, settings.iterations + 1):
         renew = operator is None or settings.search == "tangent"
         update = model.material.update(model.strain(x, theta), here.state, dt, tangent=flows and renew)
         if not np.isfinite(update.stress).all():
             raise _Diverged("the stress is not finite", int(np.argmin(np.isfinite(update.stress).all(axis=1))))
-        if renew:
-            operator = model.material.elastic if update.tangents is None else update.tangents
-            model.linearise(update.tangents)
         residual, scale = model.residual(update.stress, theta)
-        correction = model.correct(residual, x, theta, active)
+        try:
+            if renew:
+                operator = model.material.elastic if update.tangents is None else update.tangents
+                model.linearise(update.tangents)
+            correction = model.correct(residual, x, theta, active)
+        except (NotSolvableError, np.linalg.LinAlgError) as error:
+            flow = update.state.cumulated - here.state.cumulated
+            raise _Diverged(f"{error}, a singular tangent", int(flow.argmax())) from None
         if not correction.converged:
-            raise _Diverged("the statuses of the linearised contact problem do not settle", 0)
-        left = np.linalg.norm(residual - model.contact_load(correction.forces))
-        # where a body is unloaded its own forces are no measure
-        if left <= settings.relative_force * max(scale, kept.forces):
+            raise _Diverged("the statuses of the linearised contact problem do not settle")
+        left = model.norms(residual - model.contact_load(correction.forces))
+        # each body by its own forces, and where it is unloaded by those it bore before
+        if (left <= settings.relative_force * np.maximum(scale, kept.forces) + noise).all():
             # (6.19); the dearer of the two criteria is asked last
             moved = np.abs(np.einsum("nij,nj->ni", operator, model.strain(correction.change, None)))
             if (moved - settings.relative_stress * np.abs(update.stress)).max() <= settings.absolute_stress:
                 slow = settings.search == "tangent" or iteration > settings.patience
-                kept.operator, kept.forces = None if slow else operator, max(scale, kept.forces)
+                kept.operator, kept.forces = None if slow else operator, np.maximum(scale, kept.forces)
                 answer = correction.forces, correction.active, update.stress, update.state
                 return Point(time, parameter, x, *answer), iteration
         active = correction.active

@@ -132,5 +132,8 @@ class Scene:
             raise SceneError(f"scene name '{self.name}' must be an identifier: it prefixes PETSc options")
         if not self.bodies:
             raise SceneError("a scene needs at least one body")
+        for opening in self.openings:
+            if not 0 <= opening.contact < len(self.contacts):
+                raise SceneError(f"an opening names contact {opening.contact}, of {len(self.contacts)} counted from 0")
         if not self.contacts:
             raise SceneError("a scene without contact pairs is a linear problem: nothing to hyper-reduce")

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import contact_patch_test as patch
 import numpy as np
 import pellet_cladding_plastic as demo
 import pytest
@@ -19,11 +20,19 @@ from scipy.sparse import csr_matrix
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.compat import tabulate
-from hhr_dolfinx.errors import ConvergenceError, ParameterError, SceneError, UnstableModelError
+from hhr_dolfinx.errors import (
+    ConvergenceError,
+    NotSolvableError,
+    ParameterError,
+    ReductionError,
+    SceneError,
+    UnstableModelError,
+)
 from hhr_dolfinx.forms.plasticity import return_mapping
-from hhr_dolfinx.geometries import block
+from hhr_dolfinx.geometries import block, two_blocks
 from hhr_dolfinx.material import Group, Material, State
 from hhr_dolfinx.plastic_reduced import PlasticReduced, tangent_margin
+from hhr_dolfinx.quasi_static import History
 from hhr_dolfinx.rid import whole_domain
 
 ROOT = Path(__file__).parent.parent
@@ -38,7 +47,6 @@ class Voce:
     yield_stress: float
     rise: float
     rate: float
-    stress_scale: float = 1.0
 
     def flow(self, trial, plastic_strain, shear, dt):
         """Newton's method for q_tr - 3 mu Δp = yield(p + Δp), concave in Δp: iterates rise to the root."""
@@ -328,6 +336,113 @@ def test_a_step_too_long_is_cut():
     full = hhr.PlasticFullOrder(tube(hhr.Plasticity(1.0, 1.0), 2.0))
     history = hhr.march(full, [(0.0, np.zeros(1)), (1.0, np.array([1.2]))], hhr.MarchSettings("tangent", iterations=5))
     assert history.cuts == 1 and len(history.points) == 1
+
+
+def test_two_pairs_one_opening():
+    """A gap that opens acts on its own pair, as a mesh with that gap does."""
+    base = patch.scene(hhr.NodeToSurface, (3, 3), (4, 3), poisson=0.3)
+    wall = hhr.Obstacle(two_blocks.side(2, 0, True), (1.0, 0.0), 1.02)
+    space = hhr.ParameterSpace(("push", "side", "gap"), (0.0, 0.0, -0.1), (0.1, 0.05, 0.1))
+    opening = hhr.Opening(1, hhr.Amplitude(0.0, {"gap": 1.0}))
+    scene = dataclasses.replace(base, contacts=(*base.contacts, wall), parameters=space, openings=(opening,))
+    moved = dataclasses.replace(scene, contacts=(*base.contacts, dataclasses.replace(wall, offset=1.01)), openings=())
+    one, two = hhr.FullOrderModel(scene).solve([0.08, 0.03, -0.01]), hhr.FullOrderModel(moved).solve([0.08, 0.03, 0.0])
+    assert two.active[:5].any() and two.active[5:].any()
+    assert one.primal == pytest.approx(two.primal, abs=1e-12)
+    with pytest.raises(SceneError, match="an opening names contact 5, of 2"):
+        dataclasses.replace(scene, openings=(hhr.Opening(5, hhr.Amplitude(0.01)),))
+
+
+def test_moving_lifts_in_the_reduced_model():
+    """Whole basis and RID on a scene driven by an imposed displacement: the full history."""
+    full = hhr.PlasticFullOrder(tube_pushed_by_displacement())
+    free = np.flatnonzero(full.problem.free)
+    basis = np.zeros((full.size, free.size))
+    basis[free, np.arange(free.size)] = 1.0
+    reduced = PlasticReduced(full, basis, whole_domain(full.problem))
+    path = [(0.1 * k, np.array([0.002 * k])) for k in range(8)]
+    tight = hhr.MarchSettings(relative_force=1e-10, absolute_stress=1e-9)
+    last, same = (hhr.march(model, path, tight).points[-1] for model in (full, reduced))
+    assert last.state.cumulated.max() > 1e-3 and last.active.all()
+    assert basis @ same.unknown == pytest.approx(last.unknown, abs=1e-10)
+    assert same.forces == pytest.approx(last.forces, rel=1e-7)
+
+
+def tube_pushed_by_displacement():
+    """The tube with its inner surface moved out, against a wall."""
+    scene = tube(LAWS["plasticity"], 1.0, cells=6)
+    move = hhr.Displacement(block.side(0, upper=False), 0, hhr.Amplitude(slopes={"p": 1.0}))
+    wall = hhr.Obstacle(block.side(0, upper=True), (1, 0), 2.001)
+    return dataclasses.replace(scene, displacements=(*scene.displacements, move), loads=(), contacts=(wall,))
+
+
+def test_a_soft_body_converges_beside_a_stiff_one():
+    """Each body by its own forces: one a millionth as stiff and strong yields the same, whatever squeezes the other."""
+    first, second = two_blocks.FIRST, two_blocks.SECOND
+    held = [(two_blocks.side(body, 1, False), axis) for body in (first, second) for axis in (0, 1)]
+    squeeze = hhr.Displacement(two_blocks.side(second, 1, True), 1, hhr.Amplitude(slopes={"squeeze": -1.0}))
+    push = hhr.Traction(two_blocks.side(first, 1, True), (0.3, -1.0), hhr.Amplitude(slopes={"push": 1e-6}))
+    shapes = {"first": ((0.0, 0.0), (1.0, 1.0), (3, 3)), "second": ((0.0, 3.0), (1.0, 4.0), (2, 2))}
+    scene = hhr.Scene(
+        name="soft_and_stiff",
+        geometry=lambda comm: two_blocks.two_blocks(comm, **shapes),
+        hypothesis="plane_strain",
+        bodies=(
+            hhr.Body(first, YOUNG * 1e-6, POISSON, hhr.Plasticity(1e-6, 5e-6)),
+            hhr.Body(second, YOUNG, POISSON),
+        ),
+        contacts=(hhr.Obstacle(two_blocks.side(first, 0, True), (1, 0), 3.0),),
+        parameters=hhr.ParameterSpace(("push", "squeeze"), (0.0, 0.0), (2.0, 0.3)),
+        displacements=(*(hhr.Displacement(tag, axis) for tag, axis in held), squeeze),
+        loads=(push,),
+    )
+    full = hhr.PlasticFullOrder(scene)
+    lasts = []
+    for squeezed in (0.0, 0.3):
+        path = [(0.1 * k, np.array([1.5, squeezed]) * k / 8) for k in range(9)]
+        lasts.append(hhr.march(full, path, hhr.MarchSettings(absolute_stress=1e-7)).points[-1])
+    soft = full.problem.node_dofs(np.flatnonzero(full.problem.points[:, 1] < 1.5))
+    alone, beside = (point.unknown[soft] for point in lasts)
+    assert lasts[0].state.cumulated.max() > 1e-3
+    assert beside == pytest.approx(alone, abs=2e-4 * np.abs(alone).max())
+
+
+def test_a_gap_that_closes_without_stress_converges():
+    """A rigid motion has no forces to measure residuals by: round-off of the stiffness is the measure."""
+    full = hhr.PlasticFullOrder(pressed_block("plane_strain"))
+    history = hhr.march(full, [(0.1 * k, np.array([0.005 * k])) for k in range(5)])
+    assert history.points[0].forces.sum() == 0 and history.points[-1].forces.sum() > 0
+
+
+def test_a_body_that_moves_freely_is_refused():
+    scene = demo.scene(**MESH)
+    loose = tuple(item for item in scene.displacements if item.tag != demo.geometry.PELLET_BOTTOM)
+    with pytest.raises(NotSolvableError, match="can move freely"):
+        hhr.PlasticFullOrder(dataclasses.replace(scene, displacements=loose))
+
+
+def test_an_elastic_model_does_not_answer_for_a_body_that_flows():
+    with pytest.raises(SceneError, match="use PlasticFullOrder"):
+        hhr.FullOrderModel(bar(LAWS["plasticity"]))
+
+
+class Nonsense:
+    """A law whose flow is not a number."""
+
+    def flow(self, trial, plastic_strain, shear, dt):
+        return np.full_like(trial, np.nan), np.zeros_like(trial)
+
+
+def test_a_law_that_answers_nan_is_named():
+    full = hhr.PlasticFullOrder(bar(Nonsense()))
+    with pytest.raises(ConvergenceError, match=r"Nonsense.*flows by nan under an equivalent stress"):
+        hhr.march(full, [(0.0, np.zeros(1)), (1.0, np.array([0.01]))])
+
+
+def test_nothing_to_train_on(pellet):
+    for histories in ([], [History()]):
+        with pytest.raises(ReductionError, match="at least one"):
+            hhr.build_plastic_reduction(pellet[0], histories)
 
 
 @pytest.mark.parametrize("path", [
