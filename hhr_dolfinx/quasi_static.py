@@ -138,7 +138,7 @@ class History:
 
 
 class _Diverged(Exception):
-    """A step did not converge: why, and the Gauss point where the stress moves most, if that is known."""
+    """A step did not converge: why, and the Gauss point that moves or flows most, if that is known."""
 
     def __init__(self, why, worst=None):
         super().__init__(why)
@@ -246,16 +246,16 @@ def _step(model, here, before, parameter, time, settings, kept) -> tuple[Point, 
         if not np.isfinite(update.stress).all():
             raise _Diverged("the stress is not finite", int(np.argmin(np.isfinite(update.stress).all(axis=1))))
         residual, scale = model.residual(update.stress, theta)
+        flowing = int((update.state.cumulated - here.state.cumulated).argmax())
         try:
             if renew:
                 operator = model.material.elastic if update.tangents is None else update.tangents
                 model.linearise(update.tangents)
             correction = model.correct(residual, x, theta, active)
         except (NotSolvableError, np.linalg.LinAlgError) as error:
-            flow = update.state.cumulated - here.state.cumulated
-            raise _Diverged(f"{error}, a singular tangent", int(flow.argmax())) from None
+            raise _Diverged(f"{error}, a singular tangent", flowing) from None
         if not correction.converged:
-            raise _Diverged("the statuses of the linearised contact problem do not settle")
+            raise _Diverged("the statuses of the linearised contact problem do not settle", flowing)
         left = model.norms(residual - model.contact_load(correction.forces))
         # each body by its own forces, and where it is unloaded by those it bore before
         if (left <= settings.relative_force * np.maximum(scale, kept.forces) + noise).all():
