@@ -117,11 +117,6 @@ def quadrature(mesh, degree: int):
     return basix.make_quadrature(basix.CellType[mesh.topology.cell_name()], degree)
 
 
-def tabulate(expression, mesh, cells):
-    """Values of an expression in each cell; the mesh left the arguments of ``eval`` at times."""
-    return expression.eval(mesh, cells)
-
-
 def compiled(**options):
     """numba's ``njit`` with a cache on disk, or without one where no place can be written."""
     from numba import njit

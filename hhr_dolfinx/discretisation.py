@@ -137,9 +137,9 @@ class Discretisation:
         cells = np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)
         points, weights = compat.quadrature(self.mesh, degree)
         trial = ufl.TrialFunction(self.space)
-        table = compat.tabulate(fem.Expression(strain_vector(trial, hypothesis), points), self.mesh, cells)
+        table = fem.Expression(strain_vector(trial, hypothesis), points).eval(self.mesh, cells)
         measure = elasticity.volume_weight(self.mesh, hypothesis) * abs(ufl.JacobianDeterminant(self.mesh))
-        volumes = compat.tabulate(fem.Expression(measure, points), self.mesh, cells)
+        volumes = fem.Expression(measure, points).eval(self.mesh, cells)
         dim, count = self.mesh.geometry.dim, len(weights)
         blocks = self.space.dofmap.list[cells]
         dofs = (dim * blocks[:, :, None] + np.arange(dim)).reshape(len(cells), -1).astype(np.int64)

@@ -41,22 +41,11 @@ class StrainOperator:
         """Components of a strain."""
         return self.gradients.shape[2]
 
-    def restricted(self, cells: np.ndarray, columns: np.ndarray) -> StrainOperator:
-        """The operator of some cells with only some dofs, renumbered; other dofs of these cells count as zero.
-
-        Args:
-            cells: kept cells.
-            columns: kept dofs, in their new order. Others get the number of one more dof, to be left zero.
-        """
-        number = np.full(self.size, columns.size, dtype=np.int64)
-        number[columns] = np.arange(columns.size)
-        return replace(
-            self,
-            gradients=np.ascontiguousarray(self.gradients[cells]),
-            weights=self.weights[cells],
-            dofs=number[self.dofs[cells]],
-            size=columns.size + 1,
-        )
+    def restricted(self, cells: np.ndarray) -> tuple[StrainOperator, np.ndarray]:
+        """The operator of some cells, and the dofs of these cells, which it numbers in their order."""
+        columns, dofs = np.unique(self.dofs[cells], return_inverse=True)
+        gradients, dofs = np.ascontiguousarray(self.gradients[cells]), dofs.reshape(len(cells), -1)
+        return replace(self, gradients=gradients, weights=self.weights[cells], dofs=dofs, size=columns.size), columns
 
     def strain(self, field: np.ndarray) -> np.ndarray:
         """Strain of a field (size,) at all points, (points, components)."""

@@ -70,14 +70,12 @@ class PlasticReduced:
         inside[sets.A] = True
         # cells of the RID without a dof of A act on no test function
         self.cells = np.flatnonzero(inside[operator.dofs].any(axis=1))
-        columns = np.unique(operator.dofs[self.cells])
+        self.operator, columns = operator.restricted(self.cells)
         per_cell = operator.weights.shape[1]
         self.points = (self.cells[:, None] * per_cell + np.arange(per_cell)).ravel()
         self.material = full.material.restricted(self.points)
-        self.operator = operator.restricted(self.cells, columns)
         self._pattern = self.operator.pattern()
-        self._trial = np.vstack([basis[columns], np.zeros((1, self.size))])
-        self._lifts = np.vstack([problem.lifts[columns], np.zeros((1, problem.lifts.shape[1]))])
+        self._trial, self._lifts = np.ascontiguousarray(basis[columns]), problem.lifts[columns]
         self._lifted = bool(np.any(self._lifts))
         self._sizes = abs(self.operator.stiffness(self.material.elastic, self._pattern))
         self._rows = np.flatnonzero(inside[columns])

@@ -18,6 +18,8 @@ from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ParameterErro
 from hhr_dolfinx.material import Material, State
 from hhr_dolfinx.parameters import ParameterSpace
 
+SEARCHES = ("tangent", "frozen", "elastic")
+
 
 class Correction(NamedTuple):
     """Solution of one linearised contact problem.
@@ -92,6 +94,11 @@ class MarchSettings:
     cuts: int = 6
     memory: int = 6
     patience: int = 5
+
+    def __post_init__(self):
+        """Refuse an unknown operator, which would be taken for another one."""
+        if self.search not in SEARCHES:
+            raise ValueError(f"search '{self.search}' is unknown, one of {', '.join(SEARCHES)}")
 
 
 class Point(NamedTuple):

@@ -28,8 +28,8 @@ class TrustLimits:
         refuse_cond_K: cond(K~) above which errors grew beyond use.
         warn_cond_K: cond(K~) below which every model was clean.
         warn_kappa_B: kappa(B~) above which dual errors grow, thesis section 3.5.2.
-        warn_definite: contact_definite below which two answers to one parameter were seen; at -0.08 on a coarse mesh
-            4 of 100 parameters had two, above -0.01 none.
+        warn_definite: contact_definite below which two answers to one parameter were seen: at -0.09 by 4 of 100
+            parameters, at -0.077 and above by none of 200.
         refuse_inf_sup: smallest inf-sup constant relative to its matrix; below, it is round-off.
         refuse_primal: relative displacement error (L2) on held-out solutions, 95th percentile.
         refuse_dual: relative error of the forces in the RID, floored, 95th percentile.

@@ -136,6 +136,7 @@ class DoublePass:
         if not passes:
             raise refusals[0]
         if refusals:
+            warn(f"only one pass of surfaces {self.tags} has conditions; of the other: {refusals[0]}")
             return passes[0]
         one, two = passes
         kept, beta = _independent(one.matrix, two.matrix)
