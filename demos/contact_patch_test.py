@@ -18,8 +18,8 @@ from rich.table import Table
 from scipy.spatial.transform import Rotation
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.cli import demo_parser
 from hhr_dolfinx.geometries import two_blocks as geometry
+from hhr_dolfinx.study.cli import demo_parser
 
 YOUNG = {geometry.FIRST: 3.0, geometry.SECOND: 7.0}
 PUSH = 0.05
@@ -142,7 +142,7 @@ def main() -> None:
 
 def picture(path) -> None:
     """Nodal pressures along the interface of 7 on 8 cells."""
-    from hhr_dolfinx import plots
+    from hhr_dolfinx.study import plots
 
     single = {name: pairing for name, pairing in PAIRINGS.items() if name != "double_pass"}
     curves = {name: solve(scene(pairing, (7, 4), (8, 4)))[:2] for name, pairing in single.items()}

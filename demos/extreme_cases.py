@@ -25,13 +25,13 @@ from rich.console import Console
 from rich.table import Table
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.accuracy import force_floor, relative_error
-from hhr_dolfinx.baselines import NaiveFullOrder
-from hhr_dolfinx.cli import demo_parser, progress_bars
+from hhr_dolfinx.baselines.naive import NaiveFullOrder
+from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import HHRError, PairingWarning, StabilityWarning
 from hhr_dolfinx.geometries import pellet_cladding as geometry
-from hhr_dolfinx.offline import loaded_nodes
-from hhr_dolfinx.problem import ContactProblem
+from hhr_dolfinx.reduction.offline import loaded_nodes
+from hhr_dolfinx.snapshots.accuracy import force_floor, relative_error
+from hhr_dolfinx.study.cli import demo_parser, progress_bars
 
 MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 2}
 FULL_TOLERANCE = 1e-6

@@ -16,8 +16,8 @@ import numpy as np
 from rich.console import Console
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.cli import demo_parser, progress_bars
 from hhr_dolfinx.geometries import hertz_half_discs as geometry
+from hhr_dolfinx.study.cli import demo_parser, progress_bars
 
 RECIPE = hhr.ReductionSettings.thesis(pod_tolerance=1e-8)
 """The thesis' own recipe: it needs no enrichment here."""
@@ -70,7 +70,7 @@ def main() -> None:
 
 def pictures(problem, result, report, shown, folder) -> None:
     """Deformed meshes with the RID, multipliers, errors over mu, error against run time."""
-    from hhr_dolfinx import plots
+    from hhr_dolfinx.study import plots
 
     hyper, x = result.hyper, problem.contact_points[:, 0]
     forces, labels = [solution.forces for _, solution in shown], [f"mu = {mu} m" for mu, _ in shown]

@@ -18,9 +18,9 @@ from mpi4py import MPI
 from rich.console import Console
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.cli import demo_parser, progress_bars
 from hhr_dolfinx.errors import ParameterError
 from hhr_dolfinx.geometries import pellet_cladding as geometry
+from hhr_dolfinx.study.cli import demo_parser, progress_bars
 
 THESIS_SIZE = hhr.ReductionSettings.thesis(1e-6, extended_pod_tolerance=3e-7, dual_pod_tolerance=1e-3, kappa_max=3.0)
 """POD + FE enrichment on a small RID: 60 functions and 26 contacts."""

@@ -19,9 +19,9 @@ from rich.console import Console
 from rich.table import Table
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.accuracy import relative_error
-from hhr_dolfinx.cli import demo_parser, progress_bars
 from hhr_dolfinx.geometries import pellet_cladding as geometry
+from hhr_dolfinx.snapshots.accuracy import relative_error
+from hhr_dolfinx.study.cli import demo_parser, progress_bars
 
 POINT = (190.0, 5.2)
 THESIS = {"primal_l2": 0.021, "dual_rid": 0.039, "von_mises": 0.0076, "sigma_rr": 0.0078}
@@ -92,7 +92,7 @@ def main() -> None:
 
 def pictures(training, result, report, folder) -> None:
     """Fields, RID and contact pressure at the point; error against run time."""
-    from hhr_dolfinx import plots
+    from hhr_dolfinx.study import plots
 
     full_order, hyper = training.full_order, result.hyper
     problem, exact, (displacement, forces) = full_order.problem, full_order.solve(POINT), hyper.solve_everywhere(POINT)

@@ -18,10 +18,10 @@ from rich.console import Console
 from rich.table import Table
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.accuracy import relative_error, summary
-from hhr_dolfinx.cli import demo_parser, progress_bars
 from hhr_dolfinx.geometries import pellet_cladding as geometry
-from hhr_dolfinx.report import environment
+from hhr_dolfinx.snapshots.accuracy import relative_error, summary
+from hhr_dolfinx.study.cli import demo_parser, progress_bars
+from hhr_dolfinx.study.report import environment
 
 THESIS = {10.0: (0.0089, 0.067, 0.046, 0.022), 12.5: (0.028, 0.025, 0.025, 0.0061)}
 """Table 6.1 by gap in um: errors of displacement, forces, sigma_rr and cumulated plastic strain."""
@@ -221,7 +221,7 @@ def print_report(report, console) -> None:
 
 def pictures(full, reduction, exact, history, folder) -> None:
     """Fields of the last step, contact forces, and the history of force and plastic strain."""
-    from hhr_dolfinx import plots
+    from hhr_dolfinx.study import plots
 
     problem, here, there = full.problem, history.points[-1], exact.points[-1]
     displacement = reduction.displacement_everywhere(here)

@@ -10,10 +10,10 @@ from mpi4py import MPI
 from rich.table import Table
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.coarser import CoarserMesh
+from hhr_dolfinx.baselines.coarser import CoarserMesh
+from hhr_dolfinx.baselines.peers import DualBasisModel, cone_projected_greedy, nonnegative_factors
 from hhr_dolfinx.errors import HHRError
-from hhr_dolfinx.peers import DualBasisModel, cone_projected_greedy, nonnegative_factors
-from hhr_dolfinx.study import measure_errors, solve_references, time_queries
+from hhr_dolfinx.study.study import measure_errors, solve_references, time_queries
 
 POINTS = np.array([[170.0, 3.2], [30.0, 5.25]])
 """The two points of table 3.1."""
@@ -150,7 +150,7 @@ def thesis_tables(training, folder, console) -> None:
 
 def pictures(training, result, report, options) -> None:
     """Work-precision, error maps, RID and fields at (170 MPa, 3.2 mm), contact forces."""
-    from hhr_dolfinx import plots
+    from hhr_dolfinx.study import plots
 
     full_order, snapshots = training.full_order, training.snapshots
     problem, hyper, folder = full_order.problem, result.hyper, options.out

@@ -16,8 +16,8 @@ from rich.console import Console
 from rich.table import Table
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.cli import demo_parser, progress_bars
 from hhr_dolfinx.geometries import sphere_on_block as geometry
+from hhr_dolfinx.study.cli import demo_parser, progress_bars
 
 RADIUS, YOUNG, POISSON = 10.0, {geometry.SPHERE: 210e3, geometry.BLOCK: 70e3}, 0.3
 MESH = {"sphere_cells": (24, 10), "block_cells": (18, 8)}
@@ -107,7 +107,7 @@ def main() -> None:
 
 def pictures(training, result, report, folder) -> None:
     """Contact pressure beside Hertz, the RID and stresses, error against run time."""
-    from hhr_dolfinx import plots
+    from hhr_dolfinx.study import plots
 
     full_order, hyper, mu = training.full_order, result.hyper, (0.21, 60.0)
     problem, exact, (displacement, forces) = full_order.problem, full_order.solve(mu), hyper.solve_everywhere(mu)

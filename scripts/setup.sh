@@ -93,7 +93,7 @@ else
     extras=solver,test
 fi
 "$venv/bin/python" -m pip install --quiet --editable ".[$extras]"
-"$venv/bin/python" -c 'import hhr_dolfinx.full_order, hhr_dolfinx.plots, hhr_dolfinx.geometries.hertz_half_discs' || {
+"$venv/bin/python" -c 'import hhr_dolfinx.full_order.elastic, hhr_dolfinx.study.plots, hhr_dolfinx.geometries.hertz_half_discs' || {
     say "The installation does not work; the message above says why."
     exit 1
 }

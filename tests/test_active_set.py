@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hhr_dolfinx.active_set import SchurEqualities, active_set
-from hhr_dolfinx.condensed import CondensedContact, KnownStatuses
-from hhr_dolfinx.dense import LapackLU, PetscLU
+from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
+from hhr_dolfinx.contact.condensed import CondensedContact, KnownStatuses
+from hhr_dolfinx.contact.dense import LapackLU, PetscLU
+from hhr_dolfinx.contact.problem import Status
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
-from hhr_dolfinx.problem import Status
 
 
 def solve(schur, gap, start=None):

@@ -9,12 +9,12 @@ from hertz_half_discs import RECIPE
 from scenes import pressed_block
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.condensed import rejected
+from hhr_dolfinx.contact.condensed import rejected
+from hhr_dolfinx.contact.problem import ContactSolution, Status
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ParameterError, ReductionError, SceneError
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries import hertz_half_discs as geometry
-from hhr_dolfinx.problem import ContactSolution, Status
-from hhr_dolfinx.rid import reduced_domain
+from hhr_dolfinx.reduction.rid import reduced_domain
 
 
 def with_changes(**changes):

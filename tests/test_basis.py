@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hhr_dolfinx.deim import deim
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.pod import pod
+from hhr_dolfinx.reduction.deim import deim
+from hhr_dolfinx.reduction.pod import pod
 
 
 def low_rank(rows, columns, decay, seed):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.enrichment import enrich
-from hhr_dolfinx.pod import pod
-from hhr_dolfinx.rid import reduced_domain
+from hhr_dolfinx.reduction.enrichment import enrich
+from hhr_dolfinx.reduction.pod import pod
+from hhr_dolfinx.reduction.rid import reduced_domain
 
 
 @pytest.fixture(scope="module")

@@ -16,18 +16,18 @@ from mpi4py import MPI
 from scipy import linalg
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.active_set import SchurEqualities, active_set
-from hhr_dolfinx.condensed import KnownStatuses
-from hhr_dolfinx.enrichment import enrich
+from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
+from hhr_dolfinx.contact.condensed import KnownStatuses
+from hhr_dolfinx.contact.problem import Status
 from hhr_dolfinx.errors import NotSolvableError, ReductionError, StabilityWarning, UnstableModelError
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.offline import loaded_nodes
-from hhr_dolfinx.pod import pod
-from hhr_dolfinx.problem import Status
-from hhr_dolfinx.reduced import ReducedModel, project
-from hhr_dolfinx.rid import open_conditions, reduced_domain, whole_domain
-from hhr_dolfinx.stability import assess
-from hhr_dolfinx.trust import TrustLimits, check_stability, validate
+from hhr_dolfinx.reduction.enrichment import enrich
+from hhr_dolfinx.reduction.offline import loaded_nodes
+from hhr_dolfinx.reduction.pod import pod
+from hhr_dolfinx.reduction.reduced import ReducedModel, project
+from hhr_dolfinx.reduction.rid import open_conditions, reduced_domain, whole_domain
+from hhr_dolfinx.reduction.stability import assess
+from hhr_dolfinx.reduction.trust import TrustLimits, check_stability, validate
 
 ROOT = Path(__file__).parent.parent
 MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}
@@ -400,7 +400,7 @@ def test_a_turned_scene_has_the_same_reduced_model():
 
 def test_errors_of_the_demo_on_a_coarse_mesh(pellet):
     """The default recipe on 20 random points: what the demo shows on the fine mesh holds on a coarse one."""
-    from hhr_dolfinx.study import measure_errors, solve_references
+    from hhr_dolfinx.study.study import measure_errors, solve_references
 
     reduction = pellet.build()
     problem = pellet.full_order.problem

@@ -13,14 +13,14 @@ import pytest
 from scipy.integrate import quad
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.discretisation import Discretisation
 from hhr_dolfinx.errors import PairingWarning, ReductionError, SceneError
+from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.geometries.sphere_on_block import BLOCK_TOP, SPHERE_BOTTOM, sphere_on_block
 from hhr_dolfinx.geometries.two_blocks import side, two_blocks
 from hhr_dolfinx.pairings.projection import closest_points
 from hhr_dolfinx.pairings.surface import make_surface
-from hhr_dolfinx.reduced import project
-from hhr_dolfinx.rid import open_conditions, reduced_domain
+from hhr_dolfinx.reduction.reduced import project
+from hhr_dolfinx.reduction.rid import open_conditions, reduced_domain
 
 UP2, UP3 = (0.0, 1.0), (0.0, 0.0, 1.0)
 

@@ -6,11 +6,11 @@ import pytest
 from mpi4py import MPI
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.baselines import NaiveFullOrder, exact_condensation
-from hhr_dolfinx.coarser import CoarserMesh
-from hhr_dolfinx.dense import LapackLU, PetscLU
+from hhr_dolfinx.baselines.coarser import CoarserMesh
+from hhr_dolfinx.baselines.naive import NaiveFullOrder, exact_condensation
+from hhr_dolfinx.baselines.peers import DualBasisModel, cone_projected_greedy, nonnegative_factors
+from hhr_dolfinx.contact.dense import LapackLU, PetscLU
 from hhr_dolfinx.errors import NotSolvableError
-from hhr_dolfinx.peers import DualBasisModel, cone_projected_greedy, nonnegative_factors
 
 
 @pytest.mark.parametrize("mu", [0.15, 0.2345, 0.45])

@@ -16,8 +16,8 @@ from scenes import check_contact_conditions
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ParameterError, SceneError, StabilityWarning, UnstableModelError
 from hhr_dolfinx.geometries import pellet_cladding as geometry
-from hhr_dolfinx.study import measure_errors, solve_references
-from hhr_dolfinx.trust import TrustLimits
+from hhr_dolfinx.reduction.trust import TrustLimits
+from hhr_dolfinx.study.study import measure_errors, solve_references
 
 ROOT = Path(__file__).parent.parent
 

@@ -27,12 +27,12 @@ from hhr_dolfinx.errors import (
     SceneError,
     UnstableModelError,
 )
+from hhr_dolfinx.flow.material import Group, Material, State
+from hhr_dolfinx.flow.quasi_static import History
 from hhr_dolfinx.forms.plasticity import return_mapping
 from hhr_dolfinx.geometries import block, two_blocks
-from hhr_dolfinx.material import Group, Material, State
-from hhr_dolfinx.plastic_reduced import PlasticReduced, tangent_margin
-from hhr_dolfinx.quasi_static import History
-from hhr_dolfinx.rid import whole_domain
+from hhr_dolfinx.reduction.plastic import PlasticReduced, tangent_margin
+from hhr_dolfinx.reduction.rid import whole_domain
 
 ROOT = Path(__file__).parent.parent
 YOUNG, POISSON = 200.0, 0.3
@@ -486,8 +486,8 @@ def test_an_elastic_scene_imports_none_of_this():
         "import sys; sys.path[:0] = [{!r}]; import hertz_half_discs as demo; import hhr_dolfinx as hhr\n"
         "full = hhr.FullOrderModel(demo.scene()); s = hhr.compute_snapshots(full, full.problem.parameters.grid([31]))\n"
         "hhr.build_reduced_model(full.problem, full.schur, s, demo.RECIPE).model.solve(0.3)\n"
-        "print([m for m in sys.modules if m.startswith(('hhr_dolfinx.forms.plasticity', 'hhr_dolfinx.material',"
-        " 'hhr_dolfinx.gauss', 'hhr_dolfinx.quasi_static', 'hhr_dolfinx.plastic'))])"
+        "print([m for m in sys.modules if m.startswith(('hhr_dolfinx.forms.plasticity', 'hhr_dolfinx.flow.material',"
+        " 'hhr_dolfinx.flow.gauss', 'hhr_dolfinx.flow.quasi_static', 'hhr_dolfinx.plastic'))])"
     ).format(str(ROOT / "demos"))
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert run.stdout.strip().splitlines()[-1] == "[]"

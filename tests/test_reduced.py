@@ -8,11 +8,11 @@ from hertz_half_discs import RECIPE
 from scenes import check_contact_conditions
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.condensed import KnownStatuses
-from hhr_dolfinx.deim import deim
-from hhr_dolfinx.problem import ContactProblem
-from hhr_dolfinx.reduced import project
-from hhr_dolfinx.rid import reduced_domain, whole_domain
+from hhr_dolfinx.contact.condensed import KnownStatuses
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.reduction.deim import deim
+from hhr_dolfinx.reduction.reduced import project
+from hhr_dolfinx.reduction.rid import reduced_domain, whole_domain
 
 
 def test_index_sets_follow_their_definitions(hertz, hertz_reduction):
@@ -115,7 +115,7 @@ def test_nearest_known_statuses():
 
 def test_errors_of_the_thesis(hertz, hertz_snapshots, hertz_reduction):
     """Section 3.5.1, figure 3.3: the bounds the thesis reports on its 101 points."""
-    from hhr_dolfinx.study import measure_errors, solve_references
+    from hhr_dolfinx.study.study import measure_errors, solve_references
 
     assert 8 <= hertz_reduction.basis.shape[1] <= 10
     assert 7 <= len(hertz_reduction.sets.A_lambda) <= 9
@@ -130,7 +130,7 @@ def test_errors_of_the_thesis(hertz, hertz_snapshots, hertz_reduction):
 
 def test_displacement_converges_with_the_basis(hertz, hertz_snapshots):
     """A smaller POD tolerance gives a smaller error, down to exactness on 14 modes."""
-    from hhr_dolfinx.study import measure_errors, solve_references
+    from hhr_dolfinx.study.study import measure_errors, solve_references
 
     points = hertz.problem.parameters.random(20, seed=0)
     references = solve_references(hertz, hertz_snapshots, points)

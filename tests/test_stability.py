@@ -10,8 +10,8 @@ from scipy import linalg
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotSolvableError, StabilityWarning, UnstableModelError
-from hhr_dolfinx.stability import inf_sup, singular_range
-from hhr_dolfinx.trust import TrustLimits, check_stability
+from hhr_dolfinx.reduction.stability import inf_sup, singular_range
+from hhr_dolfinx.reduction.trust import TrustLimits, check_stability
 
 
 def spd(size, rng):
@@ -95,8 +95,8 @@ def test_trust_check_refuses_and_warns(hertz_reduction):
 
 def test_dependent_contact_rows_are_refused(hertz, hertz_snapshots, monkeypatch):
     """One more layer brings in 9 contact nodes for 8 modes; without enrichment the model is refused."""
-    from hhr_dolfinx import offline
-    from hhr_dolfinx.enrichment import Enrichment
+    from hhr_dolfinx.reduction import offline
+    from hhr_dolfinx.reduction.enrichment import Enrichment
 
     none = lambda problem, basis, *_: Enrichment(basis, np.zeros(0, dtype=int), [math.inf], False)  # noqa: E731
     monkeypatch.setattr(offline, "enrich", none)

@@ -3,7 +3,7 @@
 A pairing is an object with two members, and a user's own is as good as those here:
 
 * ``tags``: facet tags of the surfaces it needs;
-* ``rows(surfaces, dofs)``: the :class:`~hhr_dolfinx.problem.ContactRows` of these surfaces, given as
+* ``rows(surfaces, dofs)``: the :class:`~hhr_dolfinx.contact.problem.ContactRows` of these surfaces, given as
   :class:`~hhr_dolfinx.pairings.surface.Surface` in the order of the tags, with N columns.
 
 The nodes that a row touches are the columns of its entries; the cells it touches follow from the nodes.
@@ -16,8 +16,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
+from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.pairings.surface import Surface
-from hhr_dolfinx.problem import ContactRows
 
 
 class Pairing(Protocol):

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags, identity
 from scipy.spatial import cKDTree
 
+from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.projection import local_coordinates, near_pairs, shape_functions
 from hhr_dolfinx.pairings.surface import (
@@ -28,7 +29,6 @@ from hhr_dolfinx.pairings.surface import (
     warn,
     warn_of_overlap,
 )
-from hhr_dolfinx.problem import ContactRows
 
 COVERED = 0.1
 """Covered part of a node's area below which it has no condition: its gap would be extrapolated too far."""

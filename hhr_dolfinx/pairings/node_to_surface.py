@@ -8,6 +8,7 @@ import numpy as np
 from scipy import linalg
 from scipy.sparse import csr_matrix
 
+from hhr_dolfinx.contact.problem import ContactRows, joined
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.projection import Feet, closest_points, project
 from hhr_dolfinx.pairings.surface import (
@@ -22,7 +23,6 @@ from hhr_dolfinx.pairings.surface import (
     warn,
     warn_of_overlap,
 )
-from hhr_dolfinx.problem import ContactRows, joined
 
 BEYOND = 1e-6
 """Part of a facet by which a slave node may lie beyond the edge of the master surface: round-off of meshers."""

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import PairingWarning, SceneError
-from hhr_dolfinx.problem import ContactRows
 
 CREASE = np.cos(np.deg2rad(40.0))
 """Facets that meet at more than 40 degrees form an edge; normals are not averaged across it."""

@@ -1,0 +1,78 @@
+"""A coarser mesh as a baseline: solved exactly, then carried over to the nodes of the fine mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import LinearNDInterpolator, RBFInterpolator
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from hhr_dolfinx.baselines.naive import exact_condensation
+from hhr_dolfinx.contact.condensed import KnownStatuses
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.full_order.elastic import FullOrderModel
+from hhr_dolfinx.snapshots.solutions import compute_snapshots
+
+
+class CoarserMesh:
+    """Answers on a coarser mesh by exact condensation, compared on the fine one.
+
+    Args:
+        coarse: full model of the same scene on a coarser mesh, on one rank.
+        fine: problem whose nodes the answers are carried to.
+        points: parameters whose statuses are known beforehand, (S, P).
+    """
+
+    def __init__(self, coarse: FullOrderModel, fine: ContactProblem, points: np.ndarray):
+        snapshots = compute_snapshots(coarse, points)
+        known = KnownStatuses(points, np.ascontiguousarray(snapshots.active.T))
+        self._problem, self._online = coarse.problem, exact_condensation(coarse, known)
+        self._fine, self.solve = fine, self._online.solve
+        self._bodies = _matching_bodies(coarse.problem, fine)
+
+    def solve_everywhere(self, mu):
+        """Displacement (N,) and contact forces (N_lambda,) on the fine mesh.
+
+        Displacements are interpolated linearly in each body; forces as pressures along each contact pair.
+        """
+        solution, coarse, fine = self.solve(mu), self._problem, self._fine
+        lift = coarse.lifts @ coarse.amplitudes(coarse.parameters.point(mu))
+        field = (solution.primal + lift).reshape(-1, coarse.block_size)
+        displacement = np.zeros((len(fine.points), fine.block_size))
+        for here, there in self._bodies:
+            displacement[there] = _interpolate(coarse.points[here], field[here], fine.points[there])
+        forces = np.zeros(len(fine.contact_pairs))
+        for pair in np.unique(fine.contact_pairs):
+            here, there = coarse.contact_pairs == pair, fine.contact_pairs == pair
+            pressure = RBFInterpolator(
+                coarse.contact_points[here], (solution.forces / coarse.contact_areas)[here], kernel="linear", degree=0
+            )
+            forces[there] = np.maximum(pressure(fine.contact_points[there]), 0.0) * fine.contact_areas[there]
+        return displacement.ravel(), forces
+
+
+def _matching_bodies(coarse, fine):
+    """Pairs of node sets of the same body on both meshes, matched by their centres."""
+    candidates = _bodies(coarse)
+    centres = np.array([coarse.points[nodes].mean(axis=0) for nodes in candidates])
+    match = lambda nodes: np.linalg.norm(centres - fine.points[nodes].mean(axis=0), axis=1).argmin()  # noqa: E731
+    return [(candidates[match(nodes)], nodes) for nodes in _bodies(fine)]
+
+
+def _bodies(problem):
+    """Nodes of each connected body."""
+    cells, per_cell = problem.cell_nodes.shape
+    data = np.ones(cells * per_cell)
+    incidence = csr_matrix((data, problem.cell_nodes.ravel(), np.arange(0, data.size + 1, per_cell)))
+    count, label = connected_components(incidence.T @ incidence, directed=False)
+    return [np.flatnonzero(label == k) for k in range(count)]
+
+
+def _interpolate(points, values, targets):
+    """Linear interpolation, and the nearest node's value outside the hull of a curved boundary."""
+    result = LinearNDInterpolator(points, values)(targets)
+    outside = np.isnan(result[:, 0])
+    if outside.any():
+        result[outside] = values[cKDTree(points).query(targets[outside])[1]]
+    return result

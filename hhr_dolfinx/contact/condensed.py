@@ -1,0 +1,150 @@
+"""Contact problem whose primal unknown is eliminated offline.
+
+With K factored, the primal unknown of thesis (1.21) or (1.61) is
+
+    primal(mu, lambda) = free_primal θ(mu) - primal_per_force lambda,
+
+and the contact conditions become slack = free_slack θ(mu) + S lambda with S = B K^-1 B^T. Both the
+reduced model and the exact condensation of a full model are of this form; they differ in their arrays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hhr_dolfinx.contact.active_set import SchurEqualities, Statuses, active_set
+from hhr_dolfinx.contact.dense import Factorise, PetscLU
+from hhr_dolfinx.contact.problem import ContactSolution, Status
+from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
+from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
+
+REGION_ENTRIES = 2_000_000
+"""Numbers (16 MB) that the tabulated critical regions of one model may take; beyond, none are kept."""
+
+
+@dataclass(frozen=True)
+class KnownStatuses:
+    """Statuses at solved parameters, to start the active set near its end.
+
+    Attributes:
+        points: (S, P).
+        active: (S, m) bool.
+    """
+
+    points: np.ndarray
+    active: np.ndarray
+
+    def __post_init__(self):
+        """Scale the parameters, whose units differ, by their spread, and prepare the distances."""
+        self.active.setflags(write=False)  # answers share its rows
+        spread = np.ptp(self.points, axis=0)
+        spread[spread == 0] = 1.0
+        # |x - p|^2 / 2 less what does not depend on the candidate x
+        object.__setattr__(self, "_directions", self.points / spread**2)
+        object.__setattr__(self, "_offsets", 0.5 * np.sum((self.points / spread) ** 2, axis=1))
+
+    def nearest(self, point: np.ndarray) -> int:
+        """Index of the nearest known parameter."""
+        return (self._offsets - self._directions @ point).argmin()
+
+
+class CondensedContact:
+    """Answers parameters with the primal unknown eliminated.
+
+    With fixed statuses the solution is affine in the parameters. These affine maps, the critical
+    regions of multi-parametric programming (Bemporad, Morari, Dua and Pistikopoulos, Automatica 38,
+    2002), are tabulated for the known statuses: where the map of the nearest one gives forces and
+    slacks that are all non-negative, it is the solution, and no equality problem is solved online.
+
+    Args:
+        parameters: the box of the parameters.
+        amplitudes: θ as a function of the parameters.
+        free_primal: primal unknown without contact forces, (n, 1 + T).
+        primal_per_force: K^-1 B^T, (n, m).
+        free_slack: slack without contact forces, (m, 1 + T).
+        schur: S = B K^-1 B^T, (m, m).
+        known: statuses of solved parameters.
+        factorise: what factors a dense block.
+    """
+
+    def __init__(
+        self,
+        parameters: ParameterSpace,
+        amplitudes: Amplitudes,
+        *,
+        free_primal: np.ndarray,
+        primal_per_force: np.ndarray,
+        free_slack: np.ndarray,
+        schur: np.ndarray,
+        known: KnownStatuses,
+        factorise: Factorise = PetscLU,
+    ):
+        self.parameters, self.amplitudes, self.known = parameters, amplitudes, known
+        self._m = schur.shape[0]
+        self._response = np.asfortranarray(np.vstack([free_slack, free_primal]))
+        self._per_force = np.ascontiguousarray(primal_per_force)
+        self._equalities = SchurEqualities(schur, factorise)
+        self._regions = self._tabulate_regions()
+
+    def solve(self, mu, *, warm: bool = True, raise_on_failure: bool = True) -> ContactSolution:
+        """Solve for one parameter.
+
+        Args:
+            mu: number, sequence or mapping by name.
+            warm: start from the statuses of the nearest known parameter, not from the free slack.
+            raise_on_failure: raise instead of returning an answer with NaN and a status.
+
+        Raises:
+            ParameterError: if ``mu`` is not finite or outside the box.
+            ConvergenceError: if the statuses do not settle.
+            NotSolvableError: if an active set is singular.
+        """
+        point = self.parameters.point(mu)
+        start = None
+        if warm:
+            nearest = self.known.nearest(point)
+            start = self.known.active[nearest]
+            if self._regions is not None:
+                constant, slopes = self._regions[nearest]
+                m, values = self._m, constant + slopes @ point
+                if values[: 2 * m].min() >= 0:
+                    return ContactSolution(values[2 * m :], values[:m], start, 1, Status.CONVERGED, False)
+        response = self._response @ self.amplitudes(point)
+        free_slack = response[: self._m]
+        start = free_slack < 0 if start is None else start
+        try:
+            found = active_set(self._equalities, free_slack, start)
+        except NotSolvableError:
+            if raise_on_failure:
+                raise
+            found = Statuses(np.zeros(self._m), start, 0, Status.SINGULAR, False)
+        solution = ContactSolution(response[self._m :] - self._per_force @ found.forces, *found)
+        return solution if solution.converged else rejected(solution, point, raise_on_failure)
+
+    def _tabulate_regions(self):
+        """For each known status the affine map mu -> (forces, slacks, primal); None if too large or not affine."""
+        distinct, which = np.unique(self.known.active, axis=0, return_inverse=True)
+        size = len(distinct) * (self._m + len(self._response)) * (1 + len(self.parameters.names))
+        if self.amplitudes.coverages or size > REGION_ENTRIES:
+            return None
+        # columns: the value at mu = 0, then the slope along each parameter
+        response = self._response @ np.column_stack([self.amplitudes.constant, self.amplitudes.slopes])
+        regions = []
+        for active in distinct:
+            columns = [self._equalities(active, column) for column in response[: self._m].T]
+            forces, slack = (np.stack(item, axis=1) for item in zip(*columns, strict=True))
+            values = np.vstack([forces, slack, response[self._m :] - self._per_force @ forces])
+            regions.append((values[:, 0].copy(), np.ascontiguousarray(values[:, 1:])))
+        return [regions[k] for k in which.ravel()]
+
+
+def rejected(solution: ContactSolution, point: np.ndarray, raise_on_failure: bool) -> ContactSolution:
+    """Raise, or empty an unconverged iterate so that nobody mistakes it for a solution."""
+    if raise_on_failure:
+        raise ConvergenceError(
+            f"no solution at {point.tolist()} after {solution.iterations} iterations: {solution.status.value}"
+        )
+    nan_primal, nan_forces = np.full_like(solution.primal, np.nan), np.full_like(solution.forces, np.nan)
+    return solution._replace(primal=nan_primal, forces=nan_forces)

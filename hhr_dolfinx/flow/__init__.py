@@ -1,0 +1,1 @@
+"""Bodies that flow: strain at Gauss points, constitutive updates, and the loop over time steps. Arrays only."""

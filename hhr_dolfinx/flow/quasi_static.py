@@ -1,0 +1,313 @@
+"""Quasi-static histories of contact between bodies that flow, thesis Alg. 6.1 and 6.2: one loop for full and reduced.
+
+Each iteration linearises the stress, solves the contact problem of that linearisation to the end, (6.16) or (6.17), and
+updates the material. The operator of the linearisation is the consistent tangent, or the elastic one with Anderson's
+acceleration (6.21). A step that does not converge is tried with new tangents in each iteration, then cut in halves;
+nothing unconverged is ever kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ParameterError
+from hhr_dolfinx.flow.material import Material, State
+from hhr_dolfinx.parameters import ParameterSpace
+
+SEARCHES = ("tangent", "frozen", "elastic")
+
+
+class Correction(NamedTuple):
+    """Solution of one linearised contact problem.
+
+    Attributes:
+        change: of the unknown.
+        forces: contact forces, total.
+        active: statuses.
+        converged: whether the statuses settled.
+    """
+
+    change: np.ndarray
+    forces: np.ndarray
+    active: np.ndarray
+    converged: bool
+
+
+class Equilibrium(Protocol):
+    """What the loop needs of a model; ``x`` is its unknown, U0 or gamma."""
+
+    material: Material
+    parameters: ParameterSpace
+    size: int
+    conditions: int
+
+    def amplitudes(self, point):
+        """θ at a parameter."""
+
+    def strain(self, x, theta):
+        """Strain at all Gauss points; that of ``x`` without lift where ``theta`` is None."""
+
+    def residual(self, stress, theta):
+        """Loads less internal forces, in the test space, and the size of both for each body, (bodies,)."""
+
+    def norms(self, residual):
+        """Norm of a residual for each body, (bodies,)."""
+
+    def round_off(self, x, theta):
+        """Residual that is round-off at an unknown, for each body, (bodies,)."""
+
+    def contact_load(self, forces):
+        """B^T λ in the test space."""
+
+    def linearise(self, tangents):
+        """Prepare K for :meth:`correct`, the elastic one where ``tangents`` is None."""
+
+    def correct(self, residual, x, theta, active) -> Correction:
+        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps."""
+
+
+@dataclass(frozen=True)
+class MarchSettings:
+    """How histories are solved.
+
+    Attributes:
+        search: operator of the linearisation: ``tangent``, renewed in each iteration; ``frozen``, the tangent at the
+            start of each step; ``elastic``. The latter two with Anderson's acceleration.
+        relative_stress, absolute_stress: ε_r and ε_a of (6.19), the latter in the unit of stress.
+        relative_force: residual over the size of the forces; the stress criterion alone sees only how much
+            iterates still change.
+        iterations: most iterations of a step before it is cut.
+        cuts: how often a step may be halved.
+        memory: iterates that Anderson's acceleration keeps.
+        patience: a frozen tangent is kept for the next step if this one took no more iterations.
+    """
+
+    search: str = "frozen"
+    relative_stress: float = 1e-5
+    absolute_stress: float = 1.0
+    relative_force: float = 1e-5
+    iterations: int = 60
+    cuts: int = 6
+    memory: int = 6
+    patience: int = 5
+
+    def __post_init__(self):
+        """Refuse an unknown operator, which would be taken for another one."""
+        if self.search not in SEARCHES:
+            raise ValueError(f"search '{self.search}' is unknown, one of {', '.join(SEARCHES)}")
+
+
+class Point(NamedTuple):
+    """The model at one time.
+
+    Attributes:
+        time: in seconds.
+        parameter: mu, (P,).
+        unknown: U0 or gamma.
+        forces: contact forces.
+        active: statuses.
+        stress: at the Gauss points, (points, components).
+        state: of the material.
+    """
+
+    time: float
+    parameter: np.ndarray
+    unknown: np.ndarray
+    forces: np.ndarray
+    active: np.ndarray
+    stress: np.ndarray
+    state: State
+
+
+@dataclass
+class History:
+    """A solved history; what converged before a failure is kept in the error's ``history``.
+
+    Attributes:
+        start: time at rest, in seconds.
+        points: one per step asked for, the start not among them.
+        iterations: of each step, those of its parts summed; a failed attempt counts as the most allowed.
+        cuts: steps that were solved in parts.
+    """
+
+    start: float = 0.0
+    points: list[Point] = field(default_factory=list)
+    iterations: list[int] = field(default_factory=list)
+    cuts: int = 0
+
+    def stack(self, name: str) -> np.ndarray:
+        """An attribute of all points, one column per step."""
+        return np.stack([getattr(point, name) for point in self.points], axis=-1)
+
+
+class _Diverged(Exception):
+    """A step did not converge: why, and the Gauss point that moves or flows most, if that is known."""
+
+    def __init__(self, why, worst=None):
+        super().__init__(why)
+        self.worst = worst
+
+
+def march(
+    model: Equilibrium, path: Iterable[tuple[float, np.ndarray]], settings: MarchSettings = MarchSettings()
+) -> History:
+    """Solve a history from rest.
+
+    Args:
+        model: full or reduced.
+        path: times and parameters, the first ones at rest; parameters are linear between them.
+        settings: how.
+
+    Raises:
+        ParameterError: if a parameter is not finite or outside the box, or times do not increase.
+        ConvergenceError: with the step, the time and the worst point; its ``history`` holds the steps before.
+    """
+    path = iter(path)
+    time, start = next(path)
+    start = model.parameters.point(start)
+    here = Point(
+        time, start, np.zeros(model.size), np.zeros(model.conditions),
+        np.zeros(model.conditions, dtype=bool),
+        np.zeros((model.material.size, model.material.components)), model.material.at_rest(),
+    )  # fmt: skip
+    history, before = History(here.time), ()
+    kept = _Kept()
+    for time, target in path:
+        target = model.parameters.point(target)
+        if not time > here.time:
+            raise ParameterError(f"times must increase: {time:g} s comes after {here.time:g} s")
+        try:
+            after, iterations, cut = _advance(model, here, before, start, target, time, settings, kept)
+        except _Diverged as failure:
+            step = len(history.points) + 1
+            error = ConvergenceError(
+                f"step {step} to t = {time:g} s did not converge: {failure}{_place(model, failure.worst)}. "
+                f"Take smaller steps; the {step - 1} steps before are kept"
+            )
+            error.history = history
+            raise error from None
+        history.points.append(after)
+        history.iterations.append(iterations)
+        history.cuts += cut
+        before, here, start = (*before[-1:], here), after, target
+    return history
+
+
+def _place(model, worst):
+    """Where in the full mesh a Gauss point of the model lies, in words."""
+    if worst is None:
+        return ""
+    number = int(model.points[worst])
+    return f"; worst at Gauss point {number}, in cell {number // model.operator.weights.shape[1]}"
+
+
+def _advance(model, here, before, start, target, time, settings, kept):
+    """One step: as asked for, then with new tangents and no extrapolation, then in 2, 4, ... parts.
+
+    Returns:
+        The point reached, the iterations of all attempts, and whether the step was cut.
+    """
+    careful = replace(settings, search="tangent") if settings.search == "frozen" else settings
+    attempts = [(1, settings, before), (1, careful, ())]
+    attempts += [(2**halvings, careful, ()) for halvings in range(1, settings.cuts + 1)]
+    spent = 0
+    for parts, how, last in attempts:
+        point = here
+        try:
+            for k in range(1, parts + 1):
+                share = k / parts
+                at = here.time + share * (time - here.time)
+                parameter = (1 - share) * start + share * target
+                after, iterations = _step(model, point, last, parameter, at, how, kept)
+                spent += iterations
+                last, point = (*last[-1:], point), after
+            return point, spent, parts > 1
+        except (_Diverged, ConvergenceError) as error:
+            last_failure = error if isinstance(error, _Diverged) else _Diverged(str(error))
+            kept.operator = None
+            spent += settings.iterations
+    raise last_failure
+
+
+@dataclass
+class _Kept:
+    """The operator of the last step, if it served well, and the largest forces in equilibrium so far."""
+
+    operator: np.ndarray | None = None
+    forces: np.ndarray | float = 0.0
+
+
+def _step(model, here, before, parameter, time, settings, kept) -> tuple[Point, int]:
+    """One step from ``here``, started from the extrapolation of at most three points."""
+    dt, x, theta = time - here.time, _extrapolated((*before, here), time), model.amplitudes(parameter)
+    flows = model.material.flows and settings.search != "elastic"
+    mixing = Anderson(settings.memory) if model.material.flows and settings.search != "tangent" else None
+    active, operator, noise = here.active, kept.operator, model.round_off(x, theta)
+    for iteration in range(1, settings.iterations + 1):
+        renew = operator is None or settings.search == "tangent"
+        update = model.material.update(model.strain(x, theta), here.state, dt, tangent=flows and renew)
+        if not np.isfinite(update.stress).all():
+            raise _Diverged("the stress is not finite", int(np.argmin(np.isfinite(update.stress).all(axis=1))))
+        residual, scale = model.residual(update.stress, theta)
+        flowing = int((update.state.cumulated - here.state.cumulated).argmax())
+        try:
+            if renew:
+                operator = model.material.elastic if update.tangents is None else update.tangents
+                model.linearise(update.tangents)
+            correction = model.correct(residual, x, theta, active)
+        except (NotSolvableError, np.linalg.LinAlgError) as error:
+            raise _Diverged(f"{error}, a singular tangent", flowing) from None
+        if not correction.converged:
+            raise _Diverged("the statuses of the linearised contact problem do not settle", flowing)
+        left = model.norms(residual - model.contact_load(correction.forces))
+        # each body by its own forces, and where it is unloaded by those it bore before
+        if (left <= settings.relative_force * np.maximum(scale, kept.forces) + noise).all():
+            # (6.19); the dearer of the two criteria is asked last
+            moved = np.abs(np.einsum("nij,nj->ni", operator, model.strain(correction.change, None)))
+            if (moved - settings.relative_stress * np.abs(update.stress)).max() <= settings.absolute_stress:
+                slow = settings.search == "tangent" or iteration > settings.patience
+                kept.operator, kept.forces = None if slow else operator, np.maximum(scale, kept.forces)
+                answer = correction.forces, correction.active, update.stress, update.state
+                return Point(time, parameter, x, *answer), iteration
+        active = correction.active
+        x = x + correction.change if mixing is None else mixing(x, correction.change)
+    moved = np.abs(np.einsum("nij,nj->ni", operator, model.strain(correction.change, None))).max(axis=1)
+    why = f"after {settings.iterations} iterations the stress still moves by {moved.max():.3g}"
+    raise _Diverged(why, int(moved.argmax()))
+
+
+def _extrapolated(points, time):
+    """The polynomial through the unknowns of the given points, at a later time."""
+    times = np.array([point.time for point in points])
+    x = np.zeros_like(points[0].unknown)
+    for k, point in enumerate(points):
+        others = np.delete(times, k)
+        x += np.prod((time - others) / (times[k] - others)) * point.unknown
+    return x
+
+
+class Anderson:
+    """Anderson's acceleration of a fixed-point iteration x -> x + change(x) (D. G. Anderson, J. ACM 12, 1965).
+
+    Args:
+        memory: differences kept.
+    """
+
+    def __init__(self, memory: int):
+        self._memory, self._points, self._changes = memory, [], []
+
+    def __call__(self, x: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """The next iterate."""
+        self._points.append(x)
+        self._changes.append(change)
+        self._points, self._changes = self._points[-self._memory - 1 :], self._changes[-self._memory - 1 :]
+        if len(self._points) == 1:
+            return x + change
+        steps = np.diff(np.stack(self._points, axis=1), axis=1)
+        differences = np.diff(np.stack(self._changes, axis=1), axis=1)
+        weights, *_ = np.linalg.lstsq(differences, change, rcond=1e-10)
+        return x + change - (steps + differences) @ weights

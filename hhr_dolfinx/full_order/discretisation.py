@@ -1,0 +1,335 @@
+"""From a scene to matrices: DOLFINx assembles, PETSc holds, thesis (1.21)-(1.22).
+
+The only module that turns forms into matrices. What it yields are a distributed PETSc stiffness for
+the full-order solver and a :class:`ContactProblem` gathered on every rank for everything else.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.sparse import csr_matrix
+
+from hhr_dolfinx import compat
+from hhr_dolfinx.contact.problem import ContactProblem, ContactRows, joined
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.forms import contact, elasticity
+from hhr_dolfinx.pairings.surface import Surface, make_surface
+from hhr_dolfinx.parameters import Amplitude, Amplitudes, Coverage
+from hhr_dolfinx.scene import PartialPressure, Pressure, Scene
+
+
+class Discretisation:
+    """P1 or Q1 finite element model of a scene on a communicator.
+
+    Attributes:
+        scene: the scene.
+        comm: MPI communicator.
+        mesh: DOLFINx mesh.
+        space: vector Lagrange space of degree 1.
+        rows: range of the dofs this rank owns.
+
+    Raises:
+        SceneError: for missing tags, surfaces that do not face each other, or conflicting displacements.
+    """
+
+    def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
+        compat.require_dolfinx()
+        self.scene, self.comm = scene, comm
+        self.mesh, self._cell_tags, self._facet_tags = scene.geometry(comm)
+        dim = self.mesh.geometry.dim
+        self.space = fem.functionspace(self.mesh, ("Lagrange", 1, (dim,)))
+        nodes = self.space.dofmap.index_map
+        self.rows = slice(*(dim * n for n in nodes.local_range))
+        self.size = dim * nodes.size_global
+        self._dx = ufl.Measure("dx", domain=self.mesh, subdomain_data=self._cell_tags)
+        self._ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=self._facet_tags)
+        self._check_tags()
+        u, v = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
+        self._test = v
+        self._stiffness_form = fem.form(
+            sum(
+                elasticity.stiffness(u, v, body.young, body.poisson, scene.hypothesis, self._dx(body.tag))
+                for body in scene.bodies
+            )
+        )
+        self._mass_form = fem.form(elasticity.mass(u, v, scene.hypothesis, self._dx))
+
+    def assemble_stiffness(self) -> PETSc.Mat:
+        """Assemble K over all dofs, without boundary conditions."""
+        matrix = fem_petsc.assemble_matrix(self._stiffness_form)
+        matrix.assemble()
+        return matrix
+
+    def contact_problem(self, stiffness: PETSc.Mat) -> ContactProblem:
+        """Gather all of (1.21) on every rank.
+
+        Args:
+            stiffness: what :meth:`assemble_stiffness` returned.
+        """
+        mass = fem_petsc.assemble_matrix(self._mass_form)
+        mass.assemble()
+        single, lifts, free = self._imposed()
+        columns = [np.zeros(lifts.shape)]
+        first_opening = 1 + len(single)
+        for opening in self.scene.openings:
+            single.append(opening.amplitude)
+            columns.append(np.zeros((self.size, 1)))
+        for load in self.scene.loads:
+            if not isinstance(load, PartialPressure):
+                single.append(load.amplitude)
+                columns.append(self._load_vector(load)[:, None])
+        amplitudes = Amplitudes.collect(single, self.scene.parameters)
+        coverages, first = [], amplitudes.constant.size
+        for load in self.scene.loads:
+            if isinstance(load, PartialPressure):
+                coverage, terms = self._coverage(load, first)
+                coverages.append(coverage)
+                columns.append(terms)
+                first += coverage.count
+        loads = np.hstack(columns)
+        lifts = np.hstack([lifts, np.zeros((self.size, loads.shape[1] - lifts.shape[1]))])
+        full = self._gather_matrix(stiffness)
+        loads = (loads - full @ lifts) * free[:, None]
+        rows, pairs = self._contact_rows(free)
+        gaps = _gap_terms(rows, lifts)
+        for k, opening in enumerate(self.scene.openings):
+            gaps[pairs == opening.contact, first_opening + k] += 1.0
+        return ContactProblem(
+            stiffness=full,
+            mass=self._gather_matrix(mass),
+            free=free,
+            loads=np.asfortranarray(loads),
+            lifts=np.asfortranarray(lifts),
+            contact=_without_columns(rows.matrix, ~free),
+            gaps=np.asfortranarray(gaps),
+            contact_slaves=rows.slaves,
+            contact_pairs=pairs,
+            contact_points=rows.points,
+            contact_areas=rows.areas,
+            cell_nodes=self._cell_nodes(),
+            points=self._points(),
+            amplitudes=replace(amplitudes, coverages=tuple(coverages)),
+            parameters=self.scene.parameters,
+        )
+
+    def strain_operator(self, degree: int = 2):
+        """Strain at the Gauss points of all cells, for materials that flow; serial.
+
+        Args:
+            degree: of the quadrature; 2 gives quadrilaterals 2 x 2 points.
+
+        Returns:
+            The :class:`~hhr_dolfinx.flow.gauss.StrainOperator`, and the body of each cell as its place in the scene.
+        """
+        from hhr_dolfinx.flow.gauss import StrainOperator
+        from hhr_dolfinx.forms.plasticity import strain_vector
+
+        if self.comm.size > 1:
+            raise SceneError("materials that flow are solved on one rank: share the parameters out, not the mesh")
+        topology, hypothesis = self.mesh.topology, self.scene.hypothesis
+        cells = np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)
+        points, weights = compat.quadrature(self.mesh, degree)
+        trial = ufl.TrialFunction(self.space)
+        table = fem.Expression(strain_vector(trial, hypothesis), points).eval(self.mesh, cells)
+        measure = elasticity.volume_weight(self.mesh, hypothesis) * abs(ufl.JacobianDeterminant(self.mesh))
+        volumes = fem.Expression(measure, points).eval(self.mesh, cells)
+        dim, count = self.mesh.geometry.dim, len(weights)
+        blocks = self.space.dofmap.list[cells]
+        dofs = (dim * blocks[:, :, None] + np.arange(dim)).reshape(len(cells), -1).astype(np.int64)
+        components = 6 if hypothesis == "solid" else 4
+        gradients = np.ascontiguousarray(table.reshape(len(cells), count, components, dofs.shape[1]))
+        bodies = np.full(len(cells), -1)
+        for place, body in enumerate(self.scene.bodies):
+            bodies[self._cell_tags.find(body.tag)] = place
+        return StrainOperator(gradients, volumes.reshape(len(cells), count) * weights, dofs, self.size), bodies
+
+    def stress(self, displacement: np.ndarray) -> np.ndarray:
+        """Stress at the middle of each cell, (cells, 3, 3), in the order of ``ContactProblem.cell_nodes``.
+
+        Args:
+            displacement: on all dofs, (N,).
+        """
+        field = fem.Function(self.space)
+        field.x.petsc_vec.array[:] = displacement[self.rows]
+        field.x.scatter_forward()
+        constants = fem.functionspace(self.mesh, ("Discontinuous Lagrange", 0, (3, 3)))
+        points = compat.interpolation_points(constants.element)
+        stress = fem.Function(constants)
+        for body in self.scene.bodies:
+            sigma = elasticity.stress(field, body.young, body.poisson, self.scene.hypothesis)
+            stress.interpolate(fem.Expression(sigma, points), self._cell_tags.find(body.tag))
+        owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
+        values = stress.x.array.reshape(-1, 3, 3)[constants.dofmap.list[:owned].ravel()]
+        return np.concatenate(self.comm.allgather(values))
+
+    def von_mises(self, displacement: np.ndarray) -> np.ndarray:
+        """Von Mises stress at the middle of each cell, (cells,); see :meth:`stress`."""
+        sigma = self.stress(displacement)
+        deviator = sigma - np.trace(sigma, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
+        return np.sqrt(1.5 * np.einsum("cij,cij->c", deviator, deviator))
+
+    def _check_tags(self):
+        scene, fdim = self.scene, self.mesh.topology.dim - 1
+        used = [item.tag for item in (*scene.displacements, *scene.loads)]
+        for item in scene.contacts:
+            used += item.tags
+        for kind, tags, wanted in (
+            ("facet", self._facet_tags, used),
+            ("cell", self._cell_tags, [body.tag for body in scene.bodies]),
+        ):
+            there = set().union(*self.comm.allgather(set(tags.values.tolist())))
+            missing = sorted(set(wanted) - there)
+            if missing:
+                raise SceneError(f"{kind} tags {missing} are not in the mesh, which has {sorted(there)}")
+            if kind == "cell" and there - set(wanted):
+                raise SceneError(f"cells tagged {sorted(there - set(wanted))} belong to no body of the scene")
+        count = self.mesh.topology.index_map(fdim + 1).size_local
+        untagged = self.comm.allreduce(count - int((self._cell_tags.indices < count).sum()))
+        if untagged:
+            raise SceneError(f"{untagged} cells have no tag: every cell must belong to a body")
+
+    def _imposed(self):
+        """Amplitudes, lifts (N, 1 + T) and free dofs of the imposed displacements."""
+        amplitudes, columns = [], [np.zeros(self.size)]
+        owner = np.full(self.size, -1)
+        for number, item in enumerate(self.scene.displacements):
+            dofs = self._tagged_dofs(item.tag, item.component)
+            clash = dofs[owner[dofs] >= 0]
+            if any(self.scene.displacements[n].amplitude != item.amplitude for n in set(owner[clash])):
+                raise SceneError(f"displacements {set(owner[clash])} and {number} impose different values on one node")
+            dofs = np.setdiff1d(dofs, clash)
+            owner[dofs] = number
+            if item.amplitude != Amplitude():
+                amplitudes.append(item.amplitude)
+                columns.append(np.zeros(self.size))
+                columns[-1][dofs] = 1.0
+        return amplitudes, np.column_stack(columns), owner < 0
+
+    def _tagged_dofs(self, tag, component):
+        fdim = self.mesh.topology.dim - 1
+        if not 0 <= component < self.mesh.geometry.dim:
+            raise SceneError(f"component {component} of the displacement on tag {tag} does not exist")
+        local = fem.locate_dofs_topological(self.space.sub(component), fdim, self._facet_tags.find(tag))
+        dim = self.mesh.geometry.dim
+        owned = local[local < dim * self.space.dofmap.index_map.size_local]
+        return np.concatenate(self.comm.allgather(owned + self.rows.start))
+
+    def _load_vector(self, load):
+        if isinstance(load, Pressure):
+            form = elasticity.pressure(self._test, self.scene.hypothesis, self._ds(load.tag))
+        else:
+            form = elasticity.traction(self._test, load.direction, self.scene.hypothesis, self._ds(load.tag))
+        return self._assemble_vector(form)
+
+    def _coverage(self, load: PartialPressure, first: int):
+        """Coverage of a partial pressure and its terms as columns, see :class:`Coverage`."""
+        space, names = self.mesh.geometry, self.scene.parameters.names
+        if space.dim != 2 or load.extent not in names or load.axis not in (0, 1):
+            raise SceneError(
+                f"the partial pressure on tag {load.tag} needs a plane mesh, an axis 0 or 1 (here {load.axis}) "
+                f"and one of the parameters {names} (here '{load.extent}')"
+            )
+        line = self._surface(load.tag)
+        order = np.argsort(line.points[:, load.axis])
+        nodes, positions = line.nodes[order], line.points[order, load.axis]
+        lengths = np.diff(positions)
+        nodal = (np.append(lengths, 0.0) + np.append(0.0, lengths)) / 2
+        whole = self._load_vector(Pressure(load.tag, load.amplitude)).reshape(-1, 2)[nodes]
+        # force of a unit pressure per unit length: the same at every node of a straight line along an axis
+        force = whole.sum(axis=0) / nodal.sum()
+        if np.abs(whole - nodal[:, None] * force).max() > 1e-9 * np.abs(whole).max():
+            raise SceneError(
+                f"the line tagged {load.tag} under a partial pressure is not straight along axis {load.axis}"
+            )
+        at_nodes = np.zeros((self.size, len(nodes)))
+        for component in (0, 1):
+            at_nodes[2 * nodes + component, np.arange(len(nodes))] = force[component]
+        edges = (at_nodes[:, :-1] + at_nodes[:, 1:]) * lengths / 2
+        before = np.hstack([np.zeros((self.size, 1)), np.cumsum(edges, axis=1)[:, :-1]])
+        slopes = load.amplitude.row(self.scene.parameters)
+        coverage = Coverage(first, positions, names.index(load.extent), load.amplitude.constant, slopes)
+        return coverage, np.hstack([before, at_nodes])
+
+    def _contact_rows(self, free) -> tuple[ContactRows, np.ndarray]:
+        """Rows of all pairs and the pair of each; rows without a free dof hold no unknown and are left out."""
+        parts = [item.rows([self._surface(tag) for tag in item.tags], self.size) for item in self.scene.contacts]
+        rows, pairs = joined(parts), np.repeat(np.arange(len(parts)), [part.gap.size for part in parts])
+        kept = np.flatnonzero(abs(rows.matrix) @ free.astype(float))
+        if kept.size == 0:
+            raise SceneError("the contact pairs are empty: all of their nodes have imposed displacements")
+        return rows.take(kept), pairs[kept]
+
+    def _surface(self, tag) -> Surface:
+        dim, points = self.mesh.geometry.dim, self._points()
+        area = self._assemble_vector(contact.tributary_area(self._test, self.scene.hypothesis, self._ds(tag)))[::dim]
+        facets, inner = self._facets(tag)
+        weights = elasticity.weight_at(points[:, 0], self.scene.hypothesis)
+        return make_surface(tag, facets, inner, points, weights, area)
+
+    def _facets(self, tag):
+        """Nodes of the tagged facets and the middle of the cell behind each, gathered from all ranks."""
+        topology, dofmap = self.mesh.topology, self.space.dofmap
+        tdim, dim = topology.dim, self.mesh.geometry.dim
+        topology.create_connectivity(tdim - 1, tdim)
+        topology.create_connectivity(tdim, tdim - 1)
+        to_cell, to_facets = topology.connectivity(tdim - 1, tdim), topology.connectivity(tdim, tdim - 1)
+        corners = [dofmap.dof_layout.entity_closure_dofs(tdim - 1, k) for k in range(len(to_facets.links(0)))]
+        coordinates = self.space.tabulate_dof_coordinates()[:, :dim]
+        nodes, inner = [], []
+        for facet in self._facet_tags.find(tag):
+            cell = to_cell.links(facet)[0]
+            # each rank has the facets of the cells it owns
+            if cell < topology.index_map(tdim).size_local:
+                local = int(np.flatnonzero(to_facets.links(cell) == facet)[0])
+                cell_nodes = dofmap.cell_dofs(cell)
+                nodes.append(cell_nodes[corners[local]])
+                inner.append(coordinates[cell_nodes].mean(axis=0))
+        count = len(corners[0])
+        local_nodes = np.array(nodes, dtype=np.int32).reshape(-1, count)
+        numbers = dofmap.index_map.local_to_global(local_nodes.ravel()).reshape(-1, count)
+        gathered = self.comm.allgather((numbers, np.array(inner).reshape(-1, dim)))
+        return tuple(np.concatenate(part) for part in zip(*gathered, strict=True))
+
+    def _points(self):
+        local = self.space.tabulate_dof_coordinates()[: self.space.dofmap.index_map.size_local]
+        return np.concatenate(self.comm.allgather(local))[:, : self.mesh.geometry.dim]
+
+    def _cell_nodes(self):
+        owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
+        local = self.space.dofmap.list[:owned]
+        numbers = self.space.dofmap.index_map.local_to_global(local.ravel().astype(np.int32))
+        return np.concatenate(self.comm.allgather(numbers.reshape(local.shape)))
+
+    def _assemble_vector(self, form):
+        vector = fem_petsc.assemble_vector(fem.form(form))
+        vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        return np.concatenate(self.comm.allgather(vector.array))
+
+    def _gather_matrix(self, matrix) -> csr_matrix:
+        """The whole matrix on every rank; rows are owned in contiguous ranges."""
+        parts = self.comm.allgather(matrix.getValuesCSR())
+        counts = np.concatenate([np.diff(part[0]) for part in parts])
+        indptr = np.concatenate([[0], np.cumsum(counts)])
+        indices = np.concatenate([part[1] for part in parts])
+        return csr_matrix((np.concatenate([part[2] for part in parts]), indices, indptr), shape=(self.size,) * 2)
+
+
+def _without_columns(matrix, columns):
+    """Copy of a sparse matrix with the given columns set to zero."""
+    kept = matrix.tocoo()
+    keep = ~columns[kept.col]
+    return csr_matrix((kept.data[keep], (kept.row[keep], kept.col[keep])), shape=matrix.shape)
+
+
+def _gap_terms(rows: ContactRows, lifts):
+    """D - B lift as terms of θ: the initial gap belongs to the leading 1."""
+    gaps = -(rows.matrix @ lifts)
+    gaps[:, 0] += rows.gap
+    return gaps

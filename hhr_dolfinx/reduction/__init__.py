@@ -1,0 +1,1 @@
+"""From snapshots to a reduced model that can be trusted: basis, RID, projection, enrichment, stability."""

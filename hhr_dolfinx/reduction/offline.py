@@ -1,0 +1,250 @@
+"""Offline stage: from snapshots to a reduced model, a list of named stages.
+
+Stages that a scene does not need are left out and listed with the reason.
+"""
+
+from __future__ import annotations
+
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from hhr_dolfinx.contact.condensed import KnownStatuses
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.errors import NotSolvableError, ReductionError, UnstableModelError
+from hhr_dolfinx.reduction.deim import deim
+from hhr_dolfinx.reduction.enrichment import Enrichment, enrich
+from hhr_dolfinx.reduction.pod import pod
+from hhr_dolfinx.reduction.reconstruct import Reconstruction, prepare_reconstruction
+from hhr_dolfinx.reduction.reduced import ReducedModel, project
+from hhr_dolfinx.reduction.rid import IndexSets, reduced_domain
+from hhr_dolfinx.reduction.stability import Stability, assess
+from hhr_dolfinx.reduction.trust import TrustLimits, check_stability, check_validation, validate
+from hhr_dolfinx.snapshots.accuracy import round_off_force
+from hhr_dolfinx.snapshots.solutions import SnapshotSet
+
+
+@dataclass(frozen=True)
+class ReductionSettings:
+    """How to reduce a scene; the defaults gave the best errors for their time on the pellet-cladding scene.
+
+    Attributes:
+        pod_tolerance: epsilon of (1.53) for the basis whose DEIM points make the RID, in (0, 1).
+        extended_pod_tolerance: smaller epsilon for the basis of the model itself (POD + FE enrichment,
+            section 3.4.2); None keeps the first basis.
+        dual_pod_tolerance: epsilon of a POD of the contact forces whose DEIM points extend the RID
+            (section 1.4.3); None leaves it out.
+        relative: divide each snapshot by its norm before the POD, so that grazing contact counts as
+            much as strong contact; the thesis does not.
+        layers: layers of cells added around the RID.
+        most_layers: layers up to which the RID may grow if the trust check fails.
+        zone_nodes: nodes added to the RID; None takes one node for each load, see :func:`loaded_nodes`.
+        kappa_max: kappa(B~) down to which FE functions are added, Alg. 3.1.
+        limits: what the trust check refuses or warns of.
+    """
+
+    pod_tolerance: float = 1e-11
+    extended_pod_tolerance: float | None = None
+    dual_pod_tolerance: float | None = 1e-6
+    relative: bool = True
+    layers: int = 2
+    most_layers: int = 4
+    zone_nodes: tuple[int, ...] | None = None
+    kappa_max: float = 3.0
+    limits: TrustLimits = TrustLimits()
+
+    @classmethod
+    def thesis(cls, pod_tolerance: float, **changes) -> ReductionSettings:
+        """The recipe of the thesis: plain snapshots, no layers, no growth, kappa_max 10."""
+        plain = {"dual_pod_tolerance": None, "relative": False, "layers": 0, "most_layers": 0, "kappa_max": 10.0}
+        return cls(pod_tolerance, **(plain | changes))
+
+
+@dataclass
+class StageLog:
+    """Times of the stages of a run, in seconds; what was left out; attempts that the trust check refused."""
+
+    times: dict[str, float] = field(default_factory=dict)
+    skipped: list[dict[str, str]] = field(default_factory=list)
+    refused: list[dict] = field(default_factory=list)
+
+    @contextmanager
+    def stage(self, name: str):
+        """Time the block under a name."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.times[name] = self.times.get(name, 0.0) + time.perf_counter() - start
+
+    def skip(self, stage: str, why: str) -> None:
+        """Record a stage that this scene does not need."""
+        self.skipped.append({"stage": stage, "why": why})
+
+
+@dataclass(frozen=True)
+class HyperReduction:
+    """A reduced model with all that explains and completes it.
+
+    Attributes:
+        model: answers parameters.
+        reconstruction: fields and forces everywhere.
+        basis: V, (N, ell).
+        sets: index sets of the RID.
+        stability: the constants behind the trust check.
+        enrichment: how the basis was enriched.
+        dimension: components of the displacement at a node.
+        log: times of the stages and what was left out.
+    """
+
+    model: ReducedModel
+    reconstruction: Reconstruction
+    basis: np.ndarray
+    sets: IndexSets
+    stability: Stability
+    enrichment: Enrichment
+    dimension: int
+    log: StageLog
+
+    def solve_everywhere(self, mu):
+        """Displacement (N,) and contact forces (N_lambda,) on the whole mesh, for one parameter.
+
+        Raises:
+            ParameterError, ConvergenceError, NotSolvableError: see :class:`ReducedModel`.
+        """
+        solution = self.model.solve(mu)
+        theta = self.model.amplitudes(self.model.parameters.point(mu))
+        fields = self.reconstruction
+        return fields.displacement(solution.primal, theta), fields.forces(solution, theta)
+
+
+def loaded_nodes(problem: ContactProblem) -> np.ndarray:
+    """One node for each load or imposed displacement: where it acts most on free dofs.
+
+    A RID that no load reaches would answer zero to every parameter. Among equals the node with
+    the smallest coordinates is taken, so that the choice does not depend on node numbers.
+    """
+    nodes = []
+    for column in problem.loads.T:
+        size = np.abs(column).reshape(-1, problem.block_size).max(axis=1)
+        if size.max() > 0:
+            equals = np.flatnonzero(size > (1 - 1e-6) * size.max())
+            nodes.append(equals[np.lexsort(problem.points[equals].T[::-1])[0]])
+    return np.array(nodes, dtype=np.int64)
+
+
+def build_reduced_model(
+    problem: ContactProblem,
+    schur: np.ndarray,
+    snapshots: SnapshotSet,
+    settings: ReductionSettings = ReductionSettings(),
+    held_out: SnapshotSet | None = None,
+) -> HyperReduction:
+    """Build an HHR model that passes the trust check, thesis sections 1.4.2-1.4.6.
+
+    A model that fails is built again with one more layer of cells, up to ``settings.most_layers``.
+
+    Args:
+        problem: the full problem.
+        schur: B K^-1 B^T of the full model, for its inf-sup constant.
+        snapshots: training solutions.
+        settings: how to reduce.
+        held_out: solutions kept out of training, for the trust check; None leaves that part out.
+
+    Raises:
+        ReductionError: for snapshots or settings no basis can be built from.
+        NotSolvableError: if K~ is singular or the contact rows are dependent, (1.67).
+        UnstableModelError: if the trust check refuses the model.
+    """
+    log = StageLog()
+    for layers in range(settings.layers, max(settings.layers, settings.most_layers) + 1):
+        try:
+            return _build(problem, schur, snapshots, replace(settings, layers=layers), held_out, log)
+        except (NotSolvableError, UnstableModelError) as refused:
+            log.refused.append({"layers": layers, "why": str(refused)})
+            log.skipped.clear()
+            if layers >= settings.most_layers:
+                raise
+    raise AssertionError("unreachable: the last attempt returns or raises")
+
+
+def _build(problem, schur, snapshots, settings, held_out, log) -> HyperReduction:
+    """One attempt with a fixed number of layers."""
+    weights = _weights(snapshots, settings)
+    with log.stage("primal_basis"):
+        basis, _ = pod(snapshots.displacements * weights, settings.pod_tolerance)
+    with log.stage("rid"):
+        nodes = np.concatenate([deim(basis) // problem.block_size, _zone(problem, settings)])
+        nodes = np.concatenate([nodes, _dual_nodes(problem, snapshots, weights, settings, log)])
+        sets = reduced_domain(problem, nodes, settings.layers)
+        _check_loads_seen(problem, sets)
+    basis, enrichment = _enriched(problem, snapshots.displacements * weights, basis, sets, settings, log)
+    with log.stage("projection"):
+        reduced = project(problem, basis, sets)
+    with log.stage("stability"):
+        stability = assess(problem, schur, basis, sets, reduced)
+        check_stability(stability, settings.limits)
+    with log.stage("online_arrays"):
+        known = KnownStatuses(snapshots.points, np.ascontiguousarray(snapshots.active[sets.A_lambda].T))
+        model = ReducedModel(reduced, problem.parameters, problem.amplitudes, known)
+    if held_out is None:
+        log.skip("validation", "no solutions were kept out of training")
+    else:
+        with log.stage("validation"):
+            check_validation(validate(problem, model, basis, sets, held_out), settings.limits)
+    with log.stage("reconstruction"):
+        reconstruction = prepare_reconstruction(problem, basis, sets, snapshots)
+    return HyperReduction(model, reconstruction, basis, sets, stability, enrichment, problem.block_size, log)
+
+
+def _weights(snapshots, settings):
+    """Factor of each snapshot before the POD."""
+    sizes = np.linalg.norm(snapshots.displacements, axis=0)
+    return np.where(sizes > 0, 1 / np.where(sizes > 0, sizes, 1), 1) if settings.relative else np.ones(sizes.size)
+
+
+def _zone(problem, settings):
+    if settings.zone_nodes is None:
+        return loaded_nodes(problem)
+    return np.array(settings.zone_nodes, dtype=np.int64)
+
+
+def _dual_nodes(problem, snapshots, weights, settings, log):
+    """Slave nodes of the contact conditions picked by DEIM on a POD of the forces, section 1.4.3."""
+    if settings.dual_pod_tolerance is None:
+        log.skip("dual_deim", "not asked for: the DEIM of the primal basis picks contact nodes too")
+        return np.zeros(0, dtype=np.int64)
+    if np.linalg.norm(snapshots.forces, axis=0).max() <= round_off_force(problem, snapshots.points):
+        log.skip("dual_deim", "no training point has contact")
+        return problem.contact_slaves[:1]  # a RID needs at least one condition
+    dual_basis, _ = pod(snapshots.forces * weights, settings.dual_pod_tolerance)
+    return problem.contact_slaves[deim(dual_basis)]
+
+
+def _enriched(problem, displacements, basis, sets, settings, log):
+    """Basis of the model: more POD modes if asked for, then FE functions if kappa wants them."""
+    if settings.extended_pod_tolerance is None:
+        log.skip("extended_pod", "the basis that makes the RID is the basis of the model")
+    else:
+        with log.stage("extended_pod"):
+            basis, _ = pod(displacements, settings.extended_pod_tolerance)
+    with log.stage("enrichment"):
+        enrichment = enrich(problem, basis, sets, settings.kappa_max)
+    kappa = enrichment.kappas[-1]
+    if kappa > settings.kappa_max:
+        why = "no function lowers it further" if enrichment.stalled else "no function is left"
+        log.skip("further_enrichment", f"kappa(B~) = {kappa:.2f} > {settings.kappa_max:g}, but {why}")
+    elif not len(enrichment.added):
+        log.skip("enrichment", f"kappa(B~) = {kappa:.2f} <= {settings.kappa_max:g} and (1.67) holds")
+    return enrichment.basis, enrichment
+
+
+def _check_loads_seen(problem, sets):
+    """Refuse a RID on which some load does nothing."""
+    for term, column in enumerate(problem.loads.T):
+        if np.any(column) and not np.any(column[sets.A]):
+            raise ReductionError(
+                f"load term {term} of the scene does not reach the RID: add nodes next to where it acts to zone_nodes"
+            )

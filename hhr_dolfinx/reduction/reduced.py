@@ -1,0 +1,113 @@
+"""The hybrid hyper-reduced (HHR) model (1.61), (5.23): small arrays, one call per parameter.
+
+Needs neither DOLFINx nor gmsh: a model read from a file answers on any machine with PETSc.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hhr_dolfinx.contact.condensed import CondensedContact, KnownStatuses
+from hhr_dolfinx.contact.dense import Factorise, PetscLU, solve_columns
+from hhr_dolfinx.contact.problem import ContactProblem, ContactSolution
+from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
+from hhr_dolfinx.reduction.rid import IndexSets, open_conditions
+
+
+@dataclass(frozen=True)
+class ReducedProblem:
+    """Find gamma and lambda >= 0 with K~ gamma + B~1^T lambda = loads θ, B~2 gamma <= gaps θ, thesis (5.23).
+
+    A generalised saddle point (5.27): where conditions of the RID touch its interface B~1 and B~2 differ;
+    elsewhere they are the same and it is (1.61).
+
+    Attributes:
+        stiffness: K~ = V[A]^T K[A, A u I] V[A u I], (1.63), (ell, ell), not symmetric.
+        contact_test: B~1 = B[A_lambda, A_c] V[A_c], (5.26), (N_lambda_C, ell): how forces act.
+        contact_trial: B~2 = B[A_lambda, A_c~] V[A_c~], (5.26), (N_lambda_C, ell): how gaps are read.
+        loads: V[A]^T loads[A], (ell, 1 + T).
+        gaps: gaps[A_lambda], (N_lambda_C, 1 + T).
+    """
+
+    stiffness: np.ndarray
+    contact_test: np.ndarray
+    contact_trial: np.ndarray
+    loads: np.ndarray
+    gaps: np.ndarray
+
+
+def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> ReducedProblem:
+    """Petrov-Galerkin projection of (1.21) on the RID, thesis (1.61), (5.23).
+
+    The test functions are the modes cut off outside A; the trial functions are the whole modes. A
+    Galerkin projection of K with restricted multipliers would be inconsistent.
+
+    Args:
+        problem: the full problem.
+        basis: V, (N, ell), zero on imposed dofs.
+        sets: index sets of the RID.
+
+    Raises:
+        ReductionError: if the RID is not closed.
+    """
+    opened = open_conditions(problem, sets)
+    if opened.size:
+        raise ReductionError(
+            f"the RID is not closed: {opened.size} contact conditions outside it act on its inner nodes, e.g. the one "
+            f"at {problem.contact_points[opened[0]].tolist()}; build it with reduced_domain"
+        )
+    rows = problem.contact[sets.A_lambda]
+    support = np.union1d(sets.A, sets.I)
+    test = basis[sets.A]
+    return ReducedProblem(
+        stiffness=test.T @ (problem.stiffness[sets.A][:, support] @ basis[support]),
+        contact_test=rows[:, sets.A_c] @ basis[sets.A_c],
+        contact_trial=rows[:, sets.A_c_tilde] @ basis[sets.A_c_tilde],
+        loads=test.T @ problem.loads[sets.A],
+        gaps=problem.gaps[sets.A_lambda],
+    )
+
+
+class ReducedModel:
+    """HHR model: from a parameter to (gamma, lambda on A_lambda).
+
+    Args:
+        problem: the projected arrays.
+        parameters: the box of the parameters.
+        amplitudes: θ as a function of the parameters.
+        known: statuses of the training points on A_lambda.
+        factorise: what factors K~ and the active blocks.
+
+    Raises:
+        NotSolvableError: if K~ is singular.
+    """
+
+    def __init__(
+        self,
+        problem: ReducedProblem,
+        parameters: ParameterSpace,
+        amplitudes: Amplitudes,
+        known: KnownStatuses,
+        factorise: Factorise = PetscLU,
+    ):
+        self.problem, self.known = problem, known
+        factor = factorise(problem.stiffness)
+        per_force, free = solve_columns(factor, problem.contact_test.T), solve_columns(factor, problem.loads)
+        self._online = CondensedContact(
+            parameters,
+            amplitudes,
+            free_primal=free,
+            primal_per_force=per_force,
+            free_slack=problem.gaps - problem.contact_trial @ free,
+            schur=problem.contact_trial @ per_force,
+            known=known,
+            factorise=factorise,
+        )
+        self.parameters, self.amplitudes = parameters, amplitudes
+
+    def solve(self, mu, *, warm: bool = True, raise_on_failure: bool = True) -> ContactSolution:
+        """Coordinates gamma (ell,) and contact forces on A_lambda; see :meth:`CondensedContact.solve`."""
+        return self._online.solve(mu, warm=warm, raise_on_failure=raise_on_failure)

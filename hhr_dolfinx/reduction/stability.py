@@ -1,0 +1,201 @@
+"""Stability of full and reduced models: inf-sup constants by SLEPc and condition numbers.
+
+An inf-sup constant inf_q sup_v b(v, q) / (|v| |q|) over v = Phi gamma and q is the smallest singular
+value of L_q^-1 B~ L_v^-T, where the Gram matrices of the two norms are L_v L_v^T and L_q L_q^T. Two pairs
+of norms are used: the thesis' Euclidean norms of nodal values (section 2.6.1), and the energy norm
+(v^T K v)^1/2 with the L2 norm of the contact pressure, which do not depend on the mesh.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from petsc4py import PETSc
+from scipy import linalg
+from scipy.sparse import identity
+from slepc4py import SLEPc
+
+from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem
+from hhr_dolfinx.reduction.reduced import ReducedProblem
+from hhr_dolfinx.reduction.rid import IndexSets
+
+
+@dataclass(frozen=True)
+class Constants:
+    """Inf-sup constants in one pair of norms.
+
+    Attributes:
+        beta_h: constant of the full model, (1.20).
+        beta_HR: constant on the test space of modes cut off outside A, (2.38), (5.18).
+        beta_HR_2: constant on the trial space of whole modes, (2.47), (5.19).
+        alpha_prime: constant of a on the kernels of b, (2.46); None where the kernel is empty.
+    """
+
+    beta_h: float
+    beta_HR: float
+    beta_HR_2: float
+    alpha_prime: float | None
+
+
+@dataclass(frozen=True)
+class Stability:
+    """What is known of the stability of a reduced model.
+
+    Attributes:
+        kappa_B: condition number of B~1, (3.4); infinite if its rows are dependent, (5.24).
+        kappa_B_2: the same of B~2, (5.25).
+        sigma_min: smallest singular value of B~1, by which the thesis evaluates beta_HR.
+        sigma_max: largest singular value of B~1.
+        contact_definite: smallest eigenvalue of the symmetric part of S = B~2 K~^-1 B~1^T over the norm of S. If it
+            is positive, S is a P-matrix: every parameter has one solution, and the active set finds it. If not,
+            the model may still answer, and an answer satisfies all contact conditions, but none is promised.
+        cond_K: condition number of K~.
+        norm_K: largest singular value of K~.
+        euclidean: constants in the Euclidean norms of the thesis.
+        energy: constants in the energy and L2 norms.
+    """
+
+    kappa_B: float
+    kappa_B_2: float
+    sigma_min: float
+    sigma_max: float
+    contact_definite: float
+    cond_K: float
+    norm_K: float
+    euclidean: Constants
+    energy: Constants
+
+    def as_report(self) -> dict:
+        """The ``stability`` part of a report; the constants at its top are the Euclidean ones."""
+        report = asdict(self)
+        return {**report, **report["euclidean"]}
+
+
+def singular_range(matrix: np.ndarray) -> tuple[float, float]:
+    """Smallest and largest of the min(m, n) singular values of a dense matrix, by SLEPc."""
+    mat = PETSc.Mat().createDense(matrix.shape, array=np.array(matrix, float, order="F"), comm=PETSc.COMM_SELF)
+    mat.assemble()
+    svd = SLEPc.SVD().create(PETSc.COMM_SELF)
+    svd.setOptionsPrefix("hhr_stability_")
+    svd.setOperators(mat)
+    svd.setType(SLEPc.SVD.Type.LAPACK)
+    svd.setDimensions(min(matrix.shape))
+    svd.setFromOptions()
+    svd.solve()
+    values = [svd.getValue(k) for k in range(svd.getConverged())]
+    return min(values), max(values)
+
+
+def inf_sup(rows: np.ndarray, primal_gram: np.ndarray | None = None, dual_gram: np.ndarray | None = None) -> float:
+    """Inf-sup constant of b(v, q) = q^T rows gamma with the given Gram matrices (identity if None).
+
+    Args:
+        rows: (m, ell), for example B~.
+        primal_gram: (ell, ell), symmetric positive definite, or None.
+        dual_gram: (m, m), symmetric positive definite, or None.
+
+    Returns:
+        The constant; 0 if there are more rows than columns, since then some q sees no v; NaN if a Gram
+        matrix is not positive definite to round-off, so that double precision cannot tell.
+    """
+    if rows.shape[0] > rows.shape[1]:
+        return 0.0
+    try:
+        whitened = _whiten(_whiten(rows.T, primal_gram).T, dual_gram)
+    except linalg.LinAlgError:
+        return math.nan
+    return singular_range(whitened)[0]
+
+
+def assess(
+    problem: ContactProblem, schur: np.ndarray, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem
+) -> Stability:
+    """Compute all constants of a reduced model and of the full model behind it.
+
+    Args:
+        problem: the full problem.
+        schur: B K^-1 B^T of the full model, (N_lambda, N_lambda).
+        basis: V, (N, ell).
+        sets: index sets of the RID.
+        reduced: the projected arrays.
+    """
+    smallest, largest = row_range(reduced.contact_test)
+    low, high = singular_range(reduced.stiffness)
+    pressure = 1.0 / problem.contact_areas
+    energy_beta_h = math.sqrt(singular_range(_whiten(_whiten(schur, np.diag(pressure)).T, np.diag(pressure)))[0])
+    return Stability(
+        kappa_B=_kappa(smallest, largest, problem.contact_norm),
+        kappa_B_2=_kappa(*row_range(reduced.contact_trial), problem.contact_norm),
+        sigma_min=smallest,
+        sigma_max=largest,
+        contact_definite=_contact_definite(reduced) if low > 0 else math.nan,
+        cond_K=high / low if low > 0 else math.inf,
+        norm_K=high,
+        euclidean=_constants(
+            identity(problem.free.size, format="csr"),
+            np.ones(len(sets.A_lambda)),
+            basis,
+            sets,
+            reduced,
+            _full_beta(problem),
+        ),
+        energy=_constants(problem.stiffness, pressure[sets.A_lambda], basis, sets, reduced, energy_beta_h),
+    )
+
+
+def row_range(rows: np.ndarray) -> tuple[float, float]:
+    """Smallest and largest singular value seen by the rows; the smallest is 0 if there are more rows than columns."""
+    smallest, largest = singular_range(rows)
+    return (0.0 if rows.shape[0] > rows.shape[1] else smallest), largest
+
+
+def _kappa(smallest, largest, norm):
+    """Condition number; rows that are dependent to round-off, or see nothing of the basis, have none."""
+    return largest / smallest if smallest > DEPENDENT * max(largest, norm) else math.inf
+
+
+def _contact_definite(reduced):
+    """Smallest eigenvalue of the symmetric part of the contact Schur complement over its norm."""
+    schur = reduced.contact_trial @ np.linalg.solve(reduced.stiffness, reduced.contact_test.T)
+    size = np.linalg.norm(schur, 2)
+    return float(linalg.eigvalsh((schur + schur.T) / 2)[0] / size) if size > 0 else math.nan
+
+
+def _full_beta(problem):
+    """Smallest singular value of B; only the few columns of contact nodes are not zero."""
+    touched = np.unique(problem.contact.nonzero()[1])
+    return inf_sup(problem.contact[:, touched].toarray())
+
+
+def _constants(gram, dual_diagonal, basis, sets, reduced, beta_h) -> Constants:
+    """Constants of a reduced model for the norm of ``gram`` on displacements, cut off outside A or whole."""
+    test = basis[sets.A]
+    test_gram = test.T @ (gram[sets.A][:, sets.A] @ test)
+    trial_gram = basis.T @ (gram @ basis)
+    dual_gram = np.diag(dual_diagonal)
+    return Constants(
+        beta_h,
+        inf_sup(reduced.contact_test, test_gram, dual_gram),
+        inf_sup(reduced.contact_trial, trial_gram, dual_gram),
+        _alpha_prime(reduced, test_gram, trial_gram),
+    )
+
+
+def _alpha_prime(reduced, test_gram, trial_gram):
+    """Inf-sup constant of a on the kernels of b, thesis (2.46)."""
+    test, trial = (linalg.null_space(rows) for rows in (reduced.contact_test, reduced.contact_trial))
+    if test.shape[1] != trial.shape[1]:  # dependent rows in one of the two: some direction has no equation
+        return 0.0
+    if test.shape[1] == 0:
+        return None
+    square = trial.T @ reduced.stiffness.T @ test  # rows: trial functions, columns: test functions
+    return inf_sup(square, test.T @ test_gram @ test, trial.T @ trial_gram @ trial)
+
+
+def _whiten(matrix, gram):
+    """L^-1 matrix for gram = L L^T."""
+    if gram is None:
+        return matrix
+    return linalg.solve_triangular(linalg.cholesky(gram, lower=True), matrix, lower=True)

@@ -1,0 +1,1 @@
+"""Full-order solutions: computed, kept on disk, and compared with."""
