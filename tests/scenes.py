@@ -4,6 +4,17 @@ import numpy as np
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block
+from hhr_dolfinx.reduction.rid import reduced_domain
+
+
+def node_dofs(problem, nodes):
+    """All dofs of the given nodes, (len(nodes) * block_size,)."""
+    return (np.asarray(nodes)[:, None] * problem.block_size + np.arange(problem.block_size)).ravel()
+
+
+def whole_domain(problem):
+    """The RID that is the whole domain: plain Galerkin projection with all contact conditions."""
+    return reduced_domain(problem, np.arange(len(problem.points)))
 
 
 def pressed_block(hypothesis, *, young=3.0, poisson=0.3, gap=0.01, cells=4, simplices=False):
@@ -35,7 +46,7 @@ def check_contact_conditions(problem, displacement, forces, mu, relative=1e-10):
 
     Round-off in u is about 1e-16 cond(K); 1e-10 leaves room for cond(K) up to 1e6.
     """
-    theta = problem.amplitudes(problem.parameters.point(mu))
+    theta = problem.theta(mu)
     homogeneous = displacement - problem.lifts @ theta
     internal = problem.stiffness @ homogeneous
     residual = (internal + problem.contact.T @ forces - problem.loads @ theta)[problem.free]

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
-from hhr_dolfinx.contact.condensed import CondensedContact, KnownStatuses
+from hhr_dolfinx.contact.condensed import CondensedContact, KnownStatuses, Responses
 from hhr_dolfinx.contact.dense import LapackLU, PetscLU
 from hhr_dolfinx.contact.problem import Status
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
@@ -18,7 +18,7 @@ from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
 def solve(schur, gap, start=None):
     schur, gap = np.asarray(schur, dtype=float), np.asarray(gap, dtype=float)
     start = gap < 0 if start is None else np.asarray(start)
-    return active_set(SchurEqualities(schur), gap, start)
+    return active_set(SchurEqualities.of(schur), gap, start)
 
 
 @settings(max_examples=200, deadline=None)
@@ -61,7 +61,7 @@ def test_no_solution_is_said_not_answered():
 
 
 def test_iteration_limit_is_a_status():
-    found = active_set(SchurEqualities(np.array([[2.0]])), np.array([-1.0]), np.array([False]), max_iterations=1)
+    found = active_set(SchurEqualities.of(np.array([[2.0]])), np.array([-1.0]), np.array([False]), max_iterations=1)
     assert found.status is Status.ITERATION_LIMIT
 
 
@@ -82,7 +82,7 @@ def test_factors_are_kept_replaced_and_right(factorise):
     rng = np.random.default_rng(4)
     schur = rng.normal(size=(6, 6)) + 6 * np.eye(6)
     schur[:2, :2] = 1.0  # the set {0, 1} is singular
-    equalities, free_slack = SchurEqualities(schur, factorise), rng.normal(size=6)
+    equalities, free_slack = SchurEqualities.of(schur, factorise), rng.normal(size=6)
     for first, second in [*combinations(range(6), 2)] * 2:
         active = np.zeros(6, dtype=bool)
         active[[first, second]] = True
@@ -105,11 +105,8 @@ def test_singular_and_cycling_answers_hold_nan_and_a_status():
         model = CondensedContact(
             space,
             amplitudes,
-            free_primal=np.ones((2, 1)),
-            primal_per_force=np.ones((2, 1)),
-            free_slack=-np.ones((1, 1)),
-            schur=schur,
-            known=KnownStatuses(np.array([[0.5]]), np.array([[False]])),
+            Responses(np.ones((2, 1)), np.ones((2, 1)), -np.ones((1, 1)), schur),
+            KnownStatuses(np.array([[0.5]]), np.array([[False]])),
         )
         with pytest.raises((NotSolvableError, ConvergenceError)):
             model.solve(0.5)

@@ -84,7 +84,7 @@ def test_an_elastic_scene_loads_only_what_it_needs():
         "full_order = hhr.FullOrderModel(demo.scene())\n"
         "snapshots = hhr.compute_snapshots(full_order, full_order.problem.parameters.grid([31]))\n"
         "hhr.build_reduced_model(full_order.problem, full_order.schur, snapshots, demo.RECIPE).model.solve(0.3)\n"
-        "loaded = {'pyvista', 'matplotlib', 'hhr_dolfinx.study', 'hhr_dolfinx.baselines'}\n"
+        "loaded = {'pyvista', 'matplotlib', 'hhr_dolfinx.study.study', 'hhr_dolfinx.baselines'}\n"
         "assert not loaded & set(sys.modules), loaded & set(sys.modules)\n"
     )
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)

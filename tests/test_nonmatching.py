@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
+from scenes import node_dofs, whole_domain
 from scipy import linalg
 
 import hhr_dolfinx as hhr
@@ -25,7 +26,7 @@ from hhr_dolfinx.reduction.enrichment import enrich
 from hhr_dolfinx.reduction.offline import loaded_nodes
 from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.reduction.reduced import ReducedModel, project
-from hhr_dolfinx.reduction.rid import open_conditions, reduced_domain, whole_domain
+from hhr_dolfinx.reduction.rid import open_conditions, reduced_domain
 from hhr_dolfinx.reduction.stability import assess
 from hhr_dolfinx.reduction.trust import TrustLimits, check_stability, validate
 
@@ -65,7 +66,7 @@ def check_closed(problem, asked, sets):
     assert sets.A_c_tilde.tolist() == columns.tolist()
     assert sets.A_c.tolist() == columns[in_A[columns]].tolist()
     # every node asked for keeps its free dofs
-    dofs = problem.node_dofs(asked)
+    dofs = node_dofs(problem, asked)
     assert in_A[dofs[problem.free[dofs]]].all()
 
 
@@ -300,7 +301,7 @@ def test_enrichment_gives_both_matrices_full_rank(pellet):
         assert np.isinf(enriched.kappas[0])
         assert ranks == [len(sets.A_lambda)] * 2, kind
         assert np.linalg.cond(reduced.contact_test) == pytest.approx(enriched.kappas[-1], rel=1e-8)
-        slave_dofs = problem.node_dofs(problem.contact_slaves)
+        slave_dofs = node_dofs(problem, problem.contact_slaves)
         added = enriched.basis - basis @ (basis.T @ enriched.basis)
         added = added - basis @ (basis.T @ added)
         moved = np.flatnonzero(np.abs(problem.free * 1.0) * np.abs(added).max(axis=1) > 1e-8)
@@ -348,7 +349,7 @@ def test_the_active_set_ends_where_the_symmetric_part_is_positive(seed, m, skew)
     schur = root @ root.T + 0.1 * np.eye(m) + skew * (turn - turn.T)
     free_slack = rng.standard_normal(m)
     (exact,) = brute_force(schur, free_slack)
-    found = active_set(SchurEqualities(schur), free_slack, rng.random(m) < 0.5)
+    found = active_set(SchurEqualities.of(schur), free_slack, rng.random(m) < 0.5)
     assert found.status is Status.CONVERGED
     assert found.forces == pytest.approx(exact, abs=1e-9 * (1 + np.abs(exact).max()))
 
@@ -359,7 +360,7 @@ def test_without_it_an_answer_is_still_a_solution(seed, m):
     """No promise that one is found; but what is handed out satisfies all contact conditions."""
     rng = np.random.default_rng(seed)
     schur, free_slack = rng.standard_normal((m, m)), rng.standard_normal(m)
-    found = active_set(SchurEqualities(schur), free_slack, free_slack < 0)
+    found = active_set(SchurEqualities.of(schur), free_slack, free_slack < 0)
     if found.status is Status.CONVERGED:
         slack = free_slack + schur @ found.forces
         size = 1 + np.abs(schur).max() * np.abs(found.forces).max()

@@ -7,7 +7,8 @@ from mpi4py import MPI
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.coarser import CoarserMesh
-from hhr_dolfinx.baselines.naive import NaiveFullOrder, exact_condensation
+from hhr_dolfinx.baselines.condensation import exact_condensation
+from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.baselines.peers import DualBasisModel, cone_projected_greedy, nonnegative_factors
 from hhr_dolfinx.contact.dense import LapackLU, PetscLU
 from hhr_dolfinx.errors import NotSolvableError

@@ -15,7 +15,7 @@ from dolfinx import fem, mesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
-from scenes import pressed_block
+from scenes import node_dofs, pressed_block, whole_domain
 from scipy.sparse import csr_matrix
 
 import hhr_dolfinx as hhr
@@ -32,7 +32,6 @@ from hhr_dolfinx.flow.quasi_static import History
 from hhr_dolfinx.forms.plasticity import return_mapping
 from hhr_dolfinx.geometries import block, two_blocks
 from hhr_dolfinx.reduction.plastic import PlasticReduced, tangent_margin
-from hhr_dolfinx.reduction.rid import whole_domain
 
 ROOT = Path(__file__).parent.parent
 YOUNG, POISSON = 200.0, 0.3
@@ -400,7 +399,7 @@ def test_a_soft_body_converges_beside_a_stiff_one():
     for squeezed in (0.0, 0.3):
         path = [(0.1 * k, np.array([1.5, squeezed]) * k / 8) for k in range(9)]
         lasts.append(hhr.march(full, path, hhr.MarchSettings(absolute_stress=1e-7)).points[-1])
-    soft = full.problem.node_dofs(np.flatnonzero(full.problem.points[:, 1] < 1.5))
+    soft = node_dofs(full.problem, np.flatnonzero(full.problem.points[:, 1] < 1.5))
     alone, beside = (point.unknown[soft] for point in lasts)
     assert lasts[0].state.cumulated.max() > 1e-3
     assert beside == pytest.approx(alone, abs=2e-4 * np.abs(alone).max())

@@ -5,14 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 from hertz_half_discs import RECIPE
-from scenes import check_contact_conditions
+from scenes import check_contact_conditions, node_dofs, whole_domain
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.condensed import KnownStatuses
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.reduction.deim import deim
 from hhr_dolfinx.reduction.reduced import project
-from hhr_dolfinx.reduction.rid import reduced_domain, whole_domain
+from hhr_dolfinx.reduction.rid import reduced_domain
 
 
 def test_index_sets_follow_their_definitions(hertz, hertz_reduction):
@@ -159,7 +159,7 @@ def test_reconstructed_forces_keep_the_rid_and_repeat_snapshots(hertz, hertz_sna
 def renumbered(problem: ContactProblem, seed: int) -> tuple[ContactProblem, np.ndarray]:
     """The same problem with its nodes in another order; also the old dof of each new one."""
     order = np.random.default_rng(seed).permutation(len(problem.points))
-    dofs = problem.node_dofs(order)
+    dofs = node_dofs(problem, order)
     number = np.argsort(order)
     return (
         dataclasses.replace(

@@ -8,7 +8,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from hhr_dolfinx.baselines.naive import exact_condensation
+from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.contact.condensed import KnownStatuses
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.elastic import FullOrderModel
@@ -37,8 +37,7 @@ class CoarserMesh:
         Displacements are interpolated linearly in each body; forces as pressures along each contact pair.
         """
         solution, coarse, fine = self.solve(mu), self._problem, self._fine
-        lift = coarse.lifts @ coarse.amplitudes(coarse.parameters.point(mu))
-        field = (solution.primal + lift).reshape(-1, coarse.block_size)
+        field = (solution.primal + coarse.lift(mu)).reshape(-1, coarse.block_size)
         displacement = np.zeros((len(fine.points), fine.block_size))
         for here, there in self._bodies:
             displacement[there] = _interpolate(coarse.points[here], field[here], fine.points[there])

@@ -1,4 +1,4 @@
-"""Other ways to answer the same question, each with the same ``solve(mu)``."""
+"""The full problem as a first program would solve it: the measure of every claim of speed."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from scipy.sparse import bmat
 from scipy.sparse.linalg import splu
 
 from hhr_dolfinx.contact.active_set import active_set
-from hhr_dolfinx.contact.condensed import CondensedContact, KnownStatuses, rejected
+from hhr_dolfinx.contact.condensed import rejected
 from hhr_dolfinx.contact.problem import ContactSolution
 from hhr_dolfinx.full_order.elastic import FullOrderModel
 
 
 class NaiveFullOrder:
-    """The full problem as a first program would solve it: nothing is kept between queries.
+    """Nothing is kept between queries.
 
     Each query assembles K anew, and each active-set iteration factors the saddle-point matrix
     ((K, B^T), (B, 0)) of its active contacts anew. Serial.
@@ -61,29 +61,3 @@ class NaiveFullOrder:
         primal[free] += last["free"]
         solution = ContactSolution(primal, *found)
         return solution if solution.converged else rejected(solution, point, raise_on_failure)
-
-
-def exact_condensation(full_order: FullOrderModel, known: KnownStatuses, *, field: bool = True) -> CondensedContact:
-    """Eliminate everything but the contact forces exactly; for constant stiffness only.
-
-    The answer is that of the full model, to round-off: ``primal`` is U0 in the order of the dofs.
-    Serial, since it keeps whole columns of K^-1.
-
-    Args:
-        full_order: the full model on one rank.
-        known: statuses of the training points, (S, N_lambda).
-        field: answer with the displacement; without it ``primal`` is empty and a query costs less.
-    """
-    if full_order.comm.size > 1:
-        raise ValueError("exact condensation is serial: run it on one rank")
-    problem = full_order.problem
-    free = np.stack([full_order.solve_stiffness(column) for column in problem.loads.T], axis=1)
-    return CondensedContact(
-        problem.parameters,
-        problem.amplitudes,
-        free_primal=free if field else free[:0],
-        primal_per_force=full_order.per_force if field else full_order.per_force[:0],
-        free_slack=problem.gaps - problem.contact @ free,
-        schur=full_order.schur,
-        known=known,
-    )

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import linalg
 from scipy.optimize import nnls
 
-from hhr_dolfinx.contact.condensed import CondensedContact, KnownStatuses
+from hhr_dolfinx.contact.condensed import CondensedContact, KnownStatuses, Responses
 from hhr_dolfinx.contact.dense import PetscLU, solve_columns
 from hhr_dolfinx.full_order.elastic import FullOrderModel
 from hhr_dolfinx.reduction.pod import pod
@@ -42,25 +42,19 @@ class DualBasisModel:
         contact = dual_basis.T @ (problem.contact @ self._basis)
         factor = PetscLU(self._basis.T @ (problem.stiffness @ self._basis))
         free, per_force = solve_columns(factor, self._basis.T @ problem.loads), solve_columns(factor, contact.T)
-        arrays = {
-            "free_primal": free,
-            "primal_per_force": per_force,
-            "free_slack": dual_basis.T @ problem.gaps - contact @ free,
-            "schur": contact @ per_force,
-        }
+        responses = Responses(free, per_force, dual_basis.T @ problem.gaps - contact @ free, contact @ per_force)
         unknown = KnownStatuses(snapshots.points[:1], np.zeros((1, dual_basis.shape[1]), dtype=bool))
-        cold = CondensedContact(problem.parameters, problem.amplitudes, **arrays, known=unknown)
+        cold = CondensedContact(problem.parameters, problem.amplitudes, responses, unknown)
         # its own answers at the training points, to start from like every other model
         answers = [cold.solve(point, warm=False, raise_on_failure=False) for point in snapshots.points]
         known = KnownStatuses(snapshots.points, np.stack([answer.active for answer in answers]))
-        self._online = CondensedContact(problem.parameters, problem.amplitudes, **arrays, known=known)
+        self._online = CondensedContact(problem.parameters, problem.amplitudes, responses, known)
         self.solve = self._online.solve
 
     def solve_everywhere(self, mu):
         """Displacement (N,) and contact forces (N_lambda,)."""
         solution = self.solve(mu)
-        theta = self._problem.amplitudes(self._problem.parameters.point(mu))
-        return self._basis @ solution.primal + self._problem.lifts @ theta, self._dual_basis @ solution.forces
+        return self._basis @ solution.primal + self._problem.lift(mu), self._dual_basis @ solution.forces
 
 
 def cone_projected_greedy(forces: np.ndarray, count: int) -> np.ndarray:

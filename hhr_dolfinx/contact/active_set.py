@@ -89,17 +89,23 @@ class SchurEqualities:
     new block is factored in the place of an old one of its size.
 
     Args:
-        schur: S, (m, m), not necessarily symmetric.
+        columns: maps indices (k,) to the columns of S that belong to them, as rows (k, m).
+        size: m.
         factorise: what factors a dense block.
     """
 
     KEPT_PER_SIZE = 2
 
-    def __init__(self, schur: np.ndarray, factorise: Factorise = PetscLU):
-        # transposed, so that picking columns of S copies whole rows
-        self._transposed, self._factorise = np.ascontiguousarray(schur.T), factorise
+    def __init__(self, columns: Callable[[np.ndarray], np.ndarray], size: int, factorise: Factorise = PetscLU):
+        self._columns, self._factorise = columns, factorise
         self._entries: dict[bytes, tuple] = {}
-        self._kept: list[list[bytes]] = [[] for _ in range(schur.shape[0] + 1)]
+        self._kept: list[list[bytes]] = [[] for _ in range(size + 1)]
+
+    @classmethod
+    def of(cls, schur: np.ndarray, factorise: Factorise = PetscLU) -> SchurEqualities:
+        """On a known S, (m, m), not necessarily symmetric."""
+        # transposed, so that picking columns of S copies whole rows
+        return cls(np.ascontiguousarray(schur.T).__getitem__, schur.shape[0], factorise)
 
     def __call__(self, active: np.ndarray, free_slack: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Solve with the given statuses; returns ``(forces, slack)``, both (m,).
@@ -122,7 +128,7 @@ class SchurEqualities:
         return forces, slack
 
     def _factor(self, index, key):
-        columns = self._transposed[index]
+        columns = self._columns(index)
         block = columns.take(index, axis=1).T
         kept = self._kept[index.size]
         if index.size == 0:

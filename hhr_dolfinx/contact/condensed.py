@@ -18,7 +18,25 @@ from hhr_dolfinx.contact.active_set import SchurEqualities, Statuses, active_set
 from hhr_dolfinx.contact.dense import Factorise, PetscLU
 from hhr_dolfinx.contact.problem import ContactSolution, Status
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
-from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
+from hhr_dolfinx.parameters import Amplitudes, ParameterSpace, Theta
+
+
+@dataclass(frozen=True)
+class Responses:
+    """All that is left of the primal unknown once it is eliminated (n unknowns, m conditions, 1 + T terms).
+
+    Attributes:
+        free_primal: primal unknown without contact forces, (n, 1 + T).
+        primal_per_force: K^-1 B^T, (n, m).
+        free_slack: slack without contact forces, (m, 1 + T).
+        schur: S = B K^-1 B^T, (m, m).
+    """
+
+    free_primal: np.ndarray
+    primal_per_force: np.ndarray
+    free_slack: np.ndarray
+    schur: np.ndarray
+
 
 REGION_ENTRIES = 2_000_000
 """Numbers (16 MB) that the tabulated critical regions of one model may take; beyond, none are kept."""
@@ -61,10 +79,7 @@ class CondensedContact:
     Args:
         parameters: the box of the parameters.
         amplitudes: θ as a function of the parameters.
-        free_primal: primal unknown without contact forces, (n, 1 + T).
-        primal_per_force: K^-1 B^T, (n, m).
-        free_slack: slack without contact forces, (m, 1 + T).
-        schur: S = B K^-1 B^T, (m, m).
+        responses: what the primal unknown leaves behind.
         known: statuses of solved parameters.
         factorise: what factors a dense block.
     """
@@ -73,20 +88,20 @@ class CondensedContact:
         self,
         parameters: ParameterSpace,
         amplitudes: Amplitudes,
-        *,
-        free_primal: np.ndarray,
-        primal_per_force: np.ndarray,
-        free_slack: np.ndarray,
-        schur: np.ndarray,
+        responses: Responses,
         known: KnownStatuses,
         factorise: Factorise = PetscLU,
     ):
         self.parameters, self.amplitudes, self.known = parameters, amplitudes, known
-        self._m = schur.shape[0]
-        self._response = np.asfortranarray(np.vstack([free_slack, free_primal]))
-        self._per_force = np.ascontiguousarray(primal_per_force)
-        self._equalities = SchurEqualities(schur, factorise)
+        self._m = responses.schur.shape[0]
+        self._response = np.asfortranarray(np.vstack([responses.free_slack, responses.free_primal]))
+        self._per_force = np.ascontiguousarray(responses.primal_per_force)
+        self._equalities = SchurEqualities.of(responses.schur, factorise)
         self._regions = self._tabulate_regions()
+
+    def theta(self, mu) -> Theta:
+        """θ at a parameter; see :meth:`ParameterSpace.point`."""
+        return self.amplitudes(self.parameters.point(mu))
 
     def solve(self, mu, *, warm: bool = True, raise_on_failure: bool = True) -> ContactSolution:
         """Solve for one parameter.

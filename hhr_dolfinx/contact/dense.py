@@ -35,6 +35,7 @@ Factorise = Callable[[np.ndarray], Factor]
 
 
 _PREFIX = "hhr_dense_"
+_MISSING_PACKAGE = 92  # PETSC_ERR_MISSING_FACTOR
 
 
 @lru_cache(maxsize=1)
@@ -49,6 +50,21 @@ def _buffers(n: int):
     rhs, solution = np.zeros(n), np.zeros(n)
     vectors = [PETSc.Vec().createWithArray(array, comm=PETSc.COMM_SELF) for array in (rhs, solution)]
     return rhs, solution, *vectors
+
+
+def factorised(ksp: PETSc.KSP) -> bool:
+    """Let a direct solver factor its matrix; False if the matrix is singular.
+
+    Raises:
+        NotSolvableError: if PETSc was built without the package that should factor it.
+    """
+    try:
+        ksp.setUp()
+    except PETSc.Error as error:
+        if error.ierr == _MISSING_PACKAGE:
+            raise NotSolvableError(f"this PETSc lacks the package that should factor a matrix: {error}") from error
+        return False
+    return ksp.getPC().getFailedReason() == 0
 
 
 class PetscLU:
@@ -80,12 +96,7 @@ class PetscLU:
         self._values[:] = matrix
         self._mat.assemble()
         self._ksp.setOperators(self._mat)
-        try:
-            self._ksp.setUp()
-            failed = self._ksp.getPC().getFailedReason() != 0
-        except PETSc.Error:
-            failed = True
-        if failed:
+        if not factorised(self._ksp):
             raise NotSolvableError(_singular(matrix.shape[0]))
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
@@ -109,7 +120,7 @@ class LapackLU:
             raise NotSolvableError(_singular(matrix.shape[0]))
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
-        """Solve for one right-hand side, (n,)."""
+        """Solve for one right-hand side, (n,), or several, (n, m)."""
         return dgetrs(self._factors, self._pivots, rhs)[0]
 
 

@@ -5,15 +5,17 @@ Everything below this layer (basis, RID, reduced model, stability, reconstructio
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_matrix, vstack
 
-from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
+from hhr_dolfinx.parameters import Amplitudes, ParameterSpace, Theta
 
 DEPENDENT = 1e-13
 """Singular value of B V over the norm of B below which its rows are dependent to round-off."""
@@ -94,14 +96,22 @@ class ContactProblem:
         """Dofs per node; the dofs of node n are ``block_size * n + component``."""
         return self.free.size // self.points.shape[0]
 
-    @property
+    def theta(self, mu) -> Theta:
+        """θ at a parameter given as a number, a sequence or a mapping; see :meth:`ParameterSpace.point`."""
+        return self.amplitudes(self.parameters.point(mu))
+
+    def lift(self, mu) -> np.ndarray:
+        """Imposed displacement at a parameter, (N,)."""
+        return self.lifts @ self.theta(mu)
+
+    @cached_property
     def contact_norm(self) -> float:
         """Largest Euclidean norm of a row of B, the scale on which B V is zero or not for an orthonormal V."""
         return float(np.sqrt(self.contact.multiply(self.contact).sum(axis=1).max()))
 
-    def node_dofs(self, nodes) -> np.ndarray:
-        """All dofs of the given nodes, (len(nodes) * block_size,)."""
-        return (np.asarray(nodes)[:, None] * self.block_size + np.arange(self.block_size)).ravel()
+    def condition_number(self, smallest: float, largest: float) -> float:
+        """kappa of B V by its extreme singular values; infinite where rows are dependent to round-off, (1.67)."""
+        return largest / smallest if smallest > DEPENDENT * max(largest, self.contact_norm) else math.inf
 
 
 class Status(Enum):

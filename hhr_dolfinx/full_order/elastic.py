@@ -8,12 +8,12 @@ from petsc4py import PETSc
 
 from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
 from hhr_dolfinx.contact.condensed import rejected
+from hhr_dolfinx.contact.dense import factorised
 from hhr_dolfinx.contact.problem import ContactSolution
 from hhr_dolfinx.errors import NotSolvableError, SceneError
+from hhr_dolfinx.full_order.cholesky import check_regular, cholesky_solver, singular_stiffness
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.scene import Scene
-
-_MISSING_PACKAGE = 92  # PETSC_ERR_MISSING_FACTOR
 
 
 class FullOrderModel:
@@ -48,13 +48,13 @@ class FullOrderModel:
             PETSc.Vec().createWithArray(array, size=(array.size, self.problem.free.size), comm=comm)
             for array in (self._rhs, self._solution)
         ]
-        self._check_regular()
+        check_regular(self.problem, lambda rhs: self._gather(self.solve_stiffness(rhs[self._own])), scene.name)
         self._contact = self.problem.contact[:, self._own]
         self._own_loads = np.asfortranarray(self.problem.loads[self._own])
         rows = self._contact.toarray()
         self.per_force = np.stack([self.solve_stiffness(row) for row in rows], axis=1)
         self.schur = comm.allreduce(self._contact @ self.per_force)
-        self._equalities = SchurEqualities(self.schur)
+        self._equalities = SchurEqualities.of(self.schur)
 
     def solve(self, mu, *, start=None, raise_on_failure: bool = True) -> ContactSolution:
         """Solve for one parameter.
@@ -82,7 +82,7 @@ class FullOrderModel:
         return solution if solution.converged else rejected(solution, point, raise_on_failure)
 
     def _factor(self, stiffness) -> PETSc.KSP:
-        """Factor K with imposed dofs eliminated; PETSc options can change how.
+        """Factor K with imposed dofs eliminated.
 
         Measured on one core: PETSc's own Cholesky with the ordering qmd solves plane problems fastest (1.1 ms against
         2.3 ms by LU and 1.6 ms by MUMPS at 14,000 dofs), MUMPS those in space (8 ms against 13 ms at 22,000 dofs).
@@ -92,40 +92,11 @@ class FullOrderModel:
         # a diagonal of the size of K keeps the pivots alike in any system of units
         diagonal = self.problem.stiffness.diagonal().mean()
         matrix.zeroRowsColumns(imposed.astype(PETSc.IntType), diag=diagonal)
-        matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-        ksp = PETSc.KSP().create(self.comm)
-        ksp.setOptionsPrefix(f"hhr_{self.scene.name}_")
-        ksp.setOperators(matrix)
-        ksp.setType(PETSc.KSP.Type.PREONLY)
-        pc = ksp.getPC()
-        pc.setType(PETSc.PC.Type.CHOLESKY)
-        if self.comm.size > 1 or (self.problem.block_size == 3 and PETSc.Sys.hasExternalPackage("mumps")):
-            pc.setFactorSolverType("mumps")
-        else:
-            pc.setFactorOrdering("qmd")
-        ksp.setFromOptions()
-        try:
-            ksp.setUp()
-        except PETSc.Error as error:
-            if error.ierr == _MISSING_PACKAGE:
-                raise NotSolvableError(
-                    f"this PETSc lacks the package that should factor the stiffness: {error}"
-                ) from error
-            raise NotSolvableError(singular_stiffness(self.scene.name)) from error
-        if pc.getFailedReason() != 0:
+        in_space = self.problem.block_size == 3 and PETSc.Sys.hasExternalPackage("mumps")
+        ksp = cholesky_solver(matrix, "mumps" if in_space else "qmd", f"hhr_{self.scene.name}_")
+        if not factorised(ksp):
             raise NotSolvableError(singular_stiffness(self.scene.name))
         return ksp
-
-    def _check_regular(self):
-        """Refuse a K that is singular to round-off, which a factorisation does not always notice.
-
-        Solving for a known vector loses about cond(K) times 1e-16: up to 1e-5 was seen with bodies a million
-        times as stiff as others, and all digits where a body can move freely.
-        """
-        known = np.random.default_rng(0).standard_normal(self.problem.free.size) * self.problem.free
-        found = self._gather(self.solve_stiffness((self.problem.stiffness @ known * self.problem.free)[self._own]))
-        if not np.linalg.norm(found - known) <= 1e-3 * np.linalg.norm(known):
-            raise NotSolvableError(singular_stiffness(self.scene.name))
 
     def solve_stiffness(self, own_rhs) -> np.ndarray:
         """K^-1 times a vector, each rank with its own rows."""
@@ -138,11 +109,3 @@ class FullOrderModel:
 
     def _gather(self, own):
         return own if self.comm.size == 1 else np.concatenate(self.comm.allgather(own))
-
-
-def singular_stiffness(name: str) -> str:
-    """Message for a stiffness that does not hold its bodies."""
-    return (
-        f"the stiffness of scene '{name}' is singular: a body can move freely. "
-        "Impose displacements that hold every body without its contacts"
-    )

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem
+from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.reduction.rid import IndexSets
 
 
@@ -57,8 +57,7 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
     tables = [rows[:, index] @ basis[index] for index in (sets.A_c, sets.A_c_tilde)]
     inner, weights = candidates.T @ candidates, basis[sets.A_c].T @ candidates
     left = np.flatnonzero(np.diag(inner) > 0)
-    zero = DEPENDENT * problem.contact_norm
-    added, kappas, stalled = [], [_kappa_of_both(tables, zero)], False
+    added, kappas, stalled = [], [_kappa_of_both(problem, tables)], False
     while kappas[-1] > kappa_max:
         # length of each candidate less its part in the basis
         lengths = np.sqrt(np.maximum(np.diag(inner)[left] - np.sum(weights[:, left] ** 2, axis=0), 0.0))
@@ -66,9 +65,9 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
         if left.size == 0:
             break
         new = [(images[:, left] - table @ weights[:, left]) / lengths for table in tables]
-        best = _best(tables, new, zero)
+        best = _best(problem, tables, new)
         grown = [np.column_stack([table, columns[:, best]]) for table, columns in zip(tables, new, strict=True)]
-        kappa = _kappa_of_both(grown, zero)
+        kappa = _kappa_of_both(problem, grown)
         if kappa >= kappas[-1] and math.isfinite(kappas[-1]):
             stalled = True
             break
@@ -96,25 +95,25 @@ def _candidates(problem, sets):
     return (chosen / np.where(lengths > 0, lengths, 1.0)).T
 
 
-def _kappa_of_both(tables, zero):
+def _kappa_of_both(problem, tables):
     """kappa(B~1); infinite unless both B~1 and B~2 have full rank."""
-    first, second = (_kappa(table, zero) for table in tables)
+    first, second = (_kappa(problem, table) for table in tables)
     return first if math.isfinite(second) else math.inf
 
 
-def _kappa(matrix, zero):
+def _kappa(problem, matrix):
     """Condition number of the rows; infinite if they are dependent to round-off."""
     if matrix.shape[0] > matrix.shape[1]:
         return math.inf
     values = np.linalg.svd(matrix, compute_uv=False)
-    return values[0] / values[-1] if values[-1] > max(zero, DEPENDENT * values[0]) else math.inf
+    return problem.condition_number(values[-1], values[0])
 
 
-def _best(tables, new, zero) -> int:
+def _best(problem, tables, new) -> int:
     """Index of the best new column: it raises a rank that is missing, or else lowers kappa(B~1) most."""
     for table, columns in zip(tables, new, strict=True):
         directions, values, _ = np.linalg.svd(table)
-        rank = int((values > max(zero, DEPENDENT * values[0])).sum())
+        rank = sum(math.isfinite(problem.condition_number(value, values[0])) for value in values)
         if rank < table.shape[0]:
             return int(np.linalg.norm(directions[:, rank:].T @ columns, axis=0).argmax())
     directions, values, _ = np.linalg.svd(tables[0], full_matrices=False)

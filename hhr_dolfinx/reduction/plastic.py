@@ -9,7 +9,8 @@ import numpy as np
 from scipy import linalg
 
 from hhr_dolfinx.compat import compiled
-from hhr_dolfinx.contact.active_set import active_set
+from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
+from hhr_dolfinx.contact.dense import LapackLU
 from hhr_dolfinx.contact.problem import ContactSolution, Status
 from hhr_dolfinx.errors import NotSolvableError, ReductionError, UnstableModelError
 from hhr_dolfinx.flow.gauss import ElasticPart
@@ -82,7 +83,7 @@ class PlasticReduced:
         self._test = np.ascontiguousarray(self._trial[self._rows].T)
         self._external = self._test @ full.external[columns[self._rows]]
         self.reduced = project(problem, basis, sets)
-        self._elastic = _Factored(self.reduced.stiffness, self.reduced)
+        self._elastic = _Operator(self.reduced.stiffness, self.reduced)
         # the elastic part of K~ is known: online only what flow changes is projected
         self._unchanged = ElasticPart(self.material.elastic, np.zeros(self._pattern.indices.size))
 
@@ -117,15 +118,15 @@ class PlasticReduced:
 
     def linearise(self, tangents):
         """Project and factor the tangent, or take the elastic operator."""
-        self._now = self._elastic if tangents is None else _Factored(self.tangent(tangents), self.reduced)
+        self._now = self._elastic if tangents is None else _Operator(self.tangent(tangents), self.reduced)
 
     def correct(self, residual, x, theta, active) -> Correction:
         """Solve one linearised contact problem; see :class:`Equilibrium`."""
-        free = linalg.lu_solve(self._now.factors, residual, check_finite=False)
+        free = self._now.factor.solve(residual)
         slack = self.reduced.gaps @ theta - self.reduced.contact_trial @ (x + free)
-        found = active_set(self._now, slack, active)
+        found = active_set(self._now.equalities, slack, active)
         change = free - self._now.per_force @ found.forces
-        return Correction(change, found.forces, found.active, found.status.name == "CONVERGED")
+        return Correction(change, found.forces, found.active, found.status is Status.CONVERGED)
 
 
 def _product(matrix, rows, dense):
@@ -146,24 +147,13 @@ def _rows_times(indptr, indices, data, rows, dense, out):
                     out[r, k] += value * dense[column, k]
 
 
-class _Factored:
-    """LU of a projected stiffness with the contact Schur complement on it."""
+class _Operator:
+    """LU of a projected stiffness with the equality problems on it."""
 
     def __init__(self, stiffness, reduced):
-        self.factors = linalg.lu_factor(stiffness, check_finite=False)
-        self.per_force = linalg.lu_solve(self.factors, reduced.contact_test.T, check_finite=False)
-        self._schur = reduced.contact_trial @ self.per_force
-
-    def __call__(self, active, free_slack):
-        """Forces and slacks for given statuses; see :class:`SchurEqualities`."""
-        index, forces = np.flatnonzero(active), np.zeros(active.size)
-        if index.size == 0:
-            return forces, free_slack
-        columns = self._schur[:, index]
-        forces[index] = np.linalg.solve(columns[index], -free_slack[index])
-        slack = free_slack + columns @ forces[index]
-        slack[index] = 0.0
-        return forces, slack
+        self.factor = LapackLU(stiffness)
+        self.per_force = self.factor.solve(reduced.contact_test.T)
+        self.equalities = SchurEqualities.of(reduced.contact_trial @ self.per_force, LapackLU)
 
 
 class GappyField(NamedTuple):

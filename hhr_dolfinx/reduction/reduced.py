@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hhr_dolfinx.contact.condensed import CondensedContact, KnownStatuses
+from hhr_dolfinx.contact.condensed import CondensedContact, KnownStatuses, Responses
 from hhr_dolfinx.contact.dense import Factorise, PetscLU, solve_columns
-from hhr_dolfinx.contact.problem import ContactProblem, ContactSolution
+from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
 from hhr_dolfinx.reduction.rid import IndexSets, open_conditions
@@ -71,8 +71,8 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
     )
 
 
-class ReducedModel:
-    """HHR model: from a parameter to (gamma, lambda on A_lambda).
+class ReducedModel(CondensedContact):
+    """HHR model: from a parameter to (gamma, lambda on A_lambda), (5.23) with gamma eliminated.
 
     Args:
         problem: the projected arrays.
@@ -93,21 +93,13 @@ class ReducedModel:
         known: KnownStatuses,
         factorise: Factorise = PetscLU,
     ):
-        self.problem, self.known = problem, known
+        self.problem = problem
         factor = factorise(problem.stiffness)
         per_force, free = solve_columns(factor, problem.contact_test.T), solve_columns(factor, problem.loads)
-        self._online = CondensedContact(
-            parameters,
-            amplitudes,
+        responses = Responses(
             free_primal=free,
             primal_per_force=per_force,
             free_slack=problem.gaps - problem.contact_trial @ free,
             schur=problem.contact_trial @ per_force,
-            known=known,
-            factorise=factorise,
         )
-        self.parameters, self.amplitudes = parameters, amplitudes
-
-    def solve(self, mu, *, warm: bool = True, raise_on_failure: bool = True) -> ContactSolution:
-        """Coordinates gamma (ell,) and contact forces on A_lambda; see :meth:`CondensedContact.solve`."""
-        return self._online.solve(mu, warm=warm, raise_on_failure=raise_on_failure)
+        super().__init__(parameters, amplitudes, responses, known, factorise)

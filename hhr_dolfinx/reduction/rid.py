@@ -74,11 +74,6 @@ def open_conditions(problem: ContactProblem, sets: IndexSets) -> np.ndarray:
     return np.setdiff1d(acting, sets.A_lambda)
 
 
-def whole_domain(problem: ContactProblem) -> IndexSets:
-    """The RID that is the whole domain: plain Galerkin projection with all contact conditions."""
-    return _index_sets(problem, np.ones(len(problem.cell_nodes), dtype=bool), np.ones(len(problem.points), dtype=bool))
-
-
 def _incidence(problem):
     """Cells by nodes, 1 where the node belongs to the cell."""
     cells, per_cell = problem.cell_nodes.shape

@@ -17,7 +17,7 @@ from scipy import linalg
 from scipy.sparse import identity
 from slepc4py import SLEPc
 
-from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem
+from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.reduction.reduced import ReducedProblem
 from hhr_dolfinx.reduction.rid import IndexSets
 
@@ -126,8 +126,8 @@ def assess(
     pressure = 1.0 / problem.contact_areas
     energy_beta_h = math.sqrt(singular_range(_whiten(_whiten(schur, np.diag(pressure)).T, np.diag(pressure)))[0])
     return Stability(
-        kappa_B=_kappa(smallest, largest, problem.contact_norm),
-        kappa_B_2=_kappa(*row_range(reduced.contact_trial), problem.contact_norm),
+        kappa_B=problem.condition_number(smallest, largest),
+        kappa_B_2=problem.condition_number(*row_range(reduced.contact_trial)),
         sigma_min=smallest,
         sigma_max=largest,
         contact_definite=_contact_definite(reduced) if low > 0 else math.nan,
@@ -149,11 +149,6 @@ def row_range(rows: np.ndarray) -> tuple[float, float]:
     """Smallest and largest singular value seen by the rows; the smallest is 0 if there are more rows than columns."""
     smallest, largest = singular_range(rows)
     return (0.0 if rows.shape[0] > rows.shape[1] else smallest), largest
-
-
-def _kappa(smallest, largest, norm):
-    """Condition number; rows that are dependent to round-off, or see nothing of the basis, have none."""
-    return largest / smallest if smallest > DEPENDENT * max(largest, norm) else math.inf
 
 
 def _contact_definite(reduced):

@@ -19,7 +19,8 @@ import numpy as np
 from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
-from hhr_dolfinx.baselines.naive import NaiveFullOrder, exact_condensation
+from hhr_dolfinx.baselines.condensation import exact_condensation
+from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.contact.dense import LapackLU, PetscLU
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, HHRError, NotSolvableError, StabilityWarning
