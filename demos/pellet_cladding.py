@@ -11,21 +11,17 @@ a RID with two more layers of cells and FE functions on the contact nodes bring 
     mpirun -n 2 python demos/pellet_cladding.py --batch points.csv    # header: P1,h1
 """
 
-import time
 from pathlib import Path
 
-from mpi4py import MPI
-from rich.console import Console
+import pellet_cladding_study as comparison
+import pellet_cladding_tables as tables
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import ParameterError
 from hhr_dolfinx.geometries import pellet_cladding as geometry
-from hhr_dolfinx.study.cli import demo_parser, progress_bars
+from hhr_dolfinx.study import cli
 
-THESIS_SIZE = hhr.ReductionSettings.thesis(1e-6, extended_pod_tolerance=3e-7, dual_pod_tolerance=1e-3, kappa_max=3.0)
-"""POD + FE enrichment on a small RID: 60 functions and 26 contacts."""
-
-QUICK_MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 2}
+GRID, QUICK_MESH = (25, 20), {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 2}
+VIEW = hhr.View(((30.0, 5.25), (170.0, 3.2)), lambda places: places[:, 1], "z [mm]", (0, "u_r [mm]"), "MPa")
 
 
 def scene(bottom: str = "obstacle", **mesh_options) -> hhr.Scene:
@@ -56,47 +52,26 @@ def scene(bottom: str = "obstacle", **mesh_options) -> hhr.Scene:
 
 
 def main() -> None:
-    """Train, then study or answer a batch."""
-    parser = demo_parser("pellet_cladding", __doc__.splitlines()[0])
+    """Train, then study or answer a table of parameters."""
+    parser = cli.demo_parser("pellet_cladding", __doc__)
     parser.add_argument("--batch", type=Path, help="CSV file of parameters to answer, spread over the ranks")
-    parser.add_argument(
-        "--study", choices=["thesis"], help="print the rows of the thesis' tables 3.1 to 3.3 beside ours"
-    )
-    options = parser.parse_args()
-    try:
-        rows = hhr.read_points(options.batch, scene().parameters) if options.batch else None
-    except ParameterError as error:
-        parser.error(str(error))
-    comm = MPI.COMM_WORLD
-    console = Console(quiet=comm.rank > 0)
-    bars = progress_bars(console)
-    mesh = QUICK_MESH if options.quick else {}
-    training = hhr.train(
-        scene(**mesh), [25, 20], seed=options.seed, folder=options.out / "snapshots", comm=comm, progress=bars
-    )
+    parser.add_argument("--study", choices=["thesis"], help="rows of the thesis' tables 3.1 to 3.3 beside ours")
+    options = cli.parse(parser)
+    built, folder = scene(**(QUICK_MESH if options.quick else {})), options.out
+    rows = cli.points_or_exit(parser, options.batch, built.parameters)
+    training = hhr.train(built, GRID, seed=options.seed, folder=folder / "snapshots", progress=options.progress)
     if rows is not None:
-        batch(training, rows, options, comm, console)
-    elif comm.rank == 0:
-        import pellet_cladding_study as study
-
-        study.run(training, options, console)
+        hhr.answer_table(training.build(), rows, folder / "answers.csv", options.console, options.progress("answers"))
+    elif options.first_rank:
+        settings = hhr.StudySettings(GRID, variants=comparison.VARIANTS, queries=100)
+        settings = settings.asked(seed=options.seed, quick=options.quick)
+        rivals = list(comparison.rivals(training, scene, options.quick))
+        study = hhr.run_study(training, settings, rivals=rivals, progress=options.progress)
+        study.report["thesis_size"] = comparison.thesis_size(study)
+        study.write(folder, options.console, VIEW)
+        comparison.draw_maps(study, folder, options.quick)
         if options.study == "thesis":
-            study.thesis_tables(training, options.out, console)
-
-
-def batch(training, rows, options, comm, console) -> None:
-    """Answer the rows of a table on all ranks."""
-    reduction = training.build()
-    start = time.perf_counter()
-    answers = hhr.answer_rows(reduction, rows, comm, progress_bars(console)("answers"))
-    if comm.rank == 0:
-        path = options.out / "answers.csv"
-        bad = hhr.write_answers(path, training.full_order.problem.parameters, answers)
-        seconds = time.perf_counter() - start
-        console.print(f"{len(rows) - bad} answers and {bad} bad rows on {comm.size} ranks in {seconds:.1f} s: {path}")
-        for number, row in enumerate(answers, start=1):
-            if row[2] != "ok":
-                console.print(f"row {number} ({', '.join(row[:2])}): {row[2]}", highlight=False)
+            tables.thesis_tables(training, folder, options.console)
 
 
 if __name__ == "__main__":

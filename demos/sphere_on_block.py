@@ -12,18 +12,20 @@ has to solve for and keep a displacement field for each of its conditions; with 
 
 import numpy as np
 from mpi4py import MPI
-from rich.console import Console
-from rich.table import Table
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import sphere_on_block as geometry
-from hhr_dolfinx.study.cli import demo_parser, progress_bars
+from hhr_dolfinx.study import cli, report
 
 RADIUS, YOUNG, POISSON = 10.0, {geometry.SPHERE: 210e3, geometry.BLOCK: 70e3}, 0.3
 MESH = {"sphere_cells": (24, 10), "block_cells": (18, 8)}
 QUICK_MESH = {"sphere_cells": (10, 5), "block_cells": (8, 4), "grading": 2.5}
-RECIPE = hhr.ReductionSettings(dual_pod_tolerance=None, layers=0)
+COMPACT = {"dual_pod_tolerance": None, "layers": 0}
 """Three components at each node and a compact contact zone: the points of the primal DEIM are enough."""
+SMALLER = [(f"eps {eps:.0e}", hhr.ReductionSettings(eps, **COMPACT)) for eps in (1e-8, 1e-9)]
+VARIANTS = [("two layers", hhr.ReductionSettings()), *SMALLER]
+SETTINGS = hhr.StudySettings([25, 5], hhr.ReductionSettings(**COMPACT), VARIANTS, held_out=20, naive=False)
+VIEW = hhr.View(((0.21, 60.0),), lambda x: np.hypot(x[:, 0], x[:, 1]), "distance from the pole [mm]", stress="MPa")
 
 
 def scene(pairing=hhr.Mortar, **mesh_options) -> hhr.Scene:
@@ -42,90 +44,35 @@ def scene(pairing=hhr.Mortar, **mesh_options) -> hhr.Scene:
     )
 
 
-def hertz(load):
-    """Contact radius and peak pressure of Hertz under a load: a^3 = 3 P R / (4 E*), p0 = 3 P / (2 pi a^2)."""
-    modulus = 1 / sum((1 - POISSON**2) / young for young in YOUNG.values())
-    radius = (3 * load * RADIUS / (4 * modulus)) ** (1 / 3)
-    return radius, 3 * load / (2 * np.pi * radius**2)
-
-
 def beside_hertz(full_order, push) -> dict:
-    """Contact radius and pressures of the full order, relative to Hertz under the load it computes.
+    """Contact radius and pressures relative to Hertz under the computed load P on the whole sphere.
 
-    The radius is that of the elliptic pressure with the same second moment, sum(f r^2) / P = 2 a^2 / 5.
+    Hertz: a^3 = 3 P R / (4 E*), p0 = 3 P / (2 pi a^2). The computed radius is that of the elliptic pressure with the
+    same second moment, sum(f r^2) / P = 2 a^2 / 5.
     """
     problem, forces = full_order.problem, full_order.solve([push, 0.0]).forces
-    distance = np.linalg.norm(problem.contact_points[:, :2], axis=1)
-    pressure, load = forces / problem.contact_areas, forces.sum()
-    radius, peak = hertz(4 * load)
-    return {
-        "push": push,
-        "radius": float(np.sqrt(2.5 * forces @ distance**2 / load) / radius - 1),
-        "peak": float(pressure.max() / peak - 1),
-        "pole": float(pressure[distance.argmin()] / peak - 1),
-    }
+    distance, pressure, load = VIEW.position(problem.contact_points), forces / problem.contact_areas, 4 * forces.sum()
+    modulus = 1 / sum((1 - POISSON**2) / young for young in YOUNG.values())
+    radius = (3 * load * RADIUS / (4 * modulus)) ** (1 / 3)
+    ratios = np.array([pressure.max(), pressure[distance.argmin()]]) / (3 * load / (2 * np.pi * radius**2))
+    computed = np.sqrt(2.5 * 4 * forces @ distance**2 / load)
+    errors = np.array([computed / radius, *ratios]) - 1
+    return {"push": push, **dict(zip(("radius", "peak", "pole"), errors.tolist(), strict=True))}
 
 
 def main() -> None:
-    """Compare with Hertz, train, study, report."""
-    options = demo_parser("sphere_on_block", __doc__.splitlines()[0]).parse_args()
-    console = Console(quiet=MPI.COMM_WORLD.rank > 0)
-    bars, mesh = progress_bars(console), QUICK_MESH if options.quick else MESH
-    built = scene(**mesh)
-    folder = options.out / "snapshots"
-    training = hhr.train(built, [25, 5], held_out=20, seed=options.seed, folder=folder, progress=bars)
-    if MPI.COMM_WORLD.rank > 0:
-        return
-    full_order, snapshots = training.full_order, training.snapshots
-    variants = [("two layers", hhr.ReductionSettings())]
-    variants += [
-        (f"eps {eps:.0e}", hhr.ReductionSettings(eps, dual_pod_tolerance=None, layers=0)) for eps in (1e-8, 1e-9)
-    ]
-    queries = 15 if options.quick else 200
-    settings = hhr.StudySettings(RECIPE, variants, queries=queries, seed=options.seed, naive=False)
-    points = built.parameters.random(20 if options.quick else 200, options.seed)
-    result = hhr.run_study(full_order, snapshots, points, settings, held_out=training.held_out, progress=bars)
-    report = hhr.make_report(full_order, snapshots, result, seed=options.seed, stages=training.stages)
-    nodal = hhr.FullOrderModel(scene(hhr.NodeToSurface, **mesh), MPI.COMM_SELF)
-    models = {"mortar": full_order, "node_to_surface": nodal}
-    report["hertz"] = {
-        name: [beside_hertz(model, push) for push in (0.1, 0.15, 0.25)] for name, model in models.items()
-    }
-    hhr.write_report(report, options.out)
-    hhr.print_report(report, console)
-    table = Table(
-        "pairing", "push [mm]", "contact radius", "peak pressure", "pressure at the pole", title="beside Hertz"
-    )
-    for name, rows in report["hertz"].items():
-        for row in rows:
-            table.add_row(name, f"{row['push']:g}", *(f"{row[key]:+.1%}" for key in ("radius", "peak", "pole")))
-    console.print(table)
-    hhr.save_model(options.out / "model.npz", result.hyper.model, result.hyper.reconstruction)
-    pictures(training, result, report, options.out)
-    console.print(f"report, pictures, fields and model are in {options.out}")
-
-
-def pictures(training, result, report, folder) -> None:
-    """Contact pressure beside Hertz, the RID and stresses, error against run time."""
-    from hhr_dolfinx.study import plots
-
-    full_order, hyper, mu = training.full_order, result.hyper, (0.21, 60.0)
-    problem, exact, (displacement, forces) = full_order.problem, full_order.solve(mu), hyper.solve_everywhere(mu)
-    distance = np.linalg.norm(problem.contact_points[:, :2], axis=1)
-    order = np.argsort(distance)[: int((exact.forces > 0).sum() * 1.3)]
-    r, pressures = distance[order], [(f / problem.contact_areas)[order] for f in (exact.forces, forces)]
-    radius, peak = hertz(4 * exact.forces.sum())
-    curve = peak * np.sqrt(np.maximum(1 - (r / radius) ** 2, 0.0))
-    plots.plot_multipliers(
-        r, [pressures[0], curve], [(r, pressures[1]), (r[:0], r[:0])], ["push 0.21 mm", "Hertz"],
-        folder / "pressure.png", "distance from the pole [mm]", "contact pressure [MPa]",
-    )  # fmt: skip
-    grid = plots.field_grid(problem, hyper, full_order=exact.primal, hhr=displacement)
-    grid.cell_data["von Mises HHR [MPa]"] = full_order.discretisation.von_mises(displacement)
-    grid.cell_data["von Mises full order [MPa]"] = full_order.discretisation.von_mises(exact.primal)
-    grid.save(folder / "fields.vtu")
-    plots.plot_fields(grid, ["rid", "von Mises full order [MPa]", "von Mises HHR [MPa]"], folder / "fields.png")
-    plots.plot_work_precision(report["work_precision"], folder / "work_precision.png")
+    """Train, study, compare with Hertz, report."""
+    options = cli.parse(cli.demo_parser("sphere_on_block", __doc__))
+    mesh, settings = QUICK_MESH if options.quick else MESH, SETTINGS.asked(seed=options.seed, quick=options.quick)
+    study = hhr.study_scene(scene(**mesh), settings, options.out, progress=options.progress)
+    if study is not None:  # ranks but the first have only trained
+        nodal = hhr.FullOrderModel(scene(hhr.NodeToSurface, **mesh), MPI.COMM_SELF)
+        models = {"mortar": study.training.full_order, "node_to_surface": nodal}
+        rows = {name: [beside_hertz(model, push) for push in (0.1, 0.15, 0.25)] for name, model in models.items()}
+        study.report["hertz"] = rows
+        study.write(options.out, options.console, VIEW)
+        shown = [{"pairing": name, **row} for name, several in rows.items() for row in several]
+        report.print_rows("relative to Hertz", shown, options.console)
 
 
 if __name__ == "__main__":

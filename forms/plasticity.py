@@ -29,14 +29,17 @@ class Flow(Protocol):
     def flow(self, trial, plastic_strain, shear, dt):
         """Cumulated flow of a step at points whose trial stress is given.
 
+        The derivative makes steps converge fast and does not change where to: compare it with differences of Δp.
+        A step that does not converge is cut, so that a law with rates sees smaller steps; ``History.cuts`` counts them.
+
         Args:
-            trial: equivalent trial stress q_tr, (n,).
-            plastic_strain: cumulated plastic strain p before the step, (n,).
+            trial: equivalent trial stress q_tr, (n,); not to be written to.
+            plastic_strain: cumulated plastic strain p before the step, (n,); the only memory of a law.
             shear: shear modulus mu.
             dt: time step in seconds.
 
         Returns:
-            Flow Δp >= 0 and its derivative by q_tr, (n,) each.
+            Flow Δp, 0 <= 3 mu Δp <= q_tr, and its derivative by q_tr, (n,) each.
         """
 
 

@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms.elasticity import HYPOTHESES
 from hhr_dolfinx.pairings import Pairing
 from hhr_dolfinx.parameters import Amplitude, ParameterSpace
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.forms.plasticity import Flow
 
 
 @dataclass(frozen=True)
@@ -27,10 +30,12 @@ class Body:
     tag: int
     young: float
     poisson: float
-    law: Any = None
+    law: Flow | None = None
 
     def __post_init__(self):
-        """Refuse constants for which the elastic energy is not positive."""
+        """Refuse constants for which the elastic energy is not positive, and laws that are none."""
+        if self.law is not None and (isinstance(self.law, type) or not callable(getattr(self.law, "flow", None))):
+            raise SceneError(f"body {self.tag}: the law {self.law!r} must be an object with a method flow")
         if not self.young > 0 or not -1 < self.poisson < 0.5:
             raise SceneError(f"body {self.tag}: E = {self.young} must be positive and nu = {self.poisson} in (-1, 0.5)")
 

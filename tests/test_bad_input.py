@@ -163,13 +163,13 @@ def test_a_body_that_can_move_freely():
 @pytest.mark.parametrize("tolerance", [0.0, 1.0, -1.0])
 def test_pod_tolerance(hertz, hertz_snapshots, tolerance):
     with pytest.raises(ReductionError, match=r"\(0, 1\)"):
-        hhr.build_reduced_model(hertz.problem, hertz.schur, hertz_snapshots, hhr.ReductionSettings.thesis(tolerance))
+        hhr.build_reduced_model(hertz, hertz_snapshots, hhr.ReductionSettings.thesis(tolerance))
 
 
 def test_a_snapshot_set_of_one(hertz):
     snapshots = hhr.compute_snapshots(hertz, np.array([[0.3]]))
     with pytest.raises(ReductionError, match="at least 2"):
-        hhr.build_reduced_model(hertz.problem, hertz.schur, snapshots, RECIPE)
+        hhr.build_reduced_model(hertz, snapshots, RECIPE)
 
 
 def test_a_rid_without_contact(hertz):
@@ -179,9 +179,9 @@ def test_a_rid_without_contact(hertz):
 
 
 def test_a_rid_that_no_load_reaches(hertz, hertz_snapshots):
-    settings = hhr.ReductionSettings.thesis(1e-4, zone_nodes=())
-    with pytest.raises(ReductionError, match="zone_nodes"):
-        hhr.build_reduced_model(hertz.problem, hertz.schur, hertz_snapshots, settings)
+    settings = hhr.ReductionSettings.thesis(1e-4, zone=lambda problem: [])
+    with pytest.raises(ReductionError, match="the zone"):
+        hhr.build_reduced_model(hertz, hertz_snapshots, settings)
 
 
 def test_a_singular_reduced_problem(hertz_reduction, hertz):

@@ -48,7 +48,7 @@ def test_report(quick):
 
 
 def test_pictures_fields_and_model(quick):
-    for name in ("deformed.png", "multipliers.png", "errors.png", "work_precision.png", "fields.vtu", "model.npz"):
+    for name in ("fields.png", "pressures.png", "errors.png", "work_precision.png", "fields.vtu", "model.npz"):
         assert (quick / name).stat().st_size > 5000, name
 
 
@@ -57,7 +57,7 @@ def test_fields_open_as_a_mesh(quick):
 
     grid = pyvista.read(quick / "fields.vtu")
     assert grid.n_cells == 1212 and grid.n_points == 678
-    full, reduced = grid.point_data["full_order"], grid.point_data["hhr"]
+    full, reduced = grid.point_data["full order"], grid.point_data["HHR"]
     assert np.linalg.norm(full - reduced) < 5e-4 * np.linalg.norm(full)
     assert 0 < grid.cell_data["rid"].sum() < 100
 
@@ -73,22 +73,6 @@ def test_readme_example_runs(tmp_path, monkeypatch):
     for answer, exact in ((names["displacement"], reference.primal), (names["forces"], reference.forces)):
         assert np.linalg.norm(answer - exact) < 5e-3 * np.linalg.norm(exact)
     assert (tmp_path / "block.npz").exists()
-
-
-def test_an_elastic_scene_loads_only_what_it_needs():
-    """No pictures, no baselines and no file formats where nobody asked for them."""
-    program = (
-        "import sys\n"
-        f"sys.path.insert(0, {str(ROOT / 'demos')!r})\n"
-        "import hertz_half_discs as demo, hhr_dolfinx as hhr\n"
-        "full_order = hhr.FullOrderModel(demo.scene())\n"
-        "snapshots = hhr.compute_snapshots(full_order, full_order.problem.parameters.grid([31]))\n"
-        "hhr.build_reduced_model(full_order.problem, full_order.schur, snapshots, demo.RECIPE).model.solve(0.3)\n"
-        "loaded = {'pyvista', 'matplotlib', 'hhr_dolfinx.study.study', 'hhr_dolfinx.baselines'}\n"
-        "assert not loaded & set(sys.modules), loaded & set(sys.modules)\n"
-    )
-    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
-    assert run.returncode == 0, run.stderr[-2000:]
 
 
 def test_command_line_help():

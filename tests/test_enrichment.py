@@ -71,9 +71,7 @@ def test_good_basis_is_left_alone(hertz, hertz_reduction):
 
 
 def test_enriched_model_is_solvable_where_the_plain_one_was_not(hertz, hertz_snapshots):
-    reduction = hhr.build_reduced_model(
-        hertz.problem, hertz.schur, hertz_snapshots, hhr.ReductionSettings.thesis(1e-8, layers=1)
-    )
+    reduction = hhr.build_reduced_model(hertz, hertz_snapshots, hhr.ReductionSettings.thesis(1e-8, layers=1))
     assert len(reduction.enrichment.added) > 0 and reduction.stability.kappa_B <= 10
     solution, reference = reduction.model.solve(0.3), hertz.solve(0.3).forces[reduction.sets.A_lambda]
     assert np.linalg.norm(solution.forces - reference) < 0.05 * np.linalg.norm(reference)

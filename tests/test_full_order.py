@@ -180,7 +180,7 @@ def test_units_do_not_matter(hertz, hertz_reduction, length, stress):
     """
     full_order = hhr.FullOrderModel(scaled_scene(length, stress))
     snapshots = hhr.compute_snapshots(full_order, full_order.problem.parameters.grid([31]))
-    reduction = hhr.build_reduced_model(full_order.problem, full_order.schur, snapshots, RECIPE)
+    reduction = hhr.build_reduced_model(full_order, snapshots, RECIPE)
     for mu in (0.168, 0.4321):
         _, reference = hertz_reduction.solve_everywhere(mu)
         _, forces = reduction.solve_everywhere(mu * length)

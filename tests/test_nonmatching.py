@@ -23,12 +23,12 @@ from hhr_dolfinx.contact.problem import Status
 from hhr_dolfinx.errors import NotSolvableError, ReductionError, StabilityWarning, UnstableModelError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.reduction.enrichment import enrich
-from hhr_dolfinx.reduction.offline import loaded_nodes
 from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.reduction.reduced import ReducedModel, project
-from hhr_dolfinx.reduction.rid import open_conditions, reduced_domain
+from hhr_dolfinx.reduction.rid import open_conditions, reduced_domain, zone_of_interest
 from hhr_dolfinx.reduction.stability import assess
 from hhr_dolfinx.reduction.trust import TrustLimits, check_stability, validate
+from hhr_dolfinx.study.yardstick import Yardstick
 
 ROOT = Path(__file__).parent.parent
 MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}
@@ -49,7 +49,7 @@ def problem(request):
 @pytest.fixture(scope="module")
 def standard():
     """Standard mortar multipliers, each row of which touches its neighbours' slaves."""
-    return hhr.FullOrderModel(patch.scene(patch.standard_mortar, (12, 4), (16, 4)), MPI.COMM_SELF).problem
+    return hhr.FullOrderModel(patch.scene(patch.PAIRINGS["mortar, standard"], (12, 4), (16, 4)), MPI.COMM_SELF).problem
 
 
 def check_closed(problem, asked, sets):
@@ -163,7 +163,7 @@ def test_the_reduced_model_finds_the_exact_solution_of_a_saddle_point_with_two_m
     """The exact displacement lies in the basis, so the exact forces are the answer; only with B~1 and B~2 in place."""
     full_order, point = pellet.full_order, np.array([150.0, 5.0])
     problem = full_order.problem
-    sets = reduced_domain(problem, np.array([*problem.contact_slaves[3:7], *loaded_nodes(problem)]), layers=1)
+    sets = reduced_domain(problem, np.array([*problem.contact_slaves[3:7], *zone_of_interest(problem, None)]), layers=1)
     assert len(sets.A_c) < len(sets.A_c_tilde)
     solution = full_order.solve(point)
     homogeneous = solution.primal - problem.lifts @ problem.amplitudes(point)
@@ -181,10 +181,10 @@ def test_the_reduced_model_finds_the_exact_solution_of_a_saddle_point_with_two_m
 def test_alpha_prime_on_two_kernels(pellet):
     """(2.46) by its definition: trial functions in the kernel of B~2, test functions in that of B~1."""
     problem = pellet.full_order.problem
-    sets = reduced_domain(problem, np.array([*problem.contact_slaves[3:7], *loaded_nodes(problem)]), layers=1)
+    sets = reduced_domain(problem, np.array([*problem.contact_slaves[3:7], *zone_of_interest(problem, None)]), layers=1)
     basis = enrich(problem, pod(pellet.snapshots.displacements, 1e-5)[0][:, :4], sets, 3.0).basis
     reduced = project(problem, basis, sets)
-    stability = assess(problem, pellet.full_order.schur, basis, sets, reduced)
+    stability = assess(pellet.full_order, basis, sets, reduced)
     one, two = linalg.null_space(reduced.contact_test), linalg.null_space(reduced.contact_trial)
     assert np.abs(reduced.contact_test - reduced.contact_trial).max() > 1e-3
     cut = linalg.orth(np.where(np.isin(np.arange(len(basis)), sets.A)[:, None], basis, 0.0) @ one)
@@ -224,7 +224,7 @@ def test_two_answers_to_one_parameter_are_caught(pellet):
     answered = np.isfinite(validation.primal)
     assert np.isinf(validation.dual[answered]).any(), "two answers"
     with pytest.warns(StabilityWarning), pytest.raises(UnstableModelError):
-        hhr.build_reduced_model(problem, pellet.full_order.schur, pellet.snapshots, recipe, held_out)
+        hhr.build_reduced_model(pellet.full_order, pellet.snapshots, recipe, held_out)
 
 
 def test_an_imposed_slave_surface_keeps_only_conditions_that_act_inside():
@@ -311,12 +311,12 @@ def test_enrichment_gives_both_matrices_full_rank(pellet):
 
 def test_both_constants_and_both_conditions_are_reported(pellet):
     """kappa, beta and the definiteness of S against their definitions, with B~1 and B~2 apart."""
-    problem, schur = pellet.full_order.problem, pellet.full_order.schur
+    problem = pellet.full_order.problem
     sets, _ = some_rid(problem)
     basis = np.linalg.qr(pellet.snapshots.displacements[:, ::6])[0]
     basis = enrich(problem, basis, sets, 2.0).basis
     reduced = project(problem, basis, sets)
-    stability = assess(problem, schur, basis, sets, reduced)
+    stability = assess(pellet.full_order, basis, sets, reduced)
     one, two = (np.linalg.svd(t, compute_uv=False) for t in (reduced.contact_test, reduced.contact_trial))
     assert stability.kappa_B == pytest.approx(one[0] / one[-1])
     assert stability.kappa_B_2 == pytest.approx(two[0] / two[-1])
@@ -378,7 +378,7 @@ def test_a_turned_scene_has_the_same_reduced_model():
     points = [[0.03, 0.0], [0.05, 0.02], [0.07, 0.01], [0.1, 0.05]]
     for angle, full_order in built.items():
         problem = full_order.problem
-        place = problem.points @ patch.rotation(2, angle)
+        place = problem.points @ patch.geometry.rotation(2, angle)
         middle = problem.contact_slaves[np.argsort(place[problem.contact_slaves, 0])[3:7]]
         sets = reduced_domain(problem, middle, layers=1)
         fields = np.column_stack([full_order.solve(point).primal for point in points])
@@ -386,7 +386,7 @@ def test_a_turned_scene_has_the_same_reduced_model():
         basis, triangle = np.linalg.qr(fields)
         reduced[angle] = project(problem, basis * np.sign(np.diag(triangle)), sets)
         training = hhr.compute_snapshots(full_order, problem.parameters.grid([12, 6]))
-        reduction = hhr.build_reduced_model(problem, full_order.schur, training)
+        reduction = hhr.build_reduced_model(full_order, training)
         displacement, _ = reduction.solve_everywhere([0.083, 0.021])
         exact = full_order.solve([0.083, 0.021]).primal
         errors[angle] = np.linalg.norm(displacement - exact) / np.linalg.norm(exact)
@@ -401,14 +401,12 @@ def test_a_turned_scene_has_the_same_reduced_model():
 
 def test_errors_of_the_demo_on_a_coarse_mesh(pellet):
     """The default recipe on 20 random points: what the demo shows on the fine mesh holds on a coarse one."""
-    from hhr_dolfinx.study.study import measure_errors, solve_references
-
     reduction = pellet.build()
     problem = pellet.full_order.problem
     assert open_conditions(problem, reduction.sets).size == 0
     points = problem.parameters.random(20, seed=3)
-    errors = measure_errors(problem, reduction, solve_references(pellet.full_order, pellet.snapshots, points))
-    assert errors.unconverged == 0 and errors.cycles == 0
+    errors = Yardstick.at(points, pellet).errors(reduction, reduction.sets.A_lambda)
+    assert errors.unanswered == 0 and not any(reduction.model.solve(point).cycled for point in points)
     assert np.median(errors.values["dual_full_floored"]) < 0.02
     assert np.percentile(errors.values["primal_l2"], 95) < 0.01
 
@@ -425,7 +423,7 @@ def test_quick_pellet(tmp_path, pairing):
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["errors"]["unconverged"] == 0
     assert report["point"]["here"]["primal_l2"] < 0.01
-    for name in ("fields.vtu", "fields.png", "multipliers.png", "work_precision.png", "model.npz"):
+    for name in ("fields.vtu", "fields.png", "pressures.png", "work_precision.png", "model.npz"):
         assert (tmp_path / name).stat().st_size > 5000
 
 

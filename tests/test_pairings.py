@@ -14,7 +14,7 @@ from hhr_dolfinx.geometries import hertz_half_discs as discs
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.snapshots.accuracy import energy_minimum
 
-STANDARD = patch.standard_mortar
+STANDARD = patch.PAIRINGS["mortar, standard"]
 MESHES = [
     ((3, 3), (5, 4), False), ((7, 4), (8, 4), True), ((1, 2), (20, 6), False), ((20, 6), (1, 2), True),
     ((2, 2, 2), (3, 3, 3), False), ((3, 2, 2), (4, 5, 2), True), ((6, 6, 2), (1, 1, 2), False),

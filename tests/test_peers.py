@@ -18,7 +18,7 @@ from hhr_dolfinx.errors import NotSolvableError
 def test_naive_and_condensed_are_exact(hertz, hertz_snapshots, mu):
     exact = hertz.solve(mu)
     naive = NaiveFullOrder(hertz).solve(mu)
-    known = hertz_snapshots.known_statuses
+    known = hertz_snapshots.known_statuses()
     condensed = exact_condensation(hertz, known).solve(mu)
     lift = hertz.problem.lifts @ hertz.problem.amplitudes(np.array([mu]))
     for displacement, forces in ((naive.primal, naive.forces), (condensed.primal + lift, condensed.forces)):

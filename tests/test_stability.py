@@ -72,7 +72,7 @@ def test_energy_constants_do_not_depend_on_units(hertz, hertz_reduction):
     bodies = tuple(dataclasses.replace(body, young=4 * body.young) for body in scene.bodies)
     stiff = hhr.FullOrderModel(dataclasses.replace(scene, bodies=bodies))
     snapshots = hhr.compute_snapshots(stiff, stiff.problem.parameters.grid([31]))
-    stability = hhr.build_reduced_model(stiff.problem, stiff.schur, snapshots, RECIPE).stability
+    stability = hhr.build_reduced_model(stiff, snapshots, RECIPE).stability
     assert stability.energy.beta_h == pytest.approx(hertz_reduction.stability.energy.beta_h / 2, rel=1e-8)
     assert stability.energy.beta_HR == pytest.approx(hertz_reduction.stability.energy.beta_HR / 2, rel=1e-6)
     assert stability.euclidean.beta_HR == pytest.approx(hertz_reduction.stability.euclidean.beta_HR, rel=1e-6)
@@ -101,6 +101,4 @@ def test_dependent_contact_rows_are_refused(hertz, hertz_snapshots, monkeypatch)
     none = lambda problem, basis, *_: Enrichment(basis, np.zeros(0, dtype=int), [math.inf], False)  # noqa: E731
     monkeypatch.setattr(offline, "enrich", none)
     with pytest.raises(NotSolvableError, match=r"1\.67"):
-        hhr.build_reduced_model(
-            hertz.problem, hertz.schur, hertz_snapshots, hhr.ReductionSettings.thesis(1e-8, layers=1)
-        )
+        hhr.build_reduced_model(hertz, hertz_snapshots, hhr.ReductionSettings.thesis(1e-8, layers=1))

@@ -9,7 +9,6 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from hhr_dolfinx.baselines.condensation import exact_condensation
-from hhr_dolfinx.contact.condensed import KnownStatuses
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.elastic import FullOrderModel
 from hhr_dolfinx.snapshots.solutions import compute_snapshots
@@ -26,8 +25,7 @@ class CoarserMesh:
 
     def __init__(self, coarse: FullOrderModel, fine: ContactProblem, points: np.ndarray):
         snapshots = compute_snapshots(coarse, points)
-        known = KnownStatuses(points, np.ascontiguousarray(snapshots.active.T))
-        self._problem, self._online = coarse.problem, exact_condensation(coarse, known)
+        self._problem, self._online = coarse.problem, exact_condensation(coarse, snapshots.known_statuses())
         self._fine, self.solve = fine, self._online.solve
         self._bodies = _matching_bodies(coarse.problem, fine)
 

@@ -10,11 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
-from scipy.sparse import csr_matrix, vstack
+from scipy.sparse import csr_matrix, issparse, vstack
 
+from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace, Theta
 
 DEPENDENT = 1e-13
@@ -26,11 +27,15 @@ class ContactRows:
     """Contact conditions ``B U <= D`` of thesis (1.27), before imposed displacements are known.
 
     Attributes:
-        matrix: B, (N_lambda, N), nodal and unweighted, so that kappa(B) = 1 node to node.
+        matrix: B, (N_lambda, N), nodal and unweighted, so that kappa(B) = 1 node to node. A row is n·u at the slave,
+            less n·u where it touches; n points out of the slave's body, and the force on it is -n λ.
         gap: initial gap, (N_lambda,), in the unit of length.
-        slaves: node that carries each condition and its multiplier, (N_lambda,).
-        points: position of each condition, (N_lambda, dim).
-        areas: tributary area of each condition, (N_lambda,).
+        slaves: node that carries each condition and its multiplier, (N_lambda,); DEIM and enrichment pick it.
+        points: position of each condition, (N_lambda, dim), for pictures and messages.
+        areas: tributary area of each condition, (N_lambda,), which turns forces into pressures.
+
+    Raises:
+        SceneError: if lengths differ or numbers are not finite.
     """
 
     matrix: csr_matrix
@@ -38,6 +43,15 @@ class ContactRows:
     slaves: np.ndarray
     points: np.ndarray
     areas: np.ndarray
+
+    def __post_init__(self):
+        """Refuse what would fail far from here, or not at all."""
+        m = np.size(self.gap)
+        sizes = {name: len(getattr(self, name)) for name in ("slaves", "points", "areas")}
+        if not issparse(self.matrix) or self.matrix.shape[0] != m or set(sizes.values()) != {m}:
+            raise SceneError(f"contact rows need a sparse matrix with a row for each of {m} gaps, and as many {sizes}")
+        if not all(np.isfinite(item).all() for item in (self.matrix.data, self.gap, self.areas)):
+            raise SceneError("contact rows are not finite: check normals and gaps of the pairing")
 
     def take(self, index: np.ndarray) -> ContactRows:
         """Some of the rows, in the order of ``index``."""
@@ -112,6 +126,18 @@ class ContactProblem:
     def condition_number(self, smallest: float, largest: float) -> float:
         """kappa of B V by its extreme singular values; infinite where rows are dependent to round-off, (1.67)."""
         return largest / smallest if smallest > DEPENDENT * max(largest, self.contact_norm) else math.inf
+
+
+class FullOrder(Protocol):
+    """What a reduction needs of a full-order model: arrays.
+
+    Attributes:
+        problem: the full problem.
+        schur: S = B K^-1 B^T, (N_lambda, N_lambda).
+    """
+
+    problem: ContactProblem
+    schur: np.ndarray
 
 
 class Status(Enum):

@@ -1,7 +1,7 @@
 """Strain and internal forces through Gauss points: arrays tabulated once, loops compiled by numba.
 
-The arrays come from UFL (:meth:`Discretisation.strain_operator`); nothing here knows meshes or physics. A reduced model
-uses the same operator with the cells of its RID.
+The arrays come from UFL, by :mod:`hhr_dolfinx.full_order.gauss_points`; nothing here knows meshes or physics. A reduced
+model uses the same operator with the cells of its RID.
 """
 
 from __future__ import annotations

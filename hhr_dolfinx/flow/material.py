@@ -104,25 +104,51 @@ class Material:
         for group in self.groups:
             lam, mu = lame_parameters(group.young, group.poisson)
             bulk, points = lam + 2 * mu / 3, group.points
-            deviator, trial = np.empty((points.size, self.components)), np.empty(points.size)
-            _trial(points, strain, old.plastic, mu, deviator, trial)
+            trial = _Trial(np.empty((points.size, self.components)), np.empty(points.size))
+            _set_trial(points, strain, old.plastic, mu, trial)
             if group.law is None:
-                flow, slope = np.zeros(points.size), np.zeros(points.size)
+                flow = _Flow(np.zeros(points.size), np.zeros(points.size))
             else:
-                flow, slope = group.law.flow(trial, old.cumulated[points], mu, dt)
-                _check_flow(group.law, flow, slope, trial, mu)
-            arrays = stress, plastic, cumulated, tangents
-            _return(points, strain, deviator, trial, flow, slope, bulk, mu, *arrays, tangent)
+                trial.equivalent.setflags(write=False)  # a law that wrote there would spoil the return below
+                flow = _Flow(*group.law.flow(trial.equivalent, old.cumulated[points], mu, dt))
+                _check_flow(group.law, flow, trial.equivalent, mu)
+            _return(points, strain, trial, flow, (bulk, mu), _Out(stress, plastic, cumulated, tangents))
         return Update(stress, State(plastic, cumulated), tangents if tangent else None)
 
 
-def _check_flow(law, flow, slope, trial, mu):
+class _Trial(NamedTuple):
+    """Deviator (n, components) and equivalent stress (n,) of a step without flow."""
+
+    deviator: np.ndarray
+    equivalent: np.ndarray
+
+
+class _Flow(NamedTuple):
+    """Flow of a step and its derivative by the equivalent trial stress, (n,) each."""
+
+    amount: np.ndarray
+    slope: np.ndarray
+
+
+class _Out(NamedTuple):
+    """Arrays of all points that a step writes; tangents may be empty, where none are wanted."""
+
+    stress: np.ndarray
+    plastic: np.ndarray
+    cumulated: np.ndarray
+    tangents: np.ndarray
+
+
+def _check_flow(law, flow, trial, mu):
     """Refuse a flow that is not finite or would turn the stress round."""
-    right = np.isfinite(slope) & (flow >= 0) & (3 * mu * flow <= trial * (1 + 1e-9))
+    amount = flow.amount
+    if not np.shape(amount) == np.shape(flow.slope) == trial.shape:
+        raise ConvergenceError(f"{law} must answer with a flow and a slope of shape {trial.shape}")
+    right = np.isfinite(flow.slope) & (amount >= 0) & (3 * mu * amount <= trial * (1 + 1e-9))
     if np.isfinite(trial).all() and not right.all():
         worst = int(np.argmin(right))
         raise ConvergenceError(
-            f"{law} flows by {flow[worst]:g} under an equivalent stress of {trial[worst]:g}: between 0 and "
+            f"{law} flows by {amount[worst]:g} under an equivalent stress of {trial[worst]:g}: between 0 and "
             f"{trial[worst] / (3 * mu):g} was expected"
         )
 
@@ -131,7 +157,7 @@ _NO_TANGENTS = np.empty((0, 0, 0))
 
 
 @compiled()
-def _trial(points, strain, plastic, mu, deviator, trial):
+def _set_trial(points, strain, plastic, mu, trial):
     components = strain.shape[1]
     for n in range(points.size):
         i = points[n]
@@ -139,32 +165,31 @@ def _trial(points, strain, plastic, mu, deviator, trial):
         total = 0.0
         for k in range(components):
             value = 2 * mu * (strain[i, k] - plastic[i, k] - (mean if k < 3 else 0.0))
-            deviator[n, k] = value
+            trial.deviator[n, k] = value
             total += value * value
-        trial[n] = np.sqrt(1.5 * total)
+        trial.equivalent[n] = np.sqrt(1.5 * total)
 
 
 @compiled()
-def _return(points, strain, deviator, trial, flow, slope, bulk, mu, stress, plastic, cumulated, tangents, with_tangent):
+def _return(points, strain, trial, flow, moduli, out):
     """Radial return; H = bulk 1⊗1 + 2 mu (θ P - (3 mu dΔp/dq - 1 + θ) n⊗n) with θ = 1 - 3 mu Δp / q_tr."""
-    components = strain.shape[1]
+    components, (bulk, mu) = strain.shape[1], moduli
     for m in range(points.size):
-        i, q = points[m], trial[m]
+        i, q, amount = points[m], trial.equivalent[m], flow.amount[m]
         mean = bulk * (strain[i, 0] + strain[i, 1] + strain[i, 2])
-        theta = 1.0 - 3 * mu * flow[m] / q if flow[m] > 0 else 1.0
-        along = 1.5 * flow[m] / q if flow[m] > 0 else 0.0
-        norm2 = q * q / 1.5
+        theta = 1.0 - 3 * mu * amount / q if amount > 0 else 1.0
+        along = 1.5 * amount / q if amount > 0 else 0.0
         for k in range(components):
-            stress[i, k] = theta * deviator[m, k] + (mean if k < 3 else 0.0)
-            plastic[i, k] += along * deviator[m, k]
-        cumulated[i] += flow[m]
-        if with_tangent:
-            off = 2 * mu * (3 * mu * slope[m] - 1 + theta) / norm2 if flow[m] > 0 else 0.0
+            out.stress[i, k] = theta * trial.deviator[m, k] + (mean if k < 3 else 0.0)
+            out.plastic[i, k] += along * trial.deviator[m, k]
+        out.cumulated[i] += amount
+        if out.tangents.size > 0:
+            off = 2 * mu * (3 * mu * flow.slope[m] - 1 + theta) * 1.5 / (q * q) if amount > 0 else 0.0
             for k in range(components):
                 for j in range(components):
-                    value = -off * deviator[m, k] * deviator[m, j]
+                    value = -off * trial.deviator[m, k] * trial.deviator[m, j]
                     if k == j:
                         value += 2 * mu * theta
                     if k < 3 and j < 3:
                         value += bulk - 2 * mu * theta / 3
-                    tangents[i, k, j] = value
+                    out.tangents[i, k, j] = value

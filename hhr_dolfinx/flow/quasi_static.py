@@ -168,20 +168,14 @@ def march(
     """
     path = iter(path)
     time, start = next(path)
-    start = model.parameters.point(start)
-    here = Point(
-        time, start, np.zeros(model.size), np.zeros(model.conditions),
-        np.zeros(model.conditions, dtype=bool),
-        np.zeros((model.material.size, model.material.components)), model.material.at_rest(),
-    )  # fmt: skip
-    history, before = History(here.time), ()
-    kept = _Kept()
+    trail = (_at_rest(model, time, model.parameters.point(start)),)
+    history, kept = History(time), _Kept()
     for time, target in path:
-        target = model.parameters.point(target)
-        if not time > here.time:
-            raise ParameterError(f"times must increase: {time:g} s comes after {here.time:g} s")
+        goal = _Goal(time, model.parameters.point(target))
+        if not time > trail[-1].time:
+            raise ParameterError(f"times must increase: {time:g} s comes after {trail[-1].time:g} s")
         try:
-            after, iterations, cut = _advance(model, here, before, start, target, time, settings, kept)
+            after, iterations, cut = _advance(model, trail, goal, settings, kept)
         except _Diverged as failure:
             step = len(history.points) + 1
             error = ConvergenceError(
@@ -193,8 +187,21 @@ def march(
         history.points.append(after)
         history.iterations.append(iterations)
         history.cuts += cut
-        before, here, start = (*before[-1:], here), after, target
+        trail = (*trail[-2:], after)
     return history
+
+
+class _Goal(NamedTuple):
+    """Time and parameter to reach."""
+
+    time: float
+    parameter: np.ndarray
+
+
+def _at_rest(model, time, parameter) -> Point:
+    active, material = np.zeros(model.conditions, dtype=bool), model.material
+    stress = np.zeros((material.size, material.components))
+    return Point(time, parameter, np.zeros(model.size), np.zeros(active.size), active, stress, material.at_rest())
 
 
 def _place(model, worst):
@@ -205,27 +212,34 @@ def _place(model, worst):
     return f"; worst at Gauss point {number}, in cell {number // model.operator.weights.shape[1]}"
 
 
-def _advance(model, here, before, start, target, time, settings, kept):
+def _advance(model, trail, goal, settings, kept):
     """One step: as asked for, then with new tangents and no extrapolation, then in 2, 4, ... parts.
+
+    Args:
+        model: full or reduced.
+        trail: the last points, at most three, the present one at the end.
+        goal: where to.
+        settings: how.
+        kept: what one step leaves to the next.
 
     Returns:
         The point reached, the iterations of all attempts, and whether the step was cut.
     """
+    here = trail[-1]
     careful = replace(settings, search="tangent") if settings.search == "frozen" else settings
-    attempts = [(1, settings, before), (1, careful, ())]
-    attempts += [(2**halvings, careful, ()) for halvings in range(1, settings.cuts + 1)]
+    attempts = [(1, settings, trail), (1, careful, (here,))]
+    attempts += [(2**halvings, careful, (here,)) for halvings in range(1, settings.cuts + 1)]
     spent = 0
     for parts, how, last in attempts:
-        point = here
         try:
             for k in range(1, parts + 1):
                 share = k / parts
-                at = here.time + share * (time - here.time)
-                parameter = (1 - share) * start + share * target
-                after, iterations = _step(model, point, last, parameter, at, how, kept)
+                time = here.time + share * (goal.time - here.time)
+                part = _Goal(time, (1 - share) * here.parameter + share * goal.parameter)
+                after, iterations = _step(model, last, part, how, kept)
                 spent += iterations
-                last, point = (*last[-1:], point), after
-            return point, spent, parts > 1
+                last = (*last[-2:], after)
+            return after, spent, parts > 1
         except (_Diverged, ConvergenceError) as error:
             last_failure = error if isinstance(error, _Diverged) else _Diverged(str(error))
             kept.operator = None
@@ -241,9 +255,10 @@ class _Kept:
     forces: np.ndarray | float = 0.0
 
 
-def _step(model, here, before, parameter, time, settings, kept) -> tuple[Point, int]:
-    """One step from ``here``, started from the extrapolation of at most three points."""
-    dt, x, theta = time - here.time, _extrapolated((*before, here), time), model.amplitudes(parameter)
+def _step(model, trail, goal, settings, kept) -> tuple[Point, int]:
+    """One step from the end of ``trail``, started from the extrapolation of its points."""
+    here, dt = trail[-1], goal.time - trail[-1].time
+    x, theta = _extrapolated(trail, goal.time), model.amplitudes(goal.parameter)
     flows = model.material.flows and settings.search != "elastic"
     mixing = Anderson(settings.memory) if model.material.flows and settings.search != "tangent" else None
     active, operator, noise = here.active, kept.operator, model.round_off(x, theta)
@@ -272,7 +287,7 @@ def _step(model, here, before, parameter, time, settings, kept) -> tuple[Point, 
                 slow = settings.search == "tangent" or iteration > settings.patience
                 kept.operator, kept.forces = None if slow else operator, np.maximum(scale, kept.forces)
                 answer = correction.forces, correction.active, update.stress, update.state
-                return Point(time, parameter, x, *answer), iteration
+                return Point(*goal, x, *answer), iteration
         active = correction.active
         x = x + correction.change if mixing is None else mixing(x, correction.change)
     moved = np.abs(np.einsum("nij,nj->ni", operator, model.strain(correction.change, None))).max(axis=1)

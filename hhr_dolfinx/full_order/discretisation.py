@@ -75,80 +75,36 @@ class Discretisation:
         """
         mass = fem_petsc.assemble_matrix(self._mass_form)
         mass.assemble()
-        single, lifts, free = self._imposed()
-        columns = [np.zeros(lifts.shape)]
-        first_opening = 1 + len(single)
-        for opening in self.scene.openings:
-            single.append(opening.amplitude)
-            columns.append(np.zeros((self.size, 1)))
-        for load in self.scene.loads:
-            if not isinstance(load, PartialPressure):
-                single.append(load.amplitude)
-                columns.append(self._load_vector(load)[:, None])
-        amplitudes = Amplitudes.collect(single, self.scene.parameters)
-        coverages, first = [], amplitudes.constant.size
-        for load in self.scene.loads:
-            if isinstance(load, PartialPressure):
-                coverage, terms = self._coverage(load, first)
-                coverages.append(coverage)
-                columns.append(terms)
-                first += coverage.count
-        loads = np.hstack(columns)
-        lifts = np.hstack([lifts, np.zeros((self.size, loads.shape[1] - lifts.shape[1]))])
+        lifts, free = self._imposed()
+        amplitudes, loads = self._loads(lifts)
+        lifts = np.column_stack([lifts, np.zeros((self.size, loads.shape[1] - lifts.shape[1]))])
         full = self._gather_matrix(stiffness)
-        loads = (loads - full @ lifts) * free[:, None]
         rows, pairs = self._contact_rows(free)
-        gaps = _gap_terms(rows, lifts)
-        for k, opening in enumerate(self.scene.openings):
-            gaps[pairs == opening.contact, first_opening + k] += 1.0
         return ContactProblem(
             stiffness=full,
             mass=self._gather_matrix(mass),
             free=free,
-            loads=np.asfortranarray(loads),
+            loads=np.asfortranarray((loads - full @ lifts) * free[:, None]),
             lifts=np.asfortranarray(lifts),
             contact=_without_columns(rows.matrix, ~free),
-            gaps=np.asfortranarray(gaps),
+            gaps=np.asfortranarray(self._gaps(rows, pairs, lifts)),
             contact_slaves=rows.slaves,
             contact_pairs=pairs,
             contact_points=rows.points,
             contact_areas=rows.areas,
             cell_nodes=self._cell_nodes(),
             points=self._points(),
-            amplitudes=replace(amplitudes, coverages=tuple(coverages)),
+            amplitudes=amplitudes,
             parameters=self.scene.parameters,
         )
 
-    def strain_operator(self, degree: int = 2):
-        """Strain at the Gauss points of all cells, for materials that flow; serial.
-
-        Args:
-            degree: of the quadrature; 2 gives quadrilaterals 2 x 2 points.
-
-        Returns:
-            The :class:`~hhr_dolfinx.flow.gauss.StrainOperator`, and the body of each cell as its place in the scene.
-        """
-        from hhr_dolfinx.flow.gauss import StrainOperator
-        from hhr_dolfinx.forms.plasticity import strain_vector
-
-        if self.comm.size > 1:
-            raise SceneError("materials that flow are solved on one rank: share the parameters out, not the mesh")
-        topology, hypothesis = self.mesh.topology, self.scene.hypothesis
-        cells = np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)
-        points, weights = compat.quadrature(self.mesh, degree)
-        trial = ufl.TrialFunction(self.space)
-        table = fem.Expression(strain_vector(trial, hypothesis), points).eval(self.mesh, cells)
-        measure = elasticity.volume_weight(self.mesh, hypothesis) * abs(ufl.JacobianDeterminant(self.mesh))
-        volumes = fem.Expression(measure, points).eval(self.mesh, cells)
-        dim, count = self.mesh.geometry.dim, len(weights)
-        blocks = self.space.dofmap.list[cells]
-        dofs = (dim * blocks[:, :, None] + np.arange(dim)).reshape(len(cells), -1).astype(np.int64)
-        components = 6 if hypothesis == "solid" else 4
-        gradients = np.ascontiguousarray(table.reshape(len(cells), count, components, dofs.shape[1]))
-        bodies = np.full(len(cells), -1)
+    def cell_bodies(self) -> np.ndarray:
+        """Body of each cell of this rank as its place in the scene, (cells,)."""
+        bodies = np.full(self.mesh.topology.index_map(self.mesh.topology.dim).size_local, -1)
         for place, body in enumerate(self.scene.bodies):
-            bodies[self._cell_tags.find(body.tag)] = place
-        return StrainOperator(gradients, volumes.reshape(len(cells), count) * weights, dofs, self.size), bodies
+            cells = self._cell_tags.find(body.tag)
+            bodies[cells[cells < bodies.size]] = place
+        return bodies
 
     def stress(self, displacement: np.ndarray) -> np.ndarray:
         """Stress at the middle of each cell, (cells, 3, 3), in the order of ``ContactProblem.cell_nodes``.
@@ -196,8 +152,8 @@ class Discretisation:
             raise SceneError(f"{untagged} cells have no tag: every cell must belong to a body")
 
     def _imposed(self):
-        """Amplitudes, lifts (N, 1 + T) and free dofs of the imposed displacements."""
-        amplitudes, columns = [], [np.zeros(self.size)]
+        """Lifts of the moving displacements behind the leading 1, (N, 1 + moving), and the free dofs, (N,)."""
+        columns = [np.zeros(self.size)]
         owner = np.full(self.size, -1)
         for number, item in enumerate(self.scene.displacements):
             dofs = self._tagged_dofs(item.tag, item.component)
@@ -206,11 +162,40 @@ class Discretisation:
                 raise SceneError(f"displacements {set(owner[clash])} and {number} impose different values on one node")
             dofs = np.setdiff1d(dofs, clash)
             owner[dofs] = number
-            if item.amplitude != Amplitude():
-                amplitudes.append(item.amplitude)
+            if item in self._moving:
                 columns.append(np.zeros(self.size))
                 columns[-1][dofs] = 1.0
-        return amplitudes, np.column_stack(columns), owner < 0
+        return np.column_stack(columns), owner < 0
+
+    @property
+    def _moving(self):
+        """Imposed displacements that are not held at zero: the first terms of θ; those of openings follow."""
+        return [item for item in self.scene.displacements if item.amplitude != Amplitude()]
+
+    def _loads(self, lifts) -> tuple[Amplitudes, np.ndarray]:
+        """θ, and the surface loads of its terms, (N, 1 + T): 1, displacements, openings, loads, partial pressures."""
+        scene = self.scene
+        plain = [load for load in scene.loads if not isinstance(load, PartialPressure)]
+        single = [item.amplitude for item in (*self._moving, *scene.openings, *plain)]
+        amplitudes = Amplitudes.collect(single, scene.parameters)
+        columns = [np.zeros((self.size, lifts.shape[1] + len(scene.openings)))]
+        columns += [self._load_vector(load)[:, None] for load in plain]
+        coverages, first = [], amplitudes.constant.size
+        for load in scene.loads:
+            if isinstance(load, PartialPressure):
+                coverage, terms = self._coverage(load, first)
+                coverages.append(coverage)
+                columns.append(terms)
+                first += coverage.count
+        return replace(amplitudes, coverages=tuple(coverages)), np.hstack(columns)
+
+    def _gaps(self, rows, pairs, lifts):
+        """D - B lift as terms of θ, (N_lambda, 1 + T): the initial gap belongs to the leading 1."""
+        gaps = -(rows.matrix @ lifts)
+        gaps[:, 0] += rows.gap
+        for k, opening in enumerate(self.scene.openings, start=1 + len(self._moving)):
+            gaps[pairs == opening.contact, k] += 1.0
+        return gaps
 
     def _tagged_dofs(self, tag, component):
         fdim = self.mesh.topology.dim - 1
@@ -260,6 +245,11 @@ class Discretisation:
     def _contact_rows(self, free) -> tuple[ContactRows, np.ndarray]:
         """Rows of all pairs and the pair of each; rows without a free dof hold no unknown and are left out."""
         parts = [item.rows([self._surface(tag) for tag in item.tags], self.size) for item in self.scene.contacts]
+        for item, part in zip(self.scene.contacts, parts, strict=True):
+            if part.gap.size == 0 or part.matrix.shape[1] != self.size:
+                raise SceneError(
+                    f"{item} made {part.gap.size} conditions on {part.matrix.shape[1]} of {self.size} dofs"
+                )
         rows, pairs = joined(parts), np.repeat(np.arange(len(parts)), [part.gap.size for part in parts])
         kept = np.flatnonzero(abs(rows.matrix) @ free.astype(float))
         if kept.size == 0:
@@ -326,10 +316,3 @@ def _without_columns(matrix, columns):
     kept = matrix.tocoo()
     keep = ~columns[kept.col]
     return csr_matrix((kept.data[keep], (kept.row[keep], kept.col[keep])), shape=matrix.shape)
-
-
-def _gap_terms(rows: ContactRows, lifts):
-    """D - B lift as terms of θ: the initial gap belongs to the leading 1."""
-    gaps = -(rows.matrix @ lifts)
-    gaps[:, 0] += rows.gap
-    return gaps

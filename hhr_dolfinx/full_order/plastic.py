@@ -13,6 +13,7 @@ from hhr_dolfinx.flow.material import Group, Material
 from hhr_dolfinx.flow.quasi_static import Correction
 from hhr_dolfinx.full_order.cholesky import FreeCholesky, check_regular, petsc_matrix
 from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.full_order.gauss_points import strain_operator
 from hhr_dolfinx.scene import Scene
 
 
@@ -35,7 +36,7 @@ class PlasticFullOrder:
         if scene.hypothesis == "plane_stress":
             raise SceneError("flow in plane stress needs the thickness strain solved for: not built in")
         self.discretisation = Discretisation(scene, MPI.COMM_SELF)
-        self.operator, bodies = self.discretisation.strain_operator()
+        self.operator, bodies = strain_operator(self.discretisation), self.discretisation.cell_bodies()
         per_cell = self.operator.weights.shape[1]
         self.cell_of_point = np.repeat(np.arange(len(bodies)), per_cell)
         points = [np.flatnonzero(bodies[self.cell_of_point] == place) for place in range(len(scene.bodies))]

@@ -6,16 +6,15 @@ import csv
 import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from mpi4py import MPI
+from rich.console import Console
 
 from hhr_dolfinx.errors import ParameterError
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.reduction.offline import HyperReduction
-
-if TYPE_CHECKING:
-    from mpi4py.MPI import Comm
+from hhr_dolfinx.timing import timed
 
 
 def read_points(path: str | Path, space: ParameterSpace) -> list[list[str]]:
@@ -35,10 +34,29 @@ def read_points(path: str | Path, space: ParameterSpace) -> list[list[str]]:
         raise ParameterError(f"there is no table of parameters {path}") from None
 
 
+def answer_table(
+    reduction: HyperReduction,
+    rows: list[list[str]],
+    path: Path,
+    console: Console,
+    progress: Callable[[Iterable], Iterable] = iter,
+) -> None:
+    """Answer a table on all ranks, write it as CSV on the first one, and print the bad rows with their reasons."""
+    comm, space = MPI.COMM_WORLD, reduction.model.parameters
+    answers, seconds = timed(lambda: answer_rows(reduction, rows, comm, progress))
+    if answers is None:
+        return
+    bad, width = write_answers(path, space, answers), len(space.names)
+    console.print(f"{len(rows) - bad} answers and {bad} bad rows on {comm.size} ranks in {seconds:.1f} s: {path}")
+    for number, row in enumerate(answers, start=1):
+        if row[width] != "ok":
+            console.print(f"row {number} ({', '.join(row[:width])}): {row[width]}", highlight=False)
+
+
 def answer_rows(
     reduction: HyperReduction,
     rows: list[list[str]],
-    comm: Comm,
+    comm: MPI.Comm,
     progress: Callable[[Iterable], Iterable] = iter,
 ) -> list[list[str]] | None:
     """Answer every row with contact forces on the whole surface; a bad row does not stop the others.

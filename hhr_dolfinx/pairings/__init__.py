@@ -3,10 +3,13 @@
 A pairing is an object with two members, and a user's own is as good as those here:
 
 * ``tags``: facet tags of the surfaces it needs;
-* ``rows(surfaces, dofs)``: the :class:`~hhr_dolfinx.contact.problem.ContactRows` of these surfaces, given as
-  :class:`~hhr_dolfinx.pairings.surface.Surface` in the order of the tags, with N columns.
+* ``rows(surfaces, dofs)``: the :class:`ContactRows` of these surfaces, given as :class:`Surface` in the order of the
+  tags, with N columns.
 
-The nodes that a row touches are the columns of its entries; the cells it touches follow from the nodes.
+``obstacle.py`` is the shortest one, and ``surface.py`` has what all of them need: :func:`nodal_rows` hides how dofs are
+numbered, :func:`tangential_order` puts rows in an order that does not depend on node numbers, and
+:func:`warn_of_overlap` says where bodies overlap deeply. Rows keep the length of a unit normal: it is the scale of
+forces. The nodes that a row touches are the columns of its entries; the cells it touches follow from the nodes.
 Nothing downstream knows which pairing made a row. Pairings see gathered arrays, so that every MPI rank
 builds the same rows in the same order.
 """
@@ -17,7 +20,11 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from hhr_dolfinx.contact.problem import ContactRows
-from hhr_dolfinx.pairings.surface import Surface
+from hhr_dolfinx.pairings.surface import Surface, mean_normal, nodal_rows, tangential_order, unit, warn_of_overlap
+
+__all__ = [
+    "ContactRows", "Pairing", "Surface", "mean_normal", "nodal_rows", "tangential_order", "unit", "warn_of_overlap",
+]  # fmt: skip
 
 
 class Pairing(Protocol):

@@ -5,25 +5,24 @@ Stages that a scene does not need are left out and listed with the reason.
 
 from __future__ import annotations
 
-import time
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hhr_dolfinx.contact.condensed import KnownStatuses
-from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.errors import NotSolvableError, ReductionError, UnstableModelError
+from hhr_dolfinx.contact.problem import ContactProblem, FullOrder
+from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.reduction.deim import deim
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich
 from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.reduction.reconstruct import Reconstruction, prepare_reconstruction
 from hhr_dolfinx.reduction.reduced import ReducedModel, project
-from hhr_dolfinx.reduction.rid import IndexSets, reduced_domain
+from hhr_dolfinx.reduction.rid import IndexSets, contact_nodes, reduced_domain, zone_of_interest
 from hhr_dolfinx.reduction.stability import Stability, assess
-from hhr_dolfinx.reduction.trust import TrustLimits, check_stability, check_validation, validate
+from hhr_dolfinx.reduction.trust import TrustLimits, check_stability, check_validation, first_trusted, validate
 from hhr_dolfinx.snapshots.accuracy import round_off_force
 from hhr_dolfinx.snapshots.solutions import SnapshotSet
+from hhr_dolfinx.timing import StageLog
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,8 @@ class ReductionSettings:
             much as strong contact; the thesis does not.
         layers: layers of cells added around the RID.
         most_layers: layers up to which the RID may grow if the trust check fails.
-        zone_nodes: nodes added to the RID; None takes one node for each load, see :func:`loaded_nodes`.
+        zone: maps the problem to nodes added to the RID; None takes one node for each load, see
+            :func:`zone_of_interest`.
         kappa_max: kappa(B~) down to which FE functions are added, Alg. 3.1.
         limits: what the trust check refuses or warns of.
     """
@@ -51,7 +51,7 @@ class ReductionSettings:
     relative: bool = True
     layers: int = 2
     most_layers: int = 4
-    zone_nodes: tuple[int, ...] | None = None
+    zone: Callable[[ContactProblem], np.ndarray] | None = None
     kappa_max: float = 3.0
     limits: TrustLimits = TrustLimits()
 
@@ -60,28 +60,6 @@ class ReductionSettings:
         """The recipe of the thesis: plain snapshots, no layers, no growth, kappa_max 10."""
         plain = {"dual_pod_tolerance": None, "relative": False, "layers": 0, "most_layers": 0, "kappa_max": 10.0}
         return cls(pod_tolerance, **(plain | changes))
-
-
-@dataclass
-class StageLog:
-    """Times of the stages of a run, in seconds; what was left out; attempts that the trust check refused."""
-
-    times: dict[str, float] = field(default_factory=dict)
-    skipped: list[dict[str, str]] = field(default_factory=list)
-    refused: list[dict] = field(default_factory=list)
-
-    @contextmanager
-    def stage(self, name: str):
-        """Time the block under a name."""
-        start = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.times[name] = self.times.get(name, 0.0) + time.perf_counter() - start
-
-    def skip(self, stage: str, why: str) -> None:
-        """Record a stage that this scene does not need."""
-        self.skipped.append({"stage": stage, "why": why})
 
 
 @dataclass(frozen=True)
@@ -115,29 +93,12 @@ class HyperReduction:
             ParameterError, ConvergenceError, NotSolvableError: see :class:`ReducedModel`.
         """
         solution = self.model.solve(mu)
-        theta = self.model.amplitudes(self.model.parameters.point(mu))
-        fields = self.reconstruction
+        theta, fields = self.model.theta(mu), self.reconstruction
         return fields.displacement(solution.primal, theta), fields.forces(solution, theta)
 
 
-def loaded_nodes(problem: ContactProblem) -> np.ndarray:
-    """One node for each load or imposed displacement: where it acts most on free dofs.
-
-    A RID that no load reaches would answer zero to every parameter. Among equals the node with
-    the smallest coordinates is taken, so that the choice does not depend on node numbers.
-    """
-    nodes = []
-    for column in problem.loads.T:
-        size = np.abs(column).reshape(-1, problem.block_size).max(axis=1)
-        if size.max() > 0:
-            equals = np.flatnonzero(size > (1 - 1e-6) * size.max())
-            nodes.append(equals[np.lexsort(problem.points[equals].T[::-1])[0]])
-    return np.array(nodes, dtype=np.int64)
-
-
 def build_reduced_model(
-    problem: ContactProblem,
-    schur: np.ndarray,
+    full_order: FullOrder,
     snapshots: SnapshotSet,
     settings: ReductionSettings = ReductionSettings(),
     held_out: SnapshotSet | None = None,
@@ -147,8 +108,7 @@ def build_reduced_model(
     A model that fails is built again with one more layer of cells, up to ``settings.most_layers``.
 
     Args:
-        problem: the full problem.
-        schur: B K^-1 B^T of the full model, for its inf-sup constant.
+        full_order: the full model, of which only arrays are used.
         snapshots: training solutions.
         settings: how to reduce.
         held_out: solutions kept out of training, for the trust check; None leaves that part out.
@@ -159,35 +119,31 @@ def build_reduced_model(
         UnstableModelError: if the trust check refuses the model.
     """
     log = StageLog()
-    for layers in range(settings.layers, max(settings.layers, settings.most_layers) + 1):
-        try:
-            return _build(problem, schur, snapshots, replace(settings, layers=layers), held_out, log)
-        except (NotSolvableError, UnstableModelError) as refused:
-            log.refused.append({"layers": layers, "why": str(refused)})
-            log.skipped.clear()
-            if layers >= settings.most_layers:
-                raise
-    raise AssertionError("unreachable: the last attempt returns or raises")
+
+    def attempt(layers):
+        return _build(full_order, snapshots, replace(settings, layers=layers), held_out, log)
+
+    return first_trusted(attempt, settings.layers, settings.most_layers, log)
 
 
-def _build(problem, schur, snapshots, settings, held_out, log) -> HyperReduction:
+def _build(full_order, snapshots, settings, held_out, log) -> HyperReduction:
     """One attempt with a fixed number of layers."""
-    weights = _weights(snapshots, settings)
+    problem, weights = full_order.problem, _weights(snapshots, settings)
     with log.stage("primal_basis"):
         basis, _ = pod(snapshots.displacements * weights, settings.pod_tolerance)
     with log.stage("rid"):
-        nodes = np.concatenate([deim(basis) // problem.block_size, _zone(problem, settings)])
-        nodes = np.concatenate([nodes, _dual_nodes(problem, snapshots, weights, settings, log)])
-        sets = reduced_domain(problem, nodes, settings.layers)
+        nodes = [deim(basis) // problem.block_size, zone_of_interest(problem, settings.zone)]
+        nodes.append(_dual_nodes(problem, snapshots, weights, settings, log))
+        sets = reduced_domain(problem, np.concatenate(nodes), settings.layers)
         _check_loads_seen(problem, sets)
     basis, enrichment = _enriched(problem, snapshots.displacements * weights, basis, sets, settings, log)
     with log.stage("projection"):
         reduced = project(problem, basis, sets)
     with log.stage("stability"):
-        stability = assess(problem, schur, basis, sets, reduced)
+        stability = assess(full_order, basis, sets, reduced)
         check_stability(stability, settings.limits)
     with log.stage("online_arrays"):
-        known = KnownStatuses(snapshots.points, np.ascontiguousarray(snapshots.active[sets.A_lambda].T))
+        known = snapshots.known_statuses(sets.A_lambda)
         model = ReducedModel(reduced, problem.parameters, problem.amplitudes, known)
     if held_out is None:
         log.skip("validation", "no solutions were kept out of training")
@@ -205,12 +161,6 @@ def _weights(snapshots, settings):
     return np.where(sizes > 0, 1 / np.where(sizes > 0, sizes, 1), 1) if settings.relative else np.ones(sizes.size)
 
 
-def _zone(problem, settings):
-    if settings.zone_nodes is None:
-        return loaded_nodes(problem)
-    return np.array(settings.zone_nodes, dtype=np.int64)
-
-
 def _dual_nodes(problem, snapshots, weights, settings, log):
     """Slave nodes of the contact conditions picked by DEIM on a POD of the forces, section 1.4.3."""
     if settings.dual_pod_tolerance is None:
@@ -219,8 +169,7 @@ def _dual_nodes(problem, snapshots, weights, settings, log):
     if np.linalg.norm(snapshots.forces, axis=0).max() <= round_off_force(problem, snapshots.points):
         log.skip("dual_deim", "no training point has contact")
         return problem.contact_slaves[:1]  # a RID needs at least one condition
-    dual_basis, _ = pod(snapshots.forces * weights, settings.dual_pod_tolerance)
-    return problem.contact_slaves[deim(dual_basis)]
+    return contact_nodes(problem, snapshots.forces * weights, settings.dual_pod_tolerance)
 
 
 def _enriched(problem, displacements, basis, sets, settings, log):
@@ -246,5 +195,5 @@ def _check_loads_seen(problem, sets):
     for term, column in enumerate(problem.loads.T):
         if np.any(column) and not np.any(column[sets.A]):
             raise ReductionError(
-                f"load term {term} of the scene does not reach the RID: add nodes next to where it acts to zone_nodes"
+                f"load term {term} of the scene does not reach the RID: add nodes next to where it acts to the zone"
             )

@@ -8,6 +8,7 @@ in A even so are taken out of A and become part of the interface (figure 5.3a).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,8 @@ from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.reduction.deim import deim
+from hhr_dolfinx.reduction.pod import pod
 
 
 @dataclass(frozen=True)
@@ -119,3 +122,31 @@ def _index_sets(problem, cells, inside) -> IndexSets:
     in_I = ~in_A & (abs(problem.stiffness[in_A]).T @ np.ones(in_A.sum()) > 0)
     masks = (cells, in_A, in_A_lambda, in_A & in_A_c_tilde, in_A_c_tilde, in_I)
     return IndexSets(*(np.flatnonzero(mask) for mask in masks))
+
+
+def contact_nodes(problem: ContactProblem, forces: np.ndarray, tolerance: float) -> np.ndarray:
+    """Slave nodes of the conditions that DEIM picks on a POD of contact forces, section 1.4.3.
+
+    Args:
+        problem: the full problem.
+        forces: snapshots, (N_lambda, S).
+        tolerance: epsilon of (1.53).
+    """
+    return problem.contact_slaves[deim(pod(forces, tolerance)[0])]
+
+
+def zone_of_interest(problem: ContactProblem, zone: Callable[[ContactProblem], np.ndarray] | None) -> np.ndarray:
+    """Nodes that a user wants in the RID; None takes one for each load or imposed displacement.
+
+    A RID that no load reaches would answer zero to every parameter. The node is the one where the load acts most
+    on free dofs; among equals that with the smallest coordinates, so that it does not depend on node numbers.
+    """
+    if zone is not None:
+        return np.array(zone(problem), dtype=np.int64)
+    loaded = []
+    for column in problem.loads.T:
+        size = np.abs(column).reshape(-1, problem.block_size).max(axis=1)
+        if size.max() > 0:
+            equals = np.flatnonzero(size > (1 - 1e-6) * size.max())
+            loaded.append(equals[np.lexsort(problem.points[equals].T[::-1])[0]])
+    return np.array(loaded, dtype=np.int64)

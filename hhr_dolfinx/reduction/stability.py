@@ -17,7 +17,7 @@ from scipy import linalg
 from scipy.sparse import identity
 from slepc4py import SLEPc
 
-from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.contact.problem import FullOrder
 from hhr_dolfinx.reduction.reduced import ReducedProblem
 from hhr_dolfinx.reduction.rid import IndexSets
 
@@ -109,18 +109,16 @@ def inf_sup(rows: np.ndarray, primal_gram: np.ndarray | None = None, dual_gram: 
     return singular_range(whitened)[0]
 
 
-def assess(
-    problem: ContactProblem, schur: np.ndarray, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem
-) -> Stability:
+def assess(full_order: FullOrder, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem) -> Stability:
     """Compute all constants of a reduced model and of the full model behind it.
 
     Args:
-        problem: the full problem.
-        schur: B K^-1 B^T of the full model, (N_lambda, N_lambda).
+        full_order: the full model, of which only arrays are used.
         basis: V, (N, ell).
         sets: index sets of the RID.
         reduced: the projected arrays.
     """
+    problem, schur = full_order.problem, full_order.schur
     smallest, largest = row_range(reduced.contact_test)
     low, high = singular_range(reduced.stiffness)
     pressure = 1.0 / problem.contact_areas

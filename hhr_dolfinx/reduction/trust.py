@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from hhr_dolfinx.reduction.rid import IndexSets
 from hhr_dolfinx.reduction.stability import Stability
 from hhr_dolfinx.snapshots.accuracy import force_floor, relative_error
 from hhr_dolfinx.snapshots.solutions import SnapshotSet
+from hhr_dolfinx.timing import StageLog
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,29 @@ class Validation:
 
     primal: np.ndarray
     dual: np.ndarray
+
+
+def first_trusted(attempt: Callable[[int], Any], layers: int, most_layers: int, log: StageLog):
+    """The first attempt that passes its checks; each that does not gets one more layer of cells around its RID.
+
+    Args:
+        attempt: builds and checks a model with a number of layers.
+        layers: to begin with.
+        most_layers: where to give up.
+        log: told of every refusal.
+
+    Raises:
+        NotSolvableError, UnstableModelError: of the last attempt.
+    """
+    while True:
+        try:
+            return attempt(layers)
+        except (NotSolvableError, UnstableModelError) as refused:
+            log.refused.append({"layers": layers, "why": str(refused)})
+            if layers >= most_layers:
+                raise
+        log.skipped.clear()
+        layers += 1
 
 
 def check_stability(stability: Stability, limits: TrustLimits) -> None:
@@ -108,7 +134,7 @@ def validate(
     A point that fails has an infinite error, and so has the force where two starts lead to two answers.
     """
     inside = held_out.forces[sets.A_lambda]
-    floor = force_floor(problem, held_out.points, held_out.forces)
+    floor = force_floor(problem, held_out)
     lifts = problem.amplitudes.sum_columns(problem.lifts, held_out.points)
     primal, dual = [], []
     for point, field, lift, forces in zip(held_out.points, held_out.displacements.T, lifts.T, inside.T, strict=True):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.snapshots.solutions import SnapshotSet
 
 FORCE_FLOOR = 1e-3
 """Fraction of the largest training force below which a relative dual error means nothing."""
@@ -13,15 +14,10 @@ ROUND_OFF_FORCE = 1e-9
 """Contact forces below this fraction of the loads are round-off: there is no contact."""
 
 
-def force_floor(problem: ContactProblem, points: np.ndarray, forces: np.ndarray) -> float:
-    """Force norm below which a relative dual error means nothing.
-
-    Args:
-        problem: the full problem.
-        points: training parameters, (S, P).
-        forces: training forces, (N_lambda, S).
-    """
-    return max(FORCE_FLOOR * float(np.linalg.norm(forces, axis=0).max()), round_off_force(problem, points))
+def force_floor(problem: ContactProblem, training: SnapshotSet) -> float:
+    """Force norm below which a relative dual error means nothing."""
+    largest = float(np.linalg.norm(training.forces, axis=0).max())
+    return max(FORCE_FLOOR * largest, round_off_force(problem, training.points))
 
 
 def round_off_force(problem: ContactProblem, points: np.ndarray) -> float:

@@ -33,10 +33,14 @@ class SnapshotSet:
     forces: np.ndarray
     active: np.ndarray
 
-    @property
-    def known_statuses(self) -> KnownStatuses:
-        """The statuses as starting points for further queries."""
-        return KnownStatuses(self.points, np.ascontiguousarray(self.active.T))
+    def take(self, columns) -> SnapshotSet:
+        """Some of the solutions, possibly several times."""
+        parts = (getattr(self, name)[:, columns] for name in _COLUMNS)
+        return SnapshotSet(self.points[columns], *parts)
+
+    def known_statuses(self, conditions=slice(None)) -> KnownStatuses:
+        """The statuses of some conditions as starting points for further queries."""
+        return KnownStatuses(self.points, np.ascontiguousarray(self.active[conditions].T))
 
 
 def compute_snapshots(

@@ -3,22 +3,40 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from mpi4py import MPI
 from rich.console import Console
 from rich.progress import track
 
+from hhr_dolfinx.errors import ParameterError
+from hhr_dolfinx.online.batch import read_points
+from hhr_dolfinx.parameters import ParameterSpace
+
 
 def demo_parser(name: str, description: str) -> argparse.ArgumentParser:
-    """Parser with ``--out``, ``--quick`` and ``--seed``."""
-    parser = argparse.ArgumentParser(description=description)
+    """Parser with ``--out``, ``--quick`` and ``--seed``; the first line of ``description`` is shown."""
+    parser = argparse.ArgumentParser(description=description.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out") / name, help="folder of the results (%(default)s)")
     parser.add_argument("--quick", action="store_true", help="fewer points and queries, for a first look and for tests")
     parser.add_argument("--seed", type=int, default=1, help="seed of random test points (%(default)s)")
     return parser
 
 
-def progress_bars(console: Console) -> Callable[[str], Callable[[Iterable], Iterable]]:
-    """Progress bars by label for :func:`hhr_dolfinx.study.study.run_study`."""
-    return lambda label: lambda items: track(items, description=f"{label:10}", console=console, transient=True)
+def points_or_exit(parser: argparse.ArgumentParser, table: Path | None, space: ParameterSpace):
+    """Rows of a table of parameters, before anything is computed; None where no table was asked for."""
+    try:
+        return None if table is None else read_points(table, space)
+    except ParameterError as error:
+        parser.error(str(error))
+
+
+def parse(parser: argparse.ArgumentParser) -> argparse.Namespace:
+    """The options, with a ``console`` that speaks on the first rank only and its ``progress`` bars by label."""
+    options = parser.parse_args()
+    options.console = console = Console(quiet=MPI.COMM_WORLD.rank > 0)
+    options.first_rank = MPI.COMM_WORLD.rank == 0
+    options.progress = lambda label: (
+        lambda items: track(items, description=f"{label:10}", console=console, transient=True)
+    )
+    return options

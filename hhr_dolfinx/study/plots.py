@@ -20,56 +20,127 @@ import pyvista
 from matplotlib.colors import LogNorm
 
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.reduction.offline import HyperReduction
+from hhr_dolfinx.study.view import View
 
 _VTK_CELLS = {(2, 3): "TRIANGLE", (2, 4): "QUAD", (3, 4): "TETRA", (3, 8): "HEXAHEDRON"}
 _TENSOR_TO_VTK = {"QUAD": [0, 1, 3, 2], "HEXAHEDRON": [0, 1, 3, 2, 4, 5, 7, 6]}
 
 
-def field_grid(problem: ContactProblem, hyper: HyperReduction, **displacements: np.ndarray) -> pyvista.UnstructuredGrid:
+def draw_study(study, view: View, folder: Path) -> None:
+    """Pictures of a :class:`~hhr_dolfinx.study.study_scene.SceneStudy`.
+
+    Error against run time; contact pressures at the points of the view; RID, displacement and stress at the last of
+    them, also for ParaView; and errors over the parameter where there is only one.
+    """
+    full_order, hyper = study.training.full_order, study.hyper
+    problem, discretisation = full_order.problem, full_order.discretisation
+    plot_work_precision(study.report["work_precision"], folder / "work_precision.png")
+    lines, marks = {}, {}
+    for mu in view.points:
+        exact, (displacement, forces) = full_order.solve(mu), hyper.solve_everywhere(mu)
+        label = ", ".join(f"{name} = {value:g}" for name, value in zip(problem.parameters.names, mu, strict=True))
+        lines[f"full order, {label}"] = pressures(problem, view, exact.forces)
+        marks[f"HHR, {label}"] = pressures(problem, view, forces)
+    plot_curves(lines, folder / "pressures.png", (view.label, f"contact pressure [{view.stress}]"), marks=marks)
+    fields = {"full order": exact.primal, "HHR": displacement}
+    stresses = {name: discretisation.von_mises(field) for name, field in fields.items()}
+    grid = field_grid(problem, hyper.sets.cells, fields)
+    draw_fields(grid, view, fields, {f"von Mises [{view.stress}]": stresses}, folder)
+    if len(problem.parameters.names) == 1:
+        names = ("primal_euclid", "primal_energy", "dual_rid", "energy_minimum")
+        curves = {name: (np.ravel(study.points), study.errors.values[name]) for name in names}
+        plot_curves(curves, folder / "errors.png", (problem.parameters.names[0], "error"), logarithmic=True)
+
+
+def draw_histories(study, view: View, folder: Path) -> None:
+    """Pictures of a :class:`~hhr_dolfinx.study.study_histories.HistoryStudy` at its last test value.
+
+    RID, plastic strain and radial stress of the last step, also for ParaView; its contact pressures; and over time
+    the contact force, the largest plastic strain and the iterations of each step.
+    """
+    full, reduction, problem = study.full, study.reduction, study.full.problem
+    here, there, per_cell = study.history.points[-1], study.exact.points[-1], full.operator.weights.shape[1]
+    fields = {"full order": full.displacement(there), "HHR": reduction.displacement_everywhere(here)}
+    values = {
+        "plastic strain": (there.state.cumulated, reduction.plastic_strain_everywhere(here)),
+        f"first normal stress [{view.stress}]": (there.stress[:, 0], reduction.stress_everywhere(here)[:, 0]),
+    }
+    cells = {
+        name: {model: points.reshape(-1, per_cell).mean(axis=1) for model, points in zip(fields, pair, strict=True)}
+        for name, pair in values.items()
+    }
+    draw_fields(field_grid(problem, reduction.model.sets.cells, fields), view, fields, cells, folder)
+    lines = {"full order": pressures(problem, view, there.forces)}
+    marks = {"HHR": pressures(problem, view, reduction.forces_everywhere(here))}
+    plot_curves(lines, folder / "pressures.png", (view.label, f"contact pressure [{view.stress}]"), marks=marks)
+    times = [point.time for point in study.exact.points]
+    pairs = list(zip(study.exact.points, study.history.points, strict=True))
+    for name, exact, reduced in (
+        (
+            "contact force",
+            *zip(*((p.forces.sum(), reduction.forces_everywhere(q).sum()) for p, q in pairs), strict=True),
+        ),
+        (
+            "largest plastic strain",
+            *zip(*((p.state.cumulated.max(), q.state.cumulated.max()) for p, q in pairs), strict=True),
+        ),
+        ("iterations of a step", study.exact.iterations, study.history.iterations),
+    ):
+        lines = {"full order": (times, exact), "HHR": (times, reduced)}
+        plot_curves(lines, folder / f"{name.replace(' ', '_')}.png", ("time [s]", name))
+
+
+def pressures(problem: ContactProblem, view: View, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and pressures of the contact conditions of a view: nodal forces over tributary areas."""
+    pair = problem.contact_pairs == view.pair
+    return view.position(problem.contact_points[pair]), forces[pair] / problem.contact_areas[pair]
+
+
+def draw_fields(grid: pyvista.UnstructuredGrid, view: View, fields: dict, cells: dict, folder: Path) -> None:
+    """Write ``fields.vtu`` and a picture of the RID and of scalar fields of several models.
+
+    Args:
+        grid: what :func:`field_grid` returned.
+        view: the displacement component drawn.
+        fields: displacements by model, (N,).
+        cells: values of cells by quantity and model.
+        folder: where to.
+    """
+    shown, dim = ["rid"], next(iter(fields.values())).size // grid.n_points
+    if view.component is not None:
+        for model, field in fields.items():
+            shown.append(f"{view.component[1]}, {model}")
+            grid.point_data[shown[-1]] = field[view.component[0] :: dim]
+    for quantity, models in cells.items():
+        for model, values in models.items():
+            shown.append(f"{quantity}, {model}")
+            grid.cell_data[shown[-1]] = values
+    grid.save(folder / "fields.vtu")
+    plot_fields(grid.warp_by_vector("HHR") if view.deformed else grid, shown, folder / "fields.png")
+
+
+def field_grid(problem: ContactProblem, rid_cells: np.ndarray, fields: dict[str, np.ndarray]):
     """Mesh with displacement fields by name, (N,) each, and the RID as the cell field ``rid``."""
     dim = problem.points.shape[1]
     kind = _VTK_CELLS[dim, problem.cell_nodes.shape[1]]
     cells = problem.cell_nodes[:, _TENSOR_TO_VTK.get(kind, slice(None))]
     grid = pyvista.UnstructuredGrid({pyvista.CellType[kind]: cells}, _in_space(problem.points))
-    for name, field in displacements.items():
+    for name, field in fields.items():
         grid.point_data[name] = _in_space(field.reshape(-1, dim))
-    grid.cell_data["rid"] = np.isin(np.arange(len(cells)), hyper.sets.cells).astype(np.uint8)
+    grid.cell_data["rid"] = np.isin(np.arange(len(cells)), rid_cells).astype(np.uint8)
     return grid
 
 
-def plot_deformed(grid: pyvista.UnstructuredGrid, names: list[str], path: Path) -> None:
-    """Deformed meshes side by side, the cells of the RID in colour."""
-    plotter = pyvista.Plotter(off_screen=True, shape=(1, len(names)), window_size=(700 * len(names), 800), border=False)
-    for k, name in enumerate(names):
-        plotter.subplot(0, k)
-        deformed = grid.warp_by_vector(name)
-        plotter.add_mesh(deformed, color="white", show_edges=True, edge_color="grey", lighting=False)
-        plotter.add_mesh(deformed.threshold(0.5, scalars="rid"), color="tab:orange", show_edges=True, lighting=False)
-        plotter.add_text(name, font_size=12, color="black")
-        if np.ptp(grid.points[:, 2]) == 0:
-            plotter.view_xy()
-            plotter.camera.tight(padding=0.05, adjust_render_window=False)
-    plotter.screenshot(path)
-    plotter.close()
-
-
-def plot_fields(grid: pyvista.UnstructuredGrid, names: list[str], path: Path, *, enlarge=(1.0, 1.0)) -> None:
-    """Scalar fields of points or cells side by side on the mesh, which may be stretched to be seen."""
-    shown = grid.scale((*enlarge, 1.0), inplace=False)
+def plot_fields(grid: pyvista.UnstructuredGrid, names: list[str], path: Path) -> None:
+    """Scalar fields of points or cells side by side on the mesh."""
+    flat = np.ptp(grid.points[:, 2]) == 0
     plotter = pyvista.Plotter(off_screen=True, shape=(1, len(names)), window_size=(420 * len(names), 700), border=False)
+    bar = {"vertical": False, "title_font_size": 16, "label_font_size": 13, "n_labels": 3, "color": "k"}
     for k, name in enumerate(names):
         plotter.subplot(0, k)
-        bar = {
-            "title": name,
-            "vertical": False,
-            "title_font_size": 16,
-            "label_font_size": 13,
-            "n_labels": 3,
-            "color": "k",
-        }
-        flat = np.ptp(grid.points[:, 2]) == 0
-        plotter.add_mesh(shown.copy(), scalars=name, cmap="viridis", scalar_bar_args=bar, lighting=not flat)
+        plotter.add_mesh(
+            grid.copy(), scalars=name, cmap="viridis", scalar_bar_args={"title": name, **bar}, lighting=not flat
+        )
         if flat:
             plotter.view_xy()
             plotter.camera.tight(padding=0.15, adjust_render_window=False)
@@ -101,52 +172,25 @@ def plot_maps(points, maps: dict[str, np.ndarray], labels: tuple[str, str], path
     _save(figure, path)
 
 
-def plot_multipliers(
-    positions,
-    references,
-    answers,
-    labels,
-    path: Path,
-    xlabel="position along the surface",
-    ylabel="contact force per node",
-):
-    """Contact forces of the full model (lines) and of HHR on the RID (marks), thesis figure 3.2b.
+def plot_curves(lines: dict, path: Path, labels: tuple[str, str], *, marks=None, logarithmic: bool = False) -> None:
+    """Curves by name, and marks in the colours of the curves at the same places of their list.
 
     Args:
-        positions: coordinate of each condition, (N_lambda,).
-        references: forces of the full model, (N_lambda,) each.
-        answers: pairs of positions and forces of HHR.
-        labels: one label per curve.
+        lines: pairs of positions and values by name, joined in the order of the positions.
         path: picture file.
-        xlabel, ylabel: meaning of ``positions`` and of the forces.
+        labels: of both axes.
+        marks: likewise, drawn as points.
+        logarithmic: whether the values are.
     """
     figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
-    for reference, (where, forces), label in zip(references, answers, labels, strict=True):
-        (line,) = axes.plot(positions, reference, label=f"full order, {label}" if len(where) else label)
-        axes.plot(where, forces, "o", color=line.get_color(), label="HHR" if label == labels[0] else None)
-    axes.set(xlabel=xlabel, ylabel=ylabel)
-    axes.legend()
-    _save(figure, path)
-
-
-def plot_curves(curves: dict[str, tuple[np.ndarray, np.ndarray]], xlabel: str, ylabel: str, path: Path) -> None:
-    """Curves by name, each a pair of positions and values, in the order of the positions."""
-    figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
-    for name, (where, values) in curves.items():
+    for k, (name, (where, values)) in enumerate(lines.items()):
         order = np.argsort(where)
-        axes.plot(where[order], values[order], ".-", label=name)
-    axes.set(xlabel=xlabel, ylabel=ylabel)
-    axes.legend()
-    _save(figure, path)
-
-
-def plot_errors(parameter, errors: dict[str, np.ndarray], xlabel: str, path: Path) -> None:
-    """Errors over one parameter on a logarithmic axis, thesis figure 3.3."""
-    figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
-    order = np.argsort(parameter)
-    for name, values in errors.items():
-        axes.semilogy(parameter[order], np.maximum(values[order], 1e-17), ".-", label=name)
-    axes.set(xlabel=xlabel, ylabel="error")
+        # zero has no logarithm
+        drawn = np.maximum(values, 1e-17) if logarithmic else np.asarray(values)
+        axes.plot(np.asarray(where)[order], drawn[order], "-" if marks else ".-", color=f"C{k}", label=name)
+    for k, (name, (where, values)) in enumerate((marks or {}).items()):
+        axes.plot(where, values, "o", markersize=4, color=f"C{k}", label=name)
+    axes.set(xlabel=labels[0], ylabel=labels[1], yscale="log" if logarithmic else "linear")
     axes.legend()
     _save(figure, path)
 

@@ -9,67 +9,41 @@ import platform
 from pathlib import Path
 
 import numpy as np
+from mpi4py import MPI
 from rich.console import Console
 from rich.table import Table
 
-from hhr_dolfinx.full_order.elastic import FullOrderModel
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.reduction.enrichment import Enrichment
+from hhr_dolfinx.reduction.rid import IndexSets
 from hhr_dolfinx.snapshots.accuracy import summary
-from hhr_dolfinx.snapshots.solutions import SnapshotSet
-from hhr_dolfinx.study.study import StudyResult
 
 _COMPARED = ("fom_naive", "fom_best", "condensed")
 _TIMED = (*_COMPARED, "condensed_full", "online", "online_lapack", "online_full")
 
 
-def make_report(
-    full_order: FullOrderModel,
-    snapshots: SnapshotSet,
-    result: StudyResult,
-    *,
-    seed: int,
-    stages: dict[str, float],
-) -> dict:
-    """Collect everything measured under the keys all scenes share; SI units, seconds, fractions.
-
-    Args:
-        full_order: the full model.
-        snapshots: training solutions.
-        result: what :func:`hhr_dolfinx.study.study.run_study` returned.
-        seed: seed of the test points.
-        stages: seconds of the stages before the reduction, by name.
-    """
-    hyper, errors = result.hyper, result.errors
+def make_report(study) -> dict:
+    """Collect what a :class:`~hhr_dolfinx.study.study_scene.SceneStudy` measured; SI units, seconds, fractions."""
+    full_order, hyper = study.training.full_order, study.hyper
+    iterations, cycles = zip(*study.answers, strict=True)
     report = {
         "scene": full_order.scene.name,
-        "seed": seed,
-        **environment(full_order.comm.size),
-        "sizes": {
-            "N": int(full_order.problem.free.size),
-            "N_lambda": int(full_order.problem.contact.shape[0]),
-            "ell": int(hyper.basis.shape[1]) - len(hyper.enrichment.added),
-            "ell_bar": int(hyper.basis.shape[1]),
-            "N_lambda_C": len(hyper.sets.A_lambda),
-            "cells": len(full_order.problem.cell_nodes),
-            "rid_cells": len(hyper.sets.cells),
-            "snapshots": len(snapshots.points),
-        },
-        "stability": {**hyper.stability.as_report(), "enrichment": _enrichment(hyper)},
-        "errors": {
-            **errors.summaries(),
-            "points_with_false_contact": errors.false_contact,
-            "unconverged": errors.unconverged,
-        },
+        "seed": study.settings.seed,
+        **environment(),
+        "sizes": sizes(full_order.problem, hyper.sets, hyper.enrichment, len(study.training.snapshots.points)),
+        "stability": {**hyper.stability.as_report(), "enrichment": enrichment_steps(hyper.enrichment)},
+        "errors": study.errors.summaries(),
         "times": {
-            "offline": {**stages, **hyper.log.times},
-            **_times(result.times["warm"], _TIMED),
-            "cold_start": _times(result.times["cold"], (*_COMPARED, "online", "online_lapack")),
+            "offline": {**study.training.log.times, **hyper.log.times},
+            **_times(study.times["warm"], _TIMED),
+            "cold_start": _times(study.times["cold"], (*_COMPARED, "online", "online_lapack")),
         },
-        "ratios": {**_ratios(result.times["warm"]), "cold_start": _ratios(result.times["cold"])},
-        "work_precision": result.work_precision,
+        "ratios": {**_ratios(study.times["warm"]), "cold_start": _ratios(study.times["cold"])},
+        "work_precision": study.work_precision,
         "active_set": {
-            "iterations_median": float(np.median(errors.iterations)),
-            "iterations_max": int(errors.iterations.max()),
-            "cycles": int(errors.cycles),
+            "iterations_median": float(np.median(iterations)),
+            "iterations_max": max(iterations),
+            "cycles": sum(cycles),
         },
         "skipped": hyper.log.skipped,
         "refused_before": hyper.log.refused,
@@ -77,22 +51,40 @@ def make_report(
     return {**report, "advice": advice(report)}
 
 
-def environment(ranks: int = 1) -> dict:
+def sizes(problem: ContactProblem, sets: IndexSets, enrichment: Enrichment, snapshots: int) -> dict[str, int]:
+    """The ``sizes`` part of a report."""
+    functions = enrichment.basis.shape[1]
+    return {
+        "N": problem.free.size,
+        "N_lambda": problem.contact.shape[0],
+        "ell": functions - len(enrichment.added),
+        "ell_bar": functions,
+        "N_lambda_C": len(sets.A_lambda),
+        "cells": len(problem.cell_nodes),
+        "rid_cells": len(sets.cells),
+        "snapshots": snapshots,
+    }
+
+
+def enrichment_steps(enrichment: Enrichment) -> list[dict]:
+    """kappa(B~) after each added function; the first row is the basis before any."""
+    return [{"added": k, "kappa": kappa} for k, kappa in enumerate(enrichment.kappas)]
+
+
+def environment() -> dict:
     """The ``versions`` and ``machine`` parts of a report."""
-    return {"versions": _versions(), "machine": {"cpu": _cpu(), "threads": 1, "ranks": ranks}}
+    return {"versions": _versions(), "machine": {"cpu": _cpu(), "threads": 1, "ranks": MPI.COMM_WORLD.size}}
 
 
 def advice(report: dict) -> str:
-    """Which method this scene should use, and why, in words.
+    """Which method an elastic scene should use, and why, in words.
 
     Exact condensation has no reduction error; it is advised unless it is much slower than the reduced model
-    where both give the forces on the whole contact surface, or does not apply.
+    where both give the forces on the whole contact surface.
     """
     times, error = report["times"], report["errors"]["dual_full_floored"]
     reduced = times["online_full"]["median"]
     accuracy = f"force errors {error['median']:.1%} median, {error['p95']:.1%} at 95 %, {error['max']:.1%} at most"
-    if times["condensed_full"] is None:
-        return f"The hyper-reduced model answers in {_seconds(reduced)} with {accuracy}; condensation was not measured."
     exact = times["condensed_full"]["median"]
     figures = (
         f"displacements and forces everywhere take {_seconds(exact)} by exact condensation and "
@@ -106,45 +98,62 @@ def advice(report: dict) -> str:
     return f"Use the hyper-reduced model: {figures}. Use exact condensation where no error can be afforded."
 
 
-def write_report(report: dict, folder: Path) -> Path:
-    """Write ``report.json``; numbers that are not finite become null, which JSON can hold."""
+def write_report(report: dict | list[dict], folder: Path, name: str = "report") -> Path:
+    """Write ``report.json``, or rows under another name; numbers that are not finite become null, as JSON wants it."""
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / "report.json"
+    path = folder / f"{name}.json"
     temporary = path.with_suffix(".part")
     temporary.write_text(json.dumps(_finite(report), indent=2, allow_nan=False) + "\n")
     os.replace(temporary, path)
     return path
 
 
-def print_report(report: dict, console: Console | None = None) -> None:
+def print_rows(title: str, rows: list[dict], console: Console) -> None:
+    """Print rows that share their keys as a table; long texts are cut, which the file has whole."""
+    table = Table(*rows[0], title=title)
+    for row in rows:
+        cells = (f"{value:.1e}" if isinstance(value, float) else "" if value is None else f"{value}"[:160]
+                 for value in row.values())  # fmt: skip
+        table.add_row(*cells)
+    console.print(table)
+
+
+def print_report(report: dict, console: Console) -> None:
     """Print the figures a reader looks for first."""
-    console = console or Console()
-    sizes, stability = report["sizes"], report["stability"]
+    size, stability, online = report["sizes"], report["stability"], report["times"]["online"]["median"]
+    shown = {"kappa_B": "kappa(B~)", "cond_K": "cond(K~)", "tangent": "tangents"}
+    constants = ", ".join(f"{name} {stability[key]:.2g}" for key, name in shown.items() if key in stability)
     console.print(
-        f"[bold]{report['scene']}[/bold]: {sizes['N']} dofs, {sizes['N_lambda']} contacts -> {sizes['ell_bar']} modes, "
-        f"{sizes['N_lambda_C']} contacts on {sizes['rid_cells']} of {sizes['cells']} cells, "
-        f"{sizes['snapshots']} snapshots; kappa(B~) {stability['kappa_B']:.2f}, cond(K~) {stability['cond_K']:.1e}"
+        f"[bold]{report['scene']}[/bold]: {size['N']} dofs, {size['N_lambda']} contacts -> {size['ell_bar']} modes, "
+        f"{size['N_lambda_C']} contacts on {size['rid_cells']} of {size['cells']} cells, "
+        f"{size['snapshots']} snapshots; {constants}"
     )
     errors = Table("error", "median", "95 %", "max")
     for name, row in report["errors"].items():
         if isinstance(row, dict):
             errors.add_row(name, *(f"{row[key]:.2e}" for key in ("median", "p95", "max")))
     times = Table("time per query", "median", "95 %", "x online")
-    online = report["times"]["online"]["median"]
-    for name in _TIMED:
-        row = report["times"][name]
-        if row is None:
-            continue
-        times.add_row(name, _seconds(row["median"]), _seconds(row["p95"]), f"{row['median'] / online:.1f}")
+    for name, row in report["times"].items():
+        if row is not None and "median" in row:
+            times.add_row(name, _seconds(row["median"]), _seconds(row["p95"]), f"{row['median'] / online:.1f}")
     console.print(errors, times)
-    console.print(report["advice"])
+    if "advice" in report:
+        console.print(report["advice"])
+    for item in report["refused_before"]:
+        console.print(f"{item['layers']} layers refused: {item['why']}")
     for item in report["skipped"]:
         console.print(f"left out: {item['stage']}: {item['why']}")
 
 
-def _enrichment(hyper):
-    """kappa(B~) after each added function; the first row is the basis before any."""
-    return [{"added": k, "kappa": kappa} for k, kappa in enumerate(hyper.enrichment.kappas)]
+def print_beside(title: str, ours: dict[str, dict], theirs: dict[str, dict], console: Console) -> None:
+    """Print relative errors by label and name in per cent, those of another source in brackets where it has any."""
+    table = Table("", *next(iter(ours.values())), title=f"{title}, in % (in brackets: thesis)")
+    for label, row in ours.items():
+        other = theirs.get(label, {})
+        cells = (f"{100 * value:.2g}" + (f" ({100 * other[name]:.2g})" if name in other else "")
+                 for name, value in row.items())  # fmt: skip
+        table.add_row(label, *cells)
+    console.print(table)
 
 
 def _times(times, names):
@@ -158,7 +167,10 @@ def _ratios(times):
 
 
 def _seconds(value):
-    return f"{value * 1e6:.1f} us" if value < 1e-3 else f"{value * 1e3:.2f} ms"
+    for unit, size in (("us", 1e-6), ("ms", 1e-3)):
+        if value < 1000 * size:
+            return f"{value / size:.2f} {unit}"
+    return f"{value:.2f} s"
 
 
 def _versions():

@@ -1,0 +1,57 @@
+"""Two stacked blocks of edge 1 with meshes of their own: patch tests, turned scenes, curved gaps."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
+
+LOWER, UPPER = FIRST, SECOND
+"""Cell tags of the two blocks."""
+
+
+def interface(body: int, dim: int) -> int:
+    """Facet tag of the side of a block that faces the other one."""
+    return side(body, dim - 1, body == LOWER)
+
+
+def outer_end(body: int, dim: int) -> int:
+    """Facet tag of the side of a block that looks away from the other one."""
+    return side(body, dim - 1, body == UPPER)
+
+
+def rotation(dim: int, angle: float) -> np.ndarray:
+    """Matrix of a turn by an angle, in space about the diagonal, (dim, dim)."""
+    axis = np.array([0.0, 0.0, 1.0]) if dim == 2 else np.ones(3) / 3**0.5
+    return Rotation.from_rotvec(angle * axis).as_matrix()[:dim, :dim]
+
+
+def stacked_blocks(comm, *, lower, upper, angle=0.0, bulge=0.0, shift=0.0, simplices=False):
+    """Build the mesh of both blocks on all ranks of ``comm``.
+
+    Args:
+        comm: MPI communicator.
+        lower: cells of the lower block along each axis.
+        upper: cells of the upper block likewise.
+        angle: turns everything.
+        bulge: height of the curved gap between the blocks, at their sides.
+        shift: moves the upper block sideways, beyond the edge of the lower.
+        simplices: triangles or tetrahedra instead of quadrilaterals or hexahedra.
+
+    Returns:
+        ``(mesh, cell_tags, facet_tags)`` with the tags of this module and of :func:`two_blocks.side`.
+    """
+    up = len(lower) - 1
+    turn = rotation(len(lower), angle)
+
+    def warp(points, body):
+        points = points.copy()
+        if body == UPPER:
+            points[:, 0] += shift
+            away = np.sum((points[:, :up] - 0.5) ** 2, axis=1)
+            points[:, up] += 4 * bulge * away * (2 - points[:, up])
+        return points @ turn.T
+
+    boxes = [((0.0,) * up + (float(k),), (1.0,) * up + (k + 1.0,), cells) for k, cells in enumerate((lower, upper))]
+    return two_blocks(comm, first=boxes[0], second=boxes[1], simplices=simplices, warp=warp)

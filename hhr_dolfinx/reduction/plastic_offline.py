@@ -1,0 +1,254 @@
+"""Offline stage of bodies that flow: from training histories to a reduced model, thesis section 6.2.3."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy import linalg
+
+from hhr_dolfinx.contact.problem import ContactProblem, ContactSolution, Status
+from hhr_dolfinx.errors import NotSolvableError, ReductionError, UnstableModelError
+from hhr_dolfinx.flow.quasi_static import History, Point
+from hhr_dolfinx.reduction.deim import deim
+from hhr_dolfinx.reduction.enrichment import Enrichment, enrich
+from hhr_dolfinx.reduction.plastic import PlasticReduced
+from hhr_dolfinx.reduction.pod import pod
+from hhr_dolfinx.reduction.reconstruct import Reconstruction, prepare_reconstruction
+from hhr_dolfinx.reduction.rid import contact_nodes, reduced_domain, zone_of_interest
+from hhr_dolfinx.reduction.trust import first_trusted
+from hhr_dolfinx.snapshots.solutions import SnapshotSet
+from hhr_dolfinx.timing import StageLog
+
+
+@dataclass(frozen=True)
+class PlasticSettings:
+    """How to reduce a scene that flows; tolerances are epsilon of (1.53).
+
+    Attributes:
+        primal, dual, stress, plastic_strain: tolerances of the bases whose DEIM points make the RID (section 6.2.3).
+        layers: layers of cells added around, to begin with.
+        most_layers: layers up to which the RID grows until the projected tangents are positive.
+        zone: maps the problem to nodes added to the RID; None takes one node for each load.
+        kappa_max: kappa(B~1) down to which FE functions are added.
+        least_tangent: smallest eigenvalue wanted of the projected tangents, see :func:`tangent_margin`; of
+            twenty recipes for the pellet all above 0.1 kept within 5 % of the displacement at every step; all below
+            -0.2 left it at some step, by up to 26 %, or failed.
+        checked_states: training states of each history at which tangents are checked.
+    """
+
+    primal: float = 1e-9
+    dual: float = 1e-8
+    stress: float = 1e-9
+    plastic_strain: float = 1e-6
+    layers: int = 3
+    most_layers: int = 8
+    zone: Callable[[ContactProblem], np.ndarray] | None = None
+    kappa_max: float = 1.0
+    least_tangent: float = 0.1
+    checked_states: int = 4
+
+
+class GappyField(NamedTuple):
+    """A field of the Gauss points from its values in the RID (gappy POD, section 6.2.3).
+
+    Attributes:
+        modes: POD modes of training states, (values everywhere, modes).
+        fit: amplitudes of the modes per value in the RID, (modes, values in the RID).
+    """
+
+    modes: np.ndarray
+    fit: np.ndarray
+
+    def everywhere(self, inside: np.ndarray) -> np.ndarray:
+        """The field everywhere, fitted to its values in the RID by least squares."""
+        return self.modes @ (self.fit @ inside)
+
+
+@dataclass(frozen=True)
+class PlasticReduction:
+    """A reduced model of a scene that flows, with what completes it.
+
+    Attributes:
+        model: equilibrium of gamma, for :func:`hhr_dolfinx.flow.quasi_static.march`.
+        forces: contact forces outside the RID, (1.70)-(1.71).
+        stress: how the stress is completed.
+        cumulated: how the cumulated plastic strain is completed; None where nothing flowed in training.
+        enrichment: how the basis was enriched.
+        layers: layers of cells of the RID.
+        gauss_points: number of Gauss points of the full model.
+        tangent: smallest real part of the eigenvalues of the projected tangents, see :func:`tangent_margin`.
+        log: times of the stages, what was left out, attempts that were refused.
+    """
+
+    model: PlasticReduced
+    forces: Reconstruction
+    stress: GappyField
+    cumulated: GappyField | None
+    enrichment: Enrichment
+    layers: int
+    gauss_points: int
+    tangent: float
+    log: StageLog
+
+    def displacement_everywhere(self, point: Point) -> np.ndarray:
+        """Displacement on the whole mesh, (N,)."""
+        return self.forces.displacement(point.unknown, self.model.amplitudes(point.parameter))
+
+    def forces_everywhere(self, point: Point) -> np.ndarray:
+        """Contact forces on the whole surface, (N_lambda,)."""
+        answer = ContactSolution(point.unknown, point.forces, point.active, 1, Status.CONVERGED, False)
+        return self.forces.forces(answer, self.model.amplitudes(point.parameter))
+
+    def plastic_strain_everywhere(self, point: Point) -> np.ndarray:
+        """Cumulated plastic strain at all Gauss points, (points,): the model's own in the RID, fitted elsewhere."""
+        if self.cumulated is None:
+            return np.zeros(self.gauss_points)
+        everywhere = np.maximum(self.cumulated.everywhere(point.state.cumulated), 0.0)
+        everywhere[self.model.points] = point.state.cumulated
+        return everywhere
+
+    def stress_everywhere(self, point: Point) -> np.ndarray:
+        """Stress at all Gauss points, (points, components): the model's own in the RID, fitted elsewhere."""
+        everywhere = self.stress.everywhere(point.stress.ravel()).reshape(self.gauss_points, -1)
+        everywhere[self.model.points] = point.stress
+        return everywhere
+
+
+def build_plastic_reduction(
+    full, histories: list[History], settings: PlasticSettings = PlasticSettings()
+) -> PlasticReduction:
+    """Build a reduced model whose projected tangents are well positive at training states, or refuse.
+
+    A RID that is too small for its modes makes the projected consistent tangent indefinite under flow; steps then
+    fail, or converge to a wrong path with the smallest residuals. The elastic operator shows nothing of it.
+
+    Args:
+        full: the full model, a :class:`hhr_dolfinx.full_order.plastic.PlasticFullOrder`.
+        histories: its training histories.
+        settings: how to reduce.
+
+    Raises:
+        ReductionError: if there is nothing to train on.
+        UnstableModelError: if tangents are still not positive at ``most_layers``.
+        NotSolvableError: if contact rows are dependent on the basis, (5.24)-(5.25).
+    """
+    if not histories or not all(history.points for history in histories):
+        raise ReductionError("a reduced model needs at least one training history, each with at least one step")
+    log = StageLog()
+    with log.stage("bases"):
+        basis, nodes = snapshot_nodes(full, histories, settings)
+    with log.stage("training_tangents"):
+        states = _training_tangents(full, histories, settings.checked_states)
+
+    def attempt(layers):
+        return _build(full, histories, replace(settings, layers=layers), (basis, nodes, states), log)
+
+    return first_trusted(attempt, settings.layers, settings.most_layers, log)
+
+
+def _build(full, histories, settings, training, log) -> PlasticReduction:
+    """One attempt with a fixed number of layers."""
+    basis, nodes, states = training
+    with log.stage("rid"):
+        sets = reduced_domain(full.problem, nodes, settings.layers)
+    with log.stage("enrichment"):
+        enrichment = enrich(full.problem, basis, sets, settings.kappa_max)
+        if not np.isfinite(enrichment.kappas[-1]):
+            raise NotSolvableError("the contact rows are dependent on the reduced basis, thesis (5.24)-(5.25)")
+    with log.stage("projection"):
+        model = PlasticReduced(full, enrichment.basis, sets)
+    with log.stage("stability"):
+        margin = min((tangent_margin(model, *state) for state in states), default=1.0)
+        if not margin > settings.least_tangent:
+            raise UnstableModelError(
+                f"with {settings.layers} layers a projected tangent at a training state has an eigenvalue of real part "
+                f"{margin:.2g}: steps would fail or follow a wrong path. Allow more layers or keep fewer modes"
+            )
+    with log.stage("reconstruction"):
+        completion = _completion(full, model, histories, settings)
+    if not len(enrichment.added):
+        log.skip(
+            "enrichment", f"kappa(B~) = {enrichment.kappas[-1]:.2f} <= {settings.kappa_max:g} and (5.24)-(5.25) hold"
+        )
+    if not full.material.flows:
+        log.skip("tangents", "no body flows: the elastic operator is the tangent")
+    return PlasticReduction(model, *completion, enrichment, settings.layers, full.operator.points, margin, log)
+
+
+def tangent_margin(model: PlasticReduced, tangents: np.ndarray, stiffness) -> float:
+    """Smallest real part of the eigenvalues of V[A]^T K_T V relative to V^T K_T V, 1 where the RID is everything.
+
+    Args:
+        model: the reduced model.
+        tangents: consistent tangents at all Gauss points of the full model.
+        stiffness: K_T of the full model.
+    """
+    whole = model.basis.T @ (stiffness @ model.basis)
+    return float(linalg.eigvals(np.linalg.solve(whole, model.tangent(tangents[model.points]))).real.min())
+
+
+def _training_tangents(full, histories, count):
+    """Tangents and stiffness of the full model at some states of each history, the last one among them."""
+    states = []
+    for history in histories:
+        steps = np.unique(np.linspace(0, len(history.points), count + 1).astype(int)[1:]) - 1
+        for step in steps:
+            here = history.points[step]
+            time, state = history.start, full.material.at_rest()
+            if step > 0:
+                time, state = history.points[step - 1].time, history.points[step - 1].state
+            strain = full.strain(here.unknown, full.amplitudes(here.parameter))
+            tangents = full.material.update(strain, state, here.time - time, tangent=True).tangents
+            states.append((tangents, full.stiffness(tangents)))
+    return states if full.material.flows else []
+
+
+def _completion(full, model, histories, settings):
+    """Reconstruction of contact forces, of the stress and of the cumulated plastic strain."""
+    points = [point for history in histories for point in history.points]
+    columns = (np.concatenate([h.stack(name) for h in histories], axis=-1) for name in ("unknown", "forces", "active"))
+    snapshots = SnapshotSet(np.stack([point.parameter for point in points]), *columns)
+    forces = prepare_reconstruction(full.problem, model.basis, model.sets, snapshots)
+    components = full.material.components
+    values = (model.points[:, None] * components + np.arange(components)).ravel()
+    stress = _gappy(np.stack([point.stress.ravel() for point in points], axis=1), values, settings.stress)
+    cumulated = np.stack([point.state.cumulated for point in points], axis=1)
+    if not np.any(cumulated):
+        return forces, stress, None
+    return forces, stress, _gappy(cumulated, model.points, settings.plastic_strain)
+
+
+def _gappy(snapshots, inside, tolerance) -> GappyField:
+    modes, _ = pod(snapshots, tolerance)
+    return GappyField(modes, np.linalg.pinv(modes[inside]))
+
+
+def snapshot_nodes(full, histories: list[History], settings: PlasticSettings) -> tuple[np.ndarray, np.ndarray]:
+    """POD basis of the displacements, and the nodes of all DEIM points (section 6.2.3).
+
+    Args:
+        full: the full model.
+        histories: its training histories.
+        settings: tolerances.
+
+    Returns:
+        ``(basis, nodes)``.
+    """
+    problem = full.problem
+    unknown, forces, stress = (
+        np.concatenate([history.stack(name) for history in histories], axis=-1)
+        for name in ("unknown", "forces", "stress")
+    )
+    basis, _ = pod(unknown, settings.primal)
+    nodes = [deim(basis) // problem.block_size, zone_of_interest(problem, settings.zone)]
+    if np.any(forces):
+        nodes.append(contact_nodes(problem, forces, settings.dual))
+    points = [deim(pod(stress.reshape(-1, stress.shape[-1]), settings.stress)[0]) // full.material.components]
+    cumulated = np.stack([point.state.cumulated for history in histories for point in history.points], axis=1)
+    if np.any(cumulated):
+        points.append(deim(pod(cumulated, settings.plastic_strain)[0]))
+    nodes.append(problem.cell_nodes[full.cell_of_point[np.concatenate(points)]].ravel())
+    return basis, np.unique(np.concatenate(nodes))

@@ -1,0 +1,187 @@
+"""Error against run time of histories: a scene that flows, trained on some values of a parameter, tried at others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from hhr_dolfinx.flow.quasi_static import History, MarchSettings, march
+from hhr_dolfinx.full_order.plastic import PlasticFullOrder
+from hhr_dolfinx.reduction.plastic_offline import PlasticReduction, PlasticSettings, build_plastic_reduction
+from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.snapshots.accuracy import relative_error, summary
+from hhr_dolfinx.study.report import enrichment_steps, environment, print_report, sizes, write_report
+from hhr_dolfinx.study.training import Progress, silent
+from hhr_dolfinx.study.view import View
+from hhr_dolfinx.timing import StageLog, timed
+
+
+@dataclass(frozen=True)
+class HistorySettings:
+    """What to train on and what to measure.
+
+    Attributes:
+        path: history of a value: times and parameters, the first ones at rest.
+        training: values to train on.
+        tests: values to compare at.
+        reduction: the recipe under study.
+        march: how histories are solved.
+        repetitions: reduced histories timed at each test value.
+        seed: of random test values, for the report.
+    """
+
+    path: Callable[[float], Sequence[tuple[float, np.ndarray]]]
+    training: Sequence[float]
+    tests: Sequence[float]
+    reduction: PlasticSettings = PlasticSettings()
+    march: MarchSettings = MarchSettings()
+    repetitions: int = 3
+    seed: int = 1
+
+
+@dataclass(frozen=True)
+class HistoryStudy:
+    """Measurements of a scene that flows.
+
+    Attributes:
+        full: the full model.
+        reduction: the reduced model under study.
+        rows: errors and iterations at each test value.
+        exact, history: full and reduced history at the last test value.
+        report: all figures under the keys that scenes share; a demo may add its own.
+    """
+
+    full: PlasticFullOrder
+    reduction: PlasticReduction
+    rows: list[dict]
+    exact: History
+    history: History
+    report: dict = field(default_factory=dict)
+
+    def write(self, folder: Path, console: Console, view: View | None = None) -> None:
+        """Write and print the report, draw the pictures of a view."""
+        write_report(self.report, folder)
+        print_report(self.report, console)
+        if view is not None:
+            from hhr_dolfinx.study.plots import draw_histories
+
+            draw_histories(self, view, folder)
+        console.print(f"report, pictures and fields are in {folder}")
+
+
+def study_histories(scene: Scene, settings: HistorySettings, *, progress: Progress = silent) -> HistoryStudy:
+    """Train, compare at every test value, time full and reduced in turns, report.
+
+    Raises:
+        ConvergenceError: if a full history does not converge.
+        HHRError: if the reduced model is refused.
+    """
+    log, path = StageLog(), settings.path
+    with log.stage("full_order"):
+        full = PlasticFullOrder(scene)
+    with log.stage("snapshots"):
+        training = [march(full, path(value), settings.march) for value in progress("training")(settings.training)]
+    reduction = build_plastic_reduction(full, training, settings.reduction)
+    march(reduction.model, path(settings.tests[0])[:3], settings.march)  # compiles
+    rows, full_seconds, online_seconds = [], [], []
+    for value in progress("tests")(settings.tests):
+        exact, seconds = timed(lambda value=value: march(full, path(value), settings.march))
+        full_seconds.append(seconds)
+        runs = [
+            timed(lambda value=value: march(reduction.model, path(value), settings.march))
+            for _ in range(settings.repetitions)
+        ]
+        online_seconds.append(float(np.median([seconds for _, seconds in runs])))
+        history = runs[0][0]
+        rows.append({"value": float(value), **history_errors(full, reduction, history, exact), "cuts": history.cuts,
+                     "iterations": history.iterations, "full_iterations": exact.iterations})  # fmt: skip
+    searches = {settings.march.search: float(np.median(full_seconds))}
+    for search in {"tangent", "elastic"} - {settings.march.search}:
+        other = replace(settings.march, search=search, iterations=200)
+        searches[search] = timed(lambda other=other: march(full, path(settings.tests[0]), other))[1]
+    study = HistoryStudy(full, reduction, rows, exact, history)
+    seconds = {"fom_best": full_seconds, "online": online_seconds, "fom_searches": searches}
+    return replace(study, report=_report(study, settings, training, log, seconds))
+
+
+def history_errors(full: PlasticFullOrder, reduction: PlasticReduction, history: History, exact: History) -> dict:
+    """Relative errors at the last step as in thesis table 6.1, and the worst displacement error of the history."""
+    model, here, there = reduction.model, history.points[-1], exact.points[-1]
+    fields = [
+        relative_error(reduction.displacement_everywhere(p), full.displacement(q))
+        for p, q in zip(history.points, exact.points, strict=True)
+    ]
+    return {
+        "primal_euclid": fields[-1],
+        "dual_rid": relative_error(here.forces, there.forces[model.sets.A_lambda]),
+        "stress_rr": relative_error(here.stress[:, 0], there.stress[model.points][:, 0]),
+        "plastic_strain": relative_error(here.state.cumulated, there.state.cumulated[model.points]),
+        "plastic_strain_everywhere": relative_error(reduction.plastic_strain_everywhere(here), there.state.cumulated),
+        "stress_rr_everywhere": relative_error(reduction.stress_everywhere(here)[:, 0], there.stress[:, 0]),
+        "dual_full": relative_error(reduction.forces_everywhere(here), there.forces),
+        "worst_displacement": max(fields),
+    }
+
+
+def seconds_of_parts(model, history: History, repetitions: int = 20) -> dict[str, float]:
+    """Seconds of each part of an iteration in the last step of a history, and of a new tangent."""
+    before, point = history.points[-2:] if len(history.points) > 1 else history.points * 2
+    theta, step = model.amplitudes(point.parameter), point.time - before.time or 1.0
+    strain = model.strain(point.unknown, theta)
+    update = model.material.update(strain, point.state, step, tangent=True)
+    residual, _ = model.residual(update.stress, theta)
+    parts = {
+        "strain": lambda: model.strain(point.unknown, theta),
+        "laws": lambda: model.material.update(strain, point.state, step, tangent=False),
+        "residual": lambda: model.residual(update.stress, theta),
+        "tangent": lambda: model.linearise(update.tangents),
+        "contact": lambda: model.correct(residual, point.unknown, theta, point.active),
+    }
+    return {name: timed(part, repetitions)[1] for name, part in parts.items()}
+
+
+def _report(study, settings, training, log, seconds) -> dict:
+    """The report under the keys that scenes share."""
+    full, reduction, model = study.full, study.reduction, study.reduction.model
+    parts = {"fom": seconds_of_parts(full, study.exact), "online": seconds_of_parts(model, study.history)}
+    online, fom_best = (float(np.median(seconds[name])) for name in ("online", "fom_best"))
+    errors = {name: summary([row[name] for row in study.rows]) for name, value in study.rows[0].items()
+              if isinstance(value, float) and name != "value"}  # fmt: skip
+    steps = sum(len(history.points) for history in training)
+    method = {"online_s": online, "primal_euclid": errors["primal_euclid"]["median"]}
+    return {
+        "scene": full.scene.name,
+        "seed": settings.seed,
+        **environment(),
+        "sizes": {
+            **sizes(full.problem, model.sets, reduction.enrichment, steps),
+            "rid_cells": len(model.cells),
+            "layers": reduction.layers,
+        },
+        "stability": {
+            "kappa_B": reduction.enrichment.kappas[-1],
+            "tangent": reduction.tangent,
+            "enrichment": enrichment_steps(reduction.enrichment),
+        },
+        "errors": errors,
+        "histories": study.rows,
+        "times": {
+            "offline": {**log.times, **reduction.log.times},
+            "fom_best": summary(seconds["fom_best"]),
+            "fom_searches": seconds["fom_searches"],
+            "condensed": None,
+            "online": summary(seconds["online"]),
+            "parts": parts,
+        },
+        "ratios": {"fom_best/online": fom_best / online, "laws": parts["fom"]["laws"] / parts["online"]["laws"]},
+        "work_precision": [
+            {"method": "HHR", "setting": f"{reduction.layers} layers", **method},
+            {"method": "fom_best", "setting": settings.march.search, "online_s": fom_best, "primal_euclid": 0.0},
+        ],
+        "skipped": [*reduction.log.skipped, {"stage": "condensed", "why": "the stiffness changes with the flow"}],
+        "refused_before": reduction.log.refused,
+    }

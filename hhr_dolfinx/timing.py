@@ -1,0 +1,76 @@
+"""The only clock of the house: seconds of stages and of queries. The mathematics never reads the time."""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
+
+
+@dataclass
+class StageLog:
+    """Times of the stages of a run, in seconds; what was left out; attempts that a check refused."""
+
+    times: dict[str, float] = field(default_factory=dict)
+    skipped: list[dict[str, str]] = field(default_factory=list)
+    refused: list[dict] = field(default_factory=list)
+
+    @contextmanager
+    def stage(self, name: str):
+        """Time the block under a name."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.times[name] = self.times.get(name, 0.0) + time.perf_counter() - start
+
+    def skip(self, stage: str, why: str) -> None:
+        """Record a stage that this scene does not need."""
+        self.skipped.append({"stage": stage, "why": why})
+
+
+def timed(call: Callable, repetitions: int = 1):
+    """The last result of a call, and its seconds on average."""
+    start = time.perf_counter()
+    for _ in range(repetitions):
+        result = call()
+    return result, (time.perf_counter() - start) / repetitions
+
+
+def time_queries(models: dict[str, Callable], points: np.ndarray) -> dict[str, np.ndarray]:
+    """Seconds per query of each model at every point, (len(points) less a warm-up,), on one thread.
+
+    No point is asked twice, so that nothing kept from an earlier query helps more than it would in use. The
+    models take turns in blocks, so that a disturbance of the machine hits all of them. A query without an answer
+    counts with the time it took.
+    """
+    warm_up, asked = points[:5], points[5:]
+    times: dict[str, list[float]] = {name: [] for name in models}
+    with threadpool_limits(1):
+        for solve in models.values():
+            for point in warm_up:
+                _query(solve, point)
+        for block in np.array_split(asked, min(5, len(asked))):
+            for name, solve in models.items():
+                gc.collect()
+                gc.disable()
+                try:
+                    for point in block:
+                        start = time.perf_counter()
+                        _query(solve, point)
+                        times[name].append(time.perf_counter() - start)
+                finally:
+                    gc.enable()
+    return {name: np.array(values) for name, values in times.items()}
+
+
+def _query(solve, point):
+    with suppress(ConvergenceError, NotSolvableError):
+        solve(point)

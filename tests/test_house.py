@@ -1,0 +1,157 @@
+"""The house as docs/architecture.md draws it: who may import whom, sizes, one clock, and what a scene loads."""
+
+import ast
+import graphlib
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+FOLDERS = {"hhr_dolfinx": "hhr_dolfinx", "forms": "hhr_dolfinx.forms", "geometries": "hhr_dolfinx.geometries"}
+
+
+def modules():
+    """All modules of the package by their full names."""
+    found = {}
+    for folder, package in FOLDERS.items():
+        for path in (ROOT / folder).rglob("*.py"):
+            parts = path.relative_to(ROOT / folder).with_suffix("").parts
+            found[".".join([package, *parts]).removesuffix(".__init__")] = path
+    return found
+
+
+MODULES = modules()
+
+
+def imports(name):
+    """Modules of the package that a module imports, inside functions too; those for type checking only left out."""
+    tree = ast.parse(MODULES[name].read_text())
+    unseen = {
+        id(inner)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)
+        for inner in ast.walk(node)
+    }
+    for node in ast.walk(tree):
+        if id(node) in unseen:
+            continue
+        if isinstance(node, ast.Import):
+            targets = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            inner = [f"{node.module}.{alias.name}" for alias in node.names]
+            targets = [target if target in MODULES else node.module for target in inner]
+        else:
+            continue
+        yield from (target for target in targets if target.split(".")[0] == "hhr_dolfinx")
+
+
+def room(name):
+    """First part of a module's name behind the package."""
+    return name.split(".")[1] if "." in name else "__init__"
+
+
+def rooms_of_the_page():
+    """Rooms of the architecture page in its order, each with those it may import."""
+    page = (ROOT / "docs/architecture.md").read_text()
+    rows = re.findall(r"^\| `(\w+)` \|[^|]*\|([^|]*)\|$", page, re.MULTILINE)
+    return {name: set(re.findall(r"`(\w+)`", allowed)) for name, allowed in rows}
+
+
+ALLOWED = rooms_of_the_page()
+
+
+def test_the_page_names_all_rooms_from_the_ground_up():
+    assert set(ALLOWED) == {room(name) for name in MODULES} - {"__init__"}
+    below = set()
+    for name, allowed in ALLOWED.items():
+        assert allowed <= below, f"{name} may import {allowed - below}, which stand above it"
+        below.add(name)
+
+
+@pytest.mark.parametrize("name", sorted(MODULES))
+def test_a_module_imports_only_what_its_room_may(name):
+    allowed = ALLOWED.get(room(name), {"compat"}) | {room(name)}
+    assert {room(target) for target in imports(name)} <= allowed
+
+
+def test_no_circle():
+    graph = {name: [target for target in imports(name) if target != name] for name in MODULES}
+    list(graphlib.TopologicalSorter(graph).static_order())
+    demos = {path.stem: path.read_text() for path in (ROOT / "demos").glob("*.py")}
+    calls = {name: re.findall(r"^(?:import|from) (\w+)", text, re.MULTILINE) for name, text in demos.items()}
+    list(graphlib.TopologicalSorter(calls).static_order())
+
+
+def test_every_folder_is_installed():
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    assert set(settings["packages"]) == {name for name, path in MODULES.items() if path.name == "__init__.py"}
+
+
+def test_files_and_functions_fit_on_a_screen():
+    """Modules up to 400 lines, demos below 80, functions up to 60 with at most seven parameters."""
+    for path in (*MODULES.values(), *(ROOT / "demos").glob("*.py")):
+        text = path.read_text()
+        assert text.count("\n") < (80 if path.parent.name == "demos" else 401), path
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef):
+                given = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+                own = [argument for argument in given if argument.arg not in ("self", "cls")]
+                assert node.end_lineno - node.lineno < 60, (path, node.name)
+                # a geometry is a function of its dimensions
+                assert len(own) <= (9 if path.parent.name == "geometries" else 7), (path, node.name)
+
+
+def test_one_clock():
+    clocks = re.compile(r"^\s*(?:import time|from time|import timeit)\b", re.MULTILINE)
+    holders = [
+        path.name for path in (*MODULES.values(), *(ROOT / "demos").glob("*.py")) if clocks.search(path.read_text())
+    ]
+    assert holders == ["timing.py"]
+
+
+# numba is not among them: DOLFINx loads it by itself
+UNNEEDED = {
+    "flow": ["hhr_dolfinx.flow", "hhr_dolfinx.forms.plasticity", "hhr_dolfinx.full_order.plastic",
+             "hhr_dolfinx.full_order.gauss_points", "hhr_dolfinx.reduction.plastic",
+             "hhr_dolfinx.reduction.plastic_offline", "hhr_dolfinx.study.study_histories"],
+    "meshes that do not match": ["hhr_dolfinx.pairings.node_to_surface", "hhr_dolfinx.pairings.mortar",
+                                 "hhr_dolfinx.pairings.projection", "shapely"],
+    "clustering and peers": ["sklearn", "hhr_dolfinx.baselines.peers", "hhr_dolfinx.baselines.coarser"],
+    "pictures": ["hhr_dolfinx.study.plots", "matplotlib", "pyvista"],
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def loaded(tmp_path_factory):
+    """Modules loaded by a whole study of a matching elastic scene, report and model file included, pictures not."""
+    program = (
+        f"import sys; sys.path.insert(0, {str(ROOT / 'demos')!r})\n"
+        "from pathlib import Path\n"
+        "import hertz_half_discs as demo, hhr_dolfinx as hhr\n"
+        "from rich.console import Console\n"
+        "settings = demo.SETTINGS.asked(seed=1, quick=True)\n"
+        "study = hhr.study_scene(demo.scene(arc_segments=28, flat_segments=7), settings, Path('.'))\n"
+        "study.write(Path('.'), Console(quiet=True))\n"
+        "print(*sys.modules, sep='\\n', file=open('modules', 'w'))\n"
+    )
+    folder = tmp_path_factory.mktemp("study")
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=folder, timeout=300)
+    assert run.returncode == 0, run.stderr[-3000:]
+    assert (folder / "report.json").exists() and (folder / "model.npz").exists()
+    return set((folder / "modules").read_text().split())
+
+
+@pytest.mark.parametrize("what", UNNEEDED)
+def test_a_matching_elastic_scene_does_not_load(loaded, what):
+    assert "hhr_dolfinx.reduction.offline" in loaded
+    assert not loaded & set(UNNEEDED[what])
+
+
+def test_what_is_not_loaded_exists():
+    """A module that was renamed would be absent for the wrong reason."""
+    for names in UNNEEDED.values():
+        assert {name for name in names if name.startswith("hhr_dolfinx")} <= set(MODULES)

@@ -1,0 +1,29 @@
+"""A law of flow of a user's own, in one file: Bingham's."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Bingham:
+    """Linear viscoplasticity with a threshold: rate of p = max(σ_eq - σ0, 0) / η, implicit Euler.
+
+    Attributes:
+        yield_stress: σ0 >= 0, in the unit of stress of the scene.
+        viscosity: η >= 0, in stress times seconds; 0 is perfect plasticity.
+    """
+
+    yield_stress: float
+    viscosity: float
+
+    def __post_init__(self):
+        """Refuse what is no threshold or would flow backwards."""
+        if not (0 <= self.yield_stress < np.inf and 0 <= self.viscosity < np.inf):
+            raise ValueError(f"yield stress {self.yield_stress} and viscosity {self.viscosity} must not be negative")
+
+    def flow(self, trial, plastic_strain, shear, dt):
+        """Closed form of η Δp = dt (q_tr - 3 mu Δp - σ0); see :class:`hhr_dolfinx.forms.plasticity.Flow`."""
+        slope = dt / (self.viscosity + 3 * shear * dt)
+        over = trial - self.yield_stress
+        return np.maximum(over, 0.0) * slope, np.where(over > 0, slope, 0.0)

@@ -1,0 +1,49 @@
+"""A pairing of a user's own, in one file: contact with a round rigid punch."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.pairings import ContactRows, mean_normal, nodal_rows, tangential_order, warn_of_overlap
+
+
+@dataclass(frozen=True)
+class RoundPunch:
+    """Contact with a rigid disc or ball ``|x - centre| >= radius``, linearised: ``u·n <= |x - centre| - radius``.
+
+    Attributes:
+        surface: facet tag of the surface of the body.
+        centre: of the punch, outside the body; on the axis in axisymmetry.
+        radius: of the punch.
+    """
+
+    surface: int
+    centre: tuple[float, ...]
+    radius: float
+
+    @property
+    def tags(self) -> tuple[int, ...]:
+        """The surface of the body."""
+        return (self.surface,)
+
+    def rows(self, surfaces, dofs: int) -> ContactRows:
+        """One row for each node, with n from its place to the centre.
+
+        Raises:
+            SceneError: if the punch is none, or the surface does not look towards its centre.
+        """
+        (surface,) = surfaces
+        centre = np.asarray(self.centre, dtype=float)
+        if centre.shape != (surface.points.shape[1],) or not 0 < self.radius < np.inf:
+            raise SceneError(f"the punch needs a centre in the space of the mesh and a positive radius: {self}")
+        order = tangential_order(surface.points, mean_normal(surface))
+        nodes, points = surface.nodes[order], surface.points[order]
+        distance = np.linalg.norm(centre - points, axis=1)
+        normals = (centre - points) / np.where(distance > 0, distance, np.nan)[:, None]
+        if not (np.einsum("md,md->m", surface.node_normals()[order], normals) > 0).all():
+            raise SceneError(f"surface {self.surface} has a node at the centre of {self}, or looks away from it")
+        matrix = nodal_rows(nodes[:, None], normals, np.ones((nodes.size, 1)), dofs)
+        rows = ContactRows(matrix, distance - self.radius, nodes, points, surface.areas[order])
+        warn_of_overlap(surface, rows)
+        return rows
