@@ -137,6 +137,9 @@ def print_report(report: dict, console: Console) -> None:
         if row is not None and "median" in row:
             times.add_row(name, _seconds(row["median"]), _seconds(row["p95"]), f"{row['median'] / online:.1f}")
     console.print(errors, times)
+    for name, row in report["times"].items():
+        for line in _lines(name, row):
+            console.print(line)
     if "advice" in report:
         console.print(report["advice"])
     for item in report["refused_before"]:
@@ -147,12 +150,11 @@ def print_report(report: dict, console: Console) -> None:
 
 def print_beside(title: str, ours: dict[str, dict], theirs: dict[str, dict], console: Console) -> None:
     """Print relative errors by label and name in per cent, those of another source in brackets where it has any."""
-    table = Table("", *next(iter(ours.values())), title=f"{title}, in % (in brackets: thesis)")
-    for label, row in ours.items():
-        other = theirs.get(label, {})
-        cells = (f"{100 * value:.2g}" + (f" ({100 * other[name]:.2g})" if name in other else "")
-                 for name, value in row.items())  # fmt: skip
-        table.add_row(label, *cells)
+    table = Table("", *ours, title=f"{title}, in % (in brackets: thesis)")
+    for name in next(iter(ours.values())):
+        pairs = ((row[name], theirs.get(label, {}).get(name)) for label, row in ours.items())
+        cells = (f"{100 * here:.2g}" + ("" if there is None else f" ({100 * there:.2g})") for here, there in pairs)
+        table.add_row(name, *cells)
     console.print(table)
 
 
@@ -164,6 +166,18 @@ def _times(times, names):
 def _ratios(times):
     online = np.median(times["online"])
     return {f"{name}/online": float(np.median(times[name]) / online) if name in times else None for name in _COMPARED}
+
+
+def _lines(name, row):
+    """Seconds by name in words, of tables within tables too; summaries have a table of their own."""
+    if row is None or "median" in row:
+        return
+    seconds = {key: value for key, value in row.items() if isinstance(value, float)}
+    if seconds:
+        yield f"{name}: " + ", ".join(f"{key} {_seconds(value)}" for key, value in seconds.items())
+    for key, value in row.items():
+        if isinstance(value, dict):
+            yield from _lines(f"{name}, {key}", value)
 
 
 def _seconds(value):
