@@ -18,7 +18,7 @@ class ReductionError(HHRError, ValueError):
 
 
 class NotSolvableError(HHRError):
-    """The contact rows are dependent on the reduced space, thesis (1.67)."""
+    """No unique solution: dependent contact rows, thesis (1.67), a singular stiffness, numbers that are not finite."""
 
 
 class UnstableModelError(HHRError):

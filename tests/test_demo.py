@@ -69,7 +69,7 @@ def test_readme_example_runs(tmp_path, monkeypatch):
     (code,) = (block for block in blocks if "pressed_block" in block)
     names: dict = {}
     exec(code, names)
-    reference = names["full_order"].solve({"push": 3e7, "pull": 1e7})
+    reference = names["training"].full_order.solve({"push": 3e7, "pull": 1e7})
     for answer, exact in ((names["displacement"], reference.primal), (names["forces"], reference.forces)):
         assert np.linalg.norm(answer - exact) < 5e-3 * np.linalg.norm(exact)
     assert (tmp_path / "block.npz").exists()

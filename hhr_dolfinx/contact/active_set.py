@@ -80,6 +80,20 @@ def active_set(
     return Statuses(forces, active, max_iterations, Status.ITERATION_LIMIT, cycled)
 
 
+def settle(equalities, free_slack: np.ndarray, active: np.ndarray, raise_on_failure: bool) -> Statuses:
+    """:func:`active_set`, with a singular set of statuses as an outcome instead of an error where that is wanted.
+
+    Raises:
+        NotSolvableError: if ``raise_on_failure`` and the statuses lead to a singular block.
+    """
+    try:
+        return active_set(equalities, free_slack, active)
+    except NotSolvableError:
+        if raise_on_failure:
+            raise
+        return Statuses(np.zeros(free_slack.size), active, 0, Status.SINGULAR, False)
+
+
 class SchurEqualities:
     """Equality problems of the active set on the Schur complement: slack = free_slack + S lambda.
 

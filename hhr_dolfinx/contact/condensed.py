@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hhr_dolfinx.contact.active_set import SchurEqualities, Statuses, active_set
+from hhr_dolfinx.contact.active_set import SchurEqualities, settle
 from hhr_dolfinx.contact.dense import Factorise, PetscLU
 from hhr_dolfinx.contact.problem import ContactSolution, Status
-from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
+from hhr_dolfinx.errors import ConvergenceError
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace, Theta
 
 
@@ -129,12 +129,7 @@ class CondensedContact:
         response = self._response @ self.amplitudes(point)
         free_slack = response[: self._m]
         start = free_slack < 0 if start is None else start
-        try:
-            found = active_set(self._equalities, free_slack, start)
-        except NotSolvableError:
-            if raise_on_failure:
-                raise
-            found = Statuses(np.zeros(self._m), start, 0, Status.SINGULAR, False)
+        found = settle(self._equalities, free_slack, start, raise_on_failure)
         solution = ContactSolution(response[self._m :] - self._per_force @ found.forces, *found)
         return solution if solution.converged else rejected(solution, point, raise_on_failure)
 

@@ -144,7 +144,7 @@ class Status(Enum):
     """Why the active set stopped; each value is a sentence for the user."""
 
     CONVERGED = "the statuses satisfy all contact conditions"
-    ITERATION_LIMIT = "the statuses still changed at the iteration limit: raise max_iterations or start nearer"
+    ITERATION_LIMIT = "the statuses still changed at the iteration limit: start from statuses nearer to the answer"
     SINGULAR = (
         "the contact rows of a set of statuses are dependent on this basis, thesis (1.67): "
         "add modes or use fewer contact points in the RID"

@@ -6,7 +6,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
+from hhr_dolfinx.contact.active_set import SchurEqualities, settle
 from hhr_dolfinx.contact.condensed import rejected
 from hhr_dolfinx.contact.dense import factorised
 from hhr_dolfinx.contact.problem import ContactSolution
@@ -70,13 +70,14 @@ class FullOrderModel:
         Raises:
             ParameterError: if ``mu`` is not finite or outside the box.
             ConvergenceError: if the statuses do not settle.
+            NotSolvableError: if contact rows are dependent.
         """
         point = self.problem.parameters.point(mu)
         theta = self.problem.amplitudes(point)
         free = self.solve_stiffness(self._own_loads @ theta)
         free_slack = self.problem.gaps @ theta - self._sum(self._contact @ free)
         start = free_slack < 0 if start is None else start
-        found = active_set(self._equalities, free_slack, start)
+        found = settle(self._equalities, free_slack, start, raise_on_failure)
         primal = self._gather(free - self.per_force @ found.forces) + self.problem.lifts @ theta
         solution = ContactSolution(primal, *found)
         return solution if solution.converged else rejected(solution, point, raise_on_failure)

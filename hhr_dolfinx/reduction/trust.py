@@ -166,6 +166,8 @@ def check_validation(validation: Validation, limits: TrustLimits) -> None:
         # an order statistic, so that failed points do not turn it into NaN
         high = float(np.percentile(values, 95, method="higher"))
         advice = "add RID layers, train on more points, or change the POD tolerance"
+        if math.isinf(high):
+            raise UnstableModelError(f"more than 5 % of the solutions kept out of training have no answer, or two: {advice}")
         if high > refuse:
             raise UnstableModelError(
                 f"the {name} error on solutions kept out of training reaches {high:.0%} > {refuse:.0%}: {advice}"
