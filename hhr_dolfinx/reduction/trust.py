@@ -167,7 +167,7 @@ def check_validation(validation: Validation, limits: TrustLimits) -> None:
         high = float(np.percentile(values, 95, method="higher"))
         advice = "add RID layers, train on more points, or change the POD tolerance"
         if math.isinf(high):
-            raise UnstableModelError(f"more than 5 % of the solutions kept out of training have no answer, or two: {advice}")
+            raise UnstableModelError(f"of the solutions kept out of training 5 % have no answer, or two: {advice}")
         if high > refuse:
             raise UnstableModelError(
                 f"the {name} error on solutions kept out of training reaches {high:.0%} > {refuse:.0%}: {advice}"
