@@ -18,6 +18,7 @@ from scipy import linalg
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.reduction.rid import IndexSets
+from hhr_dolfinx.timing import StageLog
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,16 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
     functions[sets.A_c] = candidates[:, added]
     enriched, _ = linalg.qr(np.hstack([basis, functions]), mode="economic")
     return Enrichment(enriched if added else basis, sets.A_lambda[np.array(added, dtype=int)], kappas, stalled)
+
+
+def record_enrichment(enrichment: Enrichment, kappa_max: float, log: StageLog) -> None:
+    """Tell the log that there was none, or why it stopped early."""
+    kappa = enrichment.kappas[-1]
+    if kappa > kappa_max:
+        why = "no function lowers it further" if enrichment.stalled else "no function is left"
+        log.skip("further_enrichment", f"kappa(B~) = {kappa:.2f} > {kappa_max:g}, but {why}")
+    elif not len(enrichment.added):
+        log.skip("enrichment", f"kappa(B~) = {kappa:.2f} <= {kappa_max:g} and (1.67) holds")
 
 
 def _candidates(problem, sets):

@@ -13,7 +13,7 @@ import numpy as np
 from hhr_dolfinx.contact.problem import ContactProblem, FullOrder
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.reduction.deim import deim
-from hhr_dolfinx.reduction.enrichment import Enrichment, enrich
+from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
 from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.reduction.reconstruct import Reconstruction, prepare_reconstruction
 from hhr_dolfinx.reduction.reduced import ReducedModel, project
@@ -119,24 +119,40 @@ def build_reduced_model(
         UnstableModelError: if the trust check refuses the model.
     """
     log = StageLog()
+    selected = _select(full_order.problem, snapshots, settings, log)
 
     def attempt(layers):
-        return _build(full_order, snapshots, replace(settings, layers=layers), held_out, log)
+        return _build(full_order, snapshots, selected, replace(settings, layers=layers), held_out, log)
 
     return first_trusted(attempt, settings.layers, settings.most_layers, log)
 
 
-def _build(full_order, snapshots, settings, held_out, log) -> HyperReduction:
-    """One attempt with a fixed number of layers."""
-    problem, weights = full_order.problem, _weights(snapshots, settings)
+def _select(problem, snapshots, settings, log) -> tuple[np.ndarray, np.ndarray]:
+    """Basis of the model before enrichment, and the nodes that make the RID."""
+    weights = _weights(snapshots, settings)
     with log.stage("primal_basis"):
         basis, _ = pod(snapshots.displacements * weights, settings.pod_tolerance)
     with log.stage("rid"):
         nodes = [deim(basis) // problem.block_size, zone_of_interest(problem, settings.zone)]
         nodes.append(_dual_nodes(problem, snapshots, weights, settings, log))
-        sets = reduced_domain(problem, np.concatenate(nodes), settings.layers)
+    if settings.extended_pod_tolerance is None:
+        log.skip("extended_pod", "the basis that makes the RID is the basis of the model")
+    else:
+        with log.stage("extended_pod"):
+            basis, _ = pod(snapshots.displacements * weights, settings.extended_pod_tolerance)
+    return basis, np.concatenate(nodes)
+
+
+def _build(full_order, snapshots, selected, settings, held_out, log) -> HyperReduction:
+    """One attempt with a fixed number of layers."""
+    problem, (basis, nodes) = full_order.problem, selected
+    with log.stage("rid"):
+        sets = reduced_domain(problem, nodes, settings.layers)
         _check_loads_seen(problem, sets)
-    basis, enrichment = _enriched(problem, snapshots.displacements * weights, basis, sets, settings, log)
+    with log.stage("enrichment"):
+        enrichment = enrich(problem, basis, sets, settings.kappa_max)
+    basis = enrichment.basis
+    record_enrichment(enrichment, settings.kappa_max, log)
     with log.stage("projection"):
         reduced = project(problem, basis, sets)
     with log.stage("stability"):
@@ -170,24 +186,6 @@ def _dual_nodes(problem, snapshots, weights, settings, log):
         log.skip("dual_deim", "no training point has contact")
         return problem.contact_slaves[:1]  # a RID needs at least one condition
     return contact_nodes(problem, snapshots.forces * weights, settings.dual_pod_tolerance)
-
-
-def _enriched(problem, displacements, basis, sets, settings, log):
-    """Basis of the model: more POD modes if asked for, then FE functions if kappa wants them."""
-    if settings.extended_pod_tolerance is None:
-        log.skip("extended_pod", "the basis that makes the RID is the basis of the model")
-    else:
-        with log.stage("extended_pod"):
-            basis, _ = pod(displacements, settings.extended_pod_tolerance)
-    with log.stage("enrichment"):
-        enrichment = enrich(problem, basis, sets, settings.kappa_max)
-    kappa = enrichment.kappas[-1]
-    if kappa > settings.kappa_max:
-        why = "no function lowers it further" if enrichment.stalled else "no function is left"
-        log.skip("further_enrichment", f"kappa(B~) = {kappa:.2f} > {settings.kappa_max:g}, but {why}")
-    elif not len(enrichment.added):
-        log.skip("enrichment", f"kappa(B~) = {kappa:.2f} <= {settings.kappa_max:g} and (1.67) holds")
-    return enrichment.basis, enrichment
 
 
 def _check_loads_seen(problem, sets):

@@ -13,7 +13,7 @@ from hhr_dolfinx.contact.problem import ContactProblem, ContactSolution, Status
 from hhr_dolfinx.errors import NotSolvableError, ReductionError, UnstableModelError
 from hhr_dolfinx.flow.quasi_static import History, Point
 from hhr_dolfinx.reduction.deim import deim
-from hhr_dolfinx.reduction.enrichment import Enrichment, enrich
+from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
 from hhr_dolfinx.reduction.plastic import PlasticReduced
 from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.reduction.reconstruct import Reconstruction, prepare_reconstruction
@@ -169,10 +169,7 @@ def _build(full, histories, settings, training, log) -> PlasticReduction:
             )
     with log.stage("reconstruction"):
         completion = _completion(full, model, histories, settings)
-    if not len(enrichment.added):
-        log.skip(
-            "enrichment", f"kappa(B~) = {enrichment.kappas[-1]:.2f} <= {settings.kappa_max:g} and (5.24)-(5.25) hold"
-        )
+    record_enrichment(enrichment, settings.kappa_max, log)
     if not full.material.flows:
         log.skip("tangents", "no body flows: the elastic operator is the tangent")
     return PlasticReduction(model, *completion, enrichment, settings.layers, full.operator.points, margin, log)
@@ -193,7 +190,7 @@ def tangent_margin(model: PlasticReduced, tangents: np.ndarray, stiffness) -> fl
 def _training_tangents(full, histories, count):
     """Tangents and stiffness of the full model at some states of each history, the last one among them."""
     states = []
-    for history in histories:
+    for history in histories if full.material.flows else ():
         steps = np.unique(np.linspace(0, len(history.points), count + 1).astype(int)[1:]) - 1
         for step in steps:
             here = history.points[step]
@@ -203,7 +200,7 @@ def _training_tangents(full, histories, count):
             strain = full.strain(here.unknown, full.amplitudes(here.parameter))
             tangents = full.material.update(strain, state, here.time - time, tangent=True).tangents
             states.append((tangents, full.stiffness(tangents)))
-    return states if full.material.flows else []
+    return states
 
 
 def _completion(full, model, histories, settings):

@@ -75,6 +75,7 @@ def first_trusted(attempt: Callable[[int], Any], layers: int, most_layers: int, 
     Raises:
         NotSolvableError, UnstableModelError: of the last attempt.
     """
+    before = len(log.skipped)
     while True:
         try:
             return attempt(layers)
@@ -82,7 +83,7 @@ def first_trusted(attempt: Callable[[int], Any], layers: int, most_layers: int, 
             log.refused.append({"layers": layers, "why": str(refused)})
             if layers >= most_layers:
                 raise
-        log.skipped.clear()
+        del log.skipped[before:]
         layers += 1
 
 

@@ -35,6 +35,12 @@ def draw_study(study, view: View, folder: Path) -> None:
     full_order, hyper = study.training.full_order, study.hyper
     problem, discretisation = full_order.problem, full_order.discretisation
     plot_work_precision(study.report["work_precision"], folder / "work_precision.png")
+    if len(problem.parameters.names) == 1:
+        names = ("primal_euclid", "primal_energy", "dual_rid", "energy_minimum")
+        curves = {name: (np.ravel(study.points), study.errors.values[name]) for name in names}
+        plot_curves(curves, folder / "errors.png", (problem.parameters.names[0], "error"), logarithmic=True)
+    if not view.points:
+        return
     lines, marks = {}, {}
     for mu in view.points:
         exact, (displacement, forces) = full_order.solve(mu), hyper.solve_everywhere(mu)
@@ -46,10 +52,6 @@ def draw_study(study, view: View, folder: Path) -> None:
     stresses = {name: discretisation.von_mises(field) for name, field in fields.items()}
     grid = field_grid(problem, hyper.sets.cells, fields)
     draw_fields(grid, view, fields, {f"von Mises [{view.stress}]": stresses}, folder)
-    if len(problem.parameters.names) == 1:
-        names = ("primal_euclid", "primal_energy", "dual_rid", "energy_minimum")
-        curves = {name: (np.ravel(study.points), study.errors.values[name]) for name in names}
-        plot_curves(curves, folder / "errors.png", (problem.parameters.names[0], "error"), logarithmic=True)
 
 
 def draw_histories(study, view: View, folder: Path) -> None:
@@ -73,20 +75,18 @@ def draw_histories(study, view: View, folder: Path) -> None:
     lines = {"full order": pressures(problem, view, there.forces)}
     marks = {"HHR": pressures(problem, view, reduction.forces_everywhere(here))}
     plot_curves(lines, folder / "pressures.png", (view.label, f"contact pressure [{view.stress}]"), marks=marks)
-    times = [point.time for point in study.exact.points]
-    pairs = list(zip(study.exact.points, study.history.points, strict=True))
-    for name, exact, reduced in (
-        (
-            "contact force",
-            *zip(*((p.forces.sum(), reduction.forces_everywhere(q).sum()) for p, q in pairs), strict=True),
+    exact, reduced = study.exact.points, study.history.points
+    over_time = {
+        "contact force": ([p.forces.sum() for p in exact], [reduction.forces_everywhere(p).sum() for p in reduced]),
+        "largest plastic strain": (
+            [p.state.cumulated.max() for p in exact],
+            [p.state.cumulated.max() for p in reduced],
         ),
-        (
-            "largest plastic strain",
-            *zip(*((p.state.cumulated.max(), q.state.cumulated.max()) for p, q in pairs), strict=True),
-        ),
-        ("iterations of a step", study.exact.iterations, study.history.iterations),
-    ):
-        lines = {"full order": (times, exact), "HHR": (times, reduced)}
+        "iterations of a step": (study.exact.iterations, study.history.iterations),
+    }
+    times = [point.time for point in exact]
+    for name, (full_values, values) in over_time.items():
+        lines = {"full order": (times, full_values), "HHR": (times, values)}
         plot_curves(lines, folder / f"{name.replace(' ', '_')}.png", ("time [s]", name))
 
 
