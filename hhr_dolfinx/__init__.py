@@ -23,7 +23,7 @@ _MODULES = {
     "snapshots.store": ["SnapshotStore"],
     "reduction.offline": ["ReductionSettings", "build_reduced_model"],
     "reduction.plastic_offline": ["PlasticSettings", "build_plastic_reduction"],
-    "reduction.reduced": ["ReducedModel"],
+    "online.reduced": ["ReducedModel"],
     "online.model_file": ["load_model", "save_model"],
     "online.batch": ["answer_rows", "answer_table", "read_points", "write_answers"],
     "study.training": ["train"],

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.forms.elasticity import HYPOTHESES
+from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.pairings import Pairing
 from hhr_dolfinx.parameters import Amplitude, ParameterSpace
 
@@ -62,6 +62,10 @@ class Traction:
         if not all(math.isfinite(value) for value in self.direction):
             raise SceneError(f"the traction {self.direction} on tag {self.tag} must be finite")
 
+    def form(self, v, hypothesis: str, ds):
+        """Its linear form for the amplitude 1."""
+        return elasticity.traction(v, self.direction, hypothesis, ds)
+
 
 @dataclass(frozen=True)
 class Pressure:
@@ -69,6 +73,10 @@ class Pressure:
 
     tag: int
     amplitude: Amplitude
+
+    def form(self, v, hypothesis: str, ds):
+        """Its linear form for the amplitude 1."""
+        return elasticity.pressure(v, hypothesis, ds)
 
 
 @dataclass(frozen=True)
@@ -114,7 +122,8 @@ class Scene:
         bodies: one per cell tag.
         contacts: contact pairs, each a :class:`~hhr_dolfinx.pairings.Pairing`.
         displacements: imposed displacements.
-        loads: surface loads, :class:`Traction`, :class:`Pressure` or :class:`PartialPressure`.
+        loads: surface loads, :class:`Traction`, :class:`Pressure`, :class:`PartialPressure`, or your own with a
+            ``tag``, an ``amplitude`` and its linear ``form(v, hypothesis, ds)``.
         parameters: the box of the parameters.
         openings: initial gaps that depend on parameters.
     """
@@ -131,8 +140,8 @@ class Scene:
 
     def __post_init__(self):
         """Refuse what no geometry could make right."""
-        if self.hypothesis not in HYPOTHESES:
-            raise SceneError(f"unknown hypothesis '{self.hypothesis}', one of {', '.join(HYPOTHESES)}")
+        if self.hypothesis not in elasticity.HYPOTHESES:
+            raise SceneError(f"unknown hypothesis '{self.hypothesis}', one of {', '.join(elasticity.HYPOTHESES)}")
         if not self.name.isidentifier():
             raise SceneError(f"scene name '{self.name}' must be an identifier: it prefixes PETSc options")
         if not self.bodies:

@@ -9,8 +9,7 @@ from hertz_half_discs import RECIPE
 from scenes import pressed_block
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.contact.condensed import rejected
-from hhr_dolfinx.contact.problem import ContactSolution, Status
+from hhr_dolfinx.contact.problem import Status, Statuses, outcome
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ParameterError, ReductionError, SceneError
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries import hertz_half_discs as geometry
@@ -194,10 +193,10 @@ def test_a_singular_reduced_problem(hertz_reduction, hertz):
 
 
 def test_an_unconverged_iterate_is_never_handed_out():
-    iterate = ContactSolution(np.ones(3), np.ones(2), np.ones(2, dtype=bool), 7, Status.CYCLING, True)
+    found = Statuses(np.ones(2), np.ones(2, dtype=bool), 7, Status.CYCLING, True)
     with pytest.raises(ConvergenceError, match=r"\[0\.2\] after 7 iterations: .*P-matrix"):
-        rejected(iterate, np.array([0.2]), raise_on_failure=True)
-    emptied = rejected(iterate, np.array([0.2]), raise_on_failure=False)
+        outcome(np.ones(3), found, np.array([0.2]), raise_on_failure=True)
+    emptied = outcome(np.ones(3), found, np.array([0.2]), raise_on_failure=False)
     assert np.isnan(emptied.primal).all() and np.isnan(emptied.forces).all() and not emptied.converged
 
 

@@ -22,9 +22,10 @@ from hhr_dolfinx.contact.condensed import KnownStatuses
 from hhr_dolfinx.contact.problem import Status
 from hhr_dolfinx.errors import NotSolvableError, ReductionError, StabilityWarning, UnstableModelError
 from hhr_dolfinx.geometries import two_blocks
+from hhr_dolfinx.online.reduced import ReducedModel
 from hhr_dolfinx.reduction.enrichment import enrich
 from hhr_dolfinx.reduction.pod import pod
-from hhr_dolfinx.reduction.reduced import ReducedModel, project
+from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.rid import open_conditions, reduced_domain, zone_of_interest
 from hhr_dolfinx.reduction.stability import assess
 from hhr_dolfinx.reduction.trust import TrustLimits, check_stability, validate

@@ -19,7 +19,7 @@ from hhr_dolfinx.geometries.sphere_on_block import BLOCK_TOP, SPHERE_BOTTOM, sph
 from hhr_dolfinx.geometries.two_blocks import side, two_blocks
 from hhr_dolfinx.pairings.projection import closest_points
 from hhr_dolfinx.pairings.surface import make_surface
-from hhr_dolfinx.reduction.reduced import project
+from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.rid import open_conditions, reduced_domain
 
 UP2, UP3 = (0.0, 1.0), (0.0, 0.0, 1.0)
@@ -142,7 +142,7 @@ def problem_of(what):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model = Discretisation(what)
-        return model.contact_problem(model.assemble_stiffness())
+        return model.contact_problem(model.gathered(model.assemble_stiffness()))
 
 
 ARC = np.column_stack([np.cos(np.linspace(0, np.pi, 15)), np.sin(np.linspace(0, np.pi, 15))])

@@ -168,7 +168,7 @@ def test_held_out_solutions_refuse_what_constants_let_pass(small, small_snapshot
 
 
 def test_model_file_with_partial_pressure(small_reduction, tmp_path):
-    hhr.save_model(tmp_path / "model.npz", small_reduction.model, small_reduction.reconstruction)
+    hhr.save_model(tmp_path / "model.npz", small_reduction)
     stored = hhr.load_model(tmp_path / "model.npz")
     for point in ((170.0, 3.2), (30.0, 5.25)):
         assert np.array_equal(stored.model.solve(point).forces, small_reduction.model.solve(point).forces)

@@ -12,7 +12,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.condensed import KnownStatuses
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.reduction.deim import deim
-from hhr_dolfinx.reduction.reduced import project
+from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.rid import reduced_domain
 from hhr_dolfinx.study.training import Training
 from hhr_dolfinx.study.yardstick import Yardstick

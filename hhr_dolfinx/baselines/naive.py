@@ -6,9 +6,8 @@ import numpy as np
 from scipy.sparse import bmat
 from scipy.sparse.linalg import splu
 
-from hhr_dolfinx.contact.active_set import settle
-from hhr_dolfinx.contact.condensed import rejected
-from hhr_dolfinx.contact.problem import ContactSolution
+from hhr_dolfinx.contact.active_set import active_set
+from hhr_dolfinx.contact.problem import ContactSolution, outcome
 from hhr_dolfinx.full_order.elastic import FullOrderModel
 
 
@@ -56,8 +55,7 @@ class NaiveFullOrder:
         if start is None:
             _, free_slack = saddle_point(np.zeros(gaps.size, dtype=bool), None)
             start = free_slack < 0
-        found = settle(saddle_point, gaps, start, raise_on_failure)
+        found = active_set(saddle_point, gaps, start)
         primal = problem.lifts @ theta
         primal[free] += last["free"]
-        solution = ContactSolution(primal, *found)
-        return solution if solution.converged else rejected(solution, point, raise_on_failure)
+        return outcome(primal, found, point, raise_on_failure)

@@ -16,7 +16,7 @@ from scipy import linalg
 from scipy.optimize import nnls
 
 from hhr_dolfinx.contact.condensed import CondensedContact, KnownStatuses, Responses
-from hhr_dolfinx.contact.dense import PetscLU, solve_columns
+from hhr_dolfinx.contact.dense import PetscLU
 from hhr_dolfinx.full_order.elastic import FullOrderModel
 from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.snapshots.solutions import SnapshotSet
@@ -40,9 +40,8 @@ class DualBasisModel:
         supremizers /= np.linalg.norm(supremizers, axis=0)
         self._basis, _ = linalg.qr(np.hstack([basis[:, :modes], supremizers]), mode="economic")
         contact = dual_basis.T @ (problem.contact @ self._basis)
-        factor = PetscLU(self._basis.T @ (problem.stiffness @ self._basis))
-        free, per_force = solve_columns(factor, self._basis.T @ problem.loads), solve_columns(factor, contact.T)
-        responses = Responses(free, per_force, dual_basis.T @ problem.gaps - contact @ free, contact @ per_force)
+        factor, loads = PetscLU(self._basis.T @ (problem.stiffness @ self._basis)), self._basis.T @ problem.loads
+        responses = Responses.eliminate(factor, loads, dual_basis.T @ problem.gaps, contact, contact)
         unknown = KnownStatuses(snapshots.points[:1], np.zeros((1, dual_basis.shape[1]), dtype=bool))
         cold = CondensedContact(problem.parameters, problem.amplitudes, responses, unknown)
         # its own answers at the training points, to start from like every other model

@@ -11,28 +11,17 @@ P-matrix, and the answer says so instead of passing an iterate for a solution.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
 from hhr_dolfinx.contact.dense import Factorise, PetscLU
-from hhr_dolfinx.contact.problem import Status
+from hhr_dolfinx.contact.problem import Status, Statuses
 from hhr_dolfinx.errors import NotSolvableError
 
 TOLERANCE = 1e-11
 """Negative forces and slacks below this fraction of the largest are round-off (measured 1e-13)."""
 
 MAX_ITERATIONS = 1000
-
-
-class Statuses(NamedTuple):
-    """Outcome of :func:`active_set`; see :class:`hhr_dolfinx.contact.problem.ContactSolution`."""
-
-    forces: np.ndarray
-    active: np.ndarray
-    iterations: int
-    status: Status
-    cycled: bool
 
 
 def active_set(
@@ -52,11 +41,17 @@ def active_set(
 
     Returns:
         The statuses; ``forces`` solve the contact problem only if ``status`` is ``CONVERGED``.
+
+    Raises:
+        NotSolvableError: if the problem is not finite.
     """
     seen: set[bytes] = set()
     cycled = False
     for iteration in range(1, max_iterations + 1):
-        forces, slack = equalities(active, free_slack)
+        try:
+            forces, slack = equalities(active, free_slack)
+        except NotSolvableError:
+            return Statuses(np.zeros(free_slack.size), active, iteration, Status.SINGULAR, cycled)
         if slack.min() >= 0 and forces.min() >= 0:
             return Statuses(forces, active, iteration, Status.CONVERGED, cycled)
         if not (np.isfinite(slack).all() and np.isfinite(forces).all()):
@@ -78,20 +73,6 @@ def active_set(
         else:
             active = active ^ wrong
     return Statuses(forces, active, max_iterations, Status.ITERATION_LIMIT, cycled)
-
-
-def settle(equalities, free_slack: np.ndarray, active: np.ndarray, raise_on_failure: bool) -> Statuses:
-    """:func:`active_set`, with a singular set of statuses as an outcome instead of an error where that is wanted.
-
-    Raises:
-        NotSolvableError: if ``raise_on_failure`` and the statuses lead to a singular block.
-    """
-    try:
-        return active_set(equalities, free_slack, active)
-    except NotSolvableError:
-        if raise_on_failure:
-            raise
-        return Statuses(np.zeros(free_slack.size), active, 0, Status.SINGULAR, False)
 
 
 class SchurEqualities:

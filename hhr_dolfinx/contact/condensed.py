@@ -14,10 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hhr_dolfinx.contact.active_set import SchurEqualities, settle
-from hhr_dolfinx.contact.dense import Factorise, PetscLU
-from hhr_dolfinx.contact.problem import ContactSolution, Status
-from hhr_dolfinx.errors import ConvergenceError
+from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
+from hhr_dolfinx.contact.dense import Factor, Factorise, PetscLU, solve_columns
+from hhr_dolfinx.contact.problem import ContactSolution, Status, outcome
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace, Theta
 
 
@@ -36,6 +35,20 @@ class Responses:
     primal_per_force: np.ndarray
     free_slack: np.ndarray
     schur: np.ndarray
+
+    @classmethod
+    def eliminate(cls, factor: Factor, loads, gaps, test, trial) -> Responses:
+        """Eliminate the unknown of K x + test^T lambda = loads θ, trial x <= gaps θ.
+
+        Args:
+            factor: of K.
+            loads: (n, 1 + T).
+            gaps: (m, 1 + T).
+            test: rows by which forces act, (m, n).
+            trial: rows by which gaps are read, (m, n).
+        """
+        free, per_force = solve_columns(factor, loads), solve_columns(factor, test.T)
+        return cls(free, per_force, gaps - trial @ free, trial @ per_force)
 
 
 REGION_ENTRIES = 2_000_000
@@ -129,9 +142,8 @@ class CondensedContact:
         response = self._response @ self.amplitudes(point)
         free_slack = response[: self._m]
         start = free_slack < 0 if start is None else start
-        found = settle(self._equalities, free_slack, start, raise_on_failure)
-        solution = ContactSolution(response[self._m :] - self._per_force @ found.forces, *found)
-        return solution if solution.converged else rejected(solution, point, raise_on_failure)
+        found = active_set(self._equalities, free_slack, start)
+        return outcome(response[self._m :] - self._per_force @ found.forces, found, point, raise_on_failure)
 
     def _tabulate_regions(self):
         """For each known status the affine map mu -> (forces, slacks, primal); None if too large or not affine."""
@@ -148,13 +160,3 @@ class CondensedContact:
             values = np.vstack([forces, slack, response[self._m :] - self._per_force @ forces])
             regions.append((values[:, 0].copy(), np.ascontiguousarray(values[:, 1:])))
         return [regions[k] for k in which.ravel()]
-
-
-def rejected(solution: ContactSolution, point: np.ndarray, raise_on_failure: bool) -> ContactSolution:
-    """Raise, or empty an unconverged iterate so that nobody mistakes it for a solution."""
-    if raise_on_failure:
-        raise ConvergenceError(
-            f"no solution at {point.tolist()} after {solution.iterations} iterations: {solution.status.value}"
-        )
-    nan_primal, nan_forces = np.full_like(solution.primal, np.nan), np.full_like(solution.forces, np.nan)
-    return solution._replace(primal=nan_primal, forces=nan_forces)

@@ -1,6 +1,6 @@
 """The algebraic contact problem (1.21): matrices, index sets and connectivity, no mesh and no physics.
 
-Everything below this layer (basis, RID, reduced model, stability, reconstruction) sees only this.
+What reduces and answers (basis, RID, reduced model, stability, reconstruction) sees only this.
 """
 
 from __future__ import annotations
@@ -10,13 +10,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from scipy.sparse import csr_matrix, issparse, vstack
 
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, SceneError
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace, Theta
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
 
 DEPENDENT = 1e-13
 """Singular value of B V over the norm of B below which its rows are dependent to round-off."""
@@ -119,6 +122,11 @@ class ContactProblem:
         return self.lifts @ self.theta(mu)
 
     @cached_property
+    def external(self) -> np.ndarray:
+        """F on free dofs, that is loads + K lift, (N, 1 + T)."""
+        return self.loads + (self.stiffness @ self.lifts) * self.free[:, None]
+
+    @cached_property
     def contact_norm(self) -> float:
         """Largest Euclidean norm of a row of B, the scale on which B V is zero or not for an orthonormal V."""
         return float(np.sqrt(self.contact.multiply(self.contact).sum(axis=1).max()))
@@ -129,15 +137,20 @@ class ContactProblem:
 
 
 class FullOrder(Protocol):
-    """What a reduction needs of a full-order model: arrays.
+    """What snapshots and a reduction need of a full-order model.
 
     Attributes:
         problem: the full problem.
         schur: S = B K^-1 B^T, (N_lambda, N_lambda).
+        comm: communicator on which it is solved.
     """
 
     problem: ContactProblem
     schur: np.ndarray
+    comm: Comm
+
+    def solve(self, mu, *, start=None) -> ContactSolution:
+        """Solve for one parameter."""
 
 
 class Status(Enum):
@@ -153,6 +166,16 @@ class Status(Enum):
         "the statuses repeat even one at a time, so the contact Schur complement is no P-matrix: "
         "the reduced model is not trustworthy here, add RID layers or change the basis"
     )
+
+
+class Statuses(NamedTuple):
+    """Outcome of the active set; see :class:`ContactSolution`."""
+
+    forces: np.ndarray
+    active: np.ndarray
+    iterations: int
+    status: Status
+    cycled: bool
 
 
 class ContactSolution(NamedTuple):
@@ -179,3 +202,25 @@ class ContactSolution(NamedTuple):
     def converged(self) -> bool:
         """Whether this is a solution."""
         return self.status is Status.CONVERGED
+
+
+def outcome(primal: np.ndarray, found: Statuses, mu, raise_on_failure: bool) -> ContactSolution:
+    """A solution, or the iterate emptied, so that nobody mistakes it for one.
+
+    Args:
+        primal: that belongs to the forces found.
+        found: what the active set found.
+        mu: parameter, for the message.
+        raise_on_failure: raise instead of returning NaN with a status.
+
+    Raises:
+        NotSolvableError: if a set of statuses was singular.
+        ConvergenceError: if the statuses did not settle.
+    """
+    solution = ContactSolution(primal, *found)
+    if solution.converged:
+        return solution
+    if raise_on_failure:
+        kind = NotSolvableError if found.status is Status.SINGULAR else ConvergenceError
+        raise kind(f"no solution at {np.ravel(mu).tolist()} after {found.iterations} iterations: {found.status.value}")
+    return solution._replace(primal=np.full_like(primal, np.nan), forces=np.full_like(found.forces, np.nan))

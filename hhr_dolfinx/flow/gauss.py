@@ -37,6 +37,11 @@ class StrainOperator:
         return self.weights.size
 
     @property
+    def per_cell(self) -> int:
+        """Gauss points of a cell."""
+        return self.weights.shape[1]
+
+    @property
     def components(self) -> int:
         """Components of a strain."""
         return self.gradients.shape[2]

@@ -15,7 +15,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from hhr_dolfinx.contact.problem import Status
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ParameterError
+from hhr_dolfinx.flow.gauss import StrainOperator
 from hhr_dolfinx.flow.material import Material, State
 from hhr_dolfinx.parameters import ParameterSpace
 
@@ -29,20 +31,45 @@ class Correction(NamedTuple):
         change: of the unknown.
         forces: contact forces, total.
         active: statuses.
-        converged: whether the statuses settled.
+        status: why the active set stopped.
     """
 
     change: np.ndarray
     forces: np.ndarray
     active: np.ndarray
-    converged: bool
+    status: Status
+
+
+class Operator(Protocol):
+    """A linearisation of a model.
+
+    Attributes:
+        moduli: tangents H at its Gauss points, (points, components, components).
+    """
+
+    moduli: np.ndarray
+
+    def correct(self, residual, x, theta, active) -> Correction:
+        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps."""
 
 
 class Equilibrium(Protocol):
-    """What the loop needs of a model; ``x`` is its unknown, U0 or gamma."""
+    """What the loop needs of a model; ``x`` is its unknown, U0 or gamma.
+
+    Attributes:
+        material: laws at its Gauss points.
+        operator: strain at these points.
+        points: their numbers in the full model.
+        parameters: the box of the parameters.
+        elastic: the elastic linearisation.
+        size, conditions: number of unknowns and of contact conditions.
+    """
 
     material: Material
+    operator: StrainOperator
+    points: np.ndarray
     parameters: ParameterSpace
+    elastic: Operator
     size: int
     conditions: int
 
@@ -50,7 +77,10 @@ class Equilibrium(Protocol):
         """θ at a parameter."""
 
     def strain(self, x, theta):
-        """Strain at all Gauss points; that of ``x`` without lift where ``theta`` is None."""
+        """Strain at all Gauss points, lift included."""
+
+    def strain_of(self, change):
+        """Strain of a change of the unknown."""
 
     def residual(self, stress, theta):
         """Loads less internal forces, in the test space, and the size of both for each body, (bodies,)."""
@@ -64,11 +94,8 @@ class Equilibrium(Protocol):
     def contact_load(self, forces):
         """B^T λ in the test space."""
 
-    def linearise(self, tangents):
-        """Prepare K for :meth:`correct`, the elastic one where ``tangents`` is None."""
-
-    def correct(self, residual, x, theta, active) -> Correction:
-        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps."""
+    def linearised(self, tangents) -> Operator:
+        """The operator of consistent tangents; operators of earlier tangents are then out of date."""
 
 
 @dataclass(frozen=True)
@@ -212,7 +239,7 @@ def _place(model, worst):
     if worst is None:
         return ""
     number = int(model.points[worst])
-    return f"; worst at Gauss point {number}, in cell {number // model.operator.weights.shape[1]}"
+    return f"; worst at Gauss point {number}, in cell {number // model.operator.per_cell}"
 
 
 def _advance(model, trail, goal, settings, kept):
@@ -254,7 +281,7 @@ def _advance(model, trail, goal, settings, kept):
 class _Kept:
     """The operator of the last step, if it served well, and the largest forces in equilibrium so far."""
 
-    operator: np.ndarray | None = None
+    operator: Operator | None = None
     forces: np.ndarray | float = 0.0
 
 
@@ -264,28 +291,26 @@ def _step(model, trail, goal, settings, kept) -> tuple[Point, int]:
     x, theta = _extrapolated(trail, goal.time), model.amplitudes(goal.parameter)
     flows = model.material.flows and settings.search != "elastic"
     mixing = Anderson(settings.memory) if model.material.flows and settings.search != "tangent" else None
-    active, operator, noise = here.active, kept.operator, model.round_off(x, theta)
+    active, operator, noise = here.active, kept.operator if flows else model.elastic, model.round_off(x, theta)
     for iteration in range(1, settings.iterations + 1):
-        renew = operator is None or settings.search == "tangent"
-        update = model.material.update(model.strain(x, theta), here.state, dt, tangent=flows and renew)
+        renew = flows and (operator is None or settings.search == "tangent")
+        update = model.material.update(model.strain(x, theta), here.state, dt, tangent=renew)
         if not np.isfinite(update.stress).all():
             raise _Diverged("the stress is not finite", int(np.argmin(np.isfinite(update.stress).all(axis=1))))
         residual, scale = model.residual(update.stress, theta)
         flowing = int((update.state.cumulated - here.state.cumulated).argmax())
         try:
-            if renew:
-                operator = model.material.elastic if update.tangents is None else update.tangents
-                model.linearise(update.tangents)
-            correction = model.correct(residual, x, theta, active)
+            operator = model.linearised(update.tangents) if renew else operator
+            correction = operator.correct(residual, x, theta, active)
         except (NotSolvableError, np.linalg.LinAlgError) as error:
             raise _Diverged(f"{error}, a singular tangent", flowing) from None
-        if not correction.converged:
-            raise _Diverged("the statuses of the linearised contact problem do not settle", flowing)
+        if correction.status is not Status.CONVERGED:
+            raise _Diverged(f"of the linearised contact problem, {correction.status.value}", flowing)
         left = model.norms(residual - model.contact_load(correction.forces))
         # each body by its own forces, and where it is unloaded by those it bore before
         if (left <= settings.relative_force * np.maximum(scale, kept.forces) + noise).all():
-            # (6.19); the dearer of the two criteria is asked last
-            moved = np.abs(np.einsum("nij,nj->ni", operator, model.strain(correction.change, None)))
+            # the dearer of the two criteria is asked last
+            moved = _moves(operator, model.strain_of(correction.change))
             if (moved - settings.relative_stress * np.abs(update.stress)).max() <= settings.absolute_stress:
                 slow = settings.search == "tangent" or iteration > settings.patience
                 kept.operator, kept.forces = None if slow else operator, np.maximum(scale, kept.forces)
@@ -293,9 +318,14 @@ def _step(model, trail, goal, settings, kept) -> tuple[Point, int]:
                 return Point(*goal, x, *answer), iteration
         active = correction.active
         x = x + correction.change if mixing is None else mixing(x, correction.change)
-    moved = np.abs(np.einsum("nij,nj->ni", operator, model.strain(correction.change, None))).max(axis=1)
+    moved = _moves(operator, model.strain_of(correction.change)).max(axis=1)
     why = f"after {settings.iterations} iterations the stress still moves by {moved.max():.3g}"
     raise _Diverged(why, int(moved.argmax()))
+
+
+def _moves(operator, strain):
+    """By how much the linearisation still moves the stress, |H : ε(δ)|, what (6.19) bounds."""
+    return np.abs(np.einsum("nij,nj->ni", operator.moduli, strain))
 
 
 def _extrapolated(points, time):

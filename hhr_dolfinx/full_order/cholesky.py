@@ -82,7 +82,7 @@ class FreeCholesky:
         marks = stiffness.copy()
         marks.data = np.arange(1.0, marks.nnz + 1)
         self._places = (marks[self._free][:, self._free].data - 1).astype(np.int64)
-        self._matrix = petsc_matrix(self._inside)
+        self._matrix = _petsc_matrix(self._inside)
         # factored again and again: 31 ms and 1.1 ms a solve at 13,700 dofs, against 53 and 1.4 ms with qmd
         self._ksp = cholesky_solver(self._matrix, "nd", f"hhr_{scene}_plastic_")
         if not factorised(self._ksp):
@@ -107,6 +107,6 @@ class FreeCholesky:
         return self._out
 
 
-def petsc_matrix(matrix) -> PETSc.Mat:
+def _petsc_matrix(matrix) -> PETSc.Mat:
     """Copy of a CSR matrix on one rank."""
     return PETSc.Mat().createAIJ(matrix.shape, csr=(matrix.indptr, matrix.indices, matrix.data), comm=PETSc.COMM_SELF)

@@ -1,12 +1,14 @@
 """From a scene to matrices: DOLFINx assembles, PETSc holds, thesis (1.21)-(1.22).
 
-The only module that turns forms into matrices. What it yields are a distributed PETSc stiffness for
-the full-order solver and a :class:`ContactProblem` gathered on every rank for everything else.
+It yields a distributed PETSc stiffness for the full-order solver and a :class:`ContactProblem` gathered on every rank
+for everything else. What bodies that flow need at their Gauss points is in ``gauss_points``.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import ufl
@@ -25,6 +27,22 @@ from hhr_dolfinx.parameters import Amplitude, Amplitudes, Coverage
 from hhr_dolfinx.scene import PartialPressure, Pressure, Scene
 
 
+class Term(NamedTuple):
+    """An amplitude of θ and what it multiplies; what is None is not its business.
+
+    Attributes:
+        amplitude: function of the parameters.
+        lift: imposed displacement, (N,).
+        load: surface load, (N,).
+        opened: contact pair whose gaps grow.
+    """
+
+    amplitude: Amplitude
+    lift: np.ndarray | None = None
+    load: np.ndarray | None = None
+    opened: int | None = None
+
+
 class Discretisation:
     """P1 or Q1 finite element model of a scene on a communicator.
 
@@ -34,6 +52,7 @@ class Discretisation:
         mesh: DOLFINx mesh.
         space: vector Lagrange space of degree 1.
         rows: range of the dofs this rank owns.
+        size: N, number of dofs on all ranks.
 
     Raises:
         SceneError: for missing tags, surfaces that do not face each other, or conflicting displacements.
@@ -51,15 +70,7 @@ class Discretisation:
         self._dx = ufl.Measure("dx", domain=self.mesh, subdomain_data=self._cell_tags)
         self._ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=self._facet_tags)
         self._check_tags()
-        u, v = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
-        self._test = v
-        self._stiffness_form = fem.form(
-            sum(
-                elasticity.stiffness(u, v, body.young, body.poisson, scene.hypothesis, self._dx(body.tag))
-                for body in scene.bodies
-            )
-        )
-        self._mass_form = fem.form(elasticity.mass(u, v, scene.hypothesis, self._dx))
+        self._trial, self._test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
 
     def assemble_stiffness(self) -> PETSc.Mat:
         """Assemble K over all dofs, without boundary conditions."""
@@ -67,35 +78,61 @@ class Discretisation:
         matrix.assemble()
         return matrix
 
-    def contact_problem(self, stiffness: PETSc.Mat) -> ContactProblem:
+    @cached_property
+    def _stiffness_form(self):
+        """Compiled where it is used: bodies that flow assemble through their Gauss points."""
+        scene, functions = self.scene, (self._trial, self._test)
+        parts = (elasticity.stiffness(*functions, body.young, body.poisson, scene.hypothesis, self._dx(body.tag))
+                 for body in scene.bodies)  # fmt: skip
+        return fem.form(sum(parts))
+
+    def gathered(self, matrix: PETSc.Mat) -> csr_matrix:
+        """The whole matrix on every rank; rows are owned in contiguous ranges."""
+        parts = self.comm.allgather(matrix.getValuesCSR())
+        counts = np.concatenate([np.diff(part[0]) for part in parts])
+        indptr = np.concatenate([[0], np.cumsum(counts)])
+        indices = np.concatenate([part[1] for part in parts])
+        return csr_matrix((np.concatenate([part[2] for part in parts]), indices, indptr), shape=(self.size,) * 2)
+
+    def contact_problem(self, stiffness: csr_matrix) -> ContactProblem:
         """Gather all of (1.21) on every rank.
 
         Args:
-            stiffness: what :meth:`assemble_stiffness` returned.
+            stiffness: K of all dofs, without boundary conditions, (N, N).
         """
-        mass = fem_petsc.assemble_matrix(self._mass_form)
+        scene = self.scene
+        mass = fem_petsc.assemble_matrix(fem.form(elasticity.mass(self._trial, self._test, scene.hypothesis, self._dx)))
         mass.assemble()
-        lifts, free = self._imposed()
-        amplitudes, loads = self._loads(lifts)
-        lifts = np.column_stack([lifts, np.zeros((self.size, loads.shape[1] - lifts.shape[1]))])
-        full = self._gather_matrix(stiffness)
+        terms, free = self._displacements()
+        terms += [Term(item.amplitude, opened=item.contact) for item in scene.openings]
+        partial = [load for load in scene.loads if isinstance(load, PartialPressure)]
+        terms += [Term(load.amplitude, load=self._load_vector(load)) for load in scene.loads if load not in partial]
+        amplitudes = Amplitudes.collect([term.amplitude for term in terms], scene.parameters)
+        coverages, pressures = self._partial_pressures(partial, first=1 + len(terms))
+        loads = np.hstack([self._stacked(term.load for term in terms), *pressures])
+        lifts = np.zeros(loads.shape)
+        lifts[:, : 1 + len(terms)] = self._stacked(term.lift for term in terms)
         rows, pairs = self._contact_rows(free)
+        gaps = -(rows.matrix @ lifts)
+        gaps[:, 0] += rows.gap
+        for k, term in enumerate(terms, start=1):
+            gaps[pairs == term.opened, k] += 1.0
         return ContactProblem(
-            stiffness=full,
-            mass=self._gather_matrix(mass),
+            stiffness=stiffness,
+            mass=self.gathered(mass),
             free=free,
-            loads=np.asfortranarray((loads - full @ lifts) * free[:, None]),
+            loads=np.asfortranarray((loads - stiffness @ lifts) * free[:, None]),
             lifts=np.asfortranarray(lifts),
             contact=_without_columns(rows.matrix, ~free),
-            gaps=np.asfortranarray(self._gaps(rows, pairs, lifts)),
+            gaps=np.asfortranarray(gaps),
             contact_slaves=rows.slaves,
             contact_pairs=pairs,
             contact_points=rows.points,
             contact_areas=rows.areas,
             cell_nodes=self._cell_nodes(),
             points=self._points(),
-            amplitudes=amplitudes,
-            parameters=self.scene.parameters,
+            amplitudes=replace(amplitudes, coverages=coverages),
+            parameters=scene.parameters,
         )
 
     def cell_bodies(self) -> np.ndarray:
@@ -151,10 +188,9 @@ class Discretisation:
         if untagged:
             raise SceneError(f"{untagged} cells have no tag: every cell must belong to a body")
 
-    def _imposed(self):
-        """Lifts of the moving displacements behind the leading 1, (N, 1 + moving), and the free dofs, (N,)."""
-        columns = [np.zeros(self.size)]
-        owner = np.full(self.size, -1)
+    def _displacements(self) -> tuple[list[Term], np.ndarray]:
+        """Terms of the displacements that move, and the dofs that none holds or moves, (N,)."""
+        terms, owner = [], np.full(self.size, -1)
         for number, item in enumerate(self.scene.displacements):
             dofs = self._tagged_dofs(item.tag, item.component)
             clash = dofs[owner[dofs] >= 0]
@@ -162,40 +198,26 @@ class Discretisation:
                 raise SceneError(f"displacements {set(owner[clash])} and {number} impose different values on one node")
             dofs = np.setdiff1d(dofs, clash)
             owner[dofs] = number
-            if item in self._moving:
-                columns.append(np.zeros(self.size))
-                columns[-1][dofs] = 1.0
-        return np.column_stack(columns), owner < 0
+            if item.amplitude != Amplitude():
+                lift = np.zeros(self.size)
+                lift[dofs] = 1.0
+                terms.append(Term(item.amplitude, lift=lift))
+        return terms, owner < 0
 
-    @property
-    def _moving(self):
-        """Imposed displacements that are not held at zero: the first terms of θ; those of openings follow."""
-        return [item for item in self.scene.displacements if item.amplitude != Amplitude()]
+    def _stacked(self, vectors) -> np.ndarray:
+        """Columns of the terms behind that of the leading 1, zero where a term has none, (N, 1 + terms)."""
+        zero = np.zeros(self.size)
+        return np.column_stack([zero, *(zero if vector is None else vector for vector in vectors)])
 
-    def _loads(self, lifts) -> tuple[Amplitudes, np.ndarray]:
-        """θ, and the surface loads of its terms, (N, 1 + T): 1, displacements, openings, loads, partial pressures."""
-        scene = self.scene
-        plain = [load for load in scene.loads if not isinstance(load, PartialPressure)]
-        single = [item.amplitude for item in (*self._moving, *scene.openings, *plain)]
-        amplitudes = Amplitudes.collect(single, scene.parameters)
-        columns = [np.zeros((self.size, lifts.shape[1] + len(scene.openings)))]
-        columns += [self._load_vector(load)[:, None] for load in plain]
-        coverages, first = [], amplitudes.constant.size
-        for load in scene.loads:
-            if isinstance(load, PartialPressure):
-                coverage, terms = self._coverage(load, first)
-                coverages.append(coverage)
-                columns.append(terms)
-                first += coverage.count
-        return replace(amplitudes, coverages=tuple(coverages)), np.hstack(columns)
-
-    def _gaps(self, rows, pairs, lifts):
-        """D - B lift as terms of θ, (N_lambda, 1 + T): the initial gap belongs to the leading 1."""
-        gaps = -(rows.matrix @ lifts)
-        gaps[:, 0] += rows.gap
-        for k, opening in enumerate(self.scene.openings, start=1 + len(self._moving)):
-            gaps[pairs == opening.contact, k] += 1.0
-        return gaps
+    def _partial_pressures(self, loads, first: int) -> tuple[tuple[Coverage, ...], list[np.ndarray]]:
+        """Coverages of partial pressures, whose terms are counted from ``first``, and their columns."""
+        coverages, columns = [], []
+        for load in loads:
+            coverage, own = self._coverage(load, first)
+            coverages.append(coverage)
+            columns.append(own)
+            first += coverage.count
+        return tuple(coverages), columns
 
     def _tagged_dofs(self, tag, component):
         fdim = self.mesh.topology.dim - 1
@@ -207,11 +229,7 @@ class Discretisation:
         return np.concatenate(self.comm.allgather(owned + self.rows.start))
 
     def _load_vector(self, load):
-        if isinstance(load, Pressure):
-            form = elasticity.pressure(self._test, self.scene.hypothesis, self._ds(load.tag))
-        else:
-            form = elasticity.traction(self._test, load.direction, self.scene.hypothesis, self._ds(load.tag))
-        return self._assemble_vector(form)
+        return self._assemble_vector(load.form(self._test, self.scene.hypothesis, self._ds(load.tag)))
 
     def _coverage(self, load: PartialPressure, first: int):
         """Coverage of a partial pressure and its terms as columns, see :class:`Coverage`."""
@@ -301,14 +319,6 @@ class Discretisation:
         vector = fem_petsc.assemble_vector(fem.form(form))
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         return np.concatenate(self.comm.allgather(vector.array))
-
-    def _gather_matrix(self, matrix) -> csr_matrix:
-        """The whole matrix on every rank; rows are owned in contiguous ranges."""
-        parts = self.comm.allgather(matrix.getValuesCSR())
-        counts = np.concatenate([np.diff(part[0]) for part in parts])
-        indptr = np.concatenate([[0], np.cumsum(counts)])
-        indices = np.concatenate([part[1] for part in parts])
-        return csr_matrix((np.concatenate([part[2] for part in parts]), indices, indptr), shape=(self.size,) * 2)
 
 
 def _without_columns(matrix, columns):

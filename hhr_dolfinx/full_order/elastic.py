@@ -6,10 +6,9 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from hhr_dolfinx.contact.active_set import SchurEqualities, settle
-from hhr_dolfinx.contact.condensed import rejected
+from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
 from hhr_dolfinx.contact.dense import factorised
-from hhr_dolfinx.contact.problem import ContactSolution
+from hhr_dolfinx.contact.problem import ContactSolution, outcome
 from hhr_dolfinx.errors import NotSolvableError, SceneError
 from hhr_dolfinx.full_order.cholesky import check_regular, cholesky_solver, singular_stiffness
 from hhr_dolfinx.full_order.discretisation import Discretisation
@@ -28,7 +27,9 @@ class FullOrderModel:
 
     Attributes:
         problem: the gathered :class:`ContactProblem`.
+        comm: MPI communicator.
         discretisation: mesh and forms.
+        per_force: K^-1 B^T on the dofs of this rank, (own dofs, N_lambda).
         schur: S, (N_lambda, N_lambda).
     """
 
@@ -40,7 +41,7 @@ class FullOrderModel:
         self.scene, self.comm = scene, comm
         self.discretisation = Discretisation(scene, comm)
         stiffness = self.discretisation.assemble_stiffness()
-        self.problem = self.discretisation.contact_problem(stiffness)
+        self.problem = self.discretisation.contact_problem(self.discretisation.gathered(stiffness))
         self._own = self.discretisation.rows
         self._ksp = self._factor(stiffness)
         self._rhs, self._solution = (np.zeros(self._own.stop - self._own.start) for _ in range(2))
@@ -77,10 +78,9 @@ class FullOrderModel:
         free = self.solve_stiffness(self._own_loads @ theta)
         free_slack = self.problem.gaps @ theta - self._sum(self._contact @ free)
         start = free_slack < 0 if start is None else start
-        found = settle(self._equalities, free_slack, start, raise_on_failure)
+        found = active_set(self._equalities, free_slack, start)
         primal = self._gather(free - self.per_force @ found.forces) + self.problem.lifts @ theta
-        solution = ContactSolution(primal, *found)
-        return solution if solution.converged else rejected(solution, point, raise_on_failure)
+        return outcome(primal, found, point, raise_on_failure)
 
     def _factor(self, stiffness) -> PETSc.KSP:
         """Factor K with imposed dofs eliminated.

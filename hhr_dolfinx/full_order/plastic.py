@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 from mpi4py import MPI
 
 from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
-from hhr_dolfinx.contact.problem import Status
+from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.flow.gauss import ElasticPart
 from hhr_dolfinx.flow.material import Group, Material
 from hhr_dolfinx.flow.quasi_static import Correction
-from hhr_dolfinx.full_order.cholesky import FreeCholesky, check_regular, petsc_matrix
+from hhr_dolfinx.full_order.cholesky import FreeCholesky, check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.gauss_points import strain_operator
 from hhr_dolfinx.scene import Scene
@@ -27,6 +30,10 @@ class PlasticFullOrder:
         problem: the :class:`ContactProblem`, whose stiffness is the elastic one under the same quadrature.
         operator: strain at all Gauss points.
         material: laws at all Gauss points.
+        schur: S = B K^-1 B^T of the elastic stiffness, (N_lambda, N_lambda).
+        elastic: the elastic linearisation.
+        size, conditions: N and N_lambda.
+        points: numbers of the Gauss points, all of them.
         cell_of_point: cell of each Gauss point.
         discretisation: mesh and forms.
     """
@@ -37,24 +44,23 @@ class PlasticFullOrder:
             raise SceneError("flow in plane stress needs the thickness strain solved for: not built in")
         self.discretisation = Discretisation(scene, MPI.COMM_SELF)
         self.operator, bodies = strain_operator(self.discretisation), self.discretisation.cell_bodies()
-        per_cell = self.operator.weights.shape[1]
-        self.cell_of_point = np.repeat(np.arange(len(bodies)), per_cell)
+        self.cell_of_point = np.repeat(np.arange(len(bodies)), self.operator.per_cell)
         points = [np.flatnonzero(bodies[self.cell_of_point] == place) for place in range(len(scene.bodies))]
         groups = [Group(p, b.young, b.poisson, b.law) for p, b in zip(points, scene.bodies, strict=True)]
         self.material = Material(groups, self.operator.components)
         self._pattern = self.operator.pattern()
         stiffness = self.operator.stiffness(self.material.elastic, self._pattern)
-        self._elastic = ElasticPart(self.material.elastic, stiffness.data.copy())
-        self.problem = problem = self.discretisation.contact_problem(petsc_matrix(stiffness))
+        self._unchanged = ElasticPart(self.material.elastic, stiffness.data.copy())
+        self.problem = problem = self.discretisation.contact_problem(stiffness)
         self.amplitudes, self.parameters = problem.amplitudes, problem.parameters
-        self.external = self.problem.loads + (stiffness @ problem.lifts) * problem.free[:, None]
         self.size, self.conditions = problem.free.size, problem.contact.shape[0]
         solver = FreeCholesky(stiffness, problem.free, scene.name)
         check_regular(problem, solver.solve, scene.name)
         rows = problem.contact.toarray()
-        self.per_force = np.stack([solver.solve(row).copy() for row in rows], axis=1)
-        self.schur = problem.contact @ self.per_force
-        self._elastic_operator = solver, SchurEqualities.of(self.schur), self.per_force.__matmul__
+        per_force = np.stack([solver.solve(row).copy() for row in rows], axis=1)
+        self.schur = problem.contact @ per_force
+        equalities = SchurEqualities.of(self.schur)
+        self.elastic = _Operator(problem, solver, equalities, per_force.__matmul__, self.material.elastic)
         self._tangent_solver = None
         self._body = np.zeros(self.size, dtype=int)
         self._body[self.operator.dofs] = bodies[:, None]
@@ -63,8 +69,12 @@ class PlasticFullOrder:
         self._transposed, self._lifted = problem.contact.T.tocsr(), bool(np.any(problem.lifts))
 
     def strain(self, x, theta):
-        """Strain of U0 + lift at all Gauss points; of U0 alone where ``theta`` is None."""
-        return self.operator.strain(x if theta is None or not self._lifted else x + self.problem.lifts @ theta)
+        """Strain of U0 + lift at all Gauss points."""
+        return self.operator.strain(x + self.problem.lifts @ theta if self._lifted else x)
+
+    def strain_of(self, change):
+        """Strain of a change of U0 at all Gauss points."""
+        return self.operator.strain(change)
 
     def contact_load(self, forces):
         """B^T λ."""
@@ -72,7 +82,7 @@ class PlasticFullOrder:
 
     def residual(self, stress, theta):
         """Loads less internal forces on free dofs, and the norm of what they are made of in each body."""
-        loads, (internal, size) = self.external @ theta, self.operator.internal(stress)
+        loads, (internal, size) = self.problem.external @ theta, self.operator.internal(stress)
         free = self.problem.free
         return loads - internal * free, self.norms(np.abs(loads) + size * free)
 
@@ -90,28 +100,44 @@ class PlasticFullOrder:
 
     def stiffness(self, tangents):
         """K_T of consistent tangents at all Gauss points, (N, N)."""
-        return self.operator.stiffness(tangents, self._pattern, self._elastic)
+        return self.operator.stiffness(tangents, self._pattern, self._unchanged)
 
-    def linearise(self, tangents):
-        """Factor the tangent stiffness, or take the elastic one; see :class:`Equilibrium`."""
-        if tangents is None:
-            self._now = self._elastic_operator
-            return
+    def linearised(self, tangents) -> _Operator:
+        """Factor the tangent stiffness; the operator before is then out of date. See :class:`Equilibrium`."""
         stiffness = self.stiffness(tangents)
         if self._tangent_solver is None:
             self._tangent_solver = FreeCholesky(stiffness, self.problem.free, self.scene.name)
         else:
             self._tangent_solver.refactor(stiffness)
         columns = _LazyColumns(self._tangent_solver, self.problem.contact)
-        self._now = self._tangent_solver, SchurEqualities(columns.images, self.conditions), columns.push
+        equalities = SchurEqualities(columns.images, self.conditions)
+        return _Operator(self.problem, self._tangent_solver, equalities, columns.push, tangents)
+
+
+@dataclass(frozen=True)
+class _Operator:
+    """A linearisation, see :class:`hhr_dolfinx.flow.quasi_static.Operator`.
+
+    Attributes:
+        problem: the full problem.
+        solver: of K.
+        equalities: on S = B K^-1 B^T.
+        push: maps forces to K^-1 B^T λ, (N,).
+        moduli: tangents at the Gauss points.
+    """
+
+    problem: ContactProblem
+    solver: FreeCholesky
+    equalities: SchurEqualities
+    push: Callable[[np.ndarray], np.ndarray]
+    moduli: np.ndarray
 
     def correct(self, residual, x, theta, active) -> Correction:
-        """Solve one linearised contact problem; see :class:`Equilibrium`."""
-        problem, (solver, equalities, push) = self.problem, self._now
-        free = solver.solve(residual).copy()
+        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps."""
+        problem, free = self.problem, self.solver.solve(residual).copy()
         slack = problem.gaps @ theta - problem.contact @ (x + free)
-        found = active_set(equalities, slack, active)
-        return Correction(free - push(found.forces), found.forces, found.active, found.status is Status.CONVERGED)
+        found = active_set(self.equalities, slack, active)
+        return Correction(free - self.push(found.forces), found.forces, found.active, found.status)
 
 
 class _LazyColumns:

@@ -1,1 +1,1 @@
-"""What a reduced model needs after it is built: a file to live in, and tables of parameters to answer."""
+"""What answers: the reduced model, whole fields from it, its file, tables of parameters. Needs no DOLFINx."""

@@ -12,8 +12,8 @@ from mpi4py import MPI
 from rich.console import Console
 
 from hhr_dolfinx.errors import ParameterError
+from hhr_dolfinx.online.reconstruct import OnlineModel
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.reduction.offline import HyperReduction
 from hhr_dolfinx.timing import timed
 
 
@@ -35,7 +35,7 @@ def read_points(path: str | Path, space: ParameterSpace) -> list[list[str]]:
 
 
 def answer_table(
-    reduction: HyperReduction,
+    reduction: OnlineModel,
     rows: list[list[str]],
     path: Path,
     console: Console,
@@ -54,7 +54,7 @@ def answer_table(
 
 
 def answer_rows(
-    reduction: HyperReduction,
+    reduction: OnlineModel,
     rows: list[list[str]],
     comm: MPI.Comm,
     progress: Callable[[Iterable], Iterable] = iter,

@@ -7,31 +7,24 @@ import json
 import os
 import zipfile
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from hhr_dolfinx.contact.condensed import KnownStatuses
 from hhr_dolfinx.errors import ModelFileError
+from hhr_dolfinx.online.reconstruct import OnlineModel, Reconstruction
+from hhr_dolfinx.online.reduced import ReducedModel, ReducedProblem
 from hhr_dolfinx.parameters import Amplitudes, Coverage, ParameterSpace
-from hhr_dolfinx.reduction.reconstruct import Reconstruction
-from hhr_dolfinx.reduction.reduced import ReducedModel, ReducedProblem
 
-FORMAT, VERSION = "hhr_dolfinx reduced model", 2
+FORMAT, VERSION = "hhr_dolfinx reduced model", 3
 
 
-class StoredModel(NamedTuple):
-    """What a model file holds."""
-
-    model: ReducedModel
-    reconstruction: Reconstruction
-
-
-def save_model(path: str | Path, model: ReducedModel, reconstruction: Reconstruction) -> None:
+def save_model(path: str | Path, reduction: OnlineModel) -> None:
     """Write a model as one ``.npz`` file; an existing file is replaced only by a complete one."""
+    model = reduction.model
     parts = {
         "reduced": model.problem,
-        "reconstruction": reconstruction,
+        "reconstruction": reduction.reconstruction,
         "amplitudes": model.amplitudes,
         "known": model.known,
     }
@@ -48,6 +41,7 @@ def save_model(path: str | Path, model: ReducedModel, reconstruction: Reconstruc
         "format": FORMAT,
         "version": VERSION,
         "parameters": {"names": space.names, "lower": space.lower, "upper": space.upper},
+        "dimension": reduction.dimension,
     }
     header["sha256"] = _digest(header, arrays)
     path = Path(path)
@@ -58,7 +52,7 @@ def save_model(path: str | Path, model: ReducedModel, reconstruction: Reconstruc
     os.replace(temporary, path)
 
 
-def load_model(path: str | Path) -> StoredModel:
+def load_model(path: str | Path) -> OnlineModel:
     """Read a model written by :func:`save_model`. Needs neither DOLFINx nor the scene.
 
     Raises:
@@ -77,7 +71,7 @@ def load_model(path: str | Path) -> StoredModel:
         Amplitudes(**groups["amplitudes"], coverages=coverages),
         KnownStatuses(**groups["known"]),
     )
-    return StoredModel(model, Reconstruction(**groups["reconstruction"]))
+    return OnlineModel(model, Reconstruction(**groups["reconstruction"]), header["dimension"])
 
 
 def _read(path):

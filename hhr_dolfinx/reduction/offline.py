@@ -12,11 +12,13 @@ import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactProblem, FullOrder
 from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.online.reconstruct import OnlineModel
+from hhr_dolfinx.online.reduced import ReducedModel
+from hhr_dolfinx.reduction.completion import prepare_reconstruction
 from hhr_dolfinx.reduction.deim import deim
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
 from hhr_dolfinx.reduction.pod import pod
-from hhr_dolfinx.reduction.reconstruct import Reconstruction, prepare_reconstruction
-from hhr_dolfinx.reduction.reduced import ReducedModel, project
+from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.rid import IndexSets, contact_nodes, reduced_domain, zone_of_interest
 from hhr_dolfinx.reduction.stability import Stability, assess
 from hhr_dolfinx.reduction.trust import TrustLimits, check_stability, check_validation, first_trusted, validate
@@ -63,38 +65,22 @@ class ReductionSettings:
 
 
 @dataclass(frozen=True)
-class HyperReduction:
-    """A reduced model with all that explains and completes it.
+class HyperReduction(OnlineModel):
+    """A reduced model with all that explains it.
 
     Attributes:
-        model: answers parameters.
-        reconstruction: fields and forces everywhere.
         basis: V, (N, ell).
         sets: index sets of the RID.
         stability: the constants behind the trust check.
         enrichment: how the basis was enriched.
-        dimension: components of the displacement at a node.
         log: times of the stages and what was left out.
     """
 
-    model: ReducedModel
-    reconstruction: Reconstruction
     basis: np.ndarray
     sets: IndexSets
     stability: Stability
     enrichment: Enrichment
-    dimension: int
     log: StageLog
-
-    def solve_everywhere(self, mu):
-        """Displacement (N,) and contact forces (N_lambda,) on the whole mesh, for one parameter.
-
-        Raises:
-            ParameterError, ConvergenceError, NotSolvableError: see :class:`ReducedModel`.
-        """
-        solution = self.model.solve(mu)
-        theta, fields = self.model.theta(mu), self.reconstruction
-        return fields.displacement(solution.primal, theta), fields.forces(solution, theta)
 
 
 def build_reduced_model(
@@ -168,7 +154,7 @@ def _build(full_order, snapshots, selected, settings, held_out, log) -> HyperRed
             check_validation(validate(problem, model, basis, sets, held_out), settings.limits)
     with log.stage("reconstruction"):
         reconstruction = prepare_reconstruction(problem, basis, sets, snapshots)
-    return HyperReduction(model, reconstruction, basis, sets, stability, enrichment, problem.block_size, log)
+    return HyperReduction(model, reconstruction, problem.block_size, basis, sets, stability, enrichment, log)
 
 
 def _weights(snapshots, settings):

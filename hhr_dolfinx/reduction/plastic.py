@@ -7,10 +7,9 @@ import numpy as np
 from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
 from hhr_dolfinx.contact.dense import LapackLU
-from hhr_dolfinx.contact.problem import Status
 from hhr_dolfinx.flow.gauss import ElasticPart
 from hhr_dolfinx.flow.quasi_static import Correction
-from hhr_dolfinx.reduction.reduced import project
+from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.rid import IndexSets
 
 
@@ -21,6 +20,14 @@ class PlasticReduced:
         full: the full model, of which only arrays are kept.
         basis: V, (N, ell).
         sets: index sets of the RID.
+
+    Attributes:
+        reduced: the elastic projection, (5.23).
+        elastic: the elastic linearisation.
+        size, conditions: ell and N_lambda_C.
+        cells: cells of the RID that act on A.
+        points: numbers of their Gauss points in the full model.
+        operator, material: strain and laws at these points.
     """
 
     def __init__(self, full, basis: np.ndarray, sets: IndexSets):
@@ -33,8 +40,7 @@ class PlasticReduced:
         # cells of the RID without a dof of A act on no test function
         self.cells = np.flatnonzero(inside[operator.dofs].any(axis=1))
         self.operator, columns = operator.restricted(self.cells)
-        per_cell = operator.weights.shape[1]
-        self.points = (self.cells[:, None] * per_cell + np.arange(per_cell)).ravel()
+        self.points = (self.cells[:, None] * operator.per_cell + np.arange(operator.per_cell)).ravel()
         self.material = full.material.restricted(self.points)
         self._pattern = self.operator.pattern()
         self._trial, self._lifts = np.ascontiguousarray(basis[columns]), problem.lifts[columns]
@@ -42,18 +48,20 @@ class PlasticReduced:
         self._sizes = abs(self.operator.stiffness(self.material.elastic, self._pattern))
         self._rows = np.flatnonzero(inside[columns])
         self._test = np.ascontiguousarray(self._trial[self._rows].T)
-        self._external = self._test @ full.external[columns[self._rows]]
+        self._external = self._test @ problem.external[columns[self._rows]]
         self.reduced = project(problem, basis, sets)
-        self._elastic = _Operator(self.reduced.stiffness, self.reduced)
+        self.elastic = _Operator(self.reduced, self.reduced.stiffness, self.material.elastic)
         # the elastic part of K~ is known: online only what flow changes is projected
         self._unchanged = ElasticPart(self.material.elastic, np.zeros(self._pattern.indices.size))
 
     def strain(self, x, theta):
-        """Strain at the Gauss points of the RID; without lift where ``theta`` is None."""
+        """Strain at the Gauss points of the RID, lift included."""
         field = self._trial @ x
-        if self._lifted and theta is not None:
-            field += self._lifts @ theta
-        return self.operator.strain(field)
+        return self.operator.strain(field + self._lifts @ theta if self._lifted else field)
+
+    def strain_of(self, change):
+        """Strain of a change of gamma at the Gauss points of the RID."""
+        return self.operator.strain(self._trial @ change)
 
     def residual(self, stress, theta):
         """V[A]^T of loads less internal forces, and the norm of what they are made of on A, (1,)."""
@@ -77,17 +85,9 @@ class PlasticReduced:
         change = self.operator.stiffness(tangents, self._pattern, self._unchanged)
         return self.reduced.stiffness + self._test @ _product(change, self._rows, self._trial)
 
-    def linearise(self, tangents):
-        """Project and factor the tangent, or take the elastic operator."""
-        self._now = self._elastic if tangents is None else _Operator(self.tangent(tangents), self.reduced)
-
-    def correct(self, residual, x, theta, active) -> Correction:
-        """Solve one linearised contact problem; see :class:`Equilibrium`."""
-        free = self._now.factor.solve(residual)
-        slack = self.reduced.gaps @ theta - self.reduced.contact_trial @ (x + free)
-        found = active_set(self._now.equalities, slack, active)
-        change = free - self._now.per_force @ found.forces
-        return Correction(change, found.forces, found.active, found.status is Status.CONVERGED)
+    def linearised(self, tangents) -> _Operator:
+        """Project and factor the tangent."""
+        return _Operator(self.reduced, self.tangent(tangents), tangents)
 
 
 def _product(matrix, rows, dense):
@@ -109,9 +109,16 @@ def _rows_times(indptr, indices, data, rows, dense, out):
 
 
 class _Operator:
-    """LU of a projected stiffness with the equality problems on it."""
+    """A linearisation on dense blocks, see :class:`hhr_dolfinx.flow.quasi_static.Operator`."""
 
-    def __init__(self, stiffness, reduced):
-        self.factor = LapackLU(stiffness)
-        self.per_force = self.factor.solve(reduced.contact_test.T)
-        self.equalities = SchurEqualities.of(reduced.contact_trial @ self.per_force, LapackLU)
+    def __init__(self, reduced, stiffness, moduli):
+        self.moduli, self._reduced, self._factor = moduli, reduced, LapackLU(stiffness)
+        self._per_force = self._factor.solve(reduced.contact_test.T)
+        self._equalities = SchurEqualities.of(reduced.contact_trial @ self._per_force, LapackLU)
+
+    def correct(self, residual, x, theta, active) -> Correction:
+        """Solve K~ δ + B~1^T λ = residual, B~2 (x + δ) <= gaps."""
+        free, reduced = self._factor.solve(residual), self._reduced
+        slack = reduced.gaps @ theta - reduced.contact_trial @ (x + free)
+        found = active_set(self._equalities, slack, active)
+        return Correction(free - self._per_force @ found.forces, found.forces, found.active, found.status)

@@ -9,14 +9,15 @@ from typing import NamedTuple
 import numpy as np
 from scipy import linalg
 
-from hhr_dolfinx.contact.problem import ContactProblem, ContactSolution, Status
+from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import NotSolvableError, ReductionError, UnstableModelError
 from hhr_dolfinx.flow.quasi_static import History, Point
+from hhr_dolfinx.online.reconstruct import Reconstruction
+from hhr_dolfinx.reduction.completion import prepare_reconstruction
 from hhr_dolfinx.reduction.deim import deim
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
 from hhr_dolfinx.reduction.plastic import PlasticReduced
 from hhr_dolfinx.reduction.pod import pod
-from hhr_dolfinx.reduction.reconstruct import Reconstruction, prepare_reconstruction
 from hhr_dolfinx.reduction.rid import contact_nodes, reduced_domain, zone_of_interest
 from hhr_dolfinx.reduction.trust import first_trusted
 from hhr_dolfinx.snapshots.solutions import SnapshotSet
@@ -62,6 +63,11 @@ class GappyField(NamedTuple):
     modes: np.ndarray
     fit: np.ndarray
 
+    @classmethod
+    def fitted(cls, modes: np.ndarray, inside: np.ndarray) -> GappyField:
+        """From modes and the values that lie in the RID."""
+        return cls(modes, np.linalg.pinv(modes[inside]))
+
     def everywhere(self, inside: np.ndarray) -> np.ndarray:
         """The field everywhere, fitted to its values in the RID by least squares."""
         return self.modes @ (self.fit @ inside)
@@ -73,34 +79,33 @@ class PlasticReduction:
 
     Attributes:
         model: equilibrium of gamma, for :func:`hhr_dolfinx.flow.quasi_static.march`.
-        forces: contact forces outside the RID, (1.70)-(1.71).
+        reconstruction: displacement everywhere, contact forces outside the RID, (1.70)-(1.71).
         stress: how the stress is completed.
         cumulated: how the cumulated plastic strain is completed; None where nothing flowed in training.
         enrichment: how the basis was enriched.
         layers: layers of cells of the RID.
         gauss_points: number of Gauss points of the full model.
-        tangent: smallest real part of the eigenvalues of the projected tangents, see :func:`tangent_margin`.
+        tangent_margin: smallest real part of the eigenvalues of the projected tangents, see :func:`tangent_margin`.
         log: times of the stages, what was left out, attempts that were refused.
     """
 
     model: PlasticReduced
-    forces: Reconstruction
+    reconstruction: Reconstruction
     stress: GappyField
     cumulated: GappyField | None
     enrichment: Enrichment
     layers: int
     gauss_points: int
-    tangent: float
+    tangent_margin: float
     log: StageLog
 
     def displacement_everywhere(self, point: Point) -> np.ndarray:
         """Displacement on the whole mesh, (N,)."""
-        return self.forces.displacement(point.unknown, self.model.amplitudes(point.parameter))
+        return self.reconstruction.displacement(point.unknown, self.model.amplitudes(point.parameter))
 
     def forces_everywhere(self, point: Point) -> np.ndarray:
         """Contact forces on the whole surface, (N_lambda,)."""
-        answer = ContactSolution(point.unknown, point.forces, point.active, 1, Status.CONVERGED, False)
-        return self.forces.forces(answer, self.model.amplitudes(point.parameter))
+        return self.reconstruction.forces(point.unknown, point.forces, self.model.amplitudes(point.parameter))
 
     def plastic_strain_everywhere(self, point: Point) -> np.ndarray:
         """Cumulated plastic strain at all Gauss points, (points,): the model's own in the RID, fitted elsewhere."""
@@ -139,23 +144,24 @@ def build_plastic_reduction(
         raise ReductionError("a reduced model needs at least one training history, each with at least one step")
     log = StageLog()
     with log.stage("bases"):
-        basis, nodes = snapshot_nodes(full, histories, settings)
+        bases = _bases(histories, settings)
+        nodes = _rid_nodes(full, bases, settings)
     with log.stage("training_tangents"):
         states = _training_tangents(full, histories, settings.checked_states)
 
     def attempt(layers):
-        return _build(full, histories, replace(settings, layers=layers), (basis, nodes, states), log)
+        return _build(full, (bases, nodes, states), replace(settings, layers=layers), log)
 
     return first_trusted(attempt, settings.layers, settings.most_layers, log)
 
 
-def _build(full, histories, settings, training, log) -> PlasticReduction:
+def _build(full, selected, settings, log) -> PlasticReduction:
     """One attempt with a fixed number of layers."""
-    basis, nodes, states = training
+    bases, nodes, states = selected
     with log.stage("rid"):
         sets = reduced_domain(full.problem, nodes, settings.layers)
     with log.stage("enrichment"):
-        enrichment = enrich(full.problem, basis, sets, settings.kappa_max)
+        enrichment = enrich(full.problem, bases.primal, sets, settings.kappa_max)
         if not np.isfinite(enrichment.kappas[-1]):
             raise NotSolvableError("the contact rows are dependent on the reduced basis, thesis (5.24)-(5.25)")
     with log.stage("projection"):
@@ -168,7 +174,7 @@ def _build(full, histories, settings, training, log) -> PlasticReduction:
                 f"{margin:.2g}: steps would fail or follow a wrong path. Allow more layers or keep fewer modes"
             )
     with log.stage("reconstruction"):
-        completion = _completion(full, model, histories, settings)
+        completion = _completed(full, model, bases)
     record_enrichment(enrichment, settings.kappa_max, log)
     if not full.material.flows:
         log.skip("tangents", "no body flows: the elastic operator is the tangent")
@@ -203,49 +209,52 @@ def _training_tangents(full, histories, count):
     return states
 
 
-def _completion(full, model, histories, settings):
-    """Reconstruction of contact forces, of the stress and of the cumulated plastic strain."""
+class _Bases(NamedTuple):
+    """POD modes of the training histories, and what they were made of.
+
+    Attributes:
+        primal: of the displacements, (N, ell).
+        stress: of the stress at all Gauss points, (points * components, modes).
+        cumulated: of the cumulated plastic strain, (points, modes), or None where nothing flowed.
+        snapshots: displacements, forces and statuses of all steps.
+    """
+
+    primal: np.ndarray
+    stress: np.ndarray
+    cumulated: np.ndarray | None
+    snapshots: SnapshotSet
+
+
+def _bases(histories: list[History], settings: PlasticSettings) -> _Bases:
+    """All steps of all histories as columns, and their POD (section 6.2.3)."""
     points = [point for history in histories for point in history.points]
-    columns = (np.concatenate([h.stack(name) for h in histories], axis=-1) for name in ("unknown", "forces", "active"))
-    snapshots = SnapshotSet(np.stack([point.parameter for point in points]), *columns)
-    forces = prepare_reconstruction(full.problem, model.basis, model.sets, snapshots)
+    columns = [np.stack([getattr(point, name) for point in points], axis=-1)
+               for name in ("unknown", "forces", "active", "stress")]  # fmt: skip
+    snapshots = SnapshotSet(np.stack([point.parameter for point in points]), *columns[:3])
+    primal, _ = pod(snapshots.displacements, settings.primal)
+    stress, _ = pod(columns[3].reshape(-1, len(points)), settings.stress)
+    cumulated = np.stack([point.state.cumulated for point in points], axis=1)
+    flowed = pod(cumulated, settings.plastic_strain)[0] if np.any(cumulated) else None
+    return _Bases(primal, stress, flowed, snapshots)
+
+
+def _rid_nodes(full, bases: _Bases, settings: PlasticSettings) -> np.ndarray:
+    """Nodes of the DEIM points of all bases, and the zone of interest (section 6.2.3)."""
+    problem = full.problem
+    nodes = [deim(bases.primal) // problem.block_size, zone_of_interest(problem, settings.zone)]
+    if np.any(bases.snapshots.forces):
+        nodes.append(contact_nodes(problem, bases.snapshots.forces, settings.dual))
+    points = [deim(bases.stress) // full.material.components]
+    if bases.cumulated is not None:
+        points.append(deim(bases.cumulated))
+    nodes.append(problem.cell_nodes[full.cell_of_point[np.concatenate(points)]].ravel())
+    return np.unique(np.concatenate(nodes))
+
+
+def _completed(full, model, bases: _Bases) -> tuple[Reconstruction, GappyField, GappyField | None]:
+    """Reconstruction of contact forces, of the stress and of the cumulated plastic strain."""
+    forces = prepare_reconstruction(full.problem, model.basis, model.sets, bases.snapshots)
     components = full.material.components
     values = (model.points[:, None] * components + np.arange(components)).ravel()
-    stress = _gappy(np.stack([point.stress.ravel() for point in points], axis=1), values, settings.stress)
-    cumulated = np.stack([point.state.cumulated for point in points], axis=1)
-    if not np.any(cumulated):
-        return forces, stress, None
-    return forces, stress, _gappy(cumulated, model.points, settings.plastic_strain)
-
-
-def _gappy(snapshots, inside, tolerance) -> GappyField:
-    modes, _ = pod(snapshots, tolerance)
-    return GappyField(modes, np.linalg.pinv(modes[inside]))
-
-
-def snapshot_nodes(full, histories: list[History], settings: PlasticSettings) -> tuple[np.ndarray, np.ndarray]:
-    """POD basis of the displacements, and the nodes of all DEIM points (section 6.2.3).
-
-    Args:
-        full: the full model.
-        histories: its training histories.
-        settings: tolerances.
-
-    Returns:
-        ``(basis, nodes)``.
-    """
-    problem = full.problem
-    unknown, forces, stress = (
-        np.concatenate([history.stack(name) for history in histories], axis=-1)
-        for name in ("unknown", "forces", "stress")
-    )
-    basis, _ = pod(unknown, settings.primal)
-    nodes = [deim(basis) // problem.block_size, zone_of_interest(problem, settings.zone)]
-    if np.any(forces):
-        nodes.append(contact_nodes(problem, forces, settings.dual))
-    points = [deim(pod(stress.reshape(-1, stress.shape[-1]), settings.stress)[0]) // full.material.components]
-    cumulated = np.stack([point.state.cumulated for history in histories for point in history.points], axis=1)
-    if np.any(cumulated):
-        points.append(deim(pod(cumulated, settings.plastic_strain)[0]))
-    nodes.append(problem.cell_nodes[full.cell_of_point[np.concatenate(points)]].ravel())
-    return basis, np.unique(np.concatenate(nodes))
+    stress = GappyField.fitted(bases.stress, values)
+    return forces, stress, None if bases.cumulated is None else GappyField.fitted(bases.cumulated, model.points)

@@ -18,7 +18,7 @@ from scipy.sparse import identity
 from slepc4py import SLEPc
 
 from hhr_dolfinx.contact.problem import FullOrder
-from hhr_dolfinx.reduction.reduced import ReducedProblem
+from hhr_dolfinx.online.reduced import ReducedProblem
 from hhr_dolfinx.reduction.rid import IndexSets
 
 

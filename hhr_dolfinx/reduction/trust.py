@@ -15,7 +15,7 @@ import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import HHRError, NotSolvableError, StabilityWarning, UnstableModelError
-from hhr_dolfinx.reduction.reduced import ReducedModel
+from hhr_dolfinx.online.reduced import ReducedModel
 from hhr_dolfinx.reduction.rid import IndexSets
 from hhr_dolfinx.reduction.stability import Stability
 from hhr_dolfinx.snapshots.accuracy import force_floor, relative_error

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.parameters import Theta
 from hhr_dolfinx.snapshots.solutions import SnapshotSet
 
 FORCE_FLOOR = 1e-3
@@ -37,14 +38,12 @@ def relative_error(approximation: np.ndarray, reference: np.ndarray, gram=None, 
     return error / size
 
 
-def energy_minimum(problem: ContactProblem, displacement: np.ndarray, theta: np.ndarray) -> float:
+def energy_minimum(problem: ContactProblem, displacement: np.ndarray, theta: Theta) -> float:
     """Potential energy a(u, u)/2 - l(u) of thesis (1.10), in the unit of energy of the scene.
 
     With U = U0 + lift and loads = F - K lift on free dofs, J = U^T K U / 2 - F^T U.
     """
-    lift = problem.lifts @ theta
-    external = (problem.loads @ theta + problem.stiffness @ lift) * problem.free
-    return 0.5 * displacement @ (problem.stiffness @ displacement) - external @ displacement
+    return 0.5 * displacement @ (problem.stiffness @ displacement) - (problem.external @ theta) @ displacement
 
 
 def summary(values) -> dict:

@@ -61,7 +61,7 @@ def draw_histories(study, view: View, folder: Path) -> None:
     the contact force, the largest plastic strain and the iterations of each step.
     """
     full, reduction, problem = study.full, study.reduction, study.full.problem
-    here, there, per_cell = study.history.points[-1], study.exact.points[-1], full.operator.weights.shape[1]
+    here, there, per_cell = study.history.points[-1], study.exact.points[-1], full.operator.per_cell
     fields = {"full order": full.displacement(there), "HHR": reduction.displacement_everywhere(here)}
     values = {
         "plastic strain": (there.state.cumulated, reduction.plastic_strain_everywhere(here)),

@@ -134,12 +134,13 @@ def seconds_of_parts(model, history: History, repetitions: int = 20) -> dict[str
     strain = model.strain(point.unknown, theta)
     update = model.material.update(strain, point.state, step, tangent=True)
     residual, _ = model.residual(update.stress, theta)
+    operator = model.linearised(update.tangents)
     parts = {
         "strain": lambda: model.strain(point.unknown, theta),
         "laws": lambda: model.material.update(strain, point.state, step, tangent=False),
         "residual": lambda: model.residual(update.stress, theta),
-        "tangent": lambda: model.linearise(update.tangents),
-        "contact": lambda: model.correct(residual, point.unknown, theta, point.active),
+        "tangent": lambda: model.linearised(update.tangents),
+        "contact": lambda: operator.correct(residual, point.unknown, theta, point.active),
     }
     return {name: timed(part, repetitions)[1] for name, part in parts.items()}
 
@@ -164,7 +165,7 @@ def _report(study, settings, training, log, seconds) -> dict:
         },
         "stability": {
             "kappa_B": reduction.enrichment.kappas[-1],
-            "tangent": reduction.tangent,
+            "tangent": reduction.tangent_margin,
             "enrichment": enrichment_steps(reduction.enrichment),
         },
         "errors": errors,

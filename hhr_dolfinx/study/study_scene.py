@@ -17,8 +17,8 @@ from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.contact.dense import LapackLU, PetscLU
 from hhr_dolfinx.errors import HHRError, StabilityWarning
 from hhr_dolfinx.online.model_file import save_model
+from hhr_dolfinx.online.reduced import ReducedModel
 from hhr_dolfinx.reduction.offline import HyperReduction, ReductionSettings, build_reduced_model
-from hhr_dolfinx.reduction.reduced import ReducedModel
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.accuracy import summary
 from hhr_dolfinx.study.report import make_report, print_report, write_report
@@ -104,7 +104,7 @@ class SceneStudy:
         """Write and print the report, keep the model, draw the pictures of a view."""
         write_report(self.report, folder)
         print_report(self.report, console)
-        save_model(folder / "model.npz", self.hyper.model, self.hyper.reconstruction)
+        save_model(folder / "model.npz", self.hyper)
         if view is not None:
             from hhr_dolfinx.study.plots import draw_study
 

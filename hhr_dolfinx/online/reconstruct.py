@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg
 from scipy.optimize import nnls
-from scipy.sparse import csr_matrix
 
-from hhr_dolfinx.contact.problem import ContactProblem, ContactSolution
 from hhr_dolfinx.errors import ConvergenceError
-from hhr_dolfinx.reduction.rid import IndexSets
-from hhr_dolfinx.snapshots.solutions import SnapshotSet
+from hhr_dolfinx.online.reduced import ReducedModel
+from hhr_dolfinx.parameters import Theta
 
 
 @dataclass(frozen=True)
@@ -37,52 +34,56 @@ class Reconstruction:
     force_snapshots: np.ndarray
     gap_scale: float
 
-    def displacement(self, gamma: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    def displacement(self, gamma: np.ndarray, theta: Theta) -> np.ndarray:
         """Displacement V gamma + lift, thesis (1.69), (N,)."""
         return self.basis @ gamma + self.lifts @ theta
 
-    def forces(self, solution: ContactSolution, theta: np.ndarray) -> np.ndarray:
+    def forces(self, gamma: np.ndarray, inside: np.ndarray, theta: Theta) -> np.ndarray:
         """Contact forces on all conditions, (N_lambda,): the model's own inside the RID, (1.70)-(1.71) outside.
 
         Non-negative combinations of training forces are fitted to the forces inside the RID, and
         penalised where the reconstructed gap is open.
 
+        Args:
+            gamma: coordinates of the displacement, (ell,).
+            inside: forces of the model, (N_lambda_C,).
+            theta: θ.
+
         Raises:
             ConvergenceError: if the fit does not end.
         """
-        open_gap = np.maximum(self.gaps @ theta - self.contact_basis @ solution.primal, 0.0) / self.gap_scale
+        open_gap = np.maximum(self.gaps @ theta - self.contact_basis @ gamma, 0.0) / self.gap_scale
         matrix = np.vstack([self.force_snapshots[self.A_lambda], open_gap[:, None] * self.force_snapshots])
-        target = np.concatenate([solution.forces, np.zeros(open_gap.size)])
+        target = np.concatenate([inside, np.zeros(open_gap.size)])
         try:
             weights, _ = nnls(matrix, target)
         except RuntimeError as error:  # scipy's iteration limit
             raise ConvergenceError(f"the forces outside the RID could not be fitted: {error}") from error
         forces = self.force_snapshots @ weights
-        forces[self.A_lambda] = solution.forces
+        forces[self.A_lambda] = inside
         return forces
 
 
-def prepare_reconstruction(
-    problem: ContactProblem, basis: np.ndarray, sets: IndexSets, snapshots: SnapshotSet
-) -> Reconstruction:
-    """Collect what :class:`Reconstruction` needs; dependent force snapshots are left out, see (1.70)."""
-    gaps = problem.amplitudes.sum_columns(problem.gaps, snapshots.points)
-    slack = gaps - problem.contact @ snapshots.displacements
-    scale = float(np.maximum(slack, 0.0).max())
-    return Reconstruction(
-        basis=basis,
-        lifts=problem.lifts,
-        contact_basis=csr_matrix(problem.contact) @ basis,
-        gaps=problem.gaps,
-        A_lambda=sets.A_lambda,
-        force_snapshots=_independent(snapshots.forces, most=problem.contact.shape[0] + len(sets.A_lambda)),
-        gap_scale=scale if scale > 0 else 1.0,
-    )
+@dataclass(frozen=True)
+class OnlineModel:
+    """What answers parameters: small arrays and the way back to whole fields; this is what a file holds.
 
+    Attributes:
+        model: from a parameter to (gamma, lambda on A_lambda).
+        reconstruction: fields and forces everywhere.
+        dimension: components of the displacement at a node.
+    """
 
-def _independent(columns, most):
-    """The most independent columns, by pivoted QR, in their order."""
-    _, triangle, order = linalg.qr(columns, mode="economic", pivoting=True)
-    size = np.abs(np.diag(triangle))
-    rank = min(int((size > 1e-10 * size[0]).sum()) if size[0] > 0 else 0, most)
-    return np.ascontiguousarray(columns[:, np.sort(order[:rank])])
+    model: ReducedModel
+    reconstruction: Reconstruction
+    dimension: int
+
+    def solve_everywhere(self, mu) -> tuple[np.ndarray, np.ndarray]:
+        """Displacement (N,) and contact forces (N_lambda,) on the whole mesh, for one parameter.
+
+        Raises:
+            ParameterError, ConvergenceError, NotSolvableError: see :meth:`CondensedContact.solve`.
+        """
+        solution, theta, fields = self.model.solve(mu), self.model.theta(mu), self.reconstruction
+        displacement = fields.displacement(solution.primal, theta)
+        return displacement, fields.forces(solution.primal, solution.forces, theta)

@@ -10,11 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hhr_dolfinx.contact.condensed import CondensedContact, KnownStatuses, Responses
-from hhr_dolfinx.contact.dense import Factorise, PetscLU, solve_columns
-from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.contact.dense import Factorise, PetscLU
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
-from hhr_dolfinx.reduction.rid import IndexSets, open_conditions
 
 
 @dataclass(frozen=True)
@@ -37,38 +34,6 @@ class ReducedProblem:
     contact_trial: np.ndarray
     loads: np.ndarray
     gaps: np.ndarray
-
-
-def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> ReducedProblem:
-    """Petrov-Galerkin projection of (1.21) on the RID, thesis (1.61), (5.23).
-
-    The test functions are the modes cut off outside A; the trial functions are the whole modes. A
-    Galerkin projection of K with restricted multipliers would be inconsistent.
-
-    Args:
-        problem: the full problem.
-        basis: V, (N, ell), zero on imposed dofs.
-        sets: index sets of the RID.
-
-    Raises:
-        ReductionError: if the RID is not closed.
-    """
-    opened = open_conditions(problem, sets)
-    if opened.size:
-        raise ReductionError(
-            f"the RID is not closed: {opened.size} contact conditions outside it act on its inner nodes, e.g. the one "
-            f"at {problem.contact_points[opened[0]].tolist()}; build it with reduced_domain"
-        )
-    rows = problem.contact[sets.A_lambda]
-    support = np.union1d(sets.A, sets.I)
-    test = basis[sets.A]
-    return ReducedProblem(
-        stiffness=test.T @ (problem.stiffness[sets.A][:, support] @ basis[support]),
-        contact_test=rows[:, sets.A_c] @ basis[sets.A_c],
-        contact_trial=rows[:, sets.A_c_tilde] @ basis[sets.A_c_tilde],
-        loads=test.T @ problem.loads[sets.A],
-        gaps=problem.gaps[sets.A_lambda],
-    )
 
 
 class ReducedModel(CondensedContact):
@@ -94,12 +59,6 @@ class ReducedModel(CondensedContact):
         factorise: Factorise = PetscLU,
     ):
         self.problem = problem
-        factor = factorise(problem.stiffness)
-        per_force, free = solve_columns(factor, problem.contact_test.T), solve_columns(factor, problem.loads)
-        responses = Responses(
-            free_primal=free,
-            primal_per_force=per_force,
-            free_slack=problem.gaps - problem.contact_trial @ free,
-            schur=problem.contact_trial @ per_force,
-        )
+        contact = problem.contact_test, problem.contact_trial
+        responses = Responses.eliminate(factorise(problem.stiffness), problem.loads, problem.gaps, *contact)
         super().__init__(parameters, amplitudes, responses, known, factorise)

@@ -1,0 +1,42 @@
+"""Petrov-Galerkin projection of the contact problem on a RID, thesis (1.61), (5.23)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.online.reduced import ReducedProblem
+from hhr_dolfinx.reduction.rid import IndexSets, open_conditions
+
+
+def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> ReducedProblem:
+    """Petrov-Galerkin projection of (1.21) on the RID, thesis (1.61), (5.23).
+
+    The test functions are the modes cut off outside A; the trial functions are the whole modes. A
+    Galerkin projection of K with restricted multipliers would be inconsistent.
+
+    Args:
+        problem: the full problem.
+        basis: V, (N, ell), zero on imposed dofs.
+        sets: index sets of the RID.
+
+    Raises:
+        ReductionError: if the RID is not closed.
+    """
+    opened = open_conditions(problem, sets)
+    if opened.size:
+        raise ReductionError(
+            f"the RID is not closed: {opened.size} contact conditions outside it act on its inner nodes, e.g. the one "
+            f"at {problem.contact_points[opened[0]].tolist()}; build it with reduced_domain"
+        )
+    rows = problem.contact[sets.A_lambda]
+    support = np.union1d(sets.A, sets.I)
+    test = basis[sets.A]
+    return ReducedProblem(
+        stiffness=test.T @ (problem.stiffness[sets.A][:, support] @ basis[support]),
+        contact_test=rows[:, sets.A_c] @ basis[sets.A_c],
+        contact_trial=rows[:, sets.A_c_tilde] @ basis[sets.A_c_tilde],
+        loads=test.T @ problem.loads[sets.A],
+        gaps=problem.gaps[sets.A_lambda],
+    )
