@@ -1,38 +1,36 @@
 """Contact patch test: which pairing passes a constant pressure between meshes that do not match.
 
-Two stacked blocks are pressed together with Poisson's ratio zero, so that the pressure is uniform and known.
-Mortar passes to round-off for any pair of meshes; node-to-surface does not, which is a known defect of the method
-(R. L. Taylor and P. Papadopoulos, "On a patch test for contact problems in two dimensions", 1991) and shown here. Two
-passes give the right stress, with multipliers shared out between both sides in no useful way.
+Two stacked blocks are pressed together with Poisson's ratio zero, so that the pressure is uniform and known. Mortar
+passes to round-off for any pair of meshes; node-to-surface does not (R. L. Taylor and P. Papadopoulos, "On a patch test
+for contact problems in two dimensions", 1991); two passes give the right stress, but share out multipliers uselessly.
 
     python demos/contact_patch_test.py [--out DIR] [--quick] [--seed N]
 """
 
-import functools
+from functools import partial
 
 import numpy as np
 from mpi4py import MPI
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import stacked_blocks as geometry
-from hhr_dolfinx.study import cli, plots, report, verify
+from hhr_dolfinx.study import cli, report, verify
 
 YOUNG, PUSH = {geometry.LOWER: 3.0, geometry.UPPER: 7.0}, 0.05
-PRESSURE = PUSH / sum(1 / young for young in YOUNG.values())  # blocks of height 1 with nu = 0
+PRESSURE = PUSH / sum(1 / young for young in YOUNG.values())
 PAIRINGS = {"node_to_surface": hhr.NodeToSurface, "double_pass": hhr.DoublePass, "mortar, dual": hhr.Mortar}
-PAIRINGS["mortar, standard"] = functools.partial(hhr.Mortar, multipliers="standard")
+PAIRINGS["mortar, standard"] = partial(hhr.Mortar, multipliers="standard")
 
 
 def scene(pairing=hhr.Mortar, lower=(3, 3), upper=(5, 4), poisson=0.0, by_normal=True, slave=geometry.UPPER, **shape):
     """The lower block clamped, the upper pushed down by its top and aside; ``shape``: :func:`stacked_blocks`."""
-    dim, master = len(lower), geometry.LOWER + geometry.UPPER - slave
-    turn = geometry.rotation(dim, shape.get("angle", 0.0))
+    dim, master, turn = len(lower), 3 - slave, geometry.rotation(len(lower), shape.get("angle", 0.0))
     towards = turn[:, -1] if slave == geometry.LOWER else -turn[:, -1]
     tags = geometry.interface(slave, dim), geometry.interface(master, dim)
     down = {geometry.LOWER: np.zeros(dim), geometry.UPPER: -turn[:, -1]}
     moves = tuple(hhr.Displacement(geometry.outer_end(body, dim), k, hhr.Amplitude(slopes={"push": way[k]}))
                   for body, way in down.items() for k in range(dim))  # fmt: skip
-    aside = hhr.Traction(geometry.side(geometry.UPPER, 0, False), tuple(turn[:, 0]), hhr.Amplitude(slopes={"side": 1}))
+    aside = hhr.Amplitude(slopes={"side": 1.0})
     return hhr.Scene(
         name="stacked_blocks",
         geometry=lambda comm: geometry.stacked_blocks(comm, lower=lower, upper=upper, **shape),
@@ -41,7 +39,7 @@ def scene(pairing=hhr.Mortar, lower=(3, 3), upper=(5, 4), poisson=0.0, by_normal
         contacts=(pairing(*tags, tuple(towards) if by_normal else None),),
         parameters=hhr.ParameterSpace(("push", "side"), (0.0, 0.0), (0.1, 0.05)),
         displacements=moves,
-        loads=(aside,),
+        loads=(hhr.Traction(geometry.side(geometry.UPPER, 0, False), tuple(turn[:, 0]), aside),),
     )
 
 
@@ -50,13 +48,15 @@ def solve(built):
     full_order = hhr.FullOrderModel(built, MPI.COMM_SELF)
     problem, solution = full_order.problem, full_order.solve([PUSH, 0.0])
     stress = full_order.discretisation.stress(solution.primal)[:, problem.block_size - 1, problem.block_size - 1]
-    pressure = solution.forces / problem.contact_areas
-    return problem.contact_points[:, 0], pressure / PRESSURE, float(np.abs(stress / -PRESSURE - 1).max())
+    pressure, error = solution.forces / problem.contact_areas / PRESSURE, np.abs(stress / -PRESSURE - 1).max()
+    return problem.contact_points[:, 0], pressure, float(error)
 
 
 def main() -> None:
     """Measure all pairings on several meshes, print a table, draw the pressures."""
-    options = cli.parse(cli.demo_parser("contact_patch_test", __doc__))
+    from hhr_dolfinx.study import plots
+
+    options = cli.parse_on_first_rank(cli.demo_parser("contact_patch_test", __doc__))
     meshes = {"3 on 5": ((3, 3), (5, 4)), "5 on 3": ((5, 4), (3, 3)), "7 on 8": ((7, 4), (8, 4)),
               "1 on 20": ((1, 2), (20, 6)), "20 on 1": ((20, 6), (1, 2))}  # fmt: skip
     if not options.quick:
@@ -66,8 +66,8 @@ def main() -> None:
         for name, pairing in PAIRINGS.items():
             with verify.said() as warned:
                 where, pressure, stress = solve(scene(pairing, *cells))
-            row = {"mesh": mesh, "pairing": name, "stress": stress, "pressure": float(np.abs(pressure - 1).max())}
-            rows.append({**row, "warned": warned})
+            figures = {"stress": stress, "pressure": float(np.abs(pressure - 1).max())}
+            rows.append({"mesh": mesh, "pairing": name, **figures, "warned": warned})
             if mesh == "7 on 8" and name != "double_pass":
                 curves[name] = where, pressure
     report.write_report(rows, options.out, "contact_patch_test")

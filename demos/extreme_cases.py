@@ -19,7 +19,7 @@ from hhr_dolfinx.study.verify_histories import verify_history
 
 def main() -> int:
     """Run all cases, print the table, write ``extreme_cases.json``."""
-    options = cli.parse(cli.demo_parser("extreme_cases", __doc__))
+    options = cli.parse_on_first_rank(cli.demo_parser("extreme_cases", __doc__))
     counts = (10, 8) if options.quick else (20, 16)
     rows = [row for case in options.progress("cases")([*matching_cases(), *non_matching_cases()])
             for row in verify(case, counts, options.seed)]  # fmt: skip

@@ -13,9 +13,6 @@ a RID with two more layers of cells and FE functions on the contact nodes bring 
 
 from pathlib import Path
 
-import pellet_cladding_study as comparison
-import pellet_cladding_tables as tables
-
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.study import cli
@@ -63,6 +60,8 @@ def main() -> None:
     if rows is not None:
         hhr.answer_table(training.build(), rows, folder / "answers.csv", options.console, options.progress("answers"))
     elif options.first_rank:
+        import pellet_cladding_study as comparison
+
         settings = hhr.StudySettings(GRID, variants=comparison.VARIANTS, queries=100)
         settings = settings.asked(seed=options.seed, quick=options.quick)
         rivals = list(comparison.rivals(training, scene, options.quick))
@@ -71,7 +70,9 @@ def main() -> None:
         study.write(folder, options.console, VIEW)
         comparison.draw_maps(study, folder, options.quick)
         if options.study == "thesis":
-            tables.thesis_tables(training, folder, options.console)
+            from pellet_cladding_tables import thesis_tables
+
+            thesis_tables(training, folder, options.console)
 
 
 if __name__ == "__main__":

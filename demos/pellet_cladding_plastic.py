@@ -61,7 +61,7 @@ def main() -> None:
     parser.add_argument("--pod", type=float, default=1e-9, help="tolerance of the POD of displacements (%(default)s)")
     parser.add_argument("--layers", type=int, default=3, help="layers of cells to begin with (%(default)s)")
     parser.add_argument("--train", type=float, nargs="+", default=[5.0, 15.0], help="gaps to train on in um")
-    options = cli.parse(parser)
+    options = cli.parse_on_first_rank(parser)
     quick_mesh = {**QUICK_MESH, "cladding_axial_cells": 15, "cladding_radial_cells": 3}
     built, steps = scene(options.exponent, **(quick_mesh if options.quick else {})), 10 if options.quick else 40
     drawn = np.random.default_rng(options.seed).uniform(5, 15, 1 if options.quick else 4)

@@ -2,6 +2,7 @@
 
 import numpy as np
 from mpi4py import MPI
+from pellet_cladding_tables import POINTS
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.coarser import CoarserMesh
@@ -10,8 +11,6 @@ from hhr_dolfinx.snapshots.accuracy import relative_error
 from hhr_dolfinx.study.yardstick import Yardstick
 from hhr_dolfinx.timing import time_queries
 
-POINTS = np.array([[170.0, 3.2], [30.0, 5.25]])
-"""The two points of table 3.1."""
 THESIS_SIZE = hhr.ReductionSettings.thesis(1e-6, extended_pod_tolerance=3e-7, dual_pod_tolerance=1e-3, kappa_max=3.0)
 """POD + FE enrichment on a small RID: 60 functions and 26 contacts."""
 VARIANTS = [
@@ -59,7 +58,8 @@ def draw_maps(study, folder, quick) -> None:
     from hhr_dolfinx.study import plots
 
     training = study.training
-    yardstick = Yardstick.at(training.full_order.problem.parameters.grid([12, 10] if quick else [40, 30]), training)
+    points = training.full_order.problem.parameters.grid([12, 10] if quick else [40, 30])
+    yardstick = Yardstick.at(points, training.full_order, training.snapshots)
     thesis = hhr.ReductionSettings.thesis(1e-6, dual_pod_tolerance=4e-4)
     recipes = {"thesis, EF": thesis, "thesis size, POD+EF": THESIS_SIZE}
     models = {name: training.build(recipe, checked=False) for name, recipe in recipes.items()} | {

@@ -17,9 +17,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ParameterError, SceneError, StabilityWarning, UnstableModelError
 from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.reduction.trust import TrustLimits
-from hhr_dolfinx.study.training import Training
 from hhr_dolfinx.study.yardstick import Yardstick
-from hhr_dolfinx.timing import StageLog
 
 ROOT = Path(__file__).parent.parent
 
@@ -104,8 +102,7 @@ def test_pellet_may_lift_off_or_not(small):
 def test_default_recipe(small, small_snapshots, small_reduction):
     """Measured on 280 cells: 1e-6 median, 4e-4 at worst; the full mesh is checked by the demo."""
     points = small.problem.parameters.random(40, 3)
-    training = Training(small, small_snapshots, None, StageLog())
-    errors = Yardstick.at(points, training).errors(small_reduction, small_reduction.sets.A_lambda)
+    errors = Yardstick.at(points, small, small_snapshots).errors(small_reduction, small_reduction.sets.A_lambda)
     assert errors.values["dual_full_floored"].max() < 0.01
     assert errors.values["primal_l2"].max() < 0.005
     assert errors.unanswered == 0 and not any(small_reduction.model.solve(point).cycled for point in points)

@@ -14,9 +14,7 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.reduction.deim import deim
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.rid import reduced_domain
-from hhr_dolfinx.study.training import Training
 from hhr_dolfinx.study.yardstick import Yardstick
-from hhr_dolfinx.timing import StageLog
 
 
 def test_index_sets_follow_their_definitions(hertz, hertz_reduction):
@@ -122,8 +120,8 @@ def test_errors_of_the_thesis(hertz, hertz_snapshots, hertz_reduction):
     assert 8 <= hertz_reduction.basis.shape[1] <= 10
     assert 7 <= len(hertz_reduction.sets.A_lambda) <= 9
     assert hertz_reduction.stability.kappa_B <= 5
-    points, training = hertz.problem.parameters.grid([101]), Training(hertz, hertz_snapshots, None, StageLog())
-    errors = Yardstick.at(points, training).errors(hertz_reduction, hertz_reduction.sets.A_lambda)
+    points = hertz.problem.parameters.grid([101])
+    errors = Yardstick.at(points, hertz, hertz_snapshots).errors(hertz_reduction, hertz_reduction.sets.A_lambda)
     assert errors.values["primal_euclid"].max() <= 5e-4
     assert errors.values["dual_rid"].max() <= 8e-3
     assert errors.values["energy_minimum"].max() <= 1e-4
@@ -133,7 +131,7 @@ def test_errors_of_the_thesis(hertz, hertz_snapshots, hertz_reduction):
 def test_displacement_converges_with_the_basis(hertz, hertz_snapshots):
     """A smaller POD tolerance gives a smaller error, down to exactness on 14 modes."""
     points = hertz.problem.parameters.random(20, seed=0)
-    yardstick = Yardstick.at(points, Training(hertz, hertz_snapshots, None, StageLog()))
+    yardstick = Yardstick.at(points, hertz, hertz_snapshots)
     worst = []
     for tolerance in (1e-6, 1e-8, 1e-12):
         settings = hhr.ReductionSettings.thesis(tolerance)

@@ -8,6 +8,7 @@ from scipy.sparse.linalg import splu
 
 from hhr_dolfinx.contact.active_set import active_set
 from hhr_dolfinx.contact.problem import ContactSolution, outcome
+from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.full_order.elastic import FullOrderModel
 
 
@@ -39,12 +40,15 @@ class NaiveFullOrder:
         # rows and forces scaled to the size of K: without it LU loses digits where E is large or small
         scale = stiffness.diagonal().mean()
         loads, gaps, contact = problem.loads[free] @ theta, problem.gaps @ theta, problem.contact[:, free]
-        last = {}
+        last = {"free": np.zeros(free.size)}
 
         def saddle_point(active, _):
             rows = scale * contact[active]
             matrix = bmat([[stiffness, rows.T], [rows, None]], format="csc")
-            solution = splu(matrix).solve(np.concatenate([loads, scale * gaps[active]]))
+            try:
+                solution = splu(matrix).solve(np.concatenate([loads, scale * gaps[active]]))
+            except RuntimeError as error:  # scipy's word for a singular matrix
+                raise NotSolvableError(str(error)) from error
             forces = np.zeros(active.size)
             forces[active] = scale * solution[free.size :]
             last["free"] = solution[: free.size]

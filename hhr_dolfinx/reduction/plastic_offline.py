@@ -18,7 +18,8 @@ from hhr_dolfinx.reduction.deim import deim
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
 from hhr_dolfinx.reduction.plastic import PlasticReduced
 from hhr_dolfinx.reduction.pod import pod
-from hhr_dolfinx.reduction.rid import contact_nodes, reduced_domain, zone_of_interest
+from hhr_dolfinx.reduction.rid import IndexSets, contact_nodes, reduced_domain, zone_of_interest
+from hhr_dolfinx.reduction.stability import Stability, assess
 from hhr_dolfinx.reduction.trust import first_trusted
 from hhr_dolfinx.snapshots.solutions import SnapshotSet
 from hhr_dolfinx.timing import StageLog
@@ -82,6 +83,7 @@ class PlasticReduction:
         reconstruction: displacement everywhere, contact forces outside the RID, (1.70)-(1.71).
         stress: how the stress is completed.
         cumulated: how the cumulated plastic strain is completed; None where nothing flowed in training.
+        stability: constants of the elastic projection.
         enrichment: how the basis was enriched.
         layers: layers of cells of the RID.
         gauss_points: number of Gauss points of the full model.
@@ -93,11 +95,22 @@ class PlasticReduction:
     reconstruction: Reconstruction
     stress: GappyField
     cumulated: GappyField | None
+    stability: Stability
     enrichment: Enrichment
     layers: int
     gauss_points: int
     tangent_margin: float
     log: StageLog
+
+    @property
+    def basis(self) -> np.ndarray:
+        """V, (N, ell)."""
+        return self.model.basis
+
+    @property
+    def sets(self) -> IndexSets:
+        """Index sets of the RID."""
+        return self.model.sets
 
     def displacement_everywhere(self, point: Point) -> np.ndarray:
         """Displacement on the whole mesh, (N,)."""
@@ -167,6 +180,7 @@ def _build(full, selected, settings, log) -> PlasticReduction:
     with log.stage("projection"):
         model = PlasticReduced(full, enrichment.basis, sets)
     with log.stage("stability"):
+        stability = assess(full, model.basis, sets, model.reduced)
         margin = min((tangent_margin(model, *state) for state in states), default=1.0)
         if not margin > settings.least_tangent:
             raise UnstableModelError(
@@ -178,7 +192,8 @@ def _build(full, selected, settings, log) -> PlasticReduction:
     record_enrichment(enrichment, settings.kappa_max, log)
     if not full.material.flows:
         log.skip("tangents", "no body flows: the elastic operator is the tangent")
-    return PlasticReduction(model, *completion, enrichment, settings.layers, full.operator.points, margin, log)
+    counts = settings.layers, full.operator.points
+    return PlasticReduction(model, *completion, stability, enrichment, *counts, margin, log)
 
 
 def tangent_margin(model: PlasticReduced, tangents: np.ndarray, stiffness) -> float:

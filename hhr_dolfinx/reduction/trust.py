@@ -167,7 +167,7 @@ def check_validation(validation: Validation, limits: TrustLimits) -> None:
         # an order statistic, so that failed points do not turn it into NaN
         high = float(np.percentile(values, 95, method="higher"))
         advice = "add RID layers, train on more points, or change the POD tolerance"
-        if math.isinf(high):
+        if math.isinf(high) and high > refuse:
             raise UnstableModelError(f"of the solutions kept out of training 5 % have no answer, or two: {advice}")
         if high > refuse:
             raise UnstableModelError(

@@ -31,6 +31,14 @@ def points_or_exit(parser: argparse.ArgumentParser, table: Path | None, space: P
         parser.error(str(error))
 
 
+def parse_on_first_rank(parser: argparse.ArgumentParser) -> argparse.Namespace:
+    """As :func:`parse`, for a demo that is serial: the other ranks end here."""
+    options = parse(parser)
+    if not options.first_rank:
+        raise SystemExit(0)
+    return options
+
+
 def parse(parser: argparse.ArgumentParser) -> argparse.Namespace:
     """The options, with a ``console`` that speaks on the first rank only and its ``progress`` bars by label."""
     options = parser.parse_args()

@@ -47,6 +47,9 @@ def draw_study(study, view: View, folder: Path) -> None:
         label = ", ".join(f"{name} = {value:g}" for name, value in zip(problem.parameters.names, mu, strict=True))
         lines[f"full order, {label}"] = pressures(problem, view, exact.forces)
         marks[f"HHR, {label}"] = pressures(problem, view, forces)
+        if view.closed_form is not None:
+            where, load = lines[f"full order, {label}"][0], exact.forces[problem.contact_pairs == view.pair].sum()
+            lines[f"closed form, {label}"] = where, view.closed_form(where, load)
     plot_curves(lines, folder / "pressures.png", (view.label, f"contact pressure [{view.stress}]"), marks=marks)
     fields = {"full order": exact.primal, "HHR": displacement}
     stresses = {name: discretisation.von_mises(field) for name, field in fields.items()}
@@ -116,7 +119,10 @@ def draw_fields(grid: pyvista.UnstructuredGrid, view: View, fields: dict, cells:
             shown.append(f"{quantity}, {model}")
             grid.cell_data[shown[-1]] = values
     grid.save(folder / "fields.vtu")
-    plot_fields(grid.warp_by_vector("HHR") if view.deformed else grid, shown, folder / "fields.png")
+    # each model on its own deformed mesh; the RID on that of the last
+    models = [next((model for model in fields if name.endswith(model)), model) for name in shown]
+    grids = [grid.warp_by_vector(model) if view.deformed else grid for model in models]
+    plot_fields(grids, shown, folder / "fields.png")
 
 
 def field_grid(problem: ContactProblem, rid_cells: np.ndarray, fields: dict[str, np.ndarray]):
@@ -131,12 +137,12 @@ def field_grid(problem: ContactProblem, rid_cells: np.ndarray, fields: dict[str,
     return grid
 
 
-def plot_fields(grid: pyvista.UnstructuredGrid, names: list[str], path: Path) -> None:
-    """Scalar fields of points or cells side by side on the mesh."""
-    flat = np.ptp(grid.points[:, 2]) == 0
+def plot_fields(grids: list[pyvista.UnstructuredGrid], names: list[str], path: Path) -> None:
+    """Scalar fields of points or cells side by side, each on its mesh."""
+    flat = np.ptp(grids[0].points[:, 2]) == 0
     plotter = pyvista.Plotter(off_screen=True, shape=(1, len(names)), window_size=(420 * len(names), 700), border=False)
     bar = {"vertical": False, "title_font_size": 16, "label_font_size": 13, "n_labels": 3, "color": "k"}
-    for k, name in enumerate(names):
+    for k, (grid, name) in enumerate(zip(grids, names, strict=True)):
         plotter.subplot(0, k)
         plotter.add_mesh(
             grid.copy(), scalars=name, cmap="viridis", scalar_bar_args={"title": name, **bar}, lighting=not flat

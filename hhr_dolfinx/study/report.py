@@ -13,9 +13,6 @@ from mpi4py import MPI
 from rich.console import Console
 from rich.table import Table
 
-from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.reduction.enrichment import Enrichment
-from hhr_dolfinx.reduction.rid import IndexSets
 from hhr_dolfinx.snapshots.accuracy import summary
 
 _COMPARED = ("fom_naive", "fom_best", "condensed")
@@ -27,11 +24,7 @@ def make_report(study) -> dict:
     full_order, hyper = study.training.full_order, study.hyper
     iterations, cycles = zip(*study.answers, strict=True)
     report = {
-        "scene": full_order.scene.name,
-        "seed": study.settings.seed,
-        **environment(),
-        "sizes": sizes(full_order.problem, hyper.sets, hyper.enrichment, len(study.training.snapshots.points)),
-        "stability": {**hyper.stability.as_report(), "enrichment": enrichment_steps(hyper.enrichment)},
+        **frame(full_order, hyper, study.settings.seed, len(study.training.snapshots.points)),
         "errors": study.errors.summaries(),
         "times": {
             "offline": {**study.training.log.times, **hyper.log.times},
@@ -45,30 +38,42 @@ def make_report(study) -> dict:
             "iterations_max": max(iterations),
             "cycles": sum(cycles),
         },
-        "skipped": hyper.log.skipped,
-        "refused_before": hyper.log.refused,
     }
     return {**report, "advice": advice(report)}
 
 
-def sizes(problem: ContactProblem, sets: IndexSets, enrichment: Enrichment, snapshots: int) -> dict[str, int]:
-    """The ``sizes`` part of a report."""
-    functions = enrichment.basis.shape[1]
+def frame(full_order, reduction, seed: int, snapshots: int) -> dict:
+    """The part of a report that all kinds of scenes share.
+
+    Args:
+        full_order: the full model.
+        reduction: a reduced model with ``basis``, ``sets``, ``stability``, ``enrichment`` and ``log``.
+        seed: of test points.
+        snapshots: number of training solutions.
+    """
+    problem, functions = full_order.problem, reduction.basis.shape[1]
     return {
-        "N": problem.free.size,
-        "N_lambda": problem.contact.shape[0],
-        "ell": functions - len(enrichment.added),
-        "ell_bar": functions,
-        "N_lambda_C": len(sets.A_lambda),
-        "cells": len(problem.cell_nodes),
-        "rid_cells": len(sets.cells),
-        "snapshots": snapshots,
+        "scene": full_order.scene.name,
+        "seed": seed,
+        **environment(),
+        "sizes": {
+            "N": problem.free.size,
+            "N_lambda": problem.contact.shape[0],
+            "ell": functions - len(reduction.enrichment.added),
+            "ell_bar": functions,
+            "N_lambda_C": len(reduction.sets.A_lambda),
+            "cells": len(problem.cell_nodes),
+            "rid_cells": len(reduction.sets.cells),
+            "snapshots": snapshots,
+        },
+        "stability": {
+            **reduction.stability.as_report(),
+            # kappa(B~) after each added function; the first row is the basis before any
+            "enrichment": [{"added": k, "kappa": kappa} for k, kappa in enumerate(reduction.enrichment.kappas)],
+        },
+        "skipped": reduction.log.skipped,
+        "refused_before": reduction.log.refused,
     }
-
-
-def enrichment_steps(enrichment: Enrichment) -> list[dict]:
-    """kappa(B~) after each added function; the first row is the basis before any."""
-    return [{"added": k, "kappa": kappa} for k, kappa in enumerate(enrichment.kappas)]
 
 
 def environment() -> dict:
@@ -102,7 +107,7 @@ def write_report(report: dict | list[dict], folder: Path, name: str = "report") 
     """Write ``report.json``, or rows under another name; numbers that are not finite become null, as JSON wants it."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{name}.json"
-    temporary = path.with_suffix(".part")
+    temporary = path.with_suffix(f".{os.getpid()}.part")
     temporary.write_text(json.dumps(_finite(report), indent=2, allow_nan=False) + "\n")
     os.replace(temporary, path)
     return path

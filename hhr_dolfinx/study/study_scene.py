@@ -100,8 +100,9 @@ class SceneStudy:
     settings: StudySettings
     report: dict = field(default_factory=dict)
 
-    def write(self, folder: Path, console: Console, view: View | None = None) -> None:
+    def write(self, folder: Path, console: Console | None = None, view: View | None = None) -> None:
         """Write and print the report, keep the model, draw the pictures of a view."""
+        console = console or Console()
         write_report(self.report, folder)
         print_report(self.report, console)
         save_model(folder / "model.npz", self.hyper)
@@ -155,12 +156,18 @@ def run_study(
     rivals: Sequence[Rival] = (),
     progress: Progress = silent,
 ) -> SceneStudy:
-    """Build the reduced model, measure its errors and time it against all other models; see :func:`study_scene`."""
+    """Build the reduced model, measure its errors and time it against all other models; see :func:`study_scene`.
+
+    Raises:
+        ValueError: if the full model is spread over ranks: what it is compared with is serial.
+    """
+    if training.full_order.comm.size > 1:
+        raise ValueError("a study runs on one rank: give it a full model on MPI.COMM_SELF, as train does")
     space = training.full_order.problem.parameters
     if points is None:
         points = space.random(settings.tests, settings.seed)
     hyper = training.build(settings.reduction)
-    yardstick = Yardstick.at(points, training, progress)
+    yardstick = Yardstick.at(points, training.full_order, training.snapshots, progress("references"))
     errors = yardstick.errors(hyper, hyper.sets.A_lambda)
     solutions = [hyper.model.solve(point, raise_on_failure=False) for point in points]
     fresh, others = (space.random(settings.queries + 5, settings.seed + k) for k in (1000, 4000))
@@ -171,7 +178,7 @@ def run_study(
     for rival in progress("rivals")(rivals):
         seconds = time_queries({"rival": rival.model.solve}, fresh)["rival"]
         rows.append(_row(rival.method, rival.setting, seconds, yardstick.errors(rival.model)))
-    exact = PointErrors({"primal_l2": np.zeros(1), "dual_full_floored": np.zeros(1)}, 0, 0)
+    exact = PointErrors({"primal_l2": np.zeros(1), "dual_full_floored": np.zeros(1)}, np.ones(1, dtype=bool), 0)
     for name in ("condensed", "fom_best", "fom_naive"):
         if name in times["warm"]:
             rows.append(_row(name, "exact", times["warm"][name], exact))
@@ -229,13 +236,17 @@ def _variant(training, yardstick, fresh, label, recipe) -> dict:
     errors = yardstick.errors(hyper, hyper.sets.A_lambda)
     seconds = time_queries({"online": hyper.model.solve}, fresh)["online"]
     size = f"{label} ({hyper.basis.shape[1]}+{len(hyper.sets.A_lambda)})"
-    row = _row("HHR", size, seconds, errors) | {"unconverged": errors.unanswered}
-    return row | ({"warning": str(caught[0].message)} if caught else {})
+    return _row("HHR", size, seconds, errors) | ({"warning": str(caught[0].message)} if caught else {})
 
 
 def _row(method, setting, seconds, errors) -> dict:
     """Medians as in every scene, and the tails beside them."""
-    row = {"method": method, "setting": setting, "online_s": float(np.median(seconds))}
+    row = {
+        "method": method,
+        "setting": setting,
+        "online_s": float(np.median(seconds)),
+        "unconverged": errors.unanswered,
+    }
     for name in ("primal_l2", "dual_full_floored"):
         figures = summary(errors.values[name])
         row |= {name: figures["median"], f"{name}_p95": figures["p95"], f"{name}_max": figures["max"]}

@@ -19,6 +19,7 @@ class View:
         component: displacement component drawn, and its name with unit; None for no component.
         stress: unit of stress.
         pair: contact pair drawn, counted from 0.
+        closed_form: maps these positions and the total force of the pair to pressures drawn beside; None for none.
         deformed: draw fields on the deformed mesh.
     """
 
@@ -28,4 +29,5 @@ class View:
     component: tuple[int, str] | None = None
     stress: str = "Pa"
     pair: int = 0
+    closed_form: Callable[[np.ndarray, float], np.ndarray] | None = None
     deformed: bool = False

@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.contact.problem import ContactProblem, FullOrder
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.snapshots.accuracy import energy_minimum, force_floor, relative_error, summary
 from hhr_dolfinx.snapshots.solutions import SnapshotSet, compute_snapshots
-from hhr_dolfinx.study.training import Training, silent
+
+NAMES = ("primal_l2", "primal_energy", "primal_euclid", "energy_minimum",
+         "dual_rid", "dual_rid_floored", "dual_full", "dual_full_floored")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -19,13 +21,18 @@ class PointErrors:
 
     Attributes:
         values: errors by name, (n,) each; infinite where there is no answer.
-        false_contact: points with forces where the full order has none.
-        unanswered: points without an answer.
+        answered: whether there is one, (n,) bool.
+        false_contact: number of points with forces where the full order has none.
     """
 
     values: dict[str, np.ndarray]
+    answered: np.ndarray
     false_contact: int
-    unanswered: int
+
+    @property
+    def unanswered(self) -> int:
+        """Number of points without an answer."""
+        return int((~self.answered).sum())
 
     def summaries(self) -> dict:
         """The ``errors`` part of a report."""
@@ -48,23 +55,19 @@ class Yardstick:
     floor: float
 
     @classmethod
-    def at(cls, points: np.ndarray, training: Training, progress=silent) -> Yardstick:
-        """Solve the full model at test points, (n, P)."""
-        problem = training.full_order.problem
-        references = compute_snapshots(training.full_order, points, progress("references"))
-        return cls(problem, references, force_floor(problem, training.snapshots))
+    def at(cls, points: np.ndarray, full_order: FullOrder, training: SnapshotSet, progress=iter) -> Yardstick:
+        """Solve the full model at test points, (n, P); the floor is that of its training solutions."""
+        references = compute_snapshots(full_order, points, progress)
+        return cls(full_order.problem, references, force_floor(full_order.problem, training))
 
     def errors(self, approximation, inside: np.ndarray | None = None) -> PointErrors:
-        """Errors of an approximation.
-
-        ``*_floored`` divides by at least 1e-3 of the largest training force norm, since a relative error means
-        nothing near grazing contact. ``dual_full`` looks at the whole contact surface, ``dual_rid`` at the RID.
+        """Errors of an approximation at every point; see :func:`answer_errors`.
 
         Args:
             approximation: with ``solve_everywhere(mu)``, whose displacement (N,) and forces (N_lambda,) are compared.
             inside: conditions of its RID, if it has one.
         """
-        rows, false_contact, references = [], 0, self.references
+        rows, false_contact, references, problem = [], 0, self.references, self.problem
         for point, homogeneous, forces in zip(
             references.points, references.displacements.T, references.forces.T, strict=True
         ):
@@ -73,28 +76,31 @@ class Yardstick:
             except (ConvergenceError, NotSolvableError):
                 rows.append(None)
                 continue
-            exact = homogeneous + self.problem.lift(point), forces
-            rows.append(self._row(answer, exact, point, inside))
+            theta, exact = problem.theta(point), (homogeneous + problem.lift(point), forces)
+            energies = [energy_minimum(problem, field, theta) for field in (answer[0], exact[0])]
+            row = answer_errors(problem, answer, exact, self.floor, inside)
+            rows.append({**row, "energy_minimum": abs(energies[0] - energies[1])})
             false_contact += bool(((answer[1] > self.floor) & (forces == 0)).any())
-        names = next((row.keys() for row in rows if row is not None), ("primal_l2", "dual_full_floored"))
-        values = {name: np.array([np.inf if row is None else row[name] for row in rows]) for name in names}
-        return PointErrors(values, false_contact, sum(row is None for row in rows))
-
-    def _row(self, answer, exact, point, inside) -> dict[str, float]:
-        problem, floor, theta = self.problem, self.floor, self.problem.theta(point)
-        energies = [energy_minimum(problem, field, theta) for field in (answer[0], exact[0])]
-        row = {
-            "primal_l2": relative_error(answer[0], exact[0], problem.mass),
-            "primal_energy": relative_error(answer[0], exact[0], problem.stiffness),
-            "primal_euclid": relative_error(answer[0], exact[0]),
-            "energy_minimum": abs(energies[0] - energies[1]),
-            "dual_full": relative_error(answer[1], exact[1]),
-            "dual_full_floored": relative_error(answer[1], exact[1], floor=floor),
-        }
+        answered = np.array([row is not None for row in rows])
+        values = {name: np.array([np.inf if row is None else row.get(name, np.nan) for row in rows]) for name in NAMES}
         if inside is None:
-            return row
-        ours, theirs = answer[1][inside], exact[1][inside]
-        return row | {
-            "dual_rid": relative_error(ours, theirs),
-            "dual_rid_floored": relative_error(ours, theirs, floor=floor),
-        }
+            values = {name: errors for name, errors in values.items() if not name.startswith("dual_rid")}
+        return PointErrors(values, answered, false_contact)
+
+
+def answer_errors(problem: ContactProblem, answer, exact, floor: float, inside: np.ndarray | None = None) -> dict:
+    """Relative errors of displacement and forces, pairs of (N,) and (N_lambda,), against exact ones.
+
+    ``*_floored`` divides by at least ``floor``, since a relative error means nothing near grazing contact.
+    ``dual_full`` looks at the whole contact surface, ``dual_rid`` at the conditions ``inside`` the RID.
+    """
+    errors = {
+        "primal_l2": relative_error(answer[0], exact[0], problem.mass),
+        "primal_energy": relative_error(answer[0], exact[0], problem.stiffness),
+        "primal_euclid": relative_error(answer[0], exact[0]),
+    }
+    parts = {"dual_full": slice(None)} if inside is None else {"dual_rid": inside, "dual_full": slice(None)}
+    for name, part in parts.items():
+        errors[name] = relative_error(answer[1][part], exact[1][part])
+        errors[f"{name}_floored"] = relative_error(answer[1][part], exact[1][part], floor=floor)
+    return errors
