@@ -8,9 +8,9 @@ against what stands in ``hhr_dolfinx/study/verify.py``. The exit code is 1 if an
 
 import sys
 
-from extreme_flow import flow_cases
-from extreme_matching import matching_cases
-from extreme_nonmatching import non_matching_cases
+from parts.extreme_flow import flow_cases
+from parts.extreme_matching import matching_cases
+from parts.extreme_nonmatching import non_matching_cases
 
 from hhr_dolfinx.study import cli, report
 from hhr_dolfinx.study.verify import verify

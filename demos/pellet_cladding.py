@@ -60,7 +60,7 @@ def main() -> None:
     if rows is not None:
         hhr.answer_table(training.build(), rows, folder / "answers.csv", options.console, options.progress("answers"))
     elif options.first_rank:
-        import pellet_cladding_study as comparison
+        from parts import pellet_cladding_study as comparison
 
         settings = hhr.StudySettings(GRID, variants=comparison.VARIANTS, queries=100)
         settings = settings.asked(seed=options.seed, quick=options.quick)
@@ -70,7 +70,7 @@ def main() -> None:
         study.write(folder, options.console, VIEW)
         comparison.draw_maps(study, folder, options.quick)
         if options.study == "thesis":
-            from pellet_cladding_tables import thesis_tables
+            from parts.pellet_cladding_tables import thesis_tables
 
             thesis_tables(training, folder, options.console)
 

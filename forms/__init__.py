@@ -1,1 +1,1 @@
-"""UFL forms: the physics, written once. They need nothing of the package but UFL."""
+"""The physics, written once: forms in UFL, and laws of flow as closed forms on arrays. Nothing of the package."""

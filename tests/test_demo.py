@@ -25,8 +25,9 @@ def quick(tmp_path_factory):
 def test_report(quick):
     report = json.loads((quick / "report.json").read_text())
     keys = "scene seed versions machine sizes stability errors times ratios work_precision active_set skipped"
-    keys += " refused_before advice"
+    keys += " recipe refused_before advice"
     assert set(report) == set(keys.split())
+    assert report["recipe"]["pod_tolerance"] == 1e-8 and report["recipe"]["layers"] == 0
     sizes = report["sizes"]
     assert (sizes["N"], sizes["N_lambda"], sizes["snapshots"]) == (1356, 55, 31)
     assert {"beta_h", "beta_HR", "beta_HR_2", "alpha_prime", "kappa_B", "cond_K", "sigma_max"} <= set(

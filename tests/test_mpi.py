@@ -83,3 +83,20 @@ def test_ranks_do_not_change_the_answer(serial, ranks):
             assert parallel[name] == pytest.approx(value, rel=1e-4)
         else:
             assert parallel[name] == pytest.approx(value, rel=1e-10, abs=1e-10 * np.max(np.abs(value)))
+
+
+def test_a_study_on_two_ranks_is_that_on_one(tmp_path):
+    """Ranks share the training; the first one measures and reports, with the same errors."""
+    demo = str(TESTS.parent / "demos/hertz_half_discs.py")
+    reports = []
+    for ranks in (1, 2):
+        launch(ranks, [demo, "--quick", "--out", str(tmp_path / str(ranks))])
+        reports.append(json.loads((tmp_path / str(ranks) / "report.json").read_text()))
+    assert [report["machine"]["ranks"] for report in reports] == [1, 2]
+    # training points start from other statuses: round-off
+    assert reports[1]["errors"]["primal_l2"]["max"] == pytest.approx(reports[0]["errors"]["primal_l2"]["max"], rel=1e-6)
+
+
+def test_a_serial_demo_ends_on_other_ranks(tmp_path):
+    launch(2, [str(TESTS.parent / "demos/contact_patch_test.py"), "--quick", "--out", str(tmp_path)])
+    assert [path.name for path in tmp_path.iterdir() if path.suffix == ".json"] == ["contact_patch_test.json"]

@@ -1,8 +1,8 @@
 """Quasi-static histories of contact between bodies that flow, thesis Alg. 6.1 and 6.2: one loop for full and reduced.
 
 Each iteration linearises the stress, solves the contact problem of that linearisation to the end, (6.16) or (6.17), and
-updates the material. The operator of the linearisation is the consistent tangent, or the elastic one with Anderson's
-acceleration (6.21). A step that does not converge is tried with new tangents in each iteration, then cut in halves;
+updates the material. The operator of the linearisation is the consistent tangent, or the elastic one (6.21) with
+Anderson's acceleration. A step that does not converge is tried with new tangents in each iteration, then cut in halves;
 nothing unconverged is ever kept.
 """
 
@@ -105,7 +105,8 @@ class MarchSettings:
     Attributes:
         search: operator of the linearisation: ``tangent``, renewed in each iteration; ``frozen``, the tangent at the
             start of each step; ``elastic``. The latter two with Anderson's acceleration.
-        relative_stress, absolute_stress: ε_r and ε_a of (6.19), the latter in the unit of stress.
+        relative_stress, absolute_stress: ε_r and ε_a of (6.19), the latter in the unit of stress of the scene. In the
+            place of R_σ (6.18), by which a prediction was wrong, stands what the next one still moves, H : ε(δ).
         relative_force: residual over the size of the forces; the stress criterion alone sees only how much
             iterates still change.
         iterations: most iterations of a step before it is cut.
@@ -324,7 +325,7 @@ def _step(model, trail, goal, settings, kept) -> tuple[Point, int]:
 
 
 def _moves(operator, strain):
-    """By how much the linearisation still moves the stress, |H : ε(δ)|, what (6.19) bounds."""
+    """By how much the linearisation still moves the stress, |H : ε(δ)|, in the place of R_σ in (6.19)."""
     return np.abs(np.einsum("nij,nj->ni", operator.moduli, strain))
 
 

@@ -41,7 +41,7 @@ class ReductionSettings:
             much as strong contact; the thesis does not.
         layers: layers of cells added around the RID.
         most_layers: layers up to which the RID may grow if the trust check fails.
-        zone: maps the problem to nodes added to the RID; None takes one node for each load, see
+        zone: maps the problem to nodes added to the RID; None takes one node for each load term, see
             :func:`zone_of_interest`.
         kappa_max: kappa(B~) down to which FE functions are added, Alg. 3.1.
         limits: what the trust check refuses or warns of.

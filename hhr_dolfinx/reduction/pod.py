@@ -21,6 +21,11 @@ def pod(snapshots: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray
     Raises:
         ReductionError: for a tolerance outside (0, 1), fewer than two snapshots, or snapshots that
             are not finite or all zero.
+
+    Example:
+        >>> modes, values = pod(np.array([[3.0, 0.0], [0.0, 4.0], [0.0, 0.0]]), 0.5)
+        >>> np.abs(modes).T, values
+        (array([[0., 1., 0.]]), array([4., 3.]))
     """
     if not 0 < tolerance < 1:
         raise ReductionError(f"the POD tolerance {tolerance} must lie in (0, 1)")

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import platform
+from dataclasses import is_dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,13 @@ def make_report(study) -> dict:
     full_order, hyper = study.training.full_order, study.hyper
     iterations, cycles = zip(*study.answers, strict=True)
     report = {
-        **frame(full_order, hyper, study.settings.seed, len(study.training.snapshots.points)),
+        **frame(
+            full_order,
+            hyper,
+            study.settings.reduction,
+            study.settings.seed,
+            len(study.training.snapshots.points),
+        ),
         "errors": study.errors.summaries(),
         "times": {
             "offline": {**study.training.log.times, **hyper.log.times},
@@ -42,12 +49,13 @@ def make_report(study) -> dict:
     return {**report, "advice": advice(report)}
 
 
-def frame(full_order, reduction, seed: int, snapshots: int) -> dict:
+def frame(full_order, reduction, recipe, seed: int, snapshots: int) -> dict:
     """The part of a report that all kinds of scenes share.
 
     Args:
         full_order: the full model.
         reduction: a reduced model with ``basis``, ``sets``, ``stability``, ``enrichment`` and ``log``.
+        recipe: the settings it was built by.
         seed: of test points.
         snapshots: number of training solutions.
     """
@@ -71,9 +79,17 @@ def frame(full_order, reduction, seed: int, snapshots: int) -> dict:
             # kappa(B~) after each added function; the first row is the basis before any
             "enrichment": [{"added": k, "kappa": kappa} for k, kappa in enumerate(reduction.enrichment.kappas)],
         },
+        "recipe": _described(recipe),
         "skipped": reduction.log.skipped,
         "refused_before": reduction.log.refused,
     }
+
+
+def _described(settings) -> dict:
+    """Settings as plain values; a function by its name."""
+    values = ((name, getattr(settings, name)) for name in settings.__dataclass_fields__)
+    return {name: _described(value) if is_dataclass(value) else getattr(value, "__name__", value)
+            for name, value in values}  # fmt: skip
 
 
 def environment() -> dict:

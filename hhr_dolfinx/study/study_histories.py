@@ -177,7 +177,7 @@ def _report(study, settings, training, log, seconds) -> dict:
               if isinstance(value, float) and name != "value"}  # fmt: skip
     steps = sum(len(history.points) for history in training)
     shown = ("primal_l2", "dual_full_floored")
-    report = frame(full, reduction, settings.seed, steps)
+    report = frame(full, reduction, settings.reduction, settings.seed, steps)
     # cells of the RID that no test function sees cost nothing
     report["sizes"] |= {"rid_cells": len(model.cells), "layers": reduction.layers}
     report["stability"]["tangent"] = reduction.tangent_margin

@@ -1,4 +1,4 @@
-"""The same for scenes that flow: two search operators must agree, and the reduced history must follow the full one."""
+"""What scenes that flow do under extreme conditions: two searches must agree, the reduced history follow the full."""
 
 from __future__ import annotations
 

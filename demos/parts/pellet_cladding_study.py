@@ -2,7 +2,7 @@
 
 import numpy as np
 from mpi4py import MPI
-from pellet_cladding_tables import POINTS
+from parts.pellet_cladding_tables import POINTS
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.coarser import CoarserMesh
