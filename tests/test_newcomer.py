@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import ufl
 from scenes import check_contact_conditions, pressed_block
 from toy_law import Bingham
 from toy_pairing import RoundPunch
@@ -240,3 +241,27 @@ def test_reduced_history_of_the_beam(viscous_beam, gap):
     creep = [points[-1].state.cumulated[cells].sum() - points[9].state.cumulated[cells].sum()
              for points, cells in ((here, slice(None)), (there, model.points))]  # fmt: skip
     assert creep[0] == pytest.approx(creep[1], rel=0.1) and creep[1] > 0.2 * exact.state.cumulated.sum()
+
+
+@dataclasses.dataclass(frozen=True)
+class WaterLevel:
+    """A load of a user's own: the pressure of water up to the height 2 on a wall of the plane."""
+
+    tag: int
+    amplitude: hhr.Amplitude
+
+    def form(self, v, hypothesis, ds):
+        """Its linear form for the amplitude 1."""
+        domain = ds.ufl_domain()
+        return -(2 - ufl.SpatialCoordinate(domain)[1]) * ufl.dot(ufl.FacetNormal(domain), v) * ds
+
+
+def test_a_load_of_a_users_own():
+    """Water of weight w on the right wall of the block of height 2: a force of -2 w, a third of the height up."""
+    base = pressed_block("plane_strain")
+    water = WaterLevel(block.side(0, True), hhr.Amplitude(slopes={"push": 1.0}))
+    problem = hhr.FullOrderModel(dataclasses.replace(base, loads=(water,))).problem
+    forces = (problem.external[:, 2] * problem.free).reshape(-1, 2)
+    held = problem.points[:, 1] > 2 - 1e-9  # the lid is moved: its nodes take 1/12 of the top cell's share
+    assert forces[~held, 0].sum() == pytest.approx(-2.0 + 0.5**2 / 6, rel=1e-12)
+    assert not forces[:, 1].any()

@@ -22,6 +22,10 @@ from hhr_dolfinx.flow.material import Material, State
 from hhr_dolfinx.parameters import ParameterSpace
 
 SEARCHES = ("tangent", "frozen", "elastic")
+MEMORY = 6
+"""Differences of iterates that Anderson's acceleration keeps."""
+PATIENCE = 5
+"""A frozen tangent is kept for the next step if this one took no more iterations."""
 
 
 class Correction(NamedTuple):
@@ -111,8 +115,6 @@ class MarchSettings:
             iterates still change.
         iterations: most iterations of a step before it is cut.
         cuts: how often a step may be halved.
-        memory: iterates that Anderson's acceleration keeps.
-        patience: a frozen tangent is kept for the next step if this one took no more iterations.
     """
 
     search: str = "frozen"
@@ -121,8 +123,6 @@ class MarchSettings:
     relative_force: float = 1e-5
     iterations: int = 60
     cuts: int = 6
-    memory: int = 6
-    patience: int = 5
 
     def __post_init__(self):
         """Refuse an unknown operator, which would be taken for another one."""
@@ -291,7 +291,7 @@ def _step(model, trail, goal, settings, kept) -> tuple[Point, int]:
     here, dt = trail[-1], goal.time - trail[-1].time
     x, theta = _extrapolated(trail, goal.time), model.amplitudes(goal.parameter)
     flows = model.material.flows and settings.search != "elastic"
-    mixing = Anderson(settings.memory) if model.material.flows and settings.search != "tangent" else None
+    mixing = Anderson(MEMORY) if model.material.flows and settings.search != "tangent" else None
     active, operator, noise = here.active, kept.operator if flows else model.elastic, model.round_off(x, theta)
     for iteration in range(1, settings.iterations + 1):
         renew = flows and (operator is None or settings.search == "tangent")
@@ -313,7 +313,7 @@ def _step(model, trail, goal, settings, kept) -> tuple[Point, int]:
             # the dearer of the two criteria is asked last
             moved = _moves(operator, model.strain_of(correction.change))
             if (moved - settings.relative_stress * np.abs(update.stress)).max() <= settings.absolute_stress:
-                slow = settings.search == "tangent" or iteration > settings.patience
+                slow = settings.search == "tangent" or iteration > PATIENCE
                 kept.operator, kept.forces = None if slow else operator, np.maximum(scale, kept.forces)
                 answer = correction.forces, correction.active, update.stress, update.state
                 return Point(*goal, x, *answer), iteration

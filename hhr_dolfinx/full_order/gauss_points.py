@@ -13,13 +13,15 @@ from hhr_dolfinx.forms.elasticity import volume_weight
 from hhr_dolfinx.forms.plasticity import strain_vector
 from hhr_dolfinx.full_order.discretisation import Discretisation
 
+QUADRATURE = 2
+"""Degree of the rule: quadrilaterals get 2 x 2 points."""
 
-def strain_operator(discretisation: Discretisation, degree: int = 2) -> StrainOperator:
+
+def strain_operator(discretisation: Discretisation) -> StrainOperator:
     """Strain at the Gauss points of all cells; serial.
 
     Args:
         discretisation: of the scene.
-        degree: of the quadrature; 2 gives quadrilaterals 2 x 2 points.
 
     Raises:
         SceneError: on several ranks.
@@ -28,7 +30,7 @@ def strain_operator(discretisation: Discretisation, degree: int = 2) -> StrainOp
         raise SceneError("materials that flow are solved on one rank: share the parameters out, not the mesh")
     mesh, space, hypothesis = discretisation.mesh, discretisation.space, discretisation.scene.hypothesis
     cells = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
-    points, weights = compat.quadrature(mesh, degree)
+    points, weights = compat.quadrature(mesh, QUADRATURE)
     table = fem.Expression(strain_vector(ufl.TrialFunction(space), hypothesis), points).eval(mesh, cells)
     measure = volume_weight(mesh, hypothesis) * abs(ufl.JacobianDeterminant(mesh))
     volumes = fem.Expression(measure, points).eval(mesh, cells).reshape(len(cells), len(weights))

@@ -24,6 +24,7 @@ from hhr_dolfinx.pairings.surface import (
     check_facing,
     mean_normal,
     never_facing,
+    normalised,
     tangential_order,
     unit,
     warn,
@@ -34,7 +35,7 @@ COVERED = 0.1
 """Covered part of a node's area below which it has no condition: its gap would be extrapolated too far."""
 MULTIPLIERS = ("dual", "standard")
 
-_GAUSS_2 = np.polynomial.legendre.leggauss(3)
+_GAUSS_3 = np.polynomial.legendre.leggauss(3)
 # degree 4 on a triangle, 6 points (D. A. Dunavant, Int. J. Numer. Methods Eng. 21, 1985)
 _A, _B = 0.445948490915965, 0.091576213509771
 _TRIANGLE = (
@@ -201,8 +202,7 @@ def _facing_normals(slave, segments, here, tested):
     """Normals of the slave nodes, averaged over what faces the master: at a corner the other side does not."""
     normals = np.zeros_like(slave.points)
     np.add.at(normals, here, tested[:, :, None] * slave.outward[segments.slave][:, None, :])
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    return normals / np.where(lengths > 0, lengths, 1.0)
+    return normalised(normals)
 
 
 def _segments(slave, master, directions, here, there) -> Segments:
@@ -216,7 +216,7 @@ def _segments(slave, master, directions, here, there) -> Segments:
     low, high = np.maximum(ends.min(axis=0), 0.0), np.minimum(ends.max(axis=0), 1.0)
     common = high - low > 1e-12
     here, there, low, high, ends = here[common], there[common], low[common], high[common], ends[:, common]
-    nodes, weights = (_GAUSS_2[0] + 1) / 2, _GAUSS_2[1] / 2
+    nodes, weights = (_GAUSS_3[0] + 1) / 2, _GAUSS_3[1] / 2
     position = low[:, None] + (high - low)[:, None] * nodes
     on_master = (position - ends[0][:, None]) / (ends[1] - ends[0])[:, None]
     values = [np.stack([1 - t, t], axis=-1).reshape(-1, 2) for t in (position, on_master)]

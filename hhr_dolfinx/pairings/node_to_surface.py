@@ -161,7 +161,7 @@ def _along(slave, master, normal):
     weights = project(slave.points @ flat, corners[found] @ flat)
     offsets = slave.points @ flat - np.einsum("mk,mkd->md", weights, corners[found] @ flat)
     feet = Feet(np.flatnonzero(facing)[found], weights, offsets)
-    beyond = np.linalg.norm(offsets, axis=1) > BEYOND * _lengths(master)[feet.facets]
+    beyond = np.linalg.norm(offsets, axis=1) > BEYOND * master.lengths()[feet.facets]
     looking = np.zeros(len(slave.nodes), dtype=bool)
     looking[slave.facets[slave.outward @ normal > GRAZING]] = True
     return _kept(slave, master, feet, beyond | ~looking, np.tile(normal, (len(slave.nodes), 1)))
@@ -182,7 +182,7 @@ def _closest(slave, master):
     sideways = np.linalg.norm(feet.offsets - outward * height[:, None], axis=1)
     cosine = np.clip(np.einsum("mkd,md->mk", corner_normals, outward).min(axis=1), -1.0, 1.0)
     allowed = np.tan(np.minimum(2 * np.arccos(cosine), 1.0)) * np.abs(height)
-    beyond = sideways > BEYOND * _lengths(master)[feet.facets] + 1.001 * allowed
+    beyond = sideways > BEYOND * master.lengths()[feet.facets] + 1.001 * allowed
     return _kept(slave, master, feet, beyond | ~facing, normals)
 
 
@@ -197,10 +197,6 @@ def _kept(slave, master, feet: Feet, lost, normals):
             f"{slave.points[lost][0].tolist()}: swap slave and master, or tag only what can touch"
         )
     return np.flatnonzero(~lost), master.facets[feet.facets], feet.weights, normals
-
-
-def _lengths(surface):
-    return surface.sizes ** (1 / (surface.points.shape[1] - 1))
 
 
 def _independent(one: csr_matrix, two: csr_matrix) -> tuple[np.ndarray, float]:

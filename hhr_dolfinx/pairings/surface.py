@@ -55,7 +55,7 @@ class Surface:
         normals = np.zeros_like(self.points)
         for column in self.facets.T:
             np.add.at(normals, column, self.outward * self.sizes[:, None])
-        return _normalised(normals)
+        return normalised(normals)
 
     def corner_normals(self) -> np.ndarray:
         """Unit outer normals at the corners of each facet, (f, k, dim), averaged up to edges of the surface.
@@ -74,12 +74,16 @@ class Surface:
             here, other = here[smooth], other[smooth]
             sums = np.zeros_like(self.outward)
             np.add.at(sums, here, self.outward[other] * self.sizes[other, None])
-            normals[:, j] = _normalised(sums)
+            normals[:, j] = normalised(sums)
         return normals
+
+    def lengths(self) -> np.ndarray:
+        """Length of each facet, in space the root of its area, (f,)."""
+        return self.sizes ** (1 / (self.points.shape[1] - 1))
 
     def cell_sizes(self) -> np.ndarray:
         """Length of the largest facet at each node, (n,): what 'near' means there."""
-        lengths = self.sizes ** (1 / (self.points.shape[1] - 1))
+        lengths = self.lengths()
         largest = np.zeros(len(self.nodes))
         for column in self.facets.T:
             np.maximum.at(largest, column, lengths)
@@ -251,6 +255,7 @@ def nodal_rows(nodes: np.ndarray, normals: np.ndarray, weights: np.ndarray, dofs
     return rows
 
 
-def _normalised(vectors):
+def normalised(vectors: np.ndarray) -> np.ndarray:
+    """Unit vectors along the last axis; zero stays zero."""
     lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.where(lengths > 0, lengths, 1.0)

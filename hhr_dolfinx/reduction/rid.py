@@ -139,7 +139,8 @@ def zone_of_interest(problem: ContactProblem, zone: Callable[[ContactProblem], n
     """Nodes that a user wants in the RID; None takes one for each term of θ that loads the problem.
 
     A RID that no load reaches would answer zero to every parameter. A partial pressure has terms all along its line.
-    The node is the one where the load acts most on free dofs; among equals that with the smallest coordinates, so that it does not depend on node numbers.
+    The node is the one where the load acts most on free dofs; among equals that with the smallest coordinates, so that
+    it does not depend on node numbers.
     """
     if zone is not None:
         return np.array(zone(problem), dtype=np.int64)

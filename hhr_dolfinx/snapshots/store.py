@@ -26,12 +26,16 @@ class SnapshotStore:
     Args:
         folder: where the files are; made if missing. Several problems and processes may share it.
         problem: the problem that is solved. Any change of it gives other files.
+
+    Attributes:
+        found: number of solutions that were there when asked for.
     """
 
     def __init__(self, folder: str | Path, problem: ContactProblem):
         self._folder = Path(folder)
         self._folder.mkdir(parents=True, exist_ok=True)
         self._fingerprint = _digest_of(problem)
+        self.found = 0
 
     def load(self, point: np.ndarray) -> ContactSolution | None:
         """The stored solution at a parameter, or None if there is none or its file is damaged."""
@@ -47,6 +51,7 @@ class SnapshotStore:
         if not intact:
             path.unlink(missing_ok=True)  # solved anew and written again
             return None
+        self.found += 1
         return ContactSolution(primal, forces, active, 0, Status.CONVERGED, False)
 
     def save(self, point: np.ndarray, solution: ContactSolution) -> None:

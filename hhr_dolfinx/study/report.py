@@ -46,6 +46,7 @@ def make_report(study) -> dict:
             "cycles": sum(cycles),
         },
     }
+    report["skipped"] = [*study.training.log.skipped, *report["skipped"]]
     return {**report, "advice": advice(report)}
 
 

@@ -89,8 +89,10 @@ def train(
     space = scene.parameters
     with log.stage("snapshots"):
         snapshots = spread_snapshots(full_order, space.grid(counts), comm, progress("snapshots"), store)
-    if held_out == 0:
-        return Training(full_order, snapshots, None, log)
-    with log.stage("held_out"):
-        kept = spread_snapshots(full_order, space.random(held_out, seed + 2000), comm, progress("held out"), store)
+    kept = None
+    if held_out > 0:
+        with log.stage("held_out"):
+            kept = spread_snapshots(full_order, space.random(held_out, seed + 2000), comm, progress("held out"), store)
+    if store is not None and store.found:
+        log.skip("snapshots", f"{store.found} solutions were read from {folder}: their stages took no solving")
     return Training(full_order, snapshots, kept, log)
