@@ -21,6 +21,10 @@ class NotSolvableError(HHRError):
     """No unique solution: dependent contact rows, thesis (1.67), a singular stiffness, numbers that are not finite."""
 
 
+class SingularError(NotSolvableError):
+    """A matrix is singular, where the caller may know why."""
+
+
 class UnstableModelError(HHRError):
     """A stability constant says that the model must not be trusted."""
 

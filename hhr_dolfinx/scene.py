@@ -135,7 +135,7 @@ class Scene:
     contacts: tuple[Pairing, ...]
     parameters: ParameterSpace
     displacements: tuple[Displacement, ...] = ()
-    loads: tuple[Traction | Pressure | PartialPressure, ...] = ()
+    loads: tuple[Any, ...] = ()
     openings: tuple[Opening, ...] = ()
 
     def __post_init__(self):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
 from hhr_dolfinx.contact.condensed import CondensedContact, KnownStatuses, Responses
 from hhr_dolfinx.contact.dense import LapackLU, PetscLU
-from hhr_dolfinx.contact.problem import Status
+from hhr_dolfinx.contact.problem import Status, outcome
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
 
@@ -117,5 +117,15 @@ def test_singular_and_cycling_answers_hold_nan_and_a_status():
 
 @pytest.mark.parametrize("gap", [[np.nan, np.nan], [1.0, np.nan], [-1.0, np.inf * 0]])
 def test_nan_is_never_a_solution(gap):
+    found = solve(np.eye(2), gap)
+    assert found.status is Status.NOT_FINITE and not found.forces.any()
     with pytest.raises(NotSolvableError, match="finite"):
-        solve(np.eye(2), gap)
+        outcome(np.ones(1), found, 0.5, raise_on_failure=True)
+    assert np.isnan(outcome(np.ones(1), found, 0.5, raise_on_failure=False).forces).all()
+
+
+def test_a_singular_set_is_not_handed_on():
+    """What comes back may serve as a start: the statuses asked with, not the set that was singular."""
+    start = np.array([True, False])
+    found = solve([[1.0, -1.0], [-1.0, 1.0]], [-1.0, 0.5], start)
+    assert found.status is Status.SINGULAR and np.array_equal(found.active, start)

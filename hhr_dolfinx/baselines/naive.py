@@ -8,7 +8,7 @@ from scipy.sparse.linalg import splu
 
 from hhr_dolfinx.contact.active_set import active_set
 from hhr_dolfinx.contact.problem import ContactSolution, outcome
-from hhr_dolfinx.errors import NotSolvableError
+from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.full_order.elastic import FullOrderModel
 
 
@@ -48,7 +48,7 @@ class NaiveFullOrder:
             try:
                 solution = splu(matrix).solve(np.concatenate([loads, scale * gaps[active]]))
             except RuntimeError as error:  # scipy's word for a singular matrix
-                raise NotSolvableError(str(error)) from error
+                raise SingularError(str(error)) from error
             forces = np.zeros(active.size)
             forces[active] = scale * solution[free.size :]
             last["free"] = solution[: free.size]

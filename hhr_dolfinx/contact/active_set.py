@@ -16,7 +16,7 @@ import numpy as np
 
 from hhr_dolfinx.contact.dense import Factorise, PetscLU
 from hhr_dolfinx.contact.problem import Status, Statuses
-from hhr_dolfinx.errors import NotSolvableError
+from hhr_dolfinx.errors import SingularError
 
 TOLERANCE = 1e-11
 """Negative forces and slacks below this fraction of the largest are round-off (measured 1e-13)."""
@@ -40,22 +40,20 @@ def active_set(
         max_iterations: bound on the equality problems solved.
 
     Returns:
-        The statuses; ``forces`` solve the contact problem only if ``status`` is ``CONVERGED``.
-
-    Raises:
-        NotSolvableError: if the problem is not finite.
+        The statuses; ``forces`` solve the contact problem only if ``status`` is ``CONVERGED``. Where a set is singular
+        or numbers are not finite, the statuses are those of the start.
     """
     seen: set[bytes] = set()
-    cycled = False
+    cycled, start = False, active
     for iteration in range(1, max_iterations + 1):
         try:
             forces, slack = equalities(active, free_slack)
-        except NotSolvableError:
-            return Statuses(np.zeros(free_slack.size), active, iteration, Status.SINGULAR, cycled)
+        except SingularError:
+            return Statuses(np.zeros(free_slack.size), start, iteration, Status.SINGULAR, cycled)
         if slack.min() >= 0 and forces.min() >= 0:
             return Statuses(forces, active, iteration, Status.CONVERGED, cycled)
         if not (np.isfinite(slack).all() and np.isfinite(forces).all()):
-            raise NotSolvableError("the contact problem is not finite: check loads, gaps and materials for NaN")
+            return Statuses(np.zeros(free_slack.size), start, iteration, Status.NOT_FINITE, cycled)
         wrong = (forces < -TOLERANCE * forces.max()) | (slack < -TOLERANCE * abs(free_slack).max())
         if not wrong.any():
             return Statuses(forces, active, iteration, Status.CONVERGED, cycled)

@@ -14,7 +14,7 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.linalg.lapack import dgetrf, dgetrs
 
-from hhr_dolfinx.errors import NotSolvableError
+from hhr_dolfinx.errors import NotSolvableError, SingularError
 
 
 class Factor(Protocol):
@@ -97,7 +97,7 @@ class PetscLU:
         self._mat.assemble()
         self._ksp.setOperators(self._mat)
         if not factorised(self._ksp):
-            raise NotSolvableError(_singular(matrix.shape[0]))
+            raise SingularError(_singular(matrix.shape[0]))
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Solve for one right-hand side, (n,). The result is a buffer that the next call overwrites."""
@@ -117,7 +117,7 @@ class LapackLU:
         _check_finite(matrix)
         self._factors, self._pivots, info = dgetrf(matrix)
         if info > 0:
-            raise NotSolvableError(_singular(matrix.shape[0]))
+            raise SingularError(_singular(matrix.shape[0]))
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Solve for one right-hand side, (n,), or several, (n, m)."""

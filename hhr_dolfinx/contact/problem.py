@@ -137,16 +137,24 @@ class ContactProblem:
 
 
 class FullOrder(Protocol):
-    """What snapshots and a reduction need of a full-order model.
+    """What a reduction needs of a full-order model.
 
     Attributes:
         problem: the full problem.
         schur: S = B K^-1 B^T, (N_lambda, N_lambda).
-        comm: communicator on which it is solved.
     """
 
     problem: ContactProblem
     schur: np.ndarray
+
+
+class Solvable(FullOrder, Protocol):
+    """What snapshots need besides.
+
+    Attributes:
+        comm: communicator on which it is solved.
+    """
+
     comm: Comm
 
     def solve(self, mu, *, start=None) -> ContactSolution:
@@ -162,6 +170,7 @@ class Status(Enum):
         "the contact rows of a set of statuses are dependent on this basis, thesis (1.67): "
         "add modes or use fewer contact points in the RID"
     )
+    NOT_FINITE = "the contact problem is not finite: check loads, gaps and materials for NaN"
     CYCLING = (
         "the statuses repeat even one at a time, so the contact Schur complement is no P-matrix: "
         "the reduced model is not trustworthy here, add RID layers or change the basis"
@@ -214,13 +223,14 @@ def outcome(primal: np.ndarray, found: Statuses, mu, raise_on_failure: bool) -> 
         raise_on_failure: raise instead of returning NaN with a status.
 
     Raises:
-        NotSolvableError: if a set of statuses was singular.
+        NotSolvableError: if a set of statuses was singular, or numbers were not finite.
         ConvergenceError: if the statuses did not settle.
     """
     solution = ContactSolution(primal, *found)
     if solution.converged:
         return solution
     if raise_on_failure:
-        kind = NotSolvableError if found.status is Status.SINGULAR else ConvergenceError
+        unsolvable = found.status in (Status.SINGULAR, Status.NOT_FINITE)
+        kind = NotSolvableError if unsolvable else ConvergenceError
         raise kind(f"no solution at {np.ravel(mu).tolist()} after {found.iterations} iterations: {found.status.value}")
     return solution._replace(primal=np.full_like(primal, np.nan), forces=np.full_like(found.forces, np.nan))

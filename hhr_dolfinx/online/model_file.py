@@ -20,7 +20,13 @@ FORMAT, VERSION = "hhr_dolfinx reduced model", 3
 
 
 def save_model(path: str | Path, reduction: OnlineModel) -> None:
-    """Write a model as one ``.npz`` file; an existing file is replaced only by a complete one."""
+    """Write a model as one ``.npz`` file; an existing file is replaced only by a complete one.
+
+    Raises:
+        TypeError: for what is no elastic model: those of bodies that flow have no file yet.
+    """
+    if not isinstance(reduction, OnlineModel):
+        raise TypeError(f"a model file holds what build_reduced_model returns, not a {type(reduction).__name__}")
     model = reduction.model
     parts = {
         "reduced": model.problem,

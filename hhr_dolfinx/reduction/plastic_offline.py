@@ -33,7 +33,7 @@ class PlasticSettings:
         primal, dual, stress, plastic_strain: tolerances of the bases whose DEIM points make the RID (section 6.2.3).
         layers: layers of cells added around, to begin with.
         most_layers: layers up to which the RID grows until the projected tangents are positive.
-        zone: maps the problem to nodes added to the RID; None takes one node for each load.
+        zone: maps the problem to nodes added to the RID; None takes one node for each load term.
         kappa_max: kappa(B~1) down to which FE functions are added.
         least_tangent: smallest eigenvalue wanted of the projected tangents, see :func:`tangent_margin`; of
             twenty recipes for the pellet all above 0.1 kept within 5 % of the displacement at every step; all below
@@ -259,6 +259,8 @@ def _rid_nodes(full, bases: _Bases, settings: PlasticSettings) -> np.ndarray:
     nodes = [deim(bases.primal) // problem.block_size, zone_of_interest(problem, settings.zone)]
     if np.any(bases.snapshots.forces):
         nodes.append(contact_nodes(problem, bases.snapshots.forces, settings.dual))
+    else:
+        nodes.append(problem.contact_slaves[:1])  # a RID needs at least one condition
     points = [deim(bases.stress) // full.material.components]
     if bases.cumulated is not None:
         points.append(deim(bases.cumulated))

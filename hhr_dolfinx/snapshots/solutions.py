@@ -13,7 +13,7 @@ from hhr_dolfinx.contact.condensed import KnownStatuses
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
-    from hhr_dolfinx.contact.problem import FullOrder
+    from hhr_dolfinx.contact.problem import Solvable
     from hhr_dolfinx.snapshots.store import SnapshotStore
 
 
@@ -44,7 +44,7 @@ class SnapshotSet:
 
 
 def compute_snapshots(
-    full_order: FullOrder,
+    full_order: Solvable,
     points: np.ndarray,
     progress: Callable[[Iterable], Iterable] = iter,
     store: SnapshotStore | None = None,
@@ -78,7 +78,7 @@ def compute_snapshots(
 
 
 def spread_snapshots(
-    full_order: FullOrder,
+    full_order: Solvable,
     points: np.ndarray,
     comm: Comm,
     progress: Callable[[Iterable], Iterable] = iter,

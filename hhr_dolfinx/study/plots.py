@@ -41,7 +41,7 @@ def draw_study(study, view: View, folder: Path) -> None:
         plot_curves(curves, folder / "errors.png", (problem.parameters.names[0], "error"), logarithmic=True)
     if not view.points:
         return
-    lines, marks = {}, {}
+    lines, marks, closed_forms = {}, {}, {}
     for mu in view.points:
         exact, (displacement, forces) = full_order.solve(mu), hyper.solve_everywhere(mu)
         label = ", ".join(f"{name} = {value:g}" for name, value in zip(problem.parameters.names, mu, strict=True))
@@ -49,8 +49,9 @@ def draw_study(study, view: View, folder: Path) -> None:
         marks[f"HHR, {label}"] = pressures(problem, view, forces)
         if view.closed_form is not None:
             where, load = lines[f"full order, {label}"][0], exact.forces[problem.contact_pairs == view.pair].sum()
-            lines[f"closed form, {label}"] = where, view.closed_form(where, load)
-    plot_curves(lines, folder / "pressures.png", (view.label, f"contact pressure [{view.stress}]"), marks=marks)
+            closed_forms[f"closed form, {label}"] = where, view.closed_form(where, load)
+    labels = view.label, f"contact pressure [{view.stress}]"
+    plot_curves(lines | closed_forms, folder / "pressures.png", labels, marks=marks)
     fields = {"full order": exact.primal, "HHR": displacement}
     stresses = {name: discretisation.von_mises(field) for name, field in fields.items()}
     grid = field_grid(problem, hyper.sets.cells, fields)

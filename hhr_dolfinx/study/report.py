@@ -56,7 +56,7 @@ def frame(full_order, reduction, recipe, seed: int, snapshots: int) -> dict:
     Args:
         full_order: the full model.
         reduction: a reduced model with ``basis``, ``sets``, ``stability``, ``enrichment`` and ``log``.
-        recipe: the settings it was built by.
+        recipe: the settings asked for; the RID may have grown by layers since.
         seed: of test points.
         snapshots: number of training solutions.
     """
@@ -73,6 +73,7 @@ def frame(full_order, reduction, recipe, seed: int, snapshots: int) -> dict:
             "N_lambda_C": len(reduction.sets.A_lambda),
             "cells": len(problem.cell_nodes),
             "rid_cells": len(reduction.sets.cells),
+            "layers": recipe.layers + len(reduction.log.refused),
             "snapshots": snapshots,
         },
         "stability": {
@@ -81,16 +82,22 @@ def frame(full_order, reduction, recipe, seed: int, snapshots: int) -> dict:
             "enrichment": [{"added": k, "kappa": kappa} for k, kappa in enumerate(reduction.enrichment.kappas)],
         },
         "recipe": _described(recipe),
-        "skipped": reduction.log.skipped,
-        "refused_before": reduction.log.refused,
+        "skipped": list(reduction.log.skipped),
+        "refused_before": list(reduction.log.refused),
     }
 
 
 def _described(settings) -> dict:
     """Settings as plain values; a function by its name."""
-    values = ((name, getattr(settings, name)) for name in settings.__dataclass_fields__)
-    return {name: _described(value) if is_dataclass(value) else getattr(value, "__name__", value)
-            for name, value in values}  # fmt: skip
+    return {name: _plain(getattr(settings, name)) for name in settings.__dataclass_fields__}
+
+
+def _plain(value):
+    if is_dataclass(value):
+        return _described(value)
+    if isinstance(value, np.generic):
+        return value.item()
+    return value if isinstance(value, bool | int | float | str | None) else getattr(value, "__name__", repr(value))
 
 
 def environment() -> dict:

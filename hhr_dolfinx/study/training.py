@@ -93,6 +93,7 @@ def train(
     if held_out > 0:
         with log.stage("held_out"):
             kept = spread_snapshots(full_order, space.random(held_out, seed + 2000), comm, progress("held out"), store)
-    if store is not None and store.found:
-        log.skip("snapshots", f"{store.found} solutions were read from {folder}: their stages took no solving")
+    found, asked = comm.allreduce(0 if store is None else store.found), len(snapshots.points) + held_out
+    if found:
+        log.skip("snapshots", f"{found} of {asked} solutions were read from {folder}: the times cover the others")
     return Training(full_order, snapshots, kept, log)

@@ -19,7 +19,8 @@ class View:
         component: displacement component drawn, and its name with unit; None for no component.
         stress: unit of stress.
         pair: contact pair drawn, counted from 0.
-        closed_form: maps these positions and the total force of the pair to pressures drawn beside; None for none.
+        closed_form: maps these positions and the total force of the pair to pressures drawn beside, of elastic
+            scenes; None for none.
         deformed: draw fields on the deformed mesh.
     """
 

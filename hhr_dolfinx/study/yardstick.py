@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hhr_dolfinx.contact.problem import ContactProblem, FullOrder
+from hhr_dolfinx.contact.problem import ContactProblem, Solvable
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.snapshots.accuracy import energy_minimum, force_floor, relative_error, summary
 from hhr_dolfinx.snapshots.solutions import SnapshotSet, compute_snapshots
@@ -55,7 +55,7 @@ class Yardstick:
     floor: float
 
     @classmethod
-    def at(cls, points: np.ndarray, full_order: FullOrder, training: SnapshotSet, progress=iter) -> Yardstick:
+    def at(cls, points: np.ndarray, full_order: Solvable, training: SnapshotSet, progress=iter) -> Yardstick:
         """Solve the full model at test points, (n, P); the floor is that of its training solutions."""
         references = compute_snapshots(full_order, points, progress)
         return cls(full_order.problem, references, force_floor(full_order.problem, training))

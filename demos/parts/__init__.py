@@ -1,0 +1,1 @@
+"""What the demos are compared with, and lists of cases."""
