@@ -87,6 +87,8 @@ def nonnegative_factors(forces: np.ndarray, count: int) -> np.ndarray:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that it stopped at max_iter: the factors are used as they are
-        factors = NMF(count, init="nndsvda", max_iter=2000, tol=1e-7, random_state=0).fit_transform(np.maximum(forces, 0.0))
+        factors = NMF(count, init="nndsvda", max_iter=2000, tol=1e-7, random_state=0).fit_transform(
+            np.maximum(forces, 0.0)
+        )
     factors = factors[:, np.linalg.norm(factors, axis=0) > 0]
     return factors / np.linalg.norm(factors, axis=0)

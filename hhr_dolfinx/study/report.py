@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from hhr_dolfinx.snapshots.accuracy import summary
 
@@ -179,7 +179,7 @@ def print_report(report: dict, console: Console) -> None:
 
 def print_beside(title: str, ours: dict[str, dict], theirs: dict[str, dict], console: Console) -> None:
     """Print relative errors by label and name in per cent, those of another source in brackets where it has any."""
-    table = Table("", *ours, title=f"{title}, in % (in brackets: thesis)")
+    table = Table(Column("", no_wrap=True), *ours, title=f"{title}, in % (in brackets: thesis)")
     for name in next(iter(ours.values())):
         pairs = ((row[name], theirs.get(label, {}).get(name)) for label, row in ours.items())
         cells = (f"{100 * here:.2g}" + ("" if there is None else f" ({100 * there:.2g})") for here, there in pairs)
