@@ -104,7 +104,7 @@ class SchurEqualities:
         """Solve with the given statuses; returns ``(forces, slack)``, both (m,).
 
         Raises:
-            NotSolvableError: if S[active, active] is singular.
+            SingularError: if S[active, active] is singular.
         """
         key = active.tobytes()
         entry = self._entries.get(key)

@@ -168,10 +168,6 @@ class History:
     iterations: list[int] = field(default_factory=list)
     cuts: int = 0
 
-    def stack(self, name: str) -> np.ndarray:
-        """An attribute of all points, one column per step."""
-        return np.stack([getattr(point, name) for point in self.points], axis=-1)
-
 
 class _Diverged(Exception):
     """A step did not converge: why, and the Gauss point that moves or flows most, if that is known."""

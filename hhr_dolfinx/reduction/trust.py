@@ -167,14 +167,14 @@ def check_validation(validation: Validation, limits: TrustLimits) -> None:
         # an order statistic, so that failed points do not turn it into NaN
         high = float(np.percentile(values, 95, method="higher"))
         advice = "add RID layers, train on more points, or change the POD tolerance"
-        if math.isinf(high) and high > refuse:
-            raise UnstableModelError(f"of the solutions kept out of training 5 % have no answer, or two: {advice}")
-        if high > refuse:
-            raise UnstableModelError(
-                f"the {name} error on solutions kept out of training reaches {high:.0%} > {refuse:.0%}: {advice}"
-            )
-        if high > warn:
-            _warn(f"the {name} error on solutions kept out of training reaches {high:.0%} > {warn:.0%}: {advice}")
+        for limit, say in ((refuse, _refuse), (warn, _warn)):
+            if high > limit:
+                reached = "a point without one answer" if math.isinf(high) else f"{high:.0%} > {limit:.0%}"
+                say(f"the {name} error on solutions kept out of training reaches {reached}: {advice}")
+
+
+def _refuse(message):
+    raise UnstableModelError(message)
 
 
 def _warn(message):

@@ -169,7 +169,8 @@ def run_study(
     hyper = training.build(settings.reduction)
     yardstick = Yardstick.at(points, training.full_order, training.snapshots, progress("references"))
     errors = yardstick.errors(hyper, hyper.sets.A_lambda)
-    solutions = [hyper.model.solve(point, raise_on_failure=False) for point in points]
+    solutions = (hyper.model.solve(point, raise_on_failure=False) for point in points)
+    answers = [(solution.iterations, solution.cycled) for solution in solutions]
     fresh, others = (space.random(settings.queries + 5, settings.seed + k) for k in (1000, 4000))
     warm, cold = _models(training, hyper, settings.naive)
     times = {"warm": time_queries(warm, fresh), "cold": time_queries(cold, others)}
@@ -182,7 +183,6 @@ def run_study(
     for name in ("condensed", "fom_best", "fom_naive"):
         if name in times["warm"]:
             rows.append(_row(name, "exact", times["warm"][name], exact))
-    answers = [(solution.iterations, solution.cycled) for solution in solutions]
     study = SceneStudy(training, hyper, points, errors, answers, times, rows, settings)
     return replace(study, report=make_report(study))
 

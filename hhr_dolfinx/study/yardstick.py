@@ -76,15 +76,15 @@ class Yardstick:
             except (ConvergenceError, NotSolvableError):
                 rows.append(None)
                 continue
-            theta, exact = problem.theta(point), (homogeneous + problem.lift(point), forces)
+            theta = problem.theta(point)
+            exact = homogeneous + problem.lifts @ theta, forces
             energies = [energy_minimum(problem, field, theta) for field in (answer[0], exact[0])]
             row = answer_errors(problem, answer, exact, self.floor, inside)
             rows.append({**row, "energy_minimum": abs(energies[0] - energies[1])})
             false_contact += bool(((answer[1] > self.floor) & (forces == 0)).any())
         answered = np.array([row is not None for row in rows])
-        values = {name: np.array([np.inf if row is None else row.get(name, np.nan) for row in rows]) for name in NAMES}
-        if inside is None:
-            values = {name: errors for name, errors in values.items() if not name.startswith("dual_rid")}
+        names = [name for name in NAMES if inside is not None or not name.startswith("dual_rid")]
+        values = {name: np.array([np.inf if row is None else row[name] for row in rows]) for name in names}
         return PointErrors(values, answered, false_contact)
 
 
