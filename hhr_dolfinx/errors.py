@@ -13,6 +13,10 @@ class ParameterError(HHRError, ValueError):
     """A parameter is not finite, has the wrong length, or lies outside the trained box."""
 
 
+class OutsideTrainingError(ParameterError):
+    """A reduced model is asked for what it was not trained on, and was told to refuse that."""
+
+
 class ReductionError(HHRError, ValueError):
     """The reduced model cannot be built from these snapshots or settings."""
 
@@ -43,3 +47,11 @@ class StabilityWarning(UserWarning):
 
 class PairingWarning(UserWarning):
     """Some nodes of a contact pair have no partner, or bodies overlap by more than a cell."""
+
+
+class OutsideTrainingWarning(UserWarning):
+    """A reduced model answers what it was not trained on: its errors are unknown."""
+
+
+class UncheckedWarning(UserWarning):
+    """A reduced model was not compared with solutions kept out of its training."""

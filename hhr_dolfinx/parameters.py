@@ -96,6 +96,10 @@ class ParameterSpace:
         ]
         return "; ".join(lines) + ": widen the parameter space and train again, or choose a value inside"
 
+    def described(self, point: np.ndarray) -> str:
+        """A point in words, for messages."""
+        return ", ".join(f"{name} = {value:g}" for name, value in zip(self.names, point, strict=True))
+
     def grid(self, counts: Sequence[int]) -> np.ndarray:
         """Regular grid with ``counts`` points along each parameter, shape (prod(counts), P)."""
         axes = [np.linspace(low, high, count) for low, high, count in zip(self.lower, self.upper, counts, strict=True)]

@@ -18,6 +18,7 @@ from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
 from hhr_dolfinx.contact.dense import Factor, Factorise, PetscLU, solve_columns
 from hhr_dolfinx.contact.problem import ContactSolution, Status, outcome
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace, Theta
+from hhr_dolfinx.trained import TrainedRange
 
 
 @dataclass(frozen=True)
@@ -95,6 +96,7 @@ class CondensedContact:
         responses: what the primal unknown leaves behind.
         known: statuses of solved parameters.
         factorise: what factors a dense block.
+        trained: parameters outside of which answers are not to be trusted; None where there are none.
     """
 
     def __init__(
@@ -104,8 +106,11 @@ class CondensedContact:
         responses: Responses,
         known: KnownStatuses,
         factorise: Factorise = PetscLU,
+        trained: TrainedRange | None = None,
     ):
-        self.parameters, self.amplitudes, self.known = parameters, amplitudes, known
+        self.parameters, self.amplitudes, self.known, self.trained = parameters, amplitudes, known, trained
+        # where the whole box was trained, its own check is enough
+        self._door = None if trained is None or trained.covers(parameters) else trained
         self._m = responses.schur.shape[0]
         self._response = np.asfortranarray(np.vstack([responses.free_slack, responses.free_primal]))
         self._per_force = np.ascontiguousarray(responses.primal_per_force)
@@ -116,20 +121,30 @@ class CondensedContact:
         """θ at a parameter; see :meth:`ParameterSpace.point`."""
         return self.amplitudes(self.parameters.point(mu))
 
-    def solve(self, mu, *, warm: bool = True, raise_on_failure: bool = True) -> ContactSolution:
+    def solve(
+        self, mu, *, warm: bool = True, raise_on_failure: bool = True, outside: str = "warn"
+    ) -> ContactSolution:
         """Solve for one parameter.
 
         Args:
             mu: number, sequence or mapping by name.
             warm: start from the statuses of the nearest known parameter, not from the free slack.
             raise_on_failure: raise instead of returning an answer with NaN and a status.
+            outside: what happens to a parameter of the box that lies outside what was trained: ``warn``, ``refuse`` or
+                ``ignore``.
 
         Raises:
             ParameterError: if ``mu`` is not finite or outside the box.
+            OutsideTrainingError: if it is outside what was trained, and that is to be refused.
             ConvergenceError: if the statuses do not settle.
             NotSolvableError: if an active set is singular.
+
+        Warns:
+            OutsideTrainingWarning: if it is outside what was trained, unless told otherwise.
         """
         point = self.parameters.point(mu)
+        if self._door is not None:
+            self._door.check(point, outside)
         start = None
         if warm:
             nearest = self.known.nearest(point)

@@ -16,10 +16,11 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from hhr_dolfinx.contact.problem import Status
-from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ParameterError
+from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, OutsideTrainingError, ParameterError
 from hhr_dolfinx.flow.gauss import StrainOperator
 from hhr_dolfinx.flow.material import Material, State
 from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.trained import OUTSIDE, TrainedPaths, Watch
 
 SEARCHES = ("tangent", "frozen", "elastic")
 MEMORY = 6
@@ -67,8 +68,10 @@ class Equilibrium(Protocol):
         parameters: the box of the parameters.
         elastic: the elastic linearisation.
         size, conditions: number of unknowns and of contact conditions.
+        trained: what a reduced model was trained on; None for a full one.
     """
 
+    trained: TrainedPaths | None
     material: Material
     operator: StrainOperator
     points: np.ndarray
@@ -98,6 +101,9 @@ class Equilibrium(Protocol):
     def contact_load(self, forces):
         """B^T λ in the test space."""
 
+    def imbalance(self, stress, forces, theta) -> float:
+        """What is left of the forces in equilibrium before any projection, relative to their size."""
+
     def linearised(self, tangents) -> Operator:
         """The operator of consistent tangents; operators of earlier tangents are then out of date."""
 
@@ -109,25 +115,40 @@ class MarchSettings:
     Attributes:
         search: operator of the linearisation: ``tangent``, renewed in each iteration; ``frozen``, the tangent at the
             start of each step; ``elastic``. The latter two with Anderson's acceleration.
-        relative_stress, absolute_stress: ε_r and ε_a of (6.19), the latter in the unit of stress of the scene. In the
-            place of R_σ (6.18), by which a prediction was wrong, stands what the next one still moves, H : ε(δ).
+        relative_stress: ε_r of (6.19). In the place of R_σ (6.18), by which a prediction was wrong, stands what the next
+            one still moves, H : ε(δ).
+        floor_stress: ε_a of (6.19) as a fraction of the root mean square of the stress, so that it knows no unit.
         relative_force: residual over the size of the forces; the stress criterion alone sees only how much
             iterates still change.
         iterations: most iterations of a step before it is cut.
         cuts: how often a step may be halved.
+        outside: what happens to a step outside what a reduced model was trained on: ``warn``, ``refuse`` or ``ignore``.
     """
 
     search: str = "frozen"
     relative_stress: float = 1e-5
-    absolute_stress: float = 1.0
+    floor_stress: float = 5e-3
     relative_force: float = 1e-5
     iterations: int = 60
     cuts: int = 6
+    outside: str = "warn"
 
     def __post_init__(self):
-        """Refuse an unknown operator, which would be taken for another one."""
-        if self.search not in SEARCHES:
-            raise ValueError(f"search '{self.search}' is unknown, one of {', '.join(SEARCHES)}")
+        """Refuse what would be taken for something else, or would never end a step.
+
+        Raises:
+            ParameterError: with the value and what is possible.
+        """
+        for name, choices in (("search", SEARCHES), ("outside", OUTSIDE)):
+            if getattr(self, name) not in choices:
+                raise ParameterError(f"{name} '{getattr(self, name)}' is unknown, one of {', '.join(choices)}")
+        for name in ("relative_stress", "floor_stress", "relative_force"):
+            if not 0 < getattr(self, name) < 1:
+                raise ParameterError(f"{name} = {getattr(self, name)} must be a fraction in (0, 1)")
+        if self.iterations < 1 or self.cuts < 0:
+            raise ParameterError(
+                f"iterations = {self.iterations} must be at least 1 and cuts = {self.cuts} must not be negative"
+            )
 
 
 class Point(NamedTuple):
@@ -158,15 +179,24 @@ class History:
 
     Attributes:
         start: time at rest, in seconds.
+        parameter: the parameter there, (P,).
         points: one per step asked for, the start not among them.
+        imbalances: of each step, see :class:`Equilibrium`; round-off for a full model.
         iterations: of each step, those of its parts summed; a failed attempt counts as the most allowed.
         cuts: steps that were solved in parts.
     """
 
-    start: float = 0.0
+    start: float
+    parameter: np.ndarray
     points: list[Point] = field(default_factory=list)
+    imbalances: list[float] = field(default_factory=list)
     iterations: list[int] = field(default_factory=list)
     cuts: int = 0
+
+    @property
+    def path(self) -> list[tuple[float, np.ndarray]]:
+        """Times and parameters, the start first: what :func:`march` was given."""
+        return [(self.start, self.parameter), *((point.time, point.parameter) for point in self.points)]
 
 
 class _Diverged(Exception):
@@ -190,32 +220,59 @@ def march(
         settings: how.
 
     Raises:
-        ParameterError: if a parameter is not finite or outside the box, or times do not increase.
-        ConvergenceError: with the step, the time and the worst point; its ``history`` holds the steps before.
+        ParameterError: if the path is empty, a parameter is not finite or outside the box, or times do not increase.
+        OutsideTrainingError: if a step is outside what was trained, and ``settings`` say to refuse that.
+        ConvergenceError: with the step, the time and the worst point.
+        Whatever ends a history, an interrupt from the keyboard too, has an attribute ``history`` with the steps before.
+
+    Warns:
+        OutsideTrainingWarning: if a step is outside what was trained, and ``settings`` do not say otherwise.
     """
-    path = iter(path)
-    time, start = next(path)
-    trail = (_at_rest(model, time, model.parameters.point(start)),)
-    history, kept = History(time), _Kept()
-    for time, target in path:
-        goal = _Goal(time, model.parameters.point(target))
-        if not time > trail[-1].time:
-            raise ParameterError(f"times must increase: {time:g} s comes after {trail[-1].time:g} s")
-        try:
-            after, iterations, cut = _advance(model, trail, goal, settings, kept)
-        except _Diverged as failure:
+    path = _checked(model, path)
+    time, start = path[0]
+    history = History(time, start)
+    try:
+        _march(model, path, settings, history)
+    except (_Diverged, OutsideTrainingError, KeyboardInterrupt) as stop:
+        if isinstance(stop, _Diverged):
             step = len(history.points) + 1
-            error = ConvergenceError(
-                f"step {step} to t = {time:g} s did not converge: {failure}{_place(model, failure.worst)}. "
+            stop = ConvergenceError(
+                f"step {step} to t = {path[step][0]:g} s did not converge: {stop}{_place(model, stop.worst)}. "
                 f"Take smaller steps; the {step - 1} steps before are kept"
             )
-            error.history = history
-            raise error from None
+        stop.history = history
+        raise stop from None
+    return history
+
+
+def _checked(model, path) -> list[tuple[float, np.ndarray]]:
+    """The whole path, before any of it is solved."""
+    path = [(float(time), model.parameters.point(target)) for time, target in path]
+    if not path:
+        raise ParameterError("the path is empty: its first time and parameter are where the model is at rest")
+    times = np.array([time for time, _ in path])
+    if not np.isfinite(times).all():
+        raise ParameterError(f"times must be finite, and number {int(np.argmin(np.isfinite(times)))} is not")
+    late = np.flatnonzero(np.diff(times) <= 0)
+    if late.size:
+        before, after = times[late[0] : late[0] + 2]
+        raise ParameterError(f"times must increase: {after:g} s comes after {before:g} s")
+    return path
+
+
+def _march(model, path, settings, history) -> None:
+    """Solve the steps of a checked path into a history."""
+    trail = (_at_rest(model, *path[0]),)
+    kept, watch = _Kept(), Watch(model.trained, settings.outside)
+    for number, (time, target) in enumerate(path[1:], start=1):
+        watch.before(number, trail[-1].time, time, trail[-1].parameter, target)
+        after, iterations, cut = _advance(model, trail, _Goal(time, target), settings, kept)
         history.points.append(after)
+        history.imbalances.append(model.imbalance(after.stress, after.forces, model.amplitudes(target)))
         history.iterations.append(iterations)
         history.cuts += cut
+        watch.after(number, time, history.imbalances[-1])
         trail = (*trail[-2:], after)
-    return history
 
 
 class _Goal(NamedTuple):
@@ -308,7 +365,8 @@ def _step(model, trail, goal, settings, kept) -> tuple[Point, int]:
         if (left <= settings.relative_force * np.maximum(scale, kept.forces) + noise).all():
             # the dearer of the two criteria is asked last
             moved = _moves(operator, model.strain_of(correction.change))
-            if (moved - settings.relative_stress * np.abs(update.stress)).max() <= settings.absolute_stress:
+            floor = settings.floor_stress * np.sqrt(np.mean(update.stress**2))
+            if (moved - settings.relative_stress * np.abs(update.stress)).max() <= floor:
                 slow = settings.search == "tangent" or iteration > PATIENCE
                 kept.operator, kept.forces = None if slow else operator, np.maximum(scale, kept.forces)
                 answer = correction.forces, correction.active, update.stress, update.state

@@ -36,7 +36,10 @@ class PlasticFullOrder:
         points: numbers of the Gauss points, all of them.
         cell_of_point: cell of each Gauss point.
         discretisation: mesh and forms.
+        trained: None, since nothing is outside what a full model can answer.
     """
+
+    trained = None
 
     def __init__(self, scene: Scene):
         self.scene = scene
@@ -101,6 +104,11 @@ class PlasticFullOrder:
     def stiffness(self, tangents):
         """K_T of consistent tangents at all Gauss points, (N, N)."""
         return self.operator.stiffness(tangents, self._pattern, self._unchanged)
+
+    def imbalance(self, stress, forces, theta) -> float:
+        """Residual of the free dofs over the size of its parts."""
+        residual, sizes = self.residual(stress, theta)
+        return float(np.linalg.norm(residual - self.contact_load(forces)) / (np.linalg.norm(sizes) or 1.0))
 
     def linearised(self, tangents) -> _Operator:
         """Factor the tangent stiffness; the operator before is then out of date. See :class:`Equilibrium`."""

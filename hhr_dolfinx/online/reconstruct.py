@@ -22,8 +22,9 @@ class Reconstruction:
         contact_basis: B V, (N_lambda, ell).
         gaps: D as terms of θ, (N_lambda, 1 + T).
         A_lambda: contact conditions of the RID.
-        force_snapshots: independent columns of S_lambda, (N_lambda, S').
-        gap_scale: length that makes a gap open, so that (1.70) does not depend on units.
+        force_snapshots: columns of S_lambda whose cone holds all of them, (N_lambda, S').
+        gap_scale: length by which the gap of each condition is measured, so that (1.70) does not depend on units,
+            (N_lambda,).
     """
 
     basis: np.ndarray
@@ -32,7 +33,7 @@ class Reconstruction:
     gaps: np.ndarray
     A_lambda: np.ndarray
     force_snapshots: np.ndarray
-    gap_scale: float
+    gap_scale: np.ndarray
 
     def displacement(self, gamma: np.ndarray, theta: Theta) -> np.ndarray:
         """Displacement V gamma + lift, thesis (1.69), (N,)."""
@@ -78,12 +79,16 @@ class OnlineModel:
     reconstruction: Reconstruction
     dimension: int
 
-    def solve_everywhere(self, mu) -> tuple[np.ndarray, np.ndarray]:
+    def solve_everywhere(self, mu, *, outside: str = "warn") -> tuple[np.ndarray, np.ndarray]:
         """Displacement (N,) and contact forces (N_lambda,) on the whole mesh, for one parameter.
+
+        Args:
+            mu: number, sequence or mapping by name.
+            outside: what happens outside what was trained, see :meth:`CondensedContact.solve`.
 
         Raises:
             ParameterError, ConvergenceError, NotSolvableError: see :meth:`CondensedContact.solve`.
         """
-        solution, theta, fields = self.model.solve(mu), self.model.theta(mu), self.reconstruction
+        solution, theta, fields = self.model.solve(mu, outside=outside), self.model.theta(mu), self.reconstruction
         displacement = fields.displacement(solution.primal, theta)
         return displacement, fields.forces(solution.primal, solution.forces, theta)

@@ -12,6 +12,7 @@ import numpy as np
 from hhr_dolfinx.contact.condensed import CondensedContact, KnownStatuses, Responses
 from hhr_dolfinx.contact.dense import Factorise, PetscLU
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
+from hhr_dolfinx.trained import TrainedRange
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,7 @@ class ReducedModel(CondensedContact):
         amplitudes: θ as a function of the parameters.
         known: statuses of the training points on A_lambda.
         factorise: what factors K~ and the active blocks.
+        trained: the trained parameters.
 
     Raises:
         NotSolvableError: if K~ is singular.
@@ -57,8 +59,9 @@ class ReducedModel(CondensedContact):
         amplitudes: Amplitudes,
         known: KnownStatuses,
         factorise: Factorise = PetscLU,
+        trained: TrainedRange | None = None,
     ):
         self.problem = problem
         contact = problem.contact_test, problem.contact_trial
         responses = Responses.eliminate(factorise(problem.stiffness), problem.loads, problem.gaps, *contact)
-        super().__init__(parameters, amplitudes, responses, known, factorise)
+        super().__init__(parameters, amplitudes, responses, known, factorise, trained)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy import linalg
+from scipy.optimize import nnls
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactProblem
@@ -11,28 +12,67 @@ from hhr_dolfinx.online.reconstruct import Reconstruction
 from hhr_dolfinx.reduction.rid import IndexSets
 from hhr_dolfinx.snapshots.solutions import SnapshotSet
 
+IN_THE_CONE = 1e-4
+"""Relative distance from the cone of the other snapshots below which a force snapshot is left out: a tenth of the
+fraction of the largest force below which a relative force error means nothing."""
+
 
 def prepare_reconstruction(
     problem: ContactProblem, basis: np.ndarray, sets: IndexSets, snapshots: SnapshotSet
 ) -> Reconstruction:
-    """Collect what :class:`Reconstruction` needs; dependent force snapshots are left out, see (1.70)."""
-    gaps = problem.amplitudes.sum_columns(problem.gaps, snapshots.points)
-    slack = gaps - problem.contact @ snapshots.displacements
-    scale = float(np.maximum(slack, 0.0).max())
+    """Collect what :class:`Reconstruction` needs; snapshots inside the cone of the others are left out, see (1.70)."""
     return Reconstruction(
         basis=basis,
         lifts=problem.lifts,
         contact_basis=csr_matrix(problem.contact) @ basis,
         gaps=problem.gaps,
         A_lambda=sets.A_lambda,
-        force_snapshots=_independent(snapshots.forces, most=problem.contact.shape[0] + len(sets.A_lambda)),
-        gap_scale=scale if scale > 0 else 1.0,
+        force_snapshots=spanning_rays(snapshots.forces, IN_THE_CONE),
+        gap_scale=_gap_scale(problem, snapshots),
     )
 
 
-def _independent(columns, most):
-    """The most independent columns, by pivoted QR, in their order."""
-    _, triangle, order = linalg.qr(columns, mode="economic", pivoting=True)
-    size = np.abs(np.diag(triangle))
-    rank = min(int((size > 1e-10 * size[0]).sum()) if size[0] > 0 else 0, most)
-    return np.ascontiguousarray(columns[:, np.sort(order[:rank])])
+def spanning_rays(columns: np.ndarray, tolerance: float) -> np.ndarray:
+    """Columns whose non-negative combinations reach all of them.
+
+    Linear independence is not enough for (1.70): a snapshot that is a difference of others lies outside their cone.
+    The most independent columns come first; what lies outside their cone joins them, half at a time.
+
+    Args:
+        columns: non-negative, (m, S).
+        tolerance: distance from the cone, relative to the length of a column, that counts as inside.
+
+    Returns:
+        Some of the columns in their order, (m, S').
+    """
+    lengths = np.linalg.norm(columns, axis=0)
+    left = np.flatnonzero(lengths > 0)
+    if left.size == 0:
+        return np.zeros((columns.shape[0], 0))
+    rays = columns / np.where(lengths > 0, lengths, 1.0)
+    _, triangle, order = linalg.qr(rays[:, left], mode="economic", pivoting=True)
+    sizes = np.abs(np.diag(triangle))
+    kept = left[order[: int((sizes > tolerance * sizes[0]).sum())]]
+    left = np.setdiff1d(left, kept)
+    while left.size:
+        distances = np.array([nnls(rays[:, kept], rays[:, k])[1] for k in left])
+        left, distances = left[distances > tolerance], distances[distances > tolerance]
+        farthest = np.argsort(-distances)[: (left.size + 1) // 2]
+        kept = np.append(kept, left[farthest])
+        left = np.delete(left, farthest)
+    return np.ascontiguousarray(columns[:, np.sort(kept)])
+
+
+def _gap_scale(problem, snapshots) -> np.ndarray:
+    """Length by which gaps of each contact pair are measured, (N_lambda,).
+
+    The largest gap or relative motion of its bodies, not the largest slack: where contact never opens in training the
+    slack is round-off, and gaps measured by it would all count as open.
+    """
+    gaps = problem.amplitudes.sum_columns(problem.gaps, snapshots.points)
+    sizes = np.maximum(np.abs(gaps), np.abs(problem.contact @ snapshots.displacements)).max(axis=1)
+    scale = np.ones(sizes.size)
+    for pair in np.unique(problem.contact_pairs):
+        inside = problem.contact_pairs == pair
+        scale[inside] = sizes[inside].max() or 1.0
+    return scale

@@ -5,8 +5,9 @@ Stages that a scene does not need are left out and listed with the reason.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from numbers import Integral
 
 import numpy as np
 
@@ -21,10 +22,25 @@ from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.rid import IndexSets, contact_nodes, reduced_domain, zone_of_interest
 from hhr_dolfinx.reduction.stability import Stability, assess
-from hhr_dolfinx.reduction.trust import TrustLimits, check_stability, check_validation, first_trusted, validate
-from hhr_dolfinx.snapshots.accuracy import round_off_force
+from hhr_dolfinx.reduction.trust import (
+    Comparison,
+    TrustLimits,
+    check_comparison,
+    check_solvable,
+    check_stability,
+    compare,
+    first_trusted,
+    warn_unchecked,
+    warn_untouched,
+)
+from hhr_dolfinx.snapshots.accuracy import force_floor, round_off_force
 from hhr_dolfinx.snapshots.solutions import SnapshotSet
 from hhr_dolfinx.timing import StageLog
+from hhr_dolfinx.trained import TrainedRange
+
+
+MOST_TRAINING_COMPARED = 50
+"""Training solutions compared where none were held out, about."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +60,7 @@ class ReductionSettings:
         zone: maps the problem to nodes added to the RID; None takes one node for each load term, see
             :func:`zone_of_interest`.
         kappa_max: kappa(B~) down to which FE functions are added, Alg. 3.1.
-        limits: what the trust check refuses or warns of.
+        limits: what the trust check refuses or warns of; None leaves the check out, to measure a model as it is.
     """
 
     pod_tolerance: float = 1e-11
@@ -55,13 +71,50 @@ class ReductionSettings:
     most_layers: int = 4
     zone: Callable[[ContactProblem], np.ndarray] | None = None
     kappa_max: float = 3.0
-    limits: TrustLimits = TrustLimits()
+    limits: TrustLimits | None = TrustLimits()
+
+    def __post_init__(self):
+        """Refuse numbers that mean nothing, before anything is computed.
+
+        Raises:
+            ReductionError: with the value and what is possible.
+        """
+        check_tolerances(self, ("pod_tolerance", "extended_pod_tolerance", "dual_pod_tolerance"))
+        check_growth(self)
 
     @classmethod
     def thesis(cls, pod_tolerance: float, **changes) -> ReductionSettings:
         """The recipe of the thesis: plain snapshots, no layers, no growth, kappa_max 10."""
         plain = {"dual_pod_tolerance": None, "relative": False, "layers": 0, "most_layers": 0, "kappa_max": 10.0}
         return cls(pod_tolerance, **(plain | changes))
+
+
+def check_tolerances(settings, names: Sequence[str]) -> None:
+    """Refuse POD tolerances outside (0, 1); None leaves a stage out.
+
+    Raises:
+        ReductionError: with the name and the value.
+    """
+    for name in names:
+        value = getattr(settings, name)
+        if value is not None and not 0 < value < 1:
+            raise ReductionError(f"{name} = {value} must lie in (0, 1): it is the part of the snapshots left out")
+
+
+def check_growth(settings) -> None:
+    """Refuse layers and condition numbers that no RID can have.
+
+    Raises:
+        ReductionError: with the name and the value.
+    """
+    for name in ("layers", "most_layers"):
+        value = getattr(settings, name)
+        if not isinstance(value, Integral) or value < 0:
+            raise ReductionError(f"{name} = {value} must be a whole number of layers of cells, at least 0")
+    if settings.most_layers < settings.layers:
+        raise ReductionError(f"most_layers = {settings.most_layers} is less than layers = {settings.layers}")
+    if not settings.kappa_max >= 1:
+        raise ReductionError(f"kappa_max = {settings.kappa_max} must be at least 1: no condition number is smaller")
 
 
 @dataclass(frozen=True)
@@ -73,6 +126,7 @@ class HyperReduction(OnlineModel):
         sets: index sets of the RID.
         stability: the constants behind the trust check.
         enrichment: how the basis was enriched.
+        comparison: what users get beside solutions that were compared; None if none were.
         log: times of the stages and what was left out.
     """
 
@@ -80,6 +134,7 @@ class HyperReduction(OnlineModel):
     sets: IndexSets
     stability: Stability
     enrichment: Enrichment
+    comparison: Comparison | None
     log: StageLog
 
 
@@ -97,14 +152,26 @@ def build_reduced_model(
         full_order: the full model, of which only arrays are used.
         snapshots: training solutions.
         settings: how to reduce.
-        held_out: solutions kept out of training, for the trust check; None leaves that part out.
+        held_out: solutions kept out of training, for the trust check; without them training solutions are compared,
+            and a warning says so.
 
     Raises:
         ReductionError: for snapshots or settings no basis can be built from.
         NotSolvableError: if K~ is singular or the contact rows are dependent, (1.67).
         UnstableModelError: if the trust check refuses the model.
+
+    Warns:
+        StabilityWarning: if the trust check doubts it, or no training solution has contact.
+        UncheckedWarning: if it was not compared with solutions kept out of training.
     """
     log = StageLog()
+    if settings.limits is None:
+        log.skip("validation", "no limits were given: the model is as it is")
+    elif not _any_contact(full_order.problem, snapshots):
+        warn_untouched()
+    if held_out is None and settings.limits is not None:
+        warn_unchecked()
+        log.skip("held_out", "no solutions were kept out of training: training solutions were compared")
     selected = _select(full_order.problem, snapshots, settings, log)
 
     def attempt(layers):
@@ -143,18 +210,31 @@ def _build(full_order, snapshots, selected, settings, held_out, log) -> HyperRed
         reduced = project(problem, basis, sets)
     with log.stage("stability"):
         stability = assess(full_order, basis, sets, reduced)
-        check_stability(stability, settings.limits)
+        check_solvable(stability)
+        if settings.limits is not None:
+            check_stability(stability, settings.limits)
     with log.stage("online_arrays"):
         known = snapshots.known_statuses(sets.A_lambda)
-        model = ReducedModel(reduced, problem.parameters, problem.amplitudes, known)
-    if held_out is None:
-        log.skip("validation", "no solutions were kept out of training")
-    else:
-        with log.stage("validation"):
-            check_validation(validate(problem, model, basis, sets, held_out), settings.limits)
+        trained = TrainedRange.of(snapshots.points, problem.parameters)
+        model = ReducedModel(reduced, problem.parameters, problem.amplitudes, known, trained=trained)
     with log.stage("reconstruction"):
         reconstruction = prepare_reconstruction(problem, basis, sets, snapshots)
-    return HyperReduction(model, reconstruction, problem.block_size, basis, sets, stability, enrichment, log)
+    comparison = None
+    if settings.limits is not None:
+        with log.stage("validation"):
+            answering = OnlineModel(model, reconstruction, problem.block_size)
+            comparison = _compared(problem, answering, snapshots, held_out)
+            check_comparison(comparison, settings.limits)
+    return HyperReduction(model, reconstruction, problem.block_size, basis, sets, stability, enrichment, comparison, log)
+
+
+def _compared(problem, answering, snapshots, held_out) -> Comparison:
+    """What users get beside the solutions held out, or else beside some training solutions, evenly chosen."""
+    floor = force_floor(problem, snapshots)
+    if held_out is None:
+        every = max(1, len(snapshots.points) // MOST_TRAINING_COMPARED)
+        held_out = snapshots.take(np.arange(0, len(snapshots.points), every))
+    return compare(problem, answering, held_out, floor)
 
 
 def _weights(snapshots, settings):
@@ -168,10 +248,14 @@ def _dual_nodes(problem, snapshots, weights, settings, log):
     if settings.dual_pod_tolerance is None:
         log.skip("dual_deim", "not asked for: the DEIM of the primal basis picks contact nodes too")
         return np.zeros(0, dtype=np.int64)
-    if np.linalg.norm(snapshots.forces, axis=0).max() <= round_off_force(problem, snapshots.points):
+    if not _any_contact(problem, snapshots):
         log.skip("dual_deim", "no training point has contact")
         return problem.contact_slaves[:1]  # a RID needs at least one condition
     return contact_nodes(problem, snapshots.forces * weights, settings.dual_pod_tolerance)
+
+
+def _any_contact(problem, snapshots) -> bool:
+    return bool(np.linalg.norm(snapshots.forces, axis=0).max() > round_off_force(problem, snapshots))
 
 
 def _check_loads_seen(problem, sets):

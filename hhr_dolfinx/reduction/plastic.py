@@ -11,6 +11,7 @@ from hhr_dolfinx.flow.gauss import ElasticPart
 from hhr_dolfinx.flow.quasi_static import Correction
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.rid import IndexSets
+from hhr_dolfinx.trained import TrainedPaths
 
 
 class PlasticReduced:
@@ -28,7 +29,10 @@ class PlasticReduced:
         cells: cells of the RID that act on A.
         points: numbers of their Gauss points in the full model.
         operator, material: strain and laws at these points.
+        trained: what it was trained on, None until that is known.
     """
+
+    trained: TrainedPaths | None = None
 
     def __init__(self, full, basis: np.ndarray, sets: IndexSets):
         problem, operator = full.problem, full.operator
@@ -48,7 +52,9 @@ class PlasticReduced:
         self._sizes = abs(self.operator.stiffness(self.material.elastic, self._pattern))
         self._rows = np.flatnonzero(inside[columns])
         self._test = np.ascontiguousarray(self._trial[self._rows].T)
-        self._external = self._test @ problem.external[columns[self._rows]]
+        self._loads = np.asfortranarray(problem.external[columns[self._rows]])
+        self._external = self._test @ self._loads
+        self._contact = problem.contact[sets.A_lambda][:, columns[self._rows]].T.tocsr()
         self.reduced = project(problem, basis, sets)
         self.elastic = _Operator(self.reduced, self.reduced.stiffness, self.material.elastic)
         # the elastic part of K~ is known: online only what flow changes is projected
@@ -79,6 +85,16 @@ class PlasticReduced:
     def contact_load(self, forces):
         """B~1^T λ."""
         return forces @ self.reduced.contact_test
+
+    def imbalance(self, stress, forces, theta) -> float:
+        """Residual on A before it is projected, over the size of its parts.
+
+        In the reduced space the residual vanishes whatever the path; on A it shows what the modes cannot balance.
+        """
+        loads, (internal, size) = self._loads @ theta, self.operator.internal(stress)
+        contact, rows = self._contact @ forces, self._rows
+        scale = np.linalg.norm(loads) + np.linalg.norm(size[rows]) + np.linalg.norm(contact)
+        return float(np.linalg.norm(loads - internal[rows] - contact) / (scale or 1.0))
 
     def tangent(self, tangents) -> np.ndarray:
         """Projected consistent tangent V[A]^T K_T V, (ell, ell)."""

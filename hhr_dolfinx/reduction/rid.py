@@ -143,7 +143,7 @@ def zone_of_interest(problem: ContactProblem, zone: Callable[[ContactProblem], n
     it does not depend on node numbers.
     """
     if zone is not None:
-        return np.array(zone(problem), dtype=np.int64)
+        return _checked_nodes(np.asarray(zone(problem)), len(problem.points))
     loaded = []
     for column in problem.loads.T:
         size = np.abs(column).reshape(-1, problem.block_size).max(axis=1)
@@ -151,3 +151,21 @@ def zone_of_interest(problem: ContactProblem, zone: Callable[[ContactProblem], n
             equals = np.flatnonzero(size > (1 - 1e-6) * size.max())
             loaded.append(equals[np.lexsort(problem.points[equals].T[::-1])[0]])
     return np.array(loaded, dtype=np.int64)
+
+
+def _checked_nodes(nodes, count) -> np.ndarray:
+    """Node numbers of a zone; a mask of all nodes is as good.
+
+    Raises:
+        ReductionError: for numbers that are none of a node.
+    """
+    if nodes.dtype == bool:
+        if nodes.shape != (count,):
+            raise ReductionError(f"the zone is a mask of shape {nodes.shape}, the mesh has {count} nodes")
+        return np.flatnonzero(nodes)
+    if nodes.size and not np.issubdtype(nodes.dtype, np.integer):
+        raise ReductionError(f"the zone holds {nodes.dtype}: it must return node numbers, or a mask of all nodes")
+    outside = nodes[(nodes < 0) | (nodes >= count)]
+    if outside.size:
+        raise ReductionError(f"node {outside[0]} of the zone is not in the mesh, whose nodes are 0 to {count - 1}")
+    return nodes.astype(np.int64).ravel()

@@ -8,19 +8,21 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.errors import HHRError, NotSolvableError, StabilityWarning, UnstableModelError
-from hhr_dolfinx.online.reduced import ReducedModel
-from hhr_dolfinx.reduction.rid import IndexSets
+from hhr_dolfinx.errors import HHRError, NotSolvableError, StabilityWarning, UncheckedWarning, UnstableModelError
+from hhr_dolfinx.online.reconstruct import OnlineModel
 from hhr_dolfinx.reduction.stability import Stability
-from hhr_dolfinx.snapshots.accuracy import force_floor, relative_error
+from hhr_dolfinx.snapshots.accuracy import Residuals, contact_residuals, relative_error
 from hhr_dolfinx.snapshots.solutions import SnapshotSet
 from hhr_dolfinx.timing import StageLog
+
+ONE_ANSWER = 1e-6
+"""Relative difference of forces from two starts above which a parameter has two answers."""
 
 
 @dataclass(frozen=True)
@@ -28,18 +30,21 @@ class TrustLimits:
     """When a model is refused or warned of; the values come from trials on the scenes of the thesis.
 
     Attributes:
-        refuse_cond_K: cond(K~) above which errors grew beyond use.
+        refuse_cond_K: cond(K~) above which errors grew beyond use, where the RID is what spoiled it.
+        refuse_distortion: cond(K~) over that of V^T K V; below, the stiffness itself is ill-conditioned (bodies a million
+            times as stiff as others, flat cells), which harms no answer.
         warn_cond_K: cond(K~) below which every model was clean.
         warn_kappa_B: kappa(B~) above which dual errors grow, thesis section 3.5.2.
-        warn_definite: contact_definite below which two answers to one parameter were seen: at -0.09 by 4 of 100
-            parameters, at -0.077 and above by none of 200.
+        warn_definite: contact_definite below which two answers to one parameter were seen, or none.
         refuse_inf_sup: smallest inf-sup constant relative to its matrix; below, it is round-off.
-        refuse_primal: relative displacement error (L2) on held-out solutions, 95th percentile.
-        refuse_dual: relative error of the forces in the RID, floored, 95th percentile.
-        warn_primal, warn_dual: likewise, where a warning is due.
+        refuse_primal: error of the displacement everywhere on solutions that were compared, 95th percentile.
+        refuse_dual: error of the forces on the whole contact surface, floored, 95th percentile.
+        warn_primal, warn_dual: where the 95th percentile is worth a warning.
+        warn_worst: where the worst force error is.
     """
 
     refuse_cond_K: float = 1e7
+    refuse_distortion: float = 1e3
     warn_cond_K: float = 1e6
     warn_kappa_B: float = 10.0
     warn_definite: float = -0.08
@@ -47,20 +52,44 @@ class TrustLimits:
     refuse_primal: float = 0.2
     refuse_dual: float = 0.6
     warn_primal: float = 0.02
-    warn_dual: float = 0.1
+    warn_dual: float = 0.05
+    warn_worst: float = 0.1
+
+    @classmethod
+    def of_histories(cls, **changes) -> TrustLimits:
+        """Limits for the worst steps of histories, whose forces vary more from node to node."""
+        return cls(**{"warn_primal": 0.04, "warn_dual": 0.15, "warn_worst": 0.15} | changes)
 
 
 @dataclass(frozen=True)
-class Validation:
-    """Errors of a model on solutions kept out of its training.
+class Comparison:
+    """What users would get beside the full order, one entry per point or history.
 
     Attributes:
-        primal: relative L2 errors of the displacement, one per point.
-        dual: relative floored errors of the forces in the RID, one per point.
+        labels: where, in words.
+        primal: relative L2 errors of the displacement everywhere.
+        dual: relative floored errors of the forces on the whole contact surface.
+        residuals: of the answers themselves; None where there is none.
     """
 
+    labels: list[str]
     primal: np.ndarray
     dual: np.ndarray
+    residuals: list[Residuals | None]
+
+    def worst(self) -> dict[str, float]:
+        """The ``kkt`` part of a report."""
+        known = [asdict(item) for item in self.residuals if item is not None]
+        return {name: max((item[name] for item in known), default=math.inf) for name in Residuals.__dataclass_fields__}
+
+    def joined(self, other: Comparison) -> Comparison:
+        """Both, one after the other."""
+        return Comparison(
+            self.labels + other.labels,
+            np.concatenate([self.primal, other.primal]),
+            np.concatenate([self.dual, other.dual]),
+            self.residuals + other.residuals,
+        )
 
 
 def first_trusted(attempt: Callable[[int], Any], layers: int, most_layers: int, log: StageLog):
@@ -78,32 +107,47 @@ def first_trusted(attempt: Callable[[int], Any], layers: int, most_layers: int, 
     before = len(log.skipped)
     while True:
         try:
-            return attempt(layers)
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                found = attempt(layers)
         except (NotSolvableError, UnstableModelError) as refused:
             log.refused.append({"layers": layers, "why": str(refused)})
             if layers >= most_layers:
                 raise
+        else:
+            # those of refused attempts say nothing of the model that is handed out
+            for item in caught:
+                warnings.warn_explicit(item.message, item.category, item.filename, item.lineno)
+            return found
         del log.skipped[before:]
         layers += 1
 
 
-def check_stability(stability: Stability, limits: TrustLimits) -> None:
-    """Refuse or warn of a model whose constants say that it cannot be trusted.
+def check_solvable(stability: Stability) -> None:
+    """Refuse a model whose contact rows are dependent.
 
     Raises:
-        NotSolvableError: if the rows of B~1 or B~2 are dependent, thesis (1.67), (5.24)-(5.25).
-        UnstableModelError: if cond(K~) or an inf-sup constant is beyond its limit.
-
-    Warns:
-        StabilityWarning: if cond(K~) or kappa(B~) is in the doubtful range.
+        NotSolvableError: if the rows of B~1 or B~2 are, thesis (1.67), (5.24)-(5.25).
     """
     if math.isinf(stability.kappa_B) or math.isinf(stability.kappa_B_2):
         raise NotSolvableError(
             "the contact rows are dependent on the reduced basis, thesis (1.67): keep more modes "
             "(a smaller POD tolerance) or fewer contact points in the RID (fewer layers or zones)"
         )
+
+
+def check_stability(stability: Stability, limits: TrustLimits) -> None:
+    """Refuse or warn of a model whose constants say that it cannot be trusted.
+
+    Raises:
+        UnstableModelError: if cond(K~) or an inf-sup constant is beyond its limit.
+
+    Warns:
+        StabilityWarning: if cond(K~), kappa(B~) or the contact Schur complement is in the doubtful range.
+    """
     advice = "add RID layers, or keep fewer modes (a larger POD tolerance)"
-    if not stability.cond_K <= limits.refuse_cond_K:
+    distorted = not stability.distortion <= limits.refuse_distortion
+    if distorted and not stability.cond_K <= limits.refuse_cond_K:
         raise UnstableModelError(f"cond(K~) = {stability.cond_K:.1e} > {limits.refuse_cond_K:.0e}: {advice}")
     constants = stability.euclidean
     for name, value, size in (
@@ -113,7 +157,7 @@ def check_stability(stability: Stability, limits: TrustLimits) -> None:
     ):
         if value is not None and not value > limits.refuse_inf_sup * size:
             raise UnstableModelError(f"{name} = {value:.1e} is round-off beside {size:.1e}: {advice}")
-    if stability.cond_K > limits.warn_cond_K:
+    if distorted and stability.cond_K > limits.warn_cond_K:
         _warn(f"cond(K~) = {stability.cond_K:.1e} > {limits.warn_cond_K:.0e}: {advice}")
     if stability.contact_definite < limits.warn_definite:
         _warn(
@@ -127,54 +171,95 @@ def check_stability(stability: Stability, limits: TrustLimits) -> None:
         )
 
 
-def validate(
-    problem: ContactProblem, model: ReducedModel, basis: np.ndarray, sets: IndexSets, held_out: SnapshotSet
-) -> Validation:
-    """Errors on solutions that were not used for training.
+def compare(problem: ContactProblem, answering: OnlineModel, solutions: SnapshotSet, floor: float) -> Comparison:
+    """Errors of fields and forces everywhere on known solutions.
 
-    A point that fails has an infinite error, and so has the force where two starts lead to two answers.
+    A point that fails has infinite errors, and so has the force where two starts lead to two answers.
+
+    Args:
+        problem: the full problem.
+        answering: the model, with what completes its answers.
+        solutions: of the full order.
+        floor: force norm below which a relative error means nothing.
     """
-    inside = held_out.forces[sets.A_lambda]
-    floor = force_floor(problem, held_out)
-    lifts = problem.amplitudes.sum_columns(problem.lifts, held_out.points)
-    primal, dual = [], []
-    for point, field, lift, forces in zip(held_out.points, held_out.displacements.T, lifts.T, inside.T, strict=True):
+    labels, primal, dual, residuals = [], [], [], []
+    for point, homogeneous, forces in zip(
+        solutions.points, solutions.displacements.T, solutions.forces.T, strict=True
+    ):
+        theta = problem.amplitudes(point)
+        labels.append(problem.parameters.described(point))
         try:
-            solution, unaided = model.solve(point), model.solve(point, warm=False)
+            displacement, found = answering.solve_everywhere(point, outside="ignore")
+            unaided = answering.model.solve(point, warm=False, outside="ignore").forces
         except HHRError:
             primal.append(math.inf)
             dual.append(math.inf)
+            residuals.append(None)
             continue
-        primal.append(relative_error(basis @ solution.primal + lift, field + lift, problem.mass))
-        differ = relative_error(unaided.forces, solution.forces, floor=floor) > 1e-6
-        dual.append(math.inf if differ else relative_error(solution.forces, forces, floor=floor))
-    return Validation(np.array(primal), np.array(dual))
+        primal.append(relative_error(displacement, homogeneous + problem.lifts @ theta, problem.mass))
+        inside = found[answering.reconstruction.A_lambda]
+        one_answer = relative_error(unaided, inside, floor=floor) <= ONE_ANSWER
+        dual.append(relative_error(found, forces, floor=floor) if one_answer else math.inf)
+        residuals.append(contact_residuals(problem, displacement, found, theta))
+    return Comparison(labels, np.array(primal), np.array(dual), residuals)
 
 
-def check_validation(validation: Validation, limits: TrustLimits) -> None:
-    """Refuse or warn of a model by its errors on held-out solutions.
+def check_comparison(comparison: Comparison, limits: TrustLimits) -> None:
+    """Refuse or warn of a model by what users would get; the worst point is named.
 
     Raises:
         UnstableModelError: if the 95th percentile of an error is beyond its limit.
 
     Warns:
-        StabilityWarning: if it is in the doubtful range.
+        StabilityWarning: if it is in the doubtful range, or the worst force error is.
     """
-    for name, values, refuse, warn in (
-        ("displacement", validation.primal, limits.refuse_primal, limits.warn_primal),
-        ("contact force", validation.dual, limits.refuse_dual, limits.warn_dual),
+    for name, values, refuse, warn, warn_worst in (
+        ("displacement", comparison.primal, limits.refuse_primal, limits.warn_primal, math.inf),
+        ("contact force", comparison.dual, limits.refuse_dual, limits.warn_dual, limits.warn_worst),
     ):
         # an order statistic, so that failed points do not turn it into NaN
-        high = float(np.percentile(values, 95, method="higher"))
-        advice = "add RID layers, train on more points, or change the POD tolerance"
-        for limit, say in ((refuse, _refuse), (warn, _warn)):
-            if high > limit:
-                reached = "a point without one answer" if math.isinf(high) else f"{high:.0%} > {limit:.0%}"
-                say(f"the {name} error on solutions kept out of training reaches {reached}: {advice}")
+        high, worst = float(np.percentile(values, 95, method="higher")), int(values.argmax())
+        reached = "there is no one answer" if math.isinf(values[worst]) else f"it is {values[worst]:.0%}"
+        message = (
+            f"the {name} error, on the whole mesh, is {_share(high)} at 95 % of {values.size} solutions compared; "
+            f"the worst is at {comparison.labels[worst]}, where {reached}: add RID layers, train on more points, or "
+            "change the POD tolerance"
+        )
+        if high > refuse:
+            raise UnstableModelError(message)
+        # a point without an answer is never passed over
+        if high > warn or values[worst] > warn_worst or math.isinf(values[worst]):
+            _warn(message)
 
 
-def _refuse(message):
-    raise UnstableModelError(message)
+def warn_unchecked() -> None:
+    """Warn that nothing was kept out of training.
+
+    Warns:
+        UncheckedWarning: always.
+    """
+    warnings.warn(
+        "no solutions were kept out of training: the model is compared with its own training only, and its error "
+        "elsewhere is unknown. Give held_out, as train does",
+        UncheckedWarning,
+        stacklevel=4,
+    )
+
+
+def warn_untouched() -> None:
+    """Warn that contact was never seen.
+
+    Warns:
+        StabilityWarning: always.
+    """
+    _warn(
+        "no training solution has contact: the model knows nothing of contact forces. Check gaps, normals and loads, or "
+        "train where bodies touch"
+    )
+
+
+def _share(value):
+    return "none" if math.isinf(value) else f"{value:.1%}"
 
 
 def _warn(message):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactProblem
@@ -12,19 +14,67 @@ FORCE_FLOOR = 1e-3
 """Fraction of the largest training force below which a relative dual error means nothing."""
 
 ROUND_OFF_FORCE = 1e-9
-"""Contact forces below this fraction of the loads are round-off: there is no contact."""
+"""Contact forces below this fraction of the forces in the bodies are round-off: there is no contact."""
+ROUND_OFF = 1e-14
+"""Relative error of a sum of products K_ij u_j; 50 units in the last place, for rows of some dozen entries."""
 
 
 def force_floor(problem: ContactProblem, training: SnapshotSet) -> float:
     """Force norm below which a relative dual error means nothing."""
     largest = float(np.linalg.norm(training.forces, axis=0).max())
-    return max(FORCE_FLOOR * largest, round_off_force(problem, training.points))
+    return max(FORCE_FLOOR * largest, round_off_force(problem, training))
 
 
-def round_off_force(problem: ContactProblem, points: np.ndarray) -> float:
-    """Force norm that is round-off beside the loads at the given parameters."""
-    loads = problem.amplitudes.sum_columns(problem.loads, points)
-    return ROUND_OFF_FORCE * float(np.linalg.norm(loads, axis=0).max())
+def round_off_force(problem: ContactProblem, solutions: SnapshotSet) -> float:
+    """Force norm that is round-off beside the internal forces K U of some solutions.
+
+    Of whole displacements: loads F - K lift hold the reaction to a rigid motion, against which all contact would count
+    as noise, while K U does not but for its round-off.
+    """
+    fields = solutions.displacements + problem.amplitudes.sum_columns(problem.lifts, solutions.points)
+    internal = np.linalg.norm(problem.stiffness @ fields, axis=0).max()
+    products = np.linalg.norm(abs(problem.stiffness) @ np.abs(fields), axis=0).max()
+    return max(ROUND_OFF_FORCE * float(internal), ROUND_OFF * float(products))
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """How far an answer is from solving the contact problem, each part relative to its scale.
+
+    Attributes:
+        equilibrium: norm of K u + B^T λ - F on free dofs over that of the loads.
+        penetration: deepest violation of a gap over the largest gap or relative motion of its pair, or a thousandth of the
+            largest displacement.
+        sign: largest pull over the largest contact force.
+    """
+
+    equilibrium: float
+    penetration: float
+    sign: float
+
+
+def contact_residuals(problem: ContactProblem, displacement: np.ndarray, forces: np.ndarray, theta: Theta) -> Residuals:
+    """Residuals of (1.21) for a displacement, lift included, (N,), and forces, (N_lambda,), handed out to a user."""
+    homogeneous, load = displacement - problem.lifts @ theta, problem.loads @ theta
+    residual = problem.stiffness @ homogeneous + problem.contact.T @ forces - load
+    # where nothing is loaded, forces in contact are all there is
+    scale = max(_norm(load, None), _norm(problem.contact.T @ forces, None))
+    equilibrium = _norm(residual * problem.free, None) / scale if scale > 0 else 0.0
+    return Residuals(equilibrium, *slack_residuals(problem, homogeneous, forces, theta))
+
+
+def slack_residuals(problem: ContactProblem, homogeneous: np.ndarray, forces: np.ndarray, theta: Theta) -> tuple:
+    """``(penetration, sign)`` of :class:`Residuals` for a displacement less its lift, (N,)."""
+    gaps, motion = problem.gaps @ theta, problem.contact @ homogeneous
+    # a closed pair does not move: beside its own round-off everything would be deep
+    least, penetration = 1e-3 * np.abs(homogeneous).max(), 0.0
+    for pair in np.unique(problem.contact_pairs):
+        inside = problem.contact_pairs == pair
+        length = max(np.abs(gaps[inside]).max(), np.abs(motion[inside]).max(), least)
+        depth = (motion - gaps)[inside].max()
+        penetration = max(penetration, float(depth / length) if length > 0 else 0.0)
+    largest = np.abs(forces).max()
+    return penetration, max(0.0, float(-forces.min() / largest)) if largest > 0 else 0.0
 
 
 def relative_error(approximation: np.ndarray, reference: np.ndarray, gram=None, floor: float = 0.0) -> float:

@@ -18,7 +18,7 @@ from hhr_dolfinx.contact.dense import LapackLU, PetscLU
 from hhr_dolfinx.errors import HHRError, StabilityWarning
 from hhr_dolfinx.online.model_file import save_model
 from hhr_dolfinx.online.reduced import ReducedModel
-from hhr_dolfinx.reduction.offline import HyperReduction, ReductionSettings, build_reduced_model
+from hhr_dolfinx.reduction.offline import HyperReduction, ReductionSettings
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.accuracy import summary
 from hhr_dolfinx.study.report import make_report, print_report, write_report
@@ -64,7 +64,7 @@ class StudySettings:
     variants: Sequence[tuple[str, ReductionSettings]] = ()
     tests: int = 200
     queries: int = 200
-    held_out: int = 40
+    held_out: int = 100
     seed: int = 1
     naive: bool = True
 
@@ -230,7 +230,7 @@ def _variant(training, yardstick, fresh, label, recipe) -> dict:
     try:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", StabilityWarning)
-            hyper = build_reduced_model(training.full_order, training.snapshots, recipe)
+            hyper = training.build(recipe)
     except HHRError as error:
         return {"method": "HHR", "setting": label, "refused": str(error)}
     errors = yardstick.errors(hyper, hyper.sets.A_lambda)

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import math
-import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mpi4py import MPI
 
-from hhr_dolfinx.errors import StabilityWarning
 from hhr_dolfinx.full_order.elastic import FullOrderModel
 from hhr_dolfinx.reduction.offline import HyperReduction, ReductionSettings, build_reduced_model
-from hhr_dolfinx.reduction.trust import TrustLimits
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.solutions import SnapshotSet, spread_snapshots
 from hhr_dolfinx.snapshots.store import SnapshotStore
@@ -54,18 +50,15 @@ class Training:
         """
         if checked:
             return build_reduced_model(self.full_order, self.snapshots, recipe, self.held_out)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", StabilityWarning)
-            unlimited = TrustLimits(refuse_cond_K=math.inf, refuse_inf_sup=-1.0)
-            as_it_is = replace(recipe, limits=unlimited, most_layers=recipe.layers)
-            return build_reduced_model(self.full_order, self.snapshots, as_it_is)
+        as_it_is = replace(recipe, limits=None, most_layers=recipe.layers)
+        return build_reduced_model(self.full_order, self.snapshots, as_it_is)
 
 
 def train(
     scene: Scene,
     counts: Sequence[int],
     *,
-    held_out: int = 40,
+    held_out: int = 100,
     seed: int = 1,
     folder: Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
