@@ -23,7 +23,8 @@ MARGIN = 0.05
 PACE = 1.5
 """Factor by which a rate may lie outside the trained ones."""
 IMBALANCE = 3.0
-"""Factor over the largest imbalance of the trained histories; it separated every right path from every wrong one."""
+"""Factor over the largest imbalance of the trained histories. On the flowing pellet unseen gaps stayed below 1.4 times
+that, and every path with an error of the displacement above 2.5 % was above 3.4 times, most above 20."""
 
 
 def announce(message: str, outside: str) -> None:
@@ -92,7 +93,7 @@ class TrainedPaths:
         parameters: values along all trained paths.
         slowest, fastest: smallest and largest rate of each parameter in any step, per second, (P,).
         steps: shortest and longest trained step, in seconds; kept to be read, since only rates decide.
-        imbalance: largest imbalance of the trained histories, solved by the reduced model.
+        imbalance: largest imbalance of the trained histories, solved by the reduced model, in the unit of force.
     """
 
     parameters: TrainedRange
@@ -159,7 +160,7 @@ class Watch:
             self._say(
                 "imbalance",
                 f"step {number}, to t = {time:g} s: the forces on the reduced domain are out of balance by "
-                f"{imbalance:.2g} of their size, {self._trained.imbalance:.2g} at most in training",
+                f"{imbalance:.2g}, in training by {self._trained.imbalance:.2g} at most",
             )
 
     def _say(self, kind, message):

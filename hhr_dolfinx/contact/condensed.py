@@ -121,9 +121,7 @@ class CondensedContact:
         """θ at a parameter; see :meth:`ParameterSpace.point`."""
         return self.amplitudes(self.parameters.point(mu))
 
-    def solve(
-        self, mu, *, warm: bool = True, raise_on_failure: bool = True, outside: str = "warn"
-    ) -> ContactSolution:
+    def solve(self, mu, *, warm: bool = True, raise_on_failure: bool = True, outside: str = "warn") -> ContactSolution:
         """Solve for one parameter.
 
         Args:

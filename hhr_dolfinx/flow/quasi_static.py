@@ -10,102 +10,24 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from hhr_dolfinx.contact.problem import Status
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, OutsideTrainingError, ParameterError
-from hhr_dolfinx.flow.gauss import StrainOperator
-from hhr_dolfinx.flow.material import Material, State
-from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.trained import OUTSIDE, TrainedPaths, Watch
+from hhr_dolfinx.flow.equilibrium import Equilibrium, Operator
+from hhr_dolfinx.flow.material import State
+from hhr_dolfinx.trained import OUTSIDE, Watch
 
 SEARCHES = ("tangent", "frozen", "elastic")
 MEMORY = 6
 """Differences of iterates that Anderson's acceleration keeps."""
+ROUND_OFF_STRAIN = 1e-13
+"""A strain this small is round-off of displacements that strain nothing, as where a gap closes without stress."""
 PATIENCE = 5
 """A frozen tangent is kept for the next step if this one took no more iterations."""
-
-
-class Correction(NamedTuple):
-    """Solution of one linearised contact problem.
-
-    Attributes:
-        change: of the unknown.
-        forces: contact forces, total.
-        active: statuses.
-        status: why the active set stopped.
-    """
-
-    change: np.ndarray
-    forces: np.ndarray
-    active: np.ndarray
-    status: Status
-
-
-class Operator(Protocol):
-    """A linearisation of a model.
-
-    Attributes:
-        moduli: tangents H at its Gauss points, (points, components, components).
-    """
-
-    moduli: np.ndarray
-
-    def correct(self, residual, x, theta, active) -> Correction:
-        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps."""
-
-
-class Equilibrium(Protocol):
-    """What the loop needs of a model; ``x`` is its unknown, U0 or gamma.
-
-    Attributes:
-        material: laws at its Gauss points.
-        operator: strain at these points.
-        points: their numbers in the full model.
-        parameters: the box of the parameters.
-        elastic: the elastic linearisation.
-        size, conditions: number of unknowns and of contact conditions.
-        trained: what a reduced model was trained on; None for a full one.
-    """
-
-    trained: TrainedPaths | None
-    material: Material
-    operator: StrainOperator
-    points: np.ndarray
-    parameters: ParameterSpace
-    elastic: Operator
-    size: int
-    conditions: int
-
-    def amplitudes(self, point):
-        """θ at a parameter."""
-
-    def strain(self, x, theta):
-        """Strain at all Gauss points, lift included."""
-
-    def strain_of(self, change):
-        """Strain of a change of the unknown."""
-
-    def residual(self, stress, theta):
-        """Loads less internal forces, in the test space, and the size of both for each body, (bodies,)."""
-
-    def norms(self, residual):
-        """Norm of a residual for each body, (bodies,)."""
-
-    def round_off(self, x, theta):
-        """Residual that is round-off at an unknown, for each body, (bodies,)."""
-
-    def contact_load(self, forces):
-        """B^T λ in the test space."""
-
-    def imbalance(self, stress, forces, theta) -> float:
-        """What is left of the forces in equilibrium before any projection, relative to their size."""
-
-    def linearised(self, tangents) -> Operator:
-        """The operator of consistent tangents; operators of earlier tangents are then out of date."""
 
 
 @dataclass(frozen=True)
@@ -115,9 +37,9 @@ class MarchSettings:
     Attributes:
         search: operator of the linearisation: ``tangent``, renewed in each iteration; ``frozen``, the tangent at the
             start of each step; ``elastic``. The latter two with Anderson's acceleration.
-        relative_stress: ε_r of (6.19). In the place of R_σ (6.18), by which a prediction was wrong, stands what the next
-            one still moves, H : ε(δ).
-        floor_stress: ε_a of (6.19) as a fraction of the root mean square of the stress, so that it knows no unit.
+        relative_stress: ε_r of (6.19). In the place of R_σ (6.18), by which a prediction was wrong, stands what the
+            next one still moves, H : ε(δ).
+        floor_stress: ε_a of (6.19) as a fraction of the largest root mean square of the stress so far, without a unit.
         relative_force: residual over the size of the forces; the stress criterion alone sees only how much
             iterates still change.
         iterations: most iterations of a step before it is cut.
@@ -181,7 +103,7 @@ class History:
         start: time at rest, in seconds.
         parameter: the parameter there, (P,).
         points: one per step asked for, the start not among them.
-        imbalances: of each step, see :class:`Equilibrium`; round-off for a full model.
+        imbalances: of each step, see :class:`Equilibrium`, in the unit of force.
         iterations: of each step, those of its parts summed; a failed attempt counts as the most allowed.
         cuts: steps that were solved in parts.
     """
@@ -333,10 +255,11 @@ def _advance(model, trail, goal, settings, kept):
 
 @dataclass
 class _Kept:
-    """The operator of the last step, if it served well, and the largest forces in equilibrium so far."""
+    """The operator of the last step, if it served well, and the largest forces and stress (mean square) so far."""
 
     operator: Operator | None = None
     forces: np.ndarray | float = 0.0
+    stress: float = 0.0
 
 
 def _step(model, trail, goal, settings, kept) -> tuple[Point, int]:
@@ -365,10 +288,12 @@ def _step(model, trail, goal, settings, kept) -> tuple[Point, int]:
         if (left <= settings.relative_force * np.maximum(scale, kept.forces) + noise).all():
             # the dearer of the two criteria is asked last
             moved = _moves(operator, model.strain_of(correction.change))
-            floor = settings.floor_stress * np.sqrt(np.mean(update.stress**2))
+            largest = max(kept.stress, float(np.sqrt(np.mean(update.stress**2))))
+            floor = max(settings.floor_stress * largest, ROUND_OFF_STRAIN * operator.moduli.max())
             if (moved - settings.relative_stress * np.abs(update.stress)).max() <= floor:
                 slow = settings.search == "tangent" or iteration > PATIENCE
-                kept.operator, kept.forces = None if slow else operator, np.maximum(scale, kept.forces)
+                kept.operator = None if slow else operator
+                kept.forces, kept.stress = np.maximum(scale, kept.forces), largest
                 answer = correction.forces, correction.active, update.stress, update.state
                 return Point(*goal, x, *answer), iteration
         active = correction.active

@@ -11,9 +11,9 @@ from mpi4py import MPI
 from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.flow.equilibrium import Correction
 from hhr_dolfinx.flow.gauss import ElasticPart
 from hhr_dolfinx.flow.material import Group, Material
-from hhr_dolfinx.flow.quasi_static import Correction
 from hhr_dolfinx.full_order.cholesky import FreeCholesky, check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.gauss_points import strain_operator
@@ -106,9 +106,9 @@ class PlasticFullOrder:
         return self.operator.stiffness(tangents, self._pattern, self._unchanged)
 
     def imbalance(self, stress, forces, theta) -> float:
-        """Residual of the free dofs over the size of its parts."""
-        residual, sizes = self.residual(stress, theta)
-        return float(np.linalg.norm(residual - self.contact_load(forces)) / (np.linalg.norm(sizes) or 1.0))
+        """Norm of the residual on free dofs."""
+        residual, _ = self.residual(stress, theta)
+        return float(np.linalg.norm((residual - self.contact_load(forces)) * self.problem.free))
 
     def linearised(self, tangents) -> _Operator:
         """Factor the tangent stiffness; the operator before is then out of date. See :class:`Equilibrium`."""
@@ -124,7 +124,7 @@ class PlasticFullOrder:
 
 @dataclass(frozen=True)
 class _Operator:
-    """A linearisation, see :class:`hhr_dolfinx.flow.quasi_static.Operator`.
+    """A linearisation, see :class:`hhr_dolfinx.flow.equilibrium.Operator`.
 
     Attributes:
         problem: the full problem.

@@ -5,14 +5,12 @@ Stages that a scene does not need are left out and listed with the reason.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from numbers import Integral
 
 import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactProblem, FullOrder
-from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.online.reconstruct import OnlineModel
 from hhr_dolfinx.online.reduced import ReducedModel
 from hhr_dolfinx.reduction.completion import prepare_reconstruction
@@ -26,8 +24,11 @@ from hhr_dolfinx.reduction.trust import (
     Comparison,
     TrustLimits,
     check_comparison,
+    check_growth,
+    check_loads_seen,
     check_solvable,
     check_stability,
+    check_tolerances,
     compare,
     first_trusted,
     warn_unchecked,
@@ -37,7 +38,6 @@ from hhr_dolfinx.snapshots.accuracy import force_floor, round_off_force
 from hhr_dolfinx.snapshots.solutions import SnapshotSet
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedRange
-
 
 MOST_TRAINING_COMPARED = 50
 """Training solutions compared where none were held out, about."""
@@ -87,34 +87,6 @@ class ReductionSettings:
         """The recipe of the thesis: plain snapshots, no layers, no growth, kappa_max 10."""
         plain = {"dual_pod_tolerance": None, "relative": False, "layers": 0, "most_layers": 0, "kappa_max": 10.0}
         return cls(pod_tolerance, **(plain | changes))
-
-
-def check_tolerances(settings, names: Sequence[str]) -> None:
-    """Refuse POD tolerances outside (0, 1); None leaves a stage out.
-
-    Raises:
-        ReductionError: with the name and the value.
-    """
-    for name in names:
-        value = getattr(settings, name)
-        if value is not None and not 0 < value < 1:
-            raise ReductionError(f"{name} = {value} must lie in (0, 1): it is the part of the snapshots left out")
-
-
-def check_growth(settings) -> None:
-    """Refuse layers and condition numbers that no RID can have.
-
-    Raises:
-        ReductionError: with the name and the value.
-    """
-    for name in ("layers", "most_layers"):
-        value = getattr(settings, name)
-        if not isinstance(value, Integral) or value < 0:
-            raise ReductionError(f"{name} = {value} must be a whole number of layers of cells, at least 0")
-    if settings.most_layers < settings.layers:
-        raise ReductionError(f"most_layers = {settings.most_layers} is less than layers = {settings.layers}")
-    if not settings.kappa_max >= 1:
-        raise ReductionError(f"kappa_max = {settings.kappa_max} must be at least 1: no condition number is smaller")
 
 
 @dataclass(frozen=True)
@@ -201,7 +173,7 @@ def _build(full_order, snapshots, selected, settings, held_out, log) -> HyperRed
     problem, (basis, nodes) = full_order.problem, selected
     with log.stage("rid"):
         sets = reduced_domain(problem, nodes, settings.layers)
-        _check_loads_seen(problem, sets)
+        check_loads_seen(problem, sets, snapshots.points)
     with log.stage("enrichment"):
         enrichment = enrich(problem, basis, sets, settings.kappa_max)
     basis = enrichment.basis
@@ -225,7 +197,9 @@ def _build(full_order, snapshots, selected, settings, held_out, log) -> HyperRed
             answering = OnlineModel(model, reconstruction, problem.block_size)
             comparison = _compared(problem, answering, snapshots, held_out)
             check_comparison(comparison, settings.limits)
-    return HyperReduction(model, reconstruction, problem.block_size, basis, sets, stability, enrichment, comparison, log)
+    return HyperReduction(
+        model, reconstruction, problem.block_size, basis, sets, stability, enrichment, comparison, log
+    )
 
 
 def _compared(problem, answering, snapshots, held_out) -> Comparison:
@@ -256,12 +230,3 @@ def _dual_nodes(problem, snapshots, weights, settings, log):
 
 def _any_contact(problem, snapshots) -> bool:
     return bool(np.linalg.norm(snapshots.forces, axis=0).max() > round_off_force(problem, snapshots))
-
-
-def _check_loads_seen(problem, sets):
-    """Refuse a RID on which some load does nothing."""
-    for term, column in enumerate(problem.loads.T):
-        if np.any(column) and not np.any(column[sets.A]):
-            raise ReductionError(
-                f"load term {term} of the scene does not reach the RID: add nodes next to where it acts to the zone"
-            )

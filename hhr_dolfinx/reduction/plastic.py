@@ -7,8 +7,8 @@ import numpy as np
 from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
 from hhr_dolfinx.contact.dense import LapackLU
+from hhr_dolfinx.flow.equilibrium import Correction
 from hhr_dolfinx.flow.gauss import ElasticPart
-from hhr_dolfinx.flow.quasi_static import Correction
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.rid import IndexSets
 from hhr_dolfinx.trained import TrainedPaths
@@ -87,14 +87,12 @@ class PlasticReduced:
         return forces @ self.reduced.contact_test
 
     def imbalance(self, stress, forces, theta) -> float:
-        """Residual on A before it is projected, over the size of its parts.
+        """Norm of the residual on A before it is projected.
 
         In the reduced space the residual vanishes whatever the path; on A it shows what the modes cannot balance.
         """
-        loads, (internal, size) = self._loads @ theta, self.operator.internal(stress)
-        contact, rows = self._contact @ forces, self._rows
-        scale = np.linalg.norm(loads) + np.linalg.norm(size[rows]) + np.linalg.norm(contact)
-        return float(np.linalg.norm(loads - internal[rows] - contact) / (scale or 1.0))
+        internal, _ = self.operator.internal(stress)
+        return float(np.linalg.norm(self._loads @ theta - internal[self._rows] - self._contact @ forces))
 
     def tangent(self, tangents) -> np.ndarray:
         """Projected consistent tangent V[A]^T K_T V, (ell, ell)."""
@@ -125,7 +123,7 @@ def _rows_times(indptr, indices, data, rows, dense, out):
 
 
 class _Operator:
-    """A linearisation on dense blocks, see :class:`hhr_dolfinx.flow.quasi_static.Operator`."""
+    """A linearisation on dense blocks, see :class:`hhr_dolfinx.flow.equilibrium.Operator`."""
 
     def __init__(self, reduced, stiffness, moduli):
         self.moduli, self._reduced, self._factor = moduli, reduced, LapackLU(stiffness)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -10,19 +10,33 @@ import numpy as np
 from scipy import linalg
 
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.errors import NotSolvableError, ReductionError, UnstableModelError
+from hhr_dolfinx.errors import ReductionError, UnstableModelError
 from hhr_dolfinx.flow.quasi_static import History, Point
 from hhr_dolfinx.online.reconstruct import Reconstruction
 from hhr_dolfinx.reduction.completion import prepare_reconstruction
 from hhr_dolfinx.reduction.deim import deim
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
 from hhr_dolfinx.reduction.plastic import PlasticReduced
+from hhr_dolfinx.reduction.plastic_trust import compare_histories, force_floor_of
 from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.reduction.rid import IndexSets, contact_nodes, reduced_domain, zone_of_interest
 from hhr_dolfinx.reduction.stability import Stability, assess
-from hhr_dolfinx.reduction.trust import first_trusted
+from hhr_dolfinx.reduction.trust import (
+    Comparison,
+    TrustLimits,
+    check_comparison,
+    check_growth,
+    check_loads_seen,
+    check_solvable,
+    check_stability,
+    check_tolerances,
+    first_trusted,
+    warn_no_flow,
+    warn_unchecked,
+)
 from hhr_dolfinx.snapshots.solutions import SnapshotSet
 from hhr_dolfinx.timing import StageLog
+from hhr_dolfinx.trained import TrainedPaths
 
 
 @dataclass(frozen=True)
@@ -39,6 +53,7 @@ class PlasticSettings:
             twenty recipes for the pellet all above 0.1 kept within 5 % of the displacement at every step; all below
             -0.2 left it at some step, by up to 26 %, or failed.
         checked_states: training states of each history at which tangents are checked.
+        limits: what the trust check refuses or warns of; None leaves it out, but for the tangents.
     """
 
     primal: float = 1e-9
@@ -51,6 +66,14 @@ class PlasticSettings:
     kappa_max: float = 1.0
     least_tangent: float = 0.1
     checked_states: int = 4
+    limits: TrustLimits | None = TrustLimits.of_histories()
+
+    def __post_init__(self):
+        """Refuse numbers that mean nothing; see :class:`ReductionSettings`."""
+        check_tolerances(self, ("primal", "dual", "stress", "plastic_strain"))
+        check_growth(self)
+        if self.checked_states < 1:
+            raise ReductionError(f"checked_states = {self.checked_states} must be at least 1")
 
 
 class GappyField(NamedTuple):
@@ -87,7 +110,9 @@ class PlasticReduction:
         enrichment: how the basis was enriched.
         layers: layers of cells of the RID.
         gauss_points: number of Gauss points of the full model.
-        tangent_margin: smallest real part of the eigenvalues of the projected tangents, see :func:`tangent_margin`.
+        tangent_margin: smallest real part of the eigenvalues of the projected tangents, see :func:`tangent_margin`;
+            1 where nothing flowed in training.
+        comparison: what users get beside trained and held-out histories; None if the check was left out.
         log: times of the stages, what was left out, attempts that were refused.
     """
 
@@ -100,6 +125,7 @@ class PlasticReduction:
     layers: int
     gauss_points: int
     tangent_margin: float
+    comparison: Comparison | None
     log: StageLog
 
     @property
@@ -136,64 +162,136 @@ class PlasticReduction:
 
 
 def build_plastic_reduction(
-    full, histories: list[History], settings: PlasticSettings = PlasticSettings()
+    full,
+    histories: list[History],
+    settings: PlasticSettings = PlasticSettings(),
+    held_out: Sequence[History] = (),
 ) -> PlasticReduction:
-    """Build a reduced model whose projected tangents are well positive at training states, or refuse.
+    """Build a reduced model that passes the trust check, or refuse.
 
     A RID that is too small for its modes makes the projected consistent tangent indefinite under flow; steps then
-    fail, or converge to a wrong path with the smallest residuals. The elastic operator shows nothing of it.
+    fail, or converge to a wrong path with the smallest residuals. The elastic operator shows nothing of it. What users
+    get is compared with the trained histories, and with those held out.
 
     Args:
         full: the full model, a :class:`hhr_dolfinx.full_order.plastic.PlasticFullOrder`.
         histories: its training histories.
         settings: how to reduce.
+        held_out: histories kept out of training, for the trust check.
 
     Raises:
-        ReductionError: if there is nothing to train on.
-        UnstableModelError: if tangents are still not positive at ``most_layers``.
+        ReductionError: if there is nothing to train on, histories belong to another model, or a load acts outside
+            the RID.
+        UnstableModelError: if the trust check still refuses the model at ``most_layers``.
         NotSolvableError: if contact rows are dependent on the basis, (5.24)-(5.25).
+
+    Warns:
+        StabilityWarning: if the trust check doubts it.
+        UncheckedWarning: if no history was held out.
     """
-    if not histories or not all(history.points for history in histories):
-        raise ReductionError("a reduced model needs at least one training history, each with at least one step")
+    _check_histories(full, [*histories, *held_out])
+    if not histories:
+        raise ReductionError("a reduced model needs at least one training history, with at least one step")
     log = StageLog()
+    if settings.limits is not None and not held_out:
+        warn_unchecked()
+        log.skip("held_out", "no history was kept out of training: trained ones were compared")
     with log.stage("bases"):
         bases = _bases(histories, settings)
         nodes = _rid_nodes(full, bases, settings)
     with log.stage("training_tangents"):
         states = _training_tangents(full, histories, settings.checked_states)
+    if full.material.flows and bases.cumulated is None:
+        warn_no_flow()
+    known = _Known(histories, list(held_out))
 
     def attempt(layers):
-        return _build(full, (bases, nodes, states), replace(settings, layers=layers), log)
+        return _build(full, (bases, nodes, states), known, replace(settings, layers=layers), log)
 
     return first_trusted(attempt, settings.layers, settings.most_layers, log)
 
 
-def _build(full, selected, settings, log) -> PlasticReduction:
+class _Known(NamedTuple):
+    """Histories of the full model, trained on and held out."""
+
+    trained: list[History]
+    held_out: list[History]
+
+
+def _check_histories(full, histories) -> None:
+    """Refuse histories without a step, and those of another model."""
+    for number, history in enumerate(histories):
+        if not history.points:
+            raise ReductionError(f"history {number} has no step: it needs at least one")
+        last, shape = history.points[-1], (full.operator.points, full.material.components)
+        if last.unknown.shape != (full.size,) or last.stress.shape != shape:
+            raise ReductionError(
+                f"history {number} has {last.unknown.size} dofs and stresses of shape {last.stress.shape}, the model "
+                f"{full.size} and {shape}: it belongs to another mesh or scene"
+            )
+
+
+def _build(full, selected, known, settings, log) -> PlasticReduction:
     """One attempt with a fixed number of layers."""
     bases, nodes, states = selected
     with log.stage("rid"):
         sets = reduced_domain(full.problem, nodes, settings.layers)
+        check_loads_seen(full.problem, sets, bases.snapshots.points)
     with log.stage("enrichment"):
         enrichment = enrich(full.problem, bases.primal, sets, settings.kappa_max)
-        if not np.isfinite(enrichment.kappas[-1]):
-            raise NotSolvableError("the contact rows are dependent on the reduced basis, thesis (5.24)-(5.25)")
     with log.stage("projection"):
         model = PlasticReduced(full, enrichment.basis, sets)
     with log.stage("stability"):
         stability = assess(full, model.basis, sets, model.reduced)
-        margin = min((tangent_margin(model, *state) for state in states), default=1.0)
-        if not margin > settings.least_tangent:
-            raise UnstableModelError(
-                f"with {settings.layers} layers a projected tangent at a training state has an eigenvalue of real part "
-                f"{margin:.2g}: steps would fail or follow a wrong path. Allow more layers or keep fewer modes"
-            )
+        check_solvable(stability)
+        if settings.limits is not None:
+            check_stability(stability, settings.limits)
+        margin = _least_margin(model, states, settings)
     with log.stage("reconstruction"):
         completion = _completed(full, model, bases)
     record_enrichment(enrichment, settings.kappa_max, log)
     if not full.material.flows:
         log.skip("tangents", "no body flows: the elastic operator is the tangent")
     counts = settings.layers, full.operator.points
-    return PlasticReduction(model, *completion, stability, enrichment, *counts, margin, log)
+    built = PlasticReduction(model, *completion, stability, enrichment, *counts, margin, None, log)
+    with log.stage("validation"):
+        comparison = _compared(full, built, known, settings.limits)
+    return replace(built, comparison=comparison)
+
+
+def _least_margin(model, states, settings) -> float:
+    """Smallest tangent margin at training states; 1, that of the elastic operator, where nothing flowed.
+
+    Raises:
+        UnstableModelError: if it is below its limit.
+    """
+    margin = min((tangent_margin(model, *state) for state in states), default=1.0)
+    if not margin > settings.least_tangent:
+        raise UnstableModelError(
+            f"with {settings.layers} layers a projected tangent at a training state has an eigenvalue of real part "
+            f"{margin:.2g}: steps would fail or follow a wrong path. Allow more layers or keep fewer modes"
+        )
+    return margin
+
+
+def _compared(full, built, known, limits) -> Comparison | None:
+    """Solve trained and held-out histories by the reduced model; tell it what it was trained on.
+
+    Raises:
+        UnstableModelError: if a history that it was trained on fails, or errors are beyond their limits.
+    """
+    floor = force_floor_of(known.trained)
+    labels = [f"trained history {number}" for number in range(len(known.trained))]
+    comparison, imbalances = compare_histories(full, built, known.trained, labels, floor)
+    paths = [history.path for history in known.trained]
+    built.model.trained = TrainedPaths.of(paths, full.parameters, float(imbalances.max()))
+    if limits is None:
+        return None
+    if known.held_out:
+        labels = [f"held-out history {number}" for number in range(len(known.held_out))]
+        comparison = comparison.joined(compare_histories(full, built, known.held_out, labels, floor)[0])
+    check_comparison(comparison, limits)
+    return comparison
 
 
 def tangent_margin(model: PlasticReduced, tangents: np.ndarray, stiffness) -> float:
@@ -203,9 +301,17 @@ def tangent_margin(model: PlasticReduced, tangents: np.ndarray, stiffness) -> fl
         model: the reduced model.
         tangents: consistent tangents at all Gauss points of the full model.
         stiffness: K_T of the full model.
+
+    Raises:
+        UnstableModelError: if the tangent of the full model is singular or not finite on the basis.
     """
     whole = model.basis.T @ (stiffness @ model.basis)
-    return float(linalg.eigvals(np.linalg.solve(whole, model.tangent(tangents[model.points]))).real.min())
+    try:
+        return float(linalg.eigvals(np.linalg.solve(whole, model.tangent(tangents[model.points]))).real.min())
+    except (np.linalg.LinAlgError, ValueError) as error:
+        raise UnstableModelError(
+            f"the tangent at a training state is singular or not finite on the basis ({error}): keep fewer modes"
+        ) from error
 
 
 def _training_tangents(full, histories, count):

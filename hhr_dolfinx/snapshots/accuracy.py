@@ -43,8 +43,8 @@ class Residuals:
 
     Attributes:
         equilibrium: norm of K u + B^T λ - F on free dofs over that of the loads.
-        penetration: deepest violation of a gap over the largest gap or relative motion of its pair, or a thousandth of the
-            largest displacement.
+        penetration: deepest violation of a gap over the largest gap or relative motion of its pair, or a thousandth
+            of the largest displacement.
         sign: largest pull over the largest contact force.
     """
 
@@ -58,8 +58,8 @@ def contact_residuals(problem: ContactProblem, displacement: np.ndarray, forces:
     homogeneous, load = displacement - problem.lifts @ theta, problem.loads @ theta
     residual = problem.stiffness @ homogeneous + problem.contact.T @ forces - load
     # where nothing is loaded, forces in contact are all there is
-    scale = max(_norm(load, None), _norm(problem.contact.T @ forces, None))
-    equilibrium = _norm(residual * problem.free, None) / scale if scale > 0 else 0.0
+    scale = max(norm(load, None), norm(problem.contact.T @ forces, None))
+    equilibrium = norm(residual * problem.free, None) / scale if scale > 0 else 0.0
     return Residuals(equilibrium, *slack_residuals(problem, homogeneous, forces, theta))
 
 
@@ -82,7 +82,7 @@ def relative_error(approximation: np.ndarray, reference: np.ndarray, gram=None, 
 
     Where the reference and the floor are zero the error is 0 for an exact answer and infinite otherwise.
     """
-    error, size = _norm(approximation - reference, gram), max(_norm(reference, gram), floor)
+    error, size = norm(approximation - reference, gram), max(norm(reference, gram), floor)
     if size == 0:
         return 0.0 if error == 0 else np.inf
     return error / size
@@ -104,6 +104,7 @@ def summary(values) -> dict:
     return {"median": float(median), "p95": float(p95), "max": float(values.max()), "n": int(values.size)}
 
 
-def _norm(vector, gram):
+def norm(vector: np.ndarray, gram=None) -> float:
+    """Norm of a vector by a Gram matrix, Euclidean if None."""
     square = vector @ vector if gram is None else vector @ (gram @ vector)
     return float(np.sqrt(max(square, 0.0)))
