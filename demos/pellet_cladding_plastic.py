@@ -6,7 +6,7 @@ initial gap in [5, 15] um. Trained on the two ends of it, compared at 10 and 12.
 What to see: constitutive laws are evaluated on a fifth of the cells, and a history takes a tenth of the time. Too small
 a RID converges to a wrong path with the smallest residuals; eigenvalues of the projected tangents tell beforehand.
 
-    python demos/pellet_cladding_plastic.py [--out DIR] [--quick] [--seed N] [--exponent 5]
+    python demos/pellet_cladding_plastic.py [--out DIR] [--quick] [--seed N] [--exponent 5] [--paths]
         [--train 5 7.5 15 --pod 1e-11 --layers 6]
 """
 
@@ -16,6 +16,7 @@ from pellet_cladding import QUICK_MESH, VIEW
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.study import cli, report
+from hhr_dolfinx.study.paths import summarise_paths, try_path
 
 NAMES = ("primal_euclid", "dual_rid", "stress_rr", "plastic_strain")
 THESIS = {"10 um": (0.0089, 0.067, 0.046, 0.022), "12.5 um": (0.028, 0.025, 0.025, 0.0061)}
@@ -61,14 +62,23 @@ def main() -> None:
     parser.add_argument("--pod", type=float, default=1e-9, help="tolerance of the POD of displacements (%(default)s)")
     parser.add_argument("--layers", type=int, default=3, help="layers of cells to begin with (%(default)s)")
     parser.add_argument("--train", type=float, nargs="+", default=[5.0, 15.0], help="gaps to train on in um")
+    parser.add_argument("--paths", action="store_true", help="try 20 paths inside and 40 outside what was trained")
     options = cli.parse_on_first_rank(parser)
     quick_mesh = {**QUICK_MESH, "cladding_axial_cells": 15, "cladding_radial_cells": 3}
     built, steps = scene(options.exponent, **(quick_mesh if options.quick else {})), 10 if options.quick else 40
     drawn = np.random.default_rng(options.seed).uniform(5, 15, 1 if options.quick else 4)
     recipe = hhr.PlasticSettings(options.pod, layers=options.layers, zone=pressed_nodes)
     tests = [10.0, 12.5, *np.sort(drawn).round(3)]
-    settings = hhr.HistorySettings(lambda gap: path(gap, steps), options.train, tests, recipe, seed=options.seed)
+    settings = hhr.HistorySettings(
+        lambda gap: path(gap, steps), options.train, tests, held_out=[8.0], reduction=recipe, seed=options.seed
+    )
     study = hhr.study_histories(built, settings, progress=options.progress)
+    if options.paths:
+        from parts.pellet_cladding_paths import path_cases
+
+        cases = options.progress("paths")(list(path_cases(options.seed)))
+        rows = [try_path(study.full, study.reduction, case, study.floor, settings.march) for case in cases]
+        study.report["paths"] = summarise_paths(rows)
     study.write(options.out, options.console, VIEW)
     rows = {f"{row['value']:g} um": {name: row[name] for name in study.report["errors"]} for row in study.rows}
     theirs = {label: dict(zip(NAMES, row, strict=True)) for label, row in THESIS.items()}

@@ -25,4 +25,4 @@ def hertz_snapshots(hertz):
 @pytest.fixture(scope="session")
 def hertz_reduction(hertz, hertz_snapshots):
     """The reduced model of the demo."""
-    return hhr.build_reduced_model(hertz, hertz_snapshots, demo.RECIPE)
+    return hhr.build_reduced_model(hertz, hertz_snapshots, demo.THESIS)

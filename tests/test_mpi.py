@@ -26,7 +26,7 @@ for mu in (0.15, 0.3123, 0.45):
     out[f"forces {{mu}}"] = solution.forces.tolist()
     out[f"norm {{mu}}"] = float(np.linalg.norm(solution.primal))
 snapshots = hhr.compute_snapshots(full_order, full_order.problem.parameters.grid([31]))
-reduction = hhr.build_reduced_model(full_order, snapshots, demo.RECIPE)
+reduction = hhr.build_reduced_model(full_order, snapshots, demo.THESIS)
 out["reduced"] = np.linalg.norm(reduction.solve_everywhere(0.3123)[0])
 out["solid"] = hhr.FullOrderModel(pressed_block("solid", simplices=True)).solve(0.05).forces.tolist()
 for name, pairing in patch.PAIRINGS.items():

@@ -2,7 +2,6 @@
 
 import numpy as np
 from mpi4py import MPI
-from parts.pellet_cladding_tables import POINTS
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.coarser import CoarserMesh
@@ -10,6 +9,7 @@ from hhr_dolfinx.baselines.peers import DualBasisModel, cone_projected_greedy, n
 from hhr_dolfinx.snapshots.accuracy import relative_error
 from hhr_dolfinx.study.yardstick import Yardstick
 from hhr_dolfinx.timing import time_queries
+from parts.pellet_cladding_tables import POINTS
 
 THESIS_SIZE = hhr.ReductionSettings.thesis(1e-6, extended_pod_tolerance=3e-7, dual_pod_tolerance=1e-3, kappa_max=3.0)
 """POD + FE enrichment on a small RID: 60 functions and 26 contacts."""

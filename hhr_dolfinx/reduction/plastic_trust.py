@@ -44,7 +44,7 @@ def compare_histories(full, reduction, histories: list[History], labels: list[st
             residuals.append(None)
             imbalances.append(math.inf)
             continue
-        displacement, forces = history_errors(full, reduction, answer, history, floor)
+        displacement, forces = largest_errors(full, reduction, answer, history, floor)
         primal.append(displacement)
         dual.append(forces)
         residuals.append(residuals_of(full, reduction, answer.points[-1]))
@@ -52,7 +52,7 @@ def compare_histories(full, reduction, histories: list[History], labels: list[st
     return Comparison(list(labels), np.array(primal), np.array(dual), residuals), np.array(imbalances)
 
 
-def history_errors(full, reduction, answer: History, exact: History, floor: float) -> tuple[float, float]:
+def largest_errors(full, reduction, answer: History, exact: History, floor: float) -> tuple[float, float]:
     """Largest errors of the displacement (L2) and of the forces everywhere over their largest size in the history."""
     mass, pairs = full.problem.mass, list(zip(answer.points, exact.points, strict=True))
     fields = [full.displacement(there) for _, there in pairs]

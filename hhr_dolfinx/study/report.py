@@ -33,6 +33,7 @@ def make_report(study) -> dict:
             len(study.training.snapshots.points),
         ),
         "errors": study.errors.summaries(),
+        "kkt": study.errors.residuals,
         "times": {
             "offline": {**study.training.log.times, **hyper.log.times},
             **_times(study.times["warm"], _TIMED),
@@ -47,7 +48,50 @@ def make_report(study) -> dict:
         },
     }
     report["skipped"] = [*study.training.log.skipped, *report["skipped"]]
+    report["break_even"] = break_even(report["times"])
     return {**report, "advice": advice(report)}
+
+
+def model_report(hyper, errors, seconds) -> dict:
+    """One of the ``models`` of a report.
+
+    Args:
+        hyper: a reduced model.
+        errors: its errors at the test points.
+        seconds: of its queries.
+    """
+    return {
+        "sizes": reduced_sizes(hyper),
+        "stability": hyper.stability.as_report(),
+        "errors": errors.summaries(),
+        "kkt": errors.residuals,
+        "times": {"offline": dict(hyper.log.times), "online": summary(seconds)},
+    }
+
+
+def reduced_sizes(reduction) -> dict:
+    """Numbers of functions, conditions and cells of a reduced model."""
+    functions = reduction.basis.shape[1]
+    return {
+        "ell": functions - len(reduction.enrichment.added),
+        "ell_bar": functions,
+        "N_lambda_C": len(reduction.sets.A_lambda),
+        "rid_cells": len(reduction.sets.cells),
+    }
+
+
+def break_even(times: dict) -> dict[str, float | None]:
+    """Queries after which training and reduced answers are cheaper than the best full order; None if they never are.
+
+    Forces alone by the reduced model, or fields and all forces.
+    """
+    offline = sum(times["offline"].values())
+    full = times["fom_best"]["median"]
+    found = {}
+    for name, kind in (("forces", "online"), ("fields", "online_full")):
+        saved = full - times[kind]["median"]
+        found[name] = offline / saved if saved > 0 else None
+    return found
 
 
 def frame(full_order, reduction, recipe, seed: int, snapshots: int) -> dict:
@@ -60,7 +104,7 @@ def frame(full_order, reduction, recipe, seed: int, snapshots: int) -> dict:
         seed: of test points.
         snapshots: number of training solutions.
     """
-    problem, functions = full_order.problem, reduction.basis.shape[1]
+    problem = full_order.problem
     return {
         "scene": full_order.scene.name,
         "seed": seed,
@@ -68,11 +112,8 @@ def frame(full_order, reduction, recipe, seed: int, snapshots: int) -> dict:
         "sizes": {
             "N": problem.free.size,
             "N_lambda": problem.contact.shape[0],
-            "ell": functions - len(reduction.enrichment.added),
-            "ell_bar": functions,
-            "N_lambda_C": len(reduction.sets.A_lambda),
+            **reduced_sizes(reduction),
             "cells": len(problem.cell_nodes),
-            "rid_cells": len(reduction.sets.cells),
             "layers": recipe.layers + len(reduction.log.refused),
             "snapshots": snapshots,
         },

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +13,9 @@ from hhr_dolfinx.errors import ConvergenceError
 from hhr_dolfinx.flow.quasi_static import SEARCHES, History, MarchSettings, march
 from hhr_dolfinx.full_order.plastic import PlasticFullOrder
 from hhr_dolfinx.reduction.plastic_offline import PlasticReduction, PlasticSettings, build_plastic_reduction
+from hhr_dolfinx.reduction.plastic_trust import force_floor_of, largest_errors, residuals_of
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.snapshots.accuracy import FORCE_FLOOR, relative_error, summary
+from hhr_dolfinx.snapshots.accuracy import relative_error, summary
 from hhr_dolfinx.study.report import frame, print_report, write_report
 from hhr_dolfinx.study.training import Progress, silent
 from hhr_dolfinx.study.view import View
@@ -30,6 +31,7 @@ class HistorySettings:
         path: history of a value: times and parameters, the first ones at rest.
         training: values to train on.
         tests: values to compare at.
+        held_out: values kept out of training for the trust check.
         reduction: the recipe under study.
         march: how histories are solved.
         repetitions: reduced histories timed at each test value.
@@ -39,6 +41,7 @@ class HistorySettings:
     path: Callable[[float], Sequence[tuple[float, np.ndarray]]]
     training: Sequence[float]
     tests: Sequence[float]
+    held_out: Sequence[float] = ()
     reduction: PlasticSettings = PlasticSettings()
     march: MarchSettings = MarchSettings()
     repetitions: int = 3
@@ -52,6 +55,7 @@ class HistoryStudy:
     Attributes:
         full: the full model.
         reduction: the reduced model under study.
+        floor: force norm below which a relative error means nothing.
         rows: errors and iterations at each test value.
         exact, history: full and reduced history at the last test value.
         report: all figures under the keys that scenes share; a demo may add its own.
@@ -59,6 +63,7 @@ class HistoryStudy:
 
     full: PlasticFullOrder
     reduction: PlasticReduction
+    floor: float
     rows: list[dict]
     exact: History
     history: History
@@ -88,10 +93,11 @@ def study_histories(scene: Scene, settings: HistorySettings, *, progress: Progre
         full = PlasticFullOrder(scene)
     with log.stage("snapshots"):
         training = [march(full, path(value), settings.march) for value in progress("training")(settings.training)]
-    reduction = build_plastic_reduction(full, training, settings.reduction)
-    march(reduction.model, path(settings.tests[0])[:3], settings.march)  # compiles
+    with log.stage("held_out"):
+        held_out = [march(full, path(value), settings.march) for value in progress("held out")(settings.held_out)]
+    reduction = build_plastic_reduction(full, training, settings.reduction, held_out)
     rows, full_seconds, online_seconds = [], [], []
-    floor = FORCE_FLOOR * max(np.linalg.norm(point.forces) for history in training for point in history.points)
+    floor = force_floor_of(training)
     for value in progress("tests")(settings.tests):
         exact, seconds = timed(lambda value=value: march(full, path(value), settings.march))
         full_seconds.append(seconds)
@@ -104,7 +110,7 @@ def study_histories(scene: Scene, settings: HistorySettings, *, progress: Progre
         rows.append({"value": float(value), **history_errors(full, reduction, history, exact, floor),
                      "cuts": history.cuts, "iterations": history.iterations,
                      "full_iterations": exact.iterations})  # fmt: skip
-    study = HistoryStudy(full, reduction, rows, exact, history)
+    study = HistoryStudy(full, reduction, floor, rows, exact, history)
     searches = _time_searches(full, settings, reduction.log) | {settings.march.search: float(np.median(full_seconds))}
     seconds = {"fom_best": full_seconds, "online": online_seconds, "fom_searches": searches}
     return replace(study, report=_report(study, settings, training, log, seconds))
@@ -126,7 +132,7 @@ def _time_searches(full, settings, log) -> dict[str, float]:
 def history_errors(
     full: PlasticFullOrder, reduction: PlasticReduction, history: History, exact: History, floor: float = 0.0
 ) -> dict:
-    """Relative errors at the last step as in thesis table 6.1, and the worst displacement error of the history.
+    """Relative errors at the last step as in thesis table 6.1, and the largest ones of the history.
 
     Args:
         full: the full model.
@@ -136,17 +142,16 @@ def history_errors(
     """
     model, here, there = reduction.model, history.points[-1], exact.points[-1]
     answer = reduction.displacement_everywhere(here), reduction.forces_everywhere(here)
-    fields = [
-        relative_error(reduction.displacement_everywhere(p), full.displacement(q))
-        for p, q in zip(history.points, exact.points, strict=True)
-    ]
+    displacement, forces = largest_errors(full, reduction, history, exact, floor)
     return {
         **answer_errors(full.problem, answer, (full.displacement(there), there.forces), floor, model.sets.A_lambda),
         "stress_rr": relative_error(here.stress[:, 0], there.stress[model.points][:, 0]),
         "plastic_strain": relative_error(here.state.cumulated, there.state.cumulated[model.points]),
         "plastic_strain_everywhere": relative_error(reduction.plastic_strain_everywhere(here), there.state.cumulated),
         "stress_rr_everywhere": relative_error(reduction.stress_everywhere(here)[:, 0], there.stress[:, 0]),
-        "worst_displacement": max(fields),
+        "largest_displacement": displacement,
+        "largest_forces": forces,
+        "kkt": asdict(residuals_of(full, reduction, here)),
     }
 
 
@@ -176,14 +181,17 @@ def _report(study, settings, training, log, seconds) -> dict:
     errors = {name: summary([row[name] for row in study.rows]) for name, value in study.rows[0].items()
               if isinstance(value, float) and name != "value"}  # fmt: skip
     steps = sum(len(history.points) for history in training)
+    offline = sum({**log.times, **reduction.log.times}.values())
     shown = ("primal_l2", "dual_full_floored")
     report = frame(full, reduction, settings.reduction, settings.seed, steps)
     # cells of the RID that no test function sees cost nothing
     report["sizes"]["rid_cells"] = len(model.cells)
     report["stability"]["tangent"] = reduction.tangent_margin
     report["skipped"].append({"stage": "condensed", "why": "the stiffness changes with the flow"})
+    kkt = {name: max(row["kkt"][name] for row in study.rows) for name in study.rows[0]["kkt"]}
     return report | {
         "errors": errors,
+        "kkt": kkt,
         "histories": study.rows,
         "times": {
             "offline": {**log.times, **reduction.log.times},
@@ -193,6 +201,7 @@ def _report(study, settings, training, log, seconds) -> dict:
             "online": summary(seconds["online"]),
             "parts": parts,
         },
+        "break_even": {"forces": None, "fields": offline / (fom_best - online) if fom_best > online else None},
         "ratios": {"fom_best/online": fom_best / online, "laws": parts["fom"]["laws"] / parts["online"]["laws"]},
         "work_precision": [
             {"method": "HHR", "setting": f"{reduction.layers} layers", "online_s": online,

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import warnings
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactProblem, Solvable
-from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
-from hhr_dolfinx.snapshots.accuracy import energy_minimum, force_floor, relative_error, summary
+from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, OutsideTrainingWarning
+from hhr_dolfinx.snapshots.accuracy import (
+    Residuals,
+    contact_residuals,
+    energy_minimum,
+    force_floor,
+    relative_error,
+    summary,
+)
 from hhr_dolfinx.snapshots.solutions import SnapshotSet, compute_snapshots
 
 NAMES = ("primal_l2", "primal_energy", "primal_euclid", "energy_minimum",
@@ -23,11 +31,13 @@ class PointErrors:
         values: errors by name, (n,) each; infinite where there is no answer.
         answered: whether there is one, (n,) bool.
         false_contact: number of points with forces where the full order has none.
+        residuals: largest ones of the answers, the ``kkt`` part of a report.
     """
 
     values: dict[str, np.ndarray]
     answered: np.ndarray
     false_contact: int
+    residuals: dict[str, float]
 
     @property
     def unanswered(self) -> int:
@@ -67,12 +77,16 @@ class Yardstick:
             approximation: with ``solve_everywhere(mu)``, whose displacement (N,) and forces (N_lambda,) are compared.
             inside: conditions of its RID, if it has one.
         """
-        rows, false_contact, references, problem = [], 0, self.references, self.problem
+        rows, residuals, references, problem = [], [], self.references, self.problem
+        false_contact = 0
         for point, homogeneous, forces in zip(
             references.points, references.displacements.T, references.forces.T, strict=True
         ):
             try:
-                answer = approximation.solve_everywhere(point)
+                with warnings.catch_warnings():
+                    # a study asks on purpose; what it finds is what the report is for
+                    warnings.simplefilter("ignore", OutsideTrainingWarning)
+                    answer = approximation.solve_everywhere(point)
             except (ConvergenceError, NotSolvableError):
                 rows.append(None)
                 continue
@@ -81,11 +95,13 @@ class Yardstick:
             energies = [energy_minimum(problem, field, theta) for field in (answer[0], exact[0])]
             row = answer_errors(problem, answer, exact, self.floor, inside)
             rows.append({**row, "energy_minimum": abs(energies[0] - energies[1])})
+            residuals.append(asdict(contact_residuals(problem, *answer, theta)))
             false_contact += bool(((answer[1] > self.floor) & (forces == 0)).any())
         answered = np.array([row is not None for row in rows])
         names = [name for name in NAMES if inside is not None or not name.startswith("dual_rid")]
         values = {name: np.array([np.inf if row is None else row[name] for row in rows]) for name in names}
-        return PointErrors(values, answered, false_contact)
+        kkt = {name: max((row[name] for row in residuals), default=np.inf) for name in Residuals.__dataclass_fields__}
+        return PointErrors(values, answered, false_contact, kkt)
 
 
 def answer_errors(problem: ContactProblem, answer, exact, floor: float, inside: np.ndarray | None = None) -> dict:

@@ -1,0 +1,66 @@
+"""Random paths of the flowing pellet: inside the family it is trained on (gaps, one pace, one height), and outside."""
+
+import numpy as np
+import pellet_cladding_plastic as demo
+
+from hhr_dolfinx.study.paths import PathCase
+
+
+def history(times, shares, gap, height=demo.HEIGHT):
+    """Times, and parameters with the pressure as a share of the largest one."""
+    return [(float(t), np.array([demo.PRESSURE * s, height, gap * 1e-3])) for t, s in zip(times, shares, strict=True)]
+
+
+def ramp(rng, steps=40, pace=1.0, height=demo.HEIGHT):
+    """The trained path at a random gap, possibly at another pace or height."""
+    times = np.arange(steps + 1) / steps
+    return history(times / pace, times, rng.uniform(5, 15), height)
+
+
+def inside(rng):
+    """Another gap, number of steps and last pressure."""
+    steps, last = int(rng.integers(20, 80)), rng.uniform(0.6, 1.0)
+    shares = last * np.arange(steps + 1) / steps
+    return history(shares, shares, rng.uniform(5, 15))
+
+
+def unloading(rng):
+    """Up, down to a part of it, up again."""
+    turn = rng.uniform(0.3, 1.0)
+    rest = rng.uniform(0.0, 0.6) * turn
+    corners = np.array([0.0, turn, rest, turn])
+    times = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(corners)))])
+    fine = np.unique(np.concatenate([np.linspace(0, times[-1], int(40 * times[-1]) + 1), times]))
+    return history(fine, np.interp(fine, times, corners), rng.uniform(5, 15))
+
+
+def hold(rng):
+    """Up to a pressure that then stays for 0.1 to 10 s."""
+    share, seconds = rng.uniform(0.4, 1.0), 10.0 ** rng.uniform(-1, 1)
+    up = np.linspace(0, share, int(40 * share) + 1)
+    times = np.concatenate([up, share + seconds * np.arange(1, 11) / 10])
+    return history(times, np.minimum(times, share), rng.uniform(5, 15))
+
+
+def pace(rng):
+    """2 to 100 times as fast or as slow."""
+    factor = 10.0 ** (rng.choice([-1, 1]) * rng.uniform(np.log10(2), 2))
+    return ramp(rng, pace=factor)
+
+
+def height(rng):
+    """Another height of the pressure."""
+    return ramp(rng, height=rng.choice([rng.uniform(0.5, 0.85), rng.uniform(0.95, 1.5)]))
+
+
+OUTSIDE = (unloading, hold, pace, height)
+
+
+def path_cases(seed, inside_count=20, outside_count=40):
+    """Cases in turns of the four ways to leave what was trained."""
+    rng = np.random.default_rng(seed)
+    for k in range(inside_count):
+        yield PathCase(f"inside {k}", inside(rng), inside=True)
+    for k in range(outside_count):
+        way = OUTSIDE[k % len(OUTSIDE)]
+        yield PathCase(f"{way.__name__} {k // len(OUTSIDE)}", way(rng), inside=False)
