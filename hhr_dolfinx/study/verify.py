@@ -9,25 +9,26 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from mpi4py import MPI
 
+from hhr_dolfinx import errors
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
-from hhr_dolfinx.contact.problem import ContactProblem, ContactSolution
-from hhr_dolfinx.errors import HHRError, PairingWarning, StabilityWarning
 from hhr_dolfinx.full_order.elastic import FullOrderModel
 from hhr_dolfinx.reduction.offline import ReductionSettings, build_reduced_model
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.snapshots.accuracy import relative_error
+from hhr_dolfinx.snapshots.accuracy import contact_residuals, relative_error
 from hhr_dolfinx.snapshots.solutions import SnapshotSet, compute_snapshots
 from hhr_dolfinx.study.yardstick import Yardstick
 
 FULL_TOLERANCE = 1e-6
 """Two exact solvers differ by round-off times cond(K), which reaches 1e10 in extreme cases."""
-REDUCED_TOLERANCE = {"primal_l2": 0.02, "dual_full_floored": 0.1}
-"""At the 95th percentile: what the trust check lets pass without a warning."""
+REDUCED_WORST = {"primal_l2": 0.05, "dual_full_floored": 0.3}
+"""At the worst point, on the whole mesh. Forces of neighbouring nodes change places where contact grazes."""
+REDUCED_P95 = {"primal_l2": 0.02, "dual_full_floored": 0.1}
+"""At 95 % of the points."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,14 @@ class Case:
     select: Callable[[SnapshotSet], SnapshotSet] = lambda snapshots: snapshots
 
 
+OWN_WARNINGS = tuple(
+    kind
+    for kind in vars(errors).values()
+    if isinstance(kind, type) and issubclass(kind, UserWarning) and kind is not errors.UncheckedWarning
+)
+"""Warnings of this package; that nothing was held out says nothing of a case."""
+
+
 @contextmanager
 def said() -> Iterator[list[str]]:
     """Collect what the package warns of in a block, as text; the list is filled at its end."""
@@ -54,7 +63,7 @@ def said() -> Iterator[list[str]]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield messages
-    messages += [str(item.message) for item in caught if issubclass(item.category, StabilityWarning | PairingWarning)]
+    messages += [str(item.message) for item in caught if issubclass(item.category, OWN_WARNINGS)]
 
 
 def answer(case: str, model: str, figure: float, verdict: str, why: str) -> dict:
@@ -80,27 +89,15 @@ def verify(case: Case, counts: tuple[int, ...], seed: int) -> Iterator[dict]:
             full_order = FullOrderModel(case.scene, MPI.COMM_SELF)
         naive, space = NaiveFullOrder(full_order), full_order.problem.parameters
         worst = max(_disagreement(full_order, naive, point) for point in space.random(5, seed + 7))
-    except HHRError as error:
+    except errors.HHRError as error:
         yield refusal(case.name, "full", error)
         return
     why = "; warned: ".join(["two solvers and the contact conditions", *warned])
     yield answer(case.name, "full", worst, "right" if worst <= FULL_TOLERANCE else "WRONG", why)
     try:
         yield _verify_reduced(case, full_order, counts, seed)
-    except HHRError as error:
+    except errors.HHRError as error:
         yield refusal(case.name, "reduced", error)
-
-
-def contact_residual(problem: ContactProblem, solution: ContactSolution, mu) -> float:
-    """Largest violation of (1.21), each part relative to its scale."""
-    theta = problem.theta(mu)
-    homogeneous, load = solution.primal - problem.lifts @ theta, problem.loads @ theta
-    slack = problem.gaps @ theta - problem.contact @ homogeneous
-    residual = (problem.stiffness @ homogeneous + problem.contact.T @ solution.forces - load)[problem.free]
-    # round-off in K u is that of the largest product summed, not of the sum
-    force = (abs(problem.stiffness) @ np.abs(homogeneous)).max() + np.abs(load).max() or 1.0
-    length = np.abs(problem.gaps @ theta).max() + np.abs(homogeneous).max() or 1.0
-    return max(np.abs(residual).max() / force, -slack.min() / length, -solution.forces.min() / force, 0.0)
 
 
 def _disagreement(full_order, naive, point) -> float:
@@ -110,7 +107,7 @@ def _disagreement(full_order, naive, point) -> float:
     return max(
         relative_error(ours.primal, theirs.primal),
         relative_error(ours.forces, theirs.forces, floor=load),
-        contact_residual(problem, ours, point),
+        *asdict(contact_residuals(problem, ours.primal, ours.forces, problem.theta(point))).values(),
     )
 
 
@@ -119,15 +116,18 @@ def _verify_reduced(case, full_order, counts, seed) -> dict:
     space = full_order.problem.parameters
     with said() as warned:
         snapshots = case.select(compute_snapshots(full_order, space.grid(counts)))
-        held_out = compute_snapshots(full_order, space.random(20, seed + 1))
+        held_out = compute_snapshots(full_order, space.random(50, seed + 1))
         reduction = build_reduced_model(full_order, snapshots, case.recipe, held_out)
-    errors = Yardstick.at(space.random(40, seed), full_order, snapshots).errors(reduction)
-    high = {}
-    for name in REDUCED_TOLERANCE:
-        answered = errors.values[name][errors.answered]
-        high[name] = float(np.percentile(answered, 95, method="higher")) if answered.size else np.inf
-    why = f"displacement {high['primal_l2']:.1e}, forces {high['dual_full_floored']:.1e}"
-    why = "; warned: ".join([f"{why}, {errors.unanswered} of 40 unanswered", *warned])
-    within = all(high[name] <= limit for name, limit in REDUCED_TOLERANCE.items())
+    points = space.random(40, seed)
+    found = Yardstick.at(points, full_order, snapshots).errors(reduction)
+    within, parts = True, []
+    for name, label in (("primal_l2", "displacement"), ("dual_full_floored", "forces")):
+        values = found.values[name]
+        worst, high = values.max(), np.percentile(values, 95, method="higher")
+        within &= bool(worst <= REDUCED_WORST[name] and high <= REDUCED_P95[name])
+        parts.append(f"{label} {high:.1e} at 95 %, {worst:.1e} at {space.described(points[values.argmax()])}")
+    unanswered = [space.described(point) for point in points[~found.answered]]
+    parts += [f"no answer at {'; '.join(unanswered)}"] if unanswered else []
+    parts += [f"warned: {message}" for message in warned]
     verdict = "right" if within else "warned" if warned else "WRONG"
-    return answer(case.name, "reduced", max(high.values()), verdict, why)
+    return answer(case.name, "reduced", found.values["dual_full_floored"].max(), verdict, "; ".join(parts))
