@@ -46,7 +46,16 @@ def scene(exponent=4.0, **mesh_options) -> hhr.Scene:
 
 def path(gap, steps=40):
     """Times and parameters of the history for a gap in um, the start first."""
-    return [(k / steps, np.array([PRESSURE * k / steps, HEIGHT, gap * 1e-3])) for k in range(steps + 1)]
+    shares = np.arange(steps + 1) / steps
+    return history(shares, shares, gap)
+
+
+def history(times, shares, gap, height=HEIGHT):
+    """Times and parameters: the pressure as shares of the largest one, a gap in um and a height in mm."""
+    return [
+        (float(time), np.array([PRESSURE * share, height, gap * 1e-3]))
+        for time, share in zip(times, shares, strict=True)
+    ]
 
 
 def pressed_nodes(problem):
@@ -76,7 +85,7 @@ def main() -> None:
     if options.paths:
         from parts.pellet_cladding_paths import path_cases
 
-        cases = options.progress("paths")(list(path_cases(options.seed)))
+        cases = options.progress("paths")(list(path_cases(history, options.seed)))
         rows = [try_path(study.full, study.reduction, case, study.floor, settings.march) for case in cases]
         study.report["paths"] = summarise_paths(rows)
     study.write(options.out, options.console, VIEW)

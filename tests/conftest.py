@@ -1,5 +1,6 @@
 """Models shared by the tests; the scene is that of the demo."""
 
+import dataclasses
 import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -24,5 +25,5 @@ def hertz_snapshots(hertz):
 
 @pytest.fixture(scope="session")
 def hertz_reduction(hertz, hertz_snapshots):
-    """The reduced model of the demo."""
-    return hhr.build_reduced_model(hertz, hertz_snapshots, demo.THESIS)
+    """The thesis' recipe, as it is: its forces outside the RID are up to 22 % wrong, which the trust check says."""
+    return hhr.build_reduced_model(hertz, hertz_snapshots, dataclasses.replace(demo.THESIS, limits=None))

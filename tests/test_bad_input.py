@@ -5,7 +5,7 @@ import dataclasses
 import hertz_half_discs as demo
 import numpy as np
 import pytest
-from hertz_half_discs import RECIPE
+from hertz_half_discs import THESIS
 from scenes import pressed_block
 
 import hhr_dolfinx as hhr
@@ -168,7 +168,7 @@ def test_pod_tolerance(hertz, hertz_snapshots, tolerance):
 def test_a_snapshot_set_of_one(hertz):
     snapshots = hhr.compute_snapshots(hertz, np.array([[0.3]]))
     with pytest.raises(ReductionError, match="at least 2"):
-        hhr.build_reduced_model(hertz, snapshots, RECIPE)
+        hhr.build_reduced_model(hertz, snapshots, THESIS)
 
 
 def test_a_rid_without_contact(hertz):

@@ -25,19 +25,23 @@ def quick(tmp_path_factory):
 def test_report(quick):
     report = json.loads((quick / "report.json").read_text())
     keys = "scene seed versions machine sizes stability errors times ratios work_precision active_set skipped"
-    keys += " recipe refused_before advice"
+    keys += " recipe refused_before advice kkt break_even models"
     assert set(report) == set(keys.split())
-    assert report["recipe"]["pod_tolerance"] == 1e-8 and report["recipe"]["layers"] == 0
+    assert report["recipe"]["pod_tolerance"] == 1e-11 and report["recipe"]["layers"] == 2
     sizes = report["sizes"]
     assert (sizes["N"], sizes["N_lambda"], sizes["snapshots"]) == (1356, 55, 31)
     assert {"beta_h", "beta_HR", "beta_HR_2", "alpha_prime", "kappa_B", "cond_K", "sigma_max"} <= set(
         report["stability"]
     )
     assert report["errors"]["primal_euclid"]["n"] == 11
-    assert report["errors"]["primal_euclid"]["max"] <= 5e-4
-    assert report["errors"]["dual_rid"]["max"] <= 8e-3
+    # what a user gets is right to round-off everywhere; the thesis' recipe is kept beside it with its own limits
+    assert report["errors"]["dual_full_floored"]["max"] <= 1e-10
+    assert max(report["kkt"].values()) <= 1e-10
+    thesis = report["models"]["thesis"]["errors"]
+    assert thesis["primal_euclid"]["max"] <= 5e-4 and thesis["dual_rid"]["max"] <= 8e-3
+    assert thesis["dual_full_floored"]["max"] > 0.1
     assert report["active_set"]["cycles"] == 0
-    assert {item["stage"] for item in report["skipped"]} >= {"enrichment"}
+    assert {item["stage"] for item in report["skipped"]} >= {"extended_pod"}
     assert all(item["why"] for item in report["skipped"])
     # half of what is required of the demo: the machine of a test may be busy
     assert report["ratios"]["fom_naive/online"] >= 150
@@ -60,7 +64,7 @@ def test_fields_open_as_a_mesh(quick):
     assert grid.n_cells == 1212 and grid.n_points == 678
     full, reduced = grid.point_data["full order"], grid.point_data["HHR"]
     assert np.linalg.norm(full - reduced) < 5e-4 * np.linalg.norm(full)
-    assert 0 < grid.cell_data["rid"].sum() < 100
+    assert 0 < grid.cell_data["rid"].sum() < 400
 
 
 def test_readme_example_runs(tmp_path, monkeypatch):

@@ -5,8 +5,8 @@ import dataclasses
 import hertz_half_discs as demo
 import numpy as np
 import pytest
-from hertz_half_discs import RECIPE
-from scenes import check_contact_conditions, pressed_block
+from hertz_half_discs import THESIS
+from scenes import as_it_is, check_contact_conditions, pressed_block
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block
@@ -180,7 +180,7 @@ def test_units_do_not_matter(hertz, hertz_reduction, length, stress):
     """
     full_order = hhr.FullOrderModel(scaled_scene(length, stress))
     snapshots = hhr.compute_snapshots(full_order, full_order.problem.parameters.grid([31]))
-    reduction = hhr.build_reduced_model(full_order, snapshots, RECIPE)
+    reduction = hhr.build_reduced_model(full_order, snapshots, as_it_is(THESIS))
     for mu in (0.168, 0.4321):
         _, reference = hertz_reduction.solve_everywhere(mu)
         _, forces = reduction.solve_everywhere(mu * length)

@@ -28,7 +28,8 @@ from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.rid import open_conditions, reduced_domain, zone_of_interest
 from hhr_dolfinx.reduction.stability import assess
-from hhr_dolfinx.reduction.trust import TrustLimits, check_stability, validate
+from hhr_dolfinx.reduction.trust import TrustLimits, check_solvable, check_stability, compare
+from hhr_dolfinx.snapshots.accuracy import force_floor
 from hhr_dolfinx.study.yardstick import Yardstick
 
 ROOT = Path(__file__).parent.parent
@@ -209,7 +210,9 @@ def test_every_constant_can_refuse_a_model(pellet):
         (UnstableModelError, {"euclidean": dataclasses.replace(good.euclidean, alpha_prime=0.0)}),
     ):
         with pytest.raises(error):
-            check_stability(dataclasses.replace(good, **broken), limits)
+            spoiled = dataclasses.replace(good, **broken)
+            check_solvable(spoiled)
+            check_stability(spoiled, limits)
     with pytest.warns(StabilityWarning, match="may have two answers"):
         check_stability(dataclasses.replace(good, contact_definite=-0.5), limits)
 
@@ -221,9 +224,9 @@ def test_two_answers_to_one_parameter_are_caught(pellet):
     assert reduction.stability.contact_definite < -0.5
     problem = pellet.full_order.problem
     held_out = hhr.compute_snapshots(pellet.full_order, problem.parameters.random(60, seed=9))
-    validation = validate(problem, reduction.model, reduction.basis, reduction.sets, held_out)
-    answered = np.isfinite(validation.primal)
-    assert np.isinf(validation.dual[answered]).any(), "two answers"
+    comparison = compare(problem, reduction, held_out, force_floor(problem, pellet.snapshots))
+    answered = np.isfinite(comparison.primal)
+    assert np.isinf(comparison.dual[answered]).any(), "two answers"
     with pytest.warns(StabilityWarning), pytest.raises(UnstableModelError):
         hhr.build_reduced_model(pellet.full_order, pellet.snapshots, recipe, held_out)
 

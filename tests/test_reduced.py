@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hertz_half_discs import RECIPE
-from scenes import check_contact_conditions, node_dofs, whole_domain
+from hertz_half_discs import THESIS
+from scenes import as_it_is, check_contact_conditions, node_dofs, whole_domain
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.condensed import KnownStatuses
@@ -180,7 +180,7 @@ def test_node_order_does_not_matter(hertz, hertz_snapshots, hertz_reduction):
     problem, dofs = renumbered(hertz.problem, seed=5)
     snapshots = dataclasses.replace(hertz_snapshots, displacements=hertz_snapshots.displacements[dofs])
     other = SimpleNamespace(problem=problem, schur=hertz.schur)
-    reduction = hhr.build_reduced_model(other, snapshots, RECIPE)
+    reduction = hhr.build_reduced_model(other, snapshots, as_it_is(THESIS))
     assert np.array_equal(reduction.sets.A_lambda, hertz_reduction.sets.A_lambda)
     for mu in (0.168, 0.4321):
         displacement, forces = reduction.solve_everywhere(mu)

@@ -1,27 +1,23 @@
 """Random paths of the flowing pellet: inside the family it is trained on (gaps, one pace, one height), and outside."""
 
 import numpy as np
-import pellet_cladding_plastic as demo
 
 from hhr_dolfinx.study.paths import PathCase
 
-
-def history(times, shares, gap, height=demo.HEIGHT):
-    """Times, and parameters with the pressure as a share of the largest one."""
-    return [(float(t), np.array([demo.PRESSURE * s, height, gap * 1e-3])) for t, s in zip(times, shares, strict=True)]
+GAPS, TRAINED_HEIGHT = (5.0, 15.0), 0.9
 
 
-def ramp(rng, steps=40, pace=1.0, height=demo.HEIGHT):
-    """The trained path at a random gap, possibly at another pace or height."""
-    times = np.arange(steps + 1) / steps
-    return history(times / pace, times, rng.uniform(5, 15), height)
+def ramp(rng, steps=40, pace=1.0, height=TRAINED_HEIGHT):
+    """The trained path at a random gap, pace and height as given: times, shares of the pressure, gap, height."""
+    shares = np.arange(steps + 1) / steps
+    return shares / pace, shares, rng.uniform(*GAPS), height
 
 
 def inside(rng):
     """Another gap, number of steps and last pressure."""
     steps, last = int(rng.integers(20, 80)), rng.uniform(0.6, 1.0)
     shares = last * np.arange(steps + 1) / steps
-    return history(shares, shares, rng.uniform(5, 15))
+    return shares, shares, rng.uniform(*GAPS), TRAINED_HEIGHT
 
 
 def unloading(rng):
@@ -31,7 +27,7 @@ def unloading(rng):
     corners = np.array([0.0, turn, rest, turn])
     times = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(corners)))])
     fine = np.unique(np.concatenate([np.linspace(0, times[-1], int(40 * times[-1]) + 1), times]))
-    return history(fine, np.interp(fine, times, corners), rng.uniform(5, 15))
+    return fine, np.interp(fine, times, corners), rng.uniform(*GAPS), TRAINED_HEIGHT
 
 
 def hold(rng):
@@ -39,7 +35,7 @@ def hold(rng):
     share, seconds = rng.uniform(0.4, 1.0), 10.0 ** rng.uniform(-1, 1)
     up = np.linspace(0, share, int(40 * share) + 1)
     times = np.concatenate([up, share + seconds * np.arange(1, 11) / 10])
-    return history(times, np.minimum(times, share), rng.uniform(5, 15))
+    return times, np.minimum(times, share), rng.uniform(*GAPS), TRAINED_HEIGHT
 
 
 def pace(rng):
@@ -56,11 +52,17 @@ def height(rng):
 OUTSIDE = (unloading, hold, pace, height)
 
 
-def path_cases(seed, inside_count=20, outside_count=40):
-    """Cases in turns of the four ways to leave what was trained."""
+def path_cases(history, seed, inside_count=20, outside_count=40):
+    """Cases, those outside in turns of the four ways to leave what was trained.
+
+    Args:
+        history: makes times and parameters of times, shares of the pressure, a gap in um and a height.
+        seed: of random paths.
+        inside_count, outside_count: how many.
+    """
     rng = np.random.default_rng(seed)
     for k in range(inside_count):
-        yield PathCase(f"inside {k}", inside(rng), inside=True)
+        yield PathCase(f"inside {k}", history(*inside(rng)), inside=True)
     for k in range(outside_count):
         way = OUTSIDE[k % len(OUTSIDE)]
-        yield PathCase(f"{way.__name__} {k // len(OUTSIDE)}", way(rng), inside=False)
+        yield PathCase(f"{way.__name__} {k // len(OUTSIDE)}", history(*way(rng)), inside=False)

@@ -52,7 +52,7 @@ class Stability:
             is positive, S is a P-matrix: every parameter has one solution, and the active set finds it. If not,
             the model may still answer, and an answer satisfies all contact conditions, but none is promised.
         cond_K: condition number of K~.
-        distortion: cond_K over the condition number of V^T K V, the Galerkin projection on the whole domain.
+        cond_whole: condition number of V^T K V, the Galerkin projection on the whole domain.
         norm_K: largest singular value of K~.
         euclidean: constants in the Euclidean norms of the thesis.
         energy: constants in the energy and L2 norms.
@@ -64,10 +64,15 @@ class Stability:
     sigma_max: float
     contact_definite: float
     cond_K: float
-    distortion: float
+    cond_whole: float
     norm_K: float
     euclidean: Constants
     energy: Constants
+
+    @property
+    def distortion(self) -> float:
+        """By how much cutting the domain to the RID spoils the condition of the stiffness."""
+        return self.cond_K / self.cond_whole
 
     def as_report(self) -> dict:
         """The ``stability`` part of a report; the constants at its top are the Euclidean ones."""
@@ -124,7 +129,6 @@ def assess(full_order: FullOrder, basis: np.ndarray, sets: IndexSets, reduced: R
     smallest, largest = row_range(reduced.contact_test)
     low, high = singular_range(reduced.stiffness)
     whole_low, whole_high = singular_range(basis.T @ (problem.stiffness @ basis))
-    cond_K = high / low if low > 0 else math.inf
     pressure = 1.0 / problem.contact_areas
     energy_beta_h = math.sqrt(singular_range(_whiten(_whiten(schur, np.diag(pressure)).T, np.diag(pressure)))[0])
     return Stability(
@@ -133,8 +137,8 @@ def assess(full_order: FullOrder, basis: np.ndarray, sets: IndexSets, reduced: R
         sigma_min=smallest,
         sigma_max=largest,
         contact_definite=_contact_definite(reduced) if low > 0 else math.nan,
-        cond_K=cond_K,
-        distortion=cond_K * whole_low / whole_high,
+        cond_K=high / low if low > 0 else math.inf,
+        cond_whole=whole_high / whole_low if whole_low > 0 else math.inf,
         norm_K=high,
         euclidean=_constants(
             identity(problem.free.size, format="csr"),

@@ -123,8 +123,6 @@ def check_growth(settings) -> None:
         value = getattr(settings, name)
         if not isinstance(value, Integral) or value < 0:
             raise ReductionError(f"{name} = {value} must be a whole number of layers of cells, at least 0")
-    if settings.most_layers < settings.layers:
-        raise ReductionError(f"most_layers = {settings.most_layers} is less than layers = {settings.layers}")
     if not settings.kappa_max >= 1:
         raise ReductionError(f"kappa_max = {settings.kappa_max} must be at least 1: no condition number is smaller")
 
