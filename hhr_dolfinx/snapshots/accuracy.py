@@ -42,7 +42,7 @@ class Residuals:
     """How far an answer is from solving the contact problem, each part relative to its scale.
 
     Attributes:
-        equilibrium: norm of K u + B^T λ - F on free dofs over that of the loads.
+        equilibrium: norm of K u + B^T λ - F on free dofs over that of the loads or the contact forces.
         penetration: deepest violation of a gap over the largest gap or relative motion of its pair, or a thousandth
             of the largest displacement.
         sign: largest pull over the largest contact force.
@@ -56,10 +56,11 @@ class Residuals:
 def contact_residuals(problem: ContactProblem, displacement: np.ndarray, forces: np.ndarray, theta: Theta) -> Residuals:
     """Residuals of (1.21) for a displacement, lift included, (N,), and forces, (N_lambda,), handed out to a user."""
     homogeneous, load = displacement - problem.lifts @ theta, problem.loads @ theta
-    residual = problem.stiffness @ homogeneous + problem.contact.T @ forces - load
-    # where nothing is loaded, forces in contact are all there is
-    scale = max(norm(load, None), norm(problem.contact.T @ forces, None))
-    equilibrium = norm(residual * problem.free, None) / scale if scale > 0 else 0.0
+    pushed = problem.contact.T @ forces
+    residual = problem.stiffness @ homogeneous + pushed - load
+    # K lift, the reaction to imposed displacements, is far larger than any force that a body bears
+    scale = max(norm(problem.external @ theta), norm(pushed)) or norm(load)
+    equilibrium = norm(residual * problem.free) / scale if scale > 0 else 0.0
     return Residuals(equilibrium, *slack_residuals(problem, homogeneous, forces, theta))
 
 

@@ -1,0 +1,240 @@
+"""Reduced histories on paths that were not trained, and what a march refuses at its door."""
+
+import dataclasses
+import warnings
+
+import numpy as np
+import pellet_cladding_plastic as demo
+import pytest
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import (
+    OutsideTrainingError,
+    OutsideTrainingWarning,
+    ParameterError,
+    ReductionError,
+    StabilityWarning,
+    UncheckedWarning,
+    UnstableModelError,
+)
+from hhr_dolfinx.flow.quasi_static import History
+from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.reduction import plastic_offline
+from hhr_dolfinx.reduction.plastic_trust import largest_errors
+from hhr_dolfinx.trained import TrainedPaths
+
+MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}
+SETTINGS = hhr.PlasticSettings(zone=demo.pressed_nodes)
+RAMP = np.arange(21) / 20
+
+
+@pytest.fixture(scope="module")
+def pellet():
+    full = hhr.PlasticFullOrder(demo.scene(**MESH))
+    return full, [hhr.march(full, demo.path(gap, 20)) for gap in (5.0, 15.0)]
+
+
+@pytest.fixture(scope="module")
+def reduction(pellet):
+    full, histories = pellet
+    held_out = [hhr.march(full, demo.path(8.0, 20))]
+    return hhr.build_plastic_reduction(full, histories, SETTINGS, held_out)
+
+
+def outside_paths():
+    """Paths by name that the demo's training does not hold."""
+    down = np.concatenate([RAMP, 1 - RAMP[1:17]])
+    yield "unloading", demo.history(np.arange(37) / 20, down, 10.0)
+    yield "hold of 10 s", demo.history(np.concatenate([RAMP, 1 + np.arange(1, 11)]), np.append(RAMP, np.ones(10)), 10.0)
+    yield "hold of 0.3 s", demo.history(np.append(RAMP, [1.1, 1.2, 1.3]), np.append(RAMP, np.ones(3)), 10.0)
+    yield "100 times slower", demo.history(100 * RAMP, RAMP, 10.0)
+    yield "100 times faster", demo.history(RAMP / 100, RAMP, 10.0)
+    yield "twice as slow", demo.history(2 * RAMP, RAMP, 10.0)
+    for height in (0.6, 1.3):
+        yield f"height {height}", demo.history(RAMP, RAMP, 10.0, height)
+
+
+@pytest.mark.parametrize("path", [pytest.param(path, id=name) for name, path in outside_paths()])
+def test_a_path_that_was_not_trained_is_warned_of(reduction, path):
+    with pytest.warns(OutsideTrainingWarning):
+        hhr.march(reduction.model, path, hhr.MarchSettings(cuts=2))
+
+
+def test_a_refusal_keeps_the_history(reduction):
+    path = demo.history(np.append(RAMP, 3.0), np.append(RAMP, 1.0), 10.0)
+    with pytest.raises(OutsideTrainingError, match=r"step 21.*P1 changes by 0 per second \(trained 450") as caught:
+        hhr.march(reduction.model, path, hhr.MarchSettings(outside="refuse"))
+    assert len(caught.value.history.points) == 20
+
+
+@pytest.mark.parametrize("gap, steps", [(6.0, 20), (12.0, 10), (9.0, 60)])
+def test_unseen_gaps_are_not_warned_of(pellet, reduction, gap, steps):
+    full, training = pellet
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", OutsideTrainingWarning)
+        answer = hhr.march(reduction.model, demo.path(gap, steps))
+    floor = 1e-3 * np.linalg.norm(training[0].points[-1].forces)
+    displacement, forces = largest_errors(full, reduction, answer, hhr.march(full, demo.path(gap, steps)), floor)
+    assert displacement < 0.05 and forces < 0.2
+
+
+def test_the_imbalance_alone_tells_of_a_path_inside_the_trained_rates(reduction):
+    """Rates widened so that a hold counts as trained: the forces out of balance on A still tell."""
+    model = reduction.model
+    held = demo.history(np.concatenate([RAMP, 1 + np.arange(1, 11)]), np.append(RAMP, np.ones(10)), 10.0)
+    wide = dataclasses.replace(model.trained, slowest=np.full(3, -1e9), fastest=np.full(3, 1e9))
+    before = model.trained
+    model.trained = wide
+    try:
+        with pytest.warns(OutsideTrainingWarning, match="out of balance"):
+            hhr.march(model, held)
+    finally:
+        model.trained = before
+
+
+def test_an_imbalance_needs_no_unit_and_no_projection(pellet, reduction):
+    """In the full model it is the tolerance of the solver, in the reduced one what the modes leave on A."""
+    full, histories = pellet
+    sizes = [full.residual(point.stress, full.amplitudes(point.parameter))[1] for point in histories[0].points]
+    largest = max(np.linalg.norm(size) for size in sizes)
+    assert max(histories[0].imbalances) < 1e-4 * largest
+    assert reduction.model.trained.imbalance > 10 * max(histories[0].imbalances)
+
+
+def test_rates_and_places_in_words():
+    space = ParameterSpace(("load", "gap"), (0.0, 0.0), (10.0, 1.0))
+    paths = [[(0.0, np.array([0.0, gap])), (1.0, np.array([4.0, gap])), (2.0, np.array([10.0, gap]))] for gap in (0, 1)]
+    trained = TrainedPaths.of(paths, space, 1.0)
+    here = np.array([4.0, 0.5])
+    assert trained.complaint(1.0, here, np.array([9.0, 0.5])) == ""
+    assert trained.complaint(0.1, here, np.array([4.4, 0.5])) == ""
+    assert "load changes by 0 per second (trained 4 to 6)" in trained.complaint(1.0, here, here)
+    assert "load changes by -1" in trained.complaint(1.0, here, np.array([3.0, 0.5]))
+    assert "gap changes by 0.5" in trained.complaint(1.0, here, np.array([9.0, 1.0]))
+    assert "load = 11" in trained.complaint(1.0, here, np.array([11.0, 0.5]))
+
+
+def test_held_out_histories_decide(pellet):
+    """A held-out history that the model gets wrong refuses it, or is warned of, by its number."""
+    full, histories = pellet
+    slower = [hhr.march(full, demo.history(100 * RAMP, RAMP, 10.0))]
+    with pytest.warns(StabilityWarning, match="held-out history 0"):
+        hhr.build_plastic_reduction(
+            full,
+            histories,
+            dataclasses.replace(
+                SETTINGS, limits=hhr.PlasticSettings().limits.of_histories(refuse_primal=10, refuse_dual=10)
+            ),
+            slower,
+        )
+
+
+def test_nothing_held_out_is_said(pellet):
+    with pytest.warns(UncheckedWarning):
+        hhr.build_plastic_reduction(*pellet, SETTINGS)
+
+
+def test_constants_of_a_flow_model_are_checked(pellet, monkeypatch):
+    """They were computed and never looked at: a K~ of condition 1e12 went through."""
+    honest = plastic_offline.assess
+    spoiled = lambda *parts: dataclasses.replace(honest(*parts), cond_K=1e12)  # noqa: E731
+    monkeypatch.setattr(plastic_offline, "assess", spoiled)
+    with pytest.raises(UnstableModelError, match="cond"):
+        hhr.build_plastic_reduction(*pellet, dataclasses.replace(SETTINGS, most_layers=3))
+
+
+def test_a_load_outside_the_rid_is_refused(pellet):
+    """A zone of one's own that leaves the pressed line out."""
+    corner = lambda problem: [int(problem.points.sum(axis=1).argmax())]  # noqa: E731
+    tight = hhr.PlasticSettings(
+        primal=1e-2, dual=1e-1, stress=0.5, plastic_strain=0.5, layers=0, most_layers=0, zone=corner
+    )
+    with pytest.raises(ReductionError, match="does not reach the RID"):
+        hhr.build_plastic_reduction(*pellet, tight)
+
+
+def test_where_nothing_flows_in_training_it_is_said():
+    scene = demo.scene(**MESH)
+    stiff = tuple(dataclasses.replace(body, law=hhr.Plasticity(1e9)) for body in scene.bodies)
+    full = hhr.PlasticFullOrder(dataclasses.replace(scene, bodies=stiff))
+    histories = [hhr.march(full, demo.path(gap, 4)) for gap in (5.0, 15.0)]
+    with pytest.warns(StabilityWarning, match="no body flows in any training history"):
+        hhr.build_plastic_reduction(full, histories, SETTINGS, histories)
+
+
+def test_histories_of_another_mesh(pellet):
+    full, histories = pellet
+    other = hhr.PlasticFullOrder(demo.scene(**{**MESH, "axial_cells": 10}))
+    with pytest.raises(ReductionError, match="another mesh or scene"):
+        hhr.build_plastic_reduction(other, histories, SETTINGS)
+    with pytest.raises(ReductionError, match="another mesh or scene"):
+        hhr.build_plastic_reduction(full, histories, SETTINGS, [hhr.march(other, demo.path(10.0, 2))])
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"iterations": 0}, {"cuts": -1}, {"relative_force": -1.0}, {"relative_stress": np.nan}, {"floor_stress": 2.0},
+     {"search": "newton"}, {"outside": "maybe"}],
+)  # fmt: skip
+def test_settings_of_a_march_that_mean_nothing(changes):
+    (name,) = changes
+    with pytest.raises(ParameterError, match=name):
+        hhr.MarchSettings(**changes)
+
+
+@pytest.mark.parametrize("changes", [{"primal": 0.0}, {"stress": np.nan}, {"layers": -3}, {"checked_states": 0}])
+def test_recipes_of_flow_that_mean_nothing(changes):
+    (name,) = changes
+    with pytest.raises(ReductionError, match=name):
+        hhr.PlasticSettings(**changes)
+
+
+@pytest.mark.parametrize(
+    "path, words",
+    [
+        ([], "the path is empty"),
+        ([(0.0, demo.path(10.0)[0][1]), (np.inf, demo.path(10.0)[-1][1])], "times must be finite"),
+        ([(0.0, demo.path(10.0)[0][1]), (-1.0, demo.path(10.0)[-1][1])], "times must increase"),
+    ],
+)
+def test_paths_that_are_none(pellet, path, words):
+    with pytest.raises(ParameterError, match=words):
+        hhr.march(pellet[0], path)
+
+
+def test_an_interrupt_keeps_the_steps_before(pellet, monkeypatch):
+    full, _ = pellet
+    honest, calls = full.imbalance, []
+
+    def interrupted(*parts):
+        calls.append(None)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return honest(*parts)
+
+    monkeypatch.setattr(full, "imbalance", interrupted)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        hhr.march(full, demo.path(10.0, 20))
+    kept = caught.value.history
+    assert isinstance(kept, History) and 3 <= len(kept.points) <= 4
+
+
+def test_units_of_stress_do_not_matter():
+    """MPa, GPa and Pa: the criterion of the stress was in the unit of the scene, and vacuous in GPa."""
+    displacements = []
+    for unit in (1.0, 1e-3, 1e6):
+        scene = demo.scene(**MESH)
+        laws = (hhr.Plasticity(80.0 * unit, 1e3 * unit), hhr.Norton(1e3 * unit, 4.0))
+        bodies = tuple(
+            dataclasses.replace(body, young=body.young * unit, law=law)
+            for body, law in zip(scene.bodies, laws, strict=True)
+        )
+        upper = (scene.parameters.upper[0] * unit, *scene.parameters.upper[1:])
+        box = hhr.ParameterSpace(scene.parameters.names, scene.parameters.lower, upper)
+        full = hhr.PlasticFullOrder(dataclasses.replace(scene, bodies=bodies, parameters=box))
+        path = [(time, point * np.array([unit, 1.0, 1.0])) for time, point in demo.path(10.0, 10)]
+        history = hhr.march(full, path)
+        displacements.append((history.iterations, history.points[-1].unknown))
+    for iterations, displacement in displacements[1:]:
+        assert iterations == displacements[0][0]
+        assert displacement == pytest.approx(displacements[0][1], abs=1e-9 * np.abs(displacement).max())
