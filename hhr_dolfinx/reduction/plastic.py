@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hhr_dolfinx.compat import compiled
-from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.contact.dense import LapackLU
 from hhr_dolfinx.flow.gauss import ElasticPart
 from hhr_dolfinx.flow.quasi_static import Correction
@@ -113,6 +113,7 @@ class _Operator:
 
     def __init__(self, reduced, stiffness, moduli):
         self.moduli, self._reduced, self._factor = moduli, reduced, LapackLU(stiffness)
+        self._pairs = Pairs.of(reduced.pairs)
         self._per_force = self._factor.solve(reduced.contact_test.T)
         self._equalities = SchurEqualities.of(reduced.contact_trial @ self._per_force, LapackLU)
 
@@ -120,5 +121,5 @@ class _Operator:
         """Solve K~ δ + B~1^T λ = residual, B~2 (x + δ) <= gaps."""
         free, reduced = self._factor.solve(residual), self._reduced
         slack = reduced.gaps @ theta - reduced.contact_trial @ (x + free)
-        found = active_set(self._equalities, slack, active)
+        found = active_set(self._equalities, slack, active, pairs=self._pairs)
         return Correction(free - self._per_force @ found.forces, found.forces, found.active, found.status)
