@@ -120,7 +120,8 @@ class CondensedContact:
         pairs: np.ndarray | None = None,
     ):
         self.parameters, self.amplitudes, self.known = parameters, amplitudes, known
-        self._schur, self._factorise, self._pair_numbers, self._pairs = responses.schur, factorise, pairs, Pairs.of(pairs)
+        self._schur, self._factorise, self._pair_numbers = responses.schur, factorise, pairs
+        self._pairs = Pairs.of(pairs)
         self._m = responses.schur.shape[0]
         self._response = np.asfortranarray(np.vstack([responses.free_slack, responses.free_primal]))
         self._per_force = np.ascontiguousarray(responses.primal_per_force)

@@ -8,6 +8,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from hhr_dolfinx import ranks
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.contact.dense import factorised
 from hhr_dolfinx.contact.problem import ContactSolution, Status, outcome
@@ -23,7 +24,8 @@ class FullOrderModel:
     """Solves the full problem with K factored once and the contact on its Schur complement.
 
     Every query costs one solve with K, the statuses on S = B K^-1 B^T, and u = K^-1 F - K^-1 B^T lambda.
-    The answer is the same on every rank. On one rank, several threads may ask. PETSc options take the prefix ``hhr_<scene>_``.
+    The answer is the same on every rank. PETSc options take the prefix ``hhr_<scene>_``. On one rank several threads
+    may ask; on more they must not, since the ranks would meet in different orders.
 
     Args:
         scene: the scene.
@@ -43,6 +45,11 @@ class FullOrderModel:
                 f"bodies of scene '{scene.name}' flow: use PlasticFullOrder, and march along a path in time"
             )
         self.scene, self.comm = scene, comm
+        with ranks.together(comm, f"building the full model of scene '{scene.name}'"):
+            self._build()
+
+    def _build(self):
+        scene, comm = self.scene, self.comm
         self.discretisation = Discretisation(scene, comm)
         stiffness = self.discretisation.assemble_stiffness()
         self.problem = self.discretisation.contact_problem(self.discretisation.gathered(stiffness))
