@@ -128,6 +128,7 @@ class LapackLU:
     """LU factors by LAPACK; see :class:`PetscLU`."""
 
     def __init__(self, matrix: np.ndarray):
+        self._lock = Lock()
         self.refactor(matrix)
 
     @property
@@ -141,12 +142,14 @@ class LapackLU:
         factors, pivots, info = dgetrf(matrix)
         if info > 0:
             raise SingularError(_singular(matrix.shape[0]))
-        # in one piece: a thread that solves meanwhile sees the old factors or the new ones
-        self._factors = factors, pivots
+        with self._lock:
+            self._factors = factors, pivots
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Solve for one right-hand side, (n,), or several, (n, m)."""
-        return dgetrs(*self._factors, rhs)[0]
+        # SciPy counts the pivots from 1 in their own array while LAPACK is at work
+        with self._lock:
+            return dgetrs(*self._factors, rhs)[0]
 
 
 def solve_columns(factor: Factor, rhs: np.ndarray) -> np.ndarray:
