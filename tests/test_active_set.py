@@ -1,12 +1,13 @@
 """The active set on linear complementarity problems w = g + S z, w >= 0, z >= 0, w z = 0."""
 
+import dataclasses
 from itertools import combinations, product
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import whole_domain
+from scenes import pressed_block, whole_domain
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.condensation import exact_condensation
@@ -17,7 +18,7 @@ from hhr_dolfinx.contact.dense import LapackLU, PetscLU
 from hhr_dolfinx.contact.problem import Status, outcome
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, SingularError
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.online.reduced import ReducedModel
+from hhr_dolfinx.online.reduced import ReducedModel, ReducedProblem
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
 from hhr_dolfinx.reduction.plastic import PlasticReduced
 from hhr_dolfinx.reduction.projection import project
@@ -325,3 +326,48 @@ def test_a_singular_set_is_not_handed_on():
     start = np.array([True, False])
     found = solve([[1.0, -1.0], [-1.0, 1.0]], [-1.0, 0.5], start)
     assert found.status is Status.SINGULAR and np.array_equal(found.active, start)
+
+
+def condensed(schur, gap, known):
+    """A model without a primal unknown and with one parameter that changes nothing."""
+    gap, size = np.asarray(gap, dtype=float), len(gap)
+    return CondensedContact(
+        ParameterSpace(("mu",), (0.0,), (1.0,)),
+        Amplitudes(np.array([1.0]), np.array([[0.0]])),
+        Responses(np.zeros((0, 1)), np.zeros((0, size)), gap[:, None], np.asarray(schur, dtype=float)),
+        KnownStatuses(np.array([[0.5]]), np.array([known])),
+    )
+
+
+def test_known_statuses_that_are_singular_do_not_stop_a_model():
+    """There is no affine map for them; the active set goes round."""
+    solution = condensed([[2, 2], [2, 2]], [-1, 1], [True, True]).solve(0.5)
+    assert solution.converged and solution.forces.tolist() == [0.5, 0.0]
+
+
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
+@pytest.mark.parametrize("warm", [True, False])
+def test_an_infinite_gap_is_refused_tabulated_or_not(warm):
+    model = condensed(np.eye(2), [np.inf, 1.0], [False, False])
+    with pytest.raises(NotSolvableError, match="finite"):
+        model.solve(0.5, warm=warm)
+    assert model.solve(0.5, warm=warm, raise_on_failure=False).status is Status.NOT_FINITE
+
+
+def test_each_model_adds_its_own_advice():
+    model = condensed([[1, 1], [1, 1]], [-1, -1], [True, True])
+    model.advice = ReducedModel.advice
+    with pytest.raises(NotSolvableError, match=r"1\.67.*: add modes"):
+        model.solve(0.5)
+    zero = ReducedProblem(np.zeros((1, 1)), *[np.ones((2, 1))] * 2, np.ones((1, 1)), np.ones((2, 1)), np.zeros(2, int))
+    with pytest.raises(SingularError, match="K~ cannot be eliminated.*singular: add RID layers"):
+        ReducedModel(zero, model.parameters, model.amplitudes, model.known)
+
+
+@pytest.mark.parametrize("kind", [lambda full: full, NaiveFullOrder])
+def test_a_pair_listed_twice_is_named_in_a_full_model(kind):
+    scene = pressed_block("plane_strain")
+    model = kind(hhr.FullOrderModel(dataclasses.replace(scene, contacts=scene.contacts * 2)))
+    with pytest.raises(NotSolvableError, match="list each contact pair once") as caught:
+        model.solve(0.05)
+    assert not any(word in str(caught.value) for word in ("RID", "modes", "basis"))

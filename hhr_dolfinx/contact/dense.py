@@ -53,7 +53,7 @@ def dense_factors(matrix: np.ndarray) -> Factor:
 
 _PREFIX = "hhr_dense_"
 _MISSING_PACKAGE = 92  # PETSC_ERR_MISSING_FACTOR
-_OBJECTS = 12_000
+_OBJECTS = 22_000
 """Bytes of the PETSc objects behind one factor beside its numbers (measured with n = 1)."""
 
 

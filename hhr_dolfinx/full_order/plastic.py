@@ -38,8 +38,7 @@ class PlasticFullOrder:
         points: numbers of the Gauss points, all of them.
         cell_of_point: cell of each Gauss point.
         discretisation: mesh and forms.
-        lock: held by :func:`march` through a history, so that two of them do not take turns in factoring; each would
-            be right without it.
+        lock: to be held through a history, lest two of them take turns in factoring; they are right without it.
     """
 
     def __init__(self, scene: Scene):

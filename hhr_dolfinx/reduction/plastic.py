@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
 
 from hhr_dolfinx.compat import compiled
@@ -28,11 +30,12 @@ class PlasticReduced:
         cells: cells of the RID that act on A.
         points: numbers of their Gauss points in the full model.
         operator, material: strain and laws at these points.
+        lock: nothing, see :class:`hhr_dolfinx.full_order.plastic.PlasticFullOrder`: histories share no factors here.
     """
 
     def __init__(self, full, basis: np.ndarray, sets: IndexSets):
         problem, operator = full.problem, full.operator
-        self.sets, self.basis = sets, basis
+        self.sets, self.basis, self.lock = sets, basis, nullcontext()
         self.amplitudes, self.parameters = problem.amplitudes, problem.parameters
         self.size, self.conditions = basis.shape[1], len(sets.A_lambda)
         inside = np.zeros(problem.free.size, dtype=bool)
