@@ -360,7 +360,7 @@ def test_each_model_adds_its_own_advice():
     with pytest.raises(NotSolvableError, match=r"1\.67.*: add modes"):
         model.solve(0.5)
     zero = ReducedProblem(np.zeros((1, 1)), *[np.ones((2, 1))] * 2, np.ones((1, 1)), np.ones((2, 1)), np.zeros(2, int))
-    with pytest.raises(SingularError, match="K~ cannot be eliminated.*singular: add RID layers"):
+    with pytest.raises(SingularError, match=r"K~ cannot be eliminated.*singular: add RID layers"):
         ReducedModel(zero, model.parameters, model.amplitudes, model.known)
 
 
