@@ -37,6 +37,10 @@ class ConvergenceError(HHRError):
     """The statuses did not settle; no solution is handed out."""
 
 
+class RankError(HHRError):
+    """Another rank failed with an error that is none of this package's."""
+
+
 class ModelFileError(HHRError, ValueError):
     """A model file is damaged, of another version, or no model file at all."""
 

@@ -43,7 +43,14 @@ if full_order.comm.rank == 0:
 
 
 def launch(ranks, arguments, cwd=None):
-    """Output of a Python program on some ranks."""
+    """Output of a Python program on some ranks, which must end well."""
+    run = run_program(ranks, arguments, cwd)
+    assert run.returncode == 0, run.stdout[-2000:] + run.stderr[-3000:]
+    return run.stdout
+
+
+def run_program(ranks, arguments, cwd=None, limit=300):
+    """A Python program on some ranks, ended after ``limit`` seconds."""
     beside = str(Path(sys.executable).parent)
     mpirun = shutil.which("mpirun", path=os.pathsep.join([beside, os.environ["PATH"]]))
     if mpirun is None:
@@ -58,9 +65,7 @@ def launch(ranks, arguments, cwd=None):
         "COLUMNS": "200",
     }
     command = [mpirun, "-n", str(ranks), sys.executable, *arguments]
-    run = subprocess.run(command, capture_output=True, text=True, env=os.environ | allow, timeout=300, cwd=cwd)
-    assert run.returncode == 0, run.stdout[-2000:] + run.stderr[-3000:]
-    return run.stdout
+    return subprocess.run(command, capture_output=True, text=True, env=os.environ | allow, timeout=limit, cwd=cwd)
 
 
 def run_on(ranks):
@@ -106,3 +111,156 @@ def test_a_serial_demo_ends_on_other_ranks():
         "print('rank', MPI.COMM_WORLD.rank, flush=True)\n"
     )
     assert launch(3, ["-c", "import hhr_dolfinx\n" + program]).split() == ["rank", "0"]
+
+
+FAILING = """
+import sys
+sys.path[:0] = [{tests!r}, {demos!r}]
+import dataclasses
+import numpy as np
+from mpi4py import MPI
+from scenes import pressed_block
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import ConvergenceError
+from hhr_dolfinx.pairings.obstacle import Obstacle
+from hhr_dolfinx.snapshots.solutions import spread_snapshots
+world, last = MPI.COMM_WORLD, MPI.COMM_WORLD.rank == MPI.COMM_WORLD.size - 1
+scene = pressed_block("plane_strain")
+
+class Awkward(Exception):
+    "An error that can neither be pickled nor made again from its text."
+    def __init__(self, first, second):
+        super().__init__(first, second)
+        self.inner = lambda: None
+    def __str__(self):
+        return "the disk of this rank is full"
+
+def fail_here(*_, **__):
+    if last:
+        raise Awkward(1, 2)
+
+def failing_geometry(before):
+    def geometry(comm):
+        if before:
+            fail_here()
+        parts = scene.geometry(comm)
+        fail_here()
+        return parts
+    return dataclasses.replace(scene, geometry=geometry)
+
+@dataclasses.dataclass(frozen=True)
+class Failing(Obstacle):
+    def rows(self, surfaces, dofs):
+        fail_here()
+        return super().rows(surfaces, dofs)
+
+class FailingStore:
+    found = 0
+    def load(self, point):
+        fail_here()
+    def save(self, point, solution):
+        fail_here()
+
+def after(count, what):
+    def progress(points):
+        for k, point in enumerate(points):
+            if k == count:
+                what()
+            yield point
+    return progress
+
+def pairing():
+    (floor,) = scene.contacts
+    return dataclasses.replace(scene, contacts=(Failing(**vars(floor)),))
+
+{case}
+print("rank", world.rank, "went on", flush=True)
+"""
+
+TOGETHER = {
+    "geometry, at once": "hhr.FullOrderModel(failing_geometry(True))",
+    "geometry, after the mesh": "hhr.FullOrderModel(failing_geometry(False))",
+    "pairing": "hhr.FullOrderModel(pairing())",
+    "snapshots": "hhr.compute_snapshots(hhr.FullOrderModel(scene), scene.parameters.grid([4]), after(2, fail_here))",
+}
+EACH_FOR_ITSELF = {
+    "geometry": "hhr.train(failing_geometry(False), [4])",
+    "pairing": "hhr.train(pairing(), [4])",
+    "snapshot": "hhr.train(scene, [9], progress=lambda label: after(1, fail_here))",
+    "store": "spread_snapshots(hhr.FullOrderModel(scene, MPI.COMM_SELF), scene.parameters.grid([9]), world, "
+    "store=FailingStore())",
+    "query": "hhr.answer_rows(None, [['0.1']] * 9, world, after(1, fail_here))",
+}
+
+
+def run_failing(case, ranks):
+    program = FAILING.format(tests=str(TESTS), demos=str(TESTS.parent / "demos"), case=case)
+    return run_program(ranks, ["-c", program], limit=60)
+
+
+@pytest.mark.parametrize("name", TOGETHER)
+def test_a_rank_that_fails_in_common_work_ends_the_run(name):
+    """The others wait inside of MPI: ended, with the reason, and not as if all were well."""
+    run = run_failing(TOGETHER[name], ranks=2)
+    assert run.returncode != 0 and "went on" not in run.stdout
+    assert "Awkward: the disk of this rank is full" in run.stderr and "failed on rank 1 of 2" in run.stderr
+
+
+def test_a_rank_that_fails_in_work_of_its_own_ends_the_run():
+    run = run_failing(EACH_FOR_ITSELF["snapshot"], ranks=2)
+    assert run.returncode != 0 and "went on" not in run.stdout
+    assert "failed on rank 1 of 2, Awkward: the disk of this rank is full" in run.stderr
+
+
+CAUGHT = """
+def tell(number, action):
+    try:
+        action()
+        mine = (number, world.rank, "nothing", "")
+    except Exception as error:
+        mine = (number, world.rank, type(error).__name__, str(error))
+    told = world.gather(mine)
+    if told is not None:
+        print(json.dumps(told), flush=True)
+
+def diverge():
+    if last:
+        raise ConvergenceError("point 7")
+
+import json
+"""
+
+
+def test_every_rank_raises_what_it_can():
+    """The error itself where it happened; elsewhere one of this package's with rank and text.
+
+    One program for all: what is raised on every rank can be caught, and the ranks go on together.
+    """
+    wrong = "dataclasses.replace(scene, displacements=(hhr.Displacement(99, 0), *scene.displacements))"
+    careless = "dataclasses.replace(scene, geometry=lambda comm: scene.geometry(world))"
+    actions = [
+        *EACH_FOR_ITSELF.values(),
+        "hhr.train(scene, [9], progress=lambda label: after(1, diverge))",
+        f"hhr.FullOrderModel({wrong})",
+        f"hhr.train({careless}, [4])",
+        "hhr.FullOrderModel(scene).solve(0.05)",
+    ]
+    case = CAUGHT + "".join(f"tell({k}, lambda: {action})\n" for k, action in enumerate(actions))
+    run = run_failing(case, ranks=3)
+    assert run.returncode == 0 and run.stdout.count("went on") == 3, run.stderr
+    told = [json.loads(line) for line in run.stdout.splitlines() if line.startswith("[")]
+    assert [line[0][0] for line in told] == list(range(len(actions)))
+    for line in told[: len(EACH_FOR_ITSELF)]:
+        kinds, texts = zip(*(words[2:] for words in line), strict=True)
+        assert kinds == ("RankError", "RankError", "Awkward") and texts[2] == "the disk of this rank is full"
+        assert all("failed on rank 2 of 3, Awkward: the disk of this rank is full" in text for text in texts[:2])
+    diverged, unbuilt, misplaced, solved = told[len(EACH_FOR_ITSELF) :]
+    assert [words[2] for words in diverged] == ["ConvergenceError"] * 3
+    assert "rank 2 of 3" in diverged[0][3] and diverged[2][3] == "point 7"
+    # wrong on all ranks alike
+    assert all(words[2] == "SceneError" and "[99]" in words[3] for words in unbuilt)
+    # not blamed on tags that other ranks hold
+    for words in misplaced:
+        assert words[2] == "SceneError" and "a mesh on 1 rank and made one on 3" in words[3]
+        assert "COMM_WORLD" in words[3] and "tags" not in words[3]
+    assert [words[2] for words in solved] == ["nothing"] * 3

@@ -29,4 +29,4 @@ def exact_condensation(full_order: FullOrderModel, known: KnownStatuses, *, fiel
         free_slack=problem.gaps - problem.contact @ free,
         schur=full_order.schur,
     )
-    return CondensedContact(problem.parameters, problem.amplitudes, responses, known)
+    return CondensedContact(problem.parameters, problem.amplitudes, responses, known, pairs=problem.contact_pairs)

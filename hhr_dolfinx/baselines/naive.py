@@ -6,10 +6,10 @@ import numpy as np
 from scipy.sparse import bmat
 from scipy.sparse.linalg import splu
 
-from hhr_dolfinx.contact.active_set import active_set
+from hhr_dolfinx.contact.active_set import Pairs, active_set
 from hhr_dolfinx.contact.problem import ContactSolution, outcome
 from hhr_dolfinx.errors import SingularError
-from hhr_dolfinx.full_order.elastic import FullOrderModel
+from hhr_dolfinx.full_order.elastic import FULL_ORDER_ADVICE, FullOrderModel
 
 
 class NaiveFullOrder:
@@ -59,7 +59,7 @@ class NaiveFullOrder:
         if start is None:
             _, free_slack = saddle_point(np.zeros(gaps.size, dtype=bool), None)
             start = free_slack < 0
-        found = active_set(saddle_point, gaps, start)
+        found = active_set(saddle_point, gaps, start, pairs=Pairs.of(problem.contact_pairs))
         primal = problem.lifts @ theta
         primal[free] += last["free"]
-        return outcome(primal, found, point, raise_on_failure)
+        return outcome(primal, found, point, raise_on_failure, FULL_ORDER_ADVICE)

@@ -6,29 +6,65 @@ status. For a P-matrix S = B K^-1 B^T (K positive definite and B of full rank) i
 solution in finitely many steps (K. G. Murty, "Note on a Bard-type scheme for solving the
 complementarity problem", Opsearch 11, 1974). If it comes back to a set of statuses too, S is no
 P-matrix, and the answer says so instead of passing an iterate for a solution.
+
+A set on the way may be singular although the problem has a solution, since S of a reduced model is
+neither symmetric nor definite by construction. Then the least-index rule starts from no contact, which
+is never singular, and passes over statuses that would make the set singular.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from threading import Lock
 
 import numpy as np
 
-from hhr_dolfinx.contact.dense import Factorise, PetscLU
+from hhr_dolfinx.contact.dense import Factor, Factorise, dense_factors
 from hhr_dolfinx.contact.problem import Status, Statuses
 from hhr_dolfinx.errors import SingularError
 
 TOLERANCE = 1e-11
-"""Negative forces and slacks below this fraction of the largest are round-off (measured 1e-13)."""
+"""Negative forces and slacks below this fraction of the largest of their pair are round-off (measured 1e-13)."""
+
+ROUND_OFF = 1e-15
+"""Fraction of the largest force, or closed gap, of all pairs that reaches the other pairs as round-off."""
 
 MAX_ITERATIONS = 1000
 
+Equalities = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+class Pairs:
+    """Conditions grouped by their contact pair, so that a strong pair does not loosen the tolerance of a weak one.
+
+    Args:
+        numbers: number of the contact pair of each condition, (m,).
+    """
+
+    def __init__(self, numbers: np.ndarray):
+        _, self._group = np.unique(numbers, return_inverse=True)
+        order = np.argsort(self._group, kind="stable")
+        self._starts = np.searchsorted(self._group[order], np.arange(self._group.max() + 1))
+        # conditions mostly come pair by pair
+        self._order = None if np.array_equal(order, np.arange(order.size)) else order
+
+    @classmethod
+    def of(cls, numbers: np.ndarray | None) -> Pairs | None:
+        """Groups; None if there is one pair only, or nothing is known about pairs."""
+        return None if numbers is None or np.ptp(numbers) == 0 else cls(numbers)
+
+    def largest(self, values: np.ndarray) -> np.ndarray:
+        """Largest value in the pair of each condition, (m,)."""
+        ordered = values if self._order is None else values[self._order]
+        return np.maximum.reduceat(ordered, self._starts)[self._group]
+
 
 def active_set(
-    equalities: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]],
+    equalities: Equalities,
     free_slack: np.ndarray,
     active: np.ndarray,
     max_iterations: int = MAX_ITERATIONS,
+    pairs: Pairs | None = None,
 ) -> Statuses:
     """Iterate on the statuses until forces and slacks are all non-negative, thesis Alg. 1.1.
 
@@ -38,39 +74,118 @@ def active_set(
         free_slack: D - B K^-1 F, the slack without contact forces, (m,), m >= 1.
         active: statuses to start from, (m,) bool; not modified.
         max_iterations: bound on the equality problems solved.
+        pairs: contact pair of each condition; None takes all for one pair.
 
     Returns:
         The statuses; ``forces`` solve the contact problem only if ``status`` is ``CONVERGED``. Where a set is singular
         or numbers are not finite, the statuses are those of the start.
     """
     seen: set[bytes] = set()
-    cycled, start = False, active
+    start = active
     for iteration in range(1, max_iterations + 1):
         try:
             forces, slack = equalities(active, free_slack)
         except SingularError:
-            return Statuses(np.zeros(free_slack.size), start, iteration, Status.SINGULAR, cycled)
-        if slack.min() >= 0 and forces.min() >= 0:
-            return Statuses(forces, active, iteration, Status.CONVERGED, cycled)
-        if not (np.isfinite(slack).all() and np.isfinite(forces).all()):
-            return Statuses(np.zeros(free_slack.size), start, iteration, Status.NOT_FINITE, cycled)
-        wrong = (forces < -TOLERANCE * forces.max()) | (slack < -TOLERANCE * abs(free_slack).max())
+            nothing = np.zeros(active.size, dtype=bool)
+            found = _one_at_a_time(equalities, free_slack, nothing, (iteration, max_iterations), pairs, singular=True)
+            break
+        # one factor of each product is 0, and 0 times infinity is NaN: this sees what min does not
+        work = slack.dot(forces)
+        if work == 0.0 and slack.min() >= 0 and forces.min() >= 0:
+            return Statuses(forces, active, iteration, Status.CONVERGED, False)
+        if work != 0.0 and not _finite(forces, slack):
+            found = Statuses(forces, active, iteration, Status.NOT_FINITE, False)
+            break
+        # what is wrong by any measure first: measuring pair by pair takes as long as all the rest
+        wrong = _wrong(forces, slack, free_slack, None)
+        if not wrong.any() and pairs is not None:
+            wrong = _wrong(forces, slack, free_slack, pairs)
         if not wrong.any():
-            return Statuses(forces, active, iteration, Status.CONVERGED, cycled)
+            return Statuses(forces, active, iteration, Status.CONVERGED, False)
         key = active.tobytes()
         if key in seen:
-            if cycled:
-                return Statuses(forces, active, iteration, Status.CYCLING, cycled)
-            cycled = True
-            seen.clear()
+            found = _one_at_a_time(equalities, free_slack, active, (iteration, max_iterations), pairs, singular=False)
+            break
         seen.add(key)
-        if cycled:
-            active = active.copy()
-            first = wrong.argmax()
-            active[first] = not active[first]
-        else:
-            active = active ^ wrong
-    return Statuses(forces, active, max_iterations, Status.ITERATION_LIMIT, cycled)
+        active = active ^ wrong
+    else:
+        found = Statuses(forces, active, max_iterations, Status.ITERATION_LIMIT, False)
+    if found.status in (Status.SINGULAR, Status.NOT_FINITE):
+        return found._replace(forces=np.zeros(start.size), active=start)
+    return found
+
+
+def _finite(forces, slack) -> bool:
+    return bool(np.isfinite(slack).all() and np.isfinite(forces).all())
+
+
+def _noise(forces, free_slack, pairs):
+    """Sizes below which negative forces and slacks are round-off, numbers or (m,) each."""
+    sizes = abs(free_slack)
+    if pairs is None:
+        return TOLERANCE * forces.max(), TOLERANCE * sizes.max()
+    # an obstacle out of reach has a large slack, but no force that could bring round-off to other pairs
+    closing = max(-free_slack.min(), 0.0)
+    pulling = TOLERANCE * pairs.largest(forces) + ROUND_OFF * forces.max()
+    return pulling, TOLERANCE * pairs.largest(sizes) + ROUND_OFF * closing
+
+
+def _wrong(forces, slack, free_slack, pairs) -> np.ndarray:
+    """Conditions that pull or penetrate by more than round-off, (m,) bool."""
+    pulling, through = _noise(forces, free_slack, pairs)
+    return (forces < -pulling) | (slack < -through)
+
+
+def _one_at_a_time(equalities, free_slack, active, iterations, pairs, *, singular) -> Statuses:
+    """The least-index rule, which passes over statuses that would make the set singular.
+
+    Args:
+        equalities: see :func:`active_set`.
+        free_slack: likewise.
+        active: statuses to start from, not singular.
+        iterations: equality problems solved so far, and their bound.
+        pairs: see :func:`active_set`.
+        singular: a set was singular on the way here.
+    """
+    seen: set[bytes] = set()
+    spent, limit = iterations
+    forces, slack = equalities(active, free_slack)
+    while spent < limit:
+        if not _finite(forces, slack):
+            return Statuses(forces, active, spent, Status.NOT_FINITE, True)
+        wrong = _wrong(forces, slack, free_slack, pairs)
+        if not wrong.any():
+            # twice the same row would split its force at will; the row beside has no slack then
+            touching = active | (slack <= _noise(forces, free_slack, pairs)[1])
+            unique = not singular or _regular(equalities, free_slack, touching)
+            return Statuses(forces, active, spent, Status.CONVERGED if unique else Status.SINGULAR, True)
+        key = active.tobytes()
+        if key in seen:
+            return Statuses(forces, active, spent, Status.SINGULAR if singular else Status.CYCLING, True)
+        seen.add(key)
+        step = None
+        for place in wrong.nonzero()[0][: limit - spent]:
+            trial = active.copy()
+            trial[place] = not trial[place]
+            spent += 1
+            try:
+                step = trial, *equalities(trial, free_slack)
+                break
+            except SingularError:
+                singular = True
+        if step is None:
+            return Statuses(forces, active, spent, Status.SINGULAR, True)
+        active, forces, slack = step
+    return Statuses(forces, active, spent, Status.SINGULAR if singular else Status.ITERATION_LIMIT, True)
+
+
+def _regular(equalities, free_slack, active) -> bool:
+    """Whether the forces of a set of statuses are unique."""
+    try:
+        equalities(active, free_slack)
+    except SingularError:
+        return False
+    return True
 
 
 class SchurEqualities:
@@ -79,23 +194,31 @@ class SchurEqualities:
     With K factored once, S = B K^-1 B^T and free_slack = D - B K^-1 F hold all there is to know
     about the contact. A set of statuses costs one dense LU of S[active, active]. The last factors of
     each size are kept: neighbouring parameters often share their statuses, and where they do not, a
-    new block is factored in the place of an old one of its size.
+    new block is factored in the place of an old one of its size. All that is kept stays below ``most_bytes``;
+    the oldest goes first. Several threads may ask; the answers are their own.
 
     Args:
         columns: maps indices (k,) to the columns of S that belong to them, as rows (k, m).
         size: m.
         factorise: what factors a dense block.
+
+    Attributes:
+        most_bytes: bound on the memory of what is kept.
+        kept_bytes: memory of what is kept.
     """
 
     KEPT_PER_SIZE = 2
+    most_bytes = 64 * 2**20
 
-    def __init__(self, columns: Callable[[np.ndarray], np.ndarray], size: int, factorise: Factorise = PetscLU):
+    def __init__(self, columns: Callable[[np.ndarray], np.ndarray], size: int, factorise: Factorise = dense_factors):
         self._columns, self._factorise = columns, factorise
-        self._entries: dict[bytes, tuple] = {}
+        self._entries: dict[bytes, tuple] = {}  # the oldest first
         self._kept: list[list[bytes]] = [[] for _ in range(size + 1)]
+        self.kept_bytes = 0
+        self._lock = Lock()
 
     @classmethod
-    def of(cls, schur: np.ndarray, factorise: Factorise = PetscLU) -> SchurEqualities:
+    def of(cls, schur: np.ndarray, factorise: Factorise = dense_factors) -> SchurEqualities:
         """On a known S, (m, m), not necessarily symmetric."""
         # transposed, so that picking columns of S copies whole rows
         return cls(np.ascontiguousarray(schur.T).__getitem__, schur.shape[0], factorise)
@@ -107,14 +230,16 @@ class SchurEqualities:
             SingularError: if S[active, active] is singular.
         """
         key = active.tobytes()
-        entry = self._entries.get(key)
-        if entry is None:
-            entry = self._factor(active.nonzero()[0], key)
-        index, factor, columns = entry
+        # until it has answered, another thread must not factor another block in the place of this one
+        with self._lock:
+            entry = self._entries.get(key)
+            if entry is None:
+                entry = self._factor(active.nonzero()[0], key)
+            index, factor, columns = entry
+            local = None if factor is None else factor.solve(-free_slack[index])
         forces = np.zeros(free_slack.size)
-        if factor is None:
+        if local is None:
             return forces, free_slack
-        local = factor.solve(-free_slack[index])
         forces[index] = local
         slack = free_slack + local @ columns
         slack[index] = 0.0
@@ -130,9 +255,23 @@ class SchurEqualities:
             factor = self._factorise(block)
         else:
             # out of the books first: a singular block must not leave a stale entry behind
-            _, factor, _ = self._entries.pop(kept.pop(0))
+            factor = self._forget(kept[0])
             factor.refactor(block)
         entry = (index, factor, columns)
         kept.append(key)
         self._entries[key] = entry
+        self.kept_bytes += _bytes(entry)
+        while self.kept_bytes > self.most_bytes:
+            self._forget(next(iter(self._entries)))
         return entry
+
+    def _forget(self, key) -> Factor | None:
+        entry = self._entries.pop(key)
+        self._kept[entry[0].size].remove(key)
+        self.kept_bytes -= _bytes(entry)
+        return entry[1]
+
+
+def _bytes(entry) -> int:
+    index, factor, columns = entry
+    return index.nbytes + columns.nbytes + (0 if factor is None else factor.nbytes)

@@ -10,13 +10,16 @@ reduced model and the exact condensation of a full model are of this form; they 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
-from hhr_dolfinx.contact.dense import Factor, Factorise, PetscLU, solve_columns
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
+from hhr_dolfinx.contact.dense import Factor, Factorise, dense_factors, solve_columns
 from hhr_dolfinx.contact.problem import ContactSolution, Status, outcome
+from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace, Theta
 from hhr_dolfinx.trained import TrainedRange
 
@@ -77,6 +80,10 @@ class KnownStatuses:
         object.__setattr__(self, "_directions", self.points / spread**2)
         object.__setattr__(self, "_offsets", 0.5 * np.sum((self.points / spread) ** 2, axis=1))
 
+    def __reduce__(self):
+        """Copy and pickle by the arrays alone: copies protect their rows too."""
+        return KnownStatuses, (self.points, self.active)
+
     def nearest(self, point: np.ndarray) -> int:
         """Index of the nearest known parameter."""
         return (self._offsets - self._directions @ point).argmin()
@@ -90,14 +97,20 @@ class CondensedContact:
     2002), are tabulated for the known statuses: where the map of the nearest one gives forces and
     slacks that are all non-negative, it is the solution, and no equality problem is solved online.
 
+    Several threads may ask one model; it can be copied and pickled, for a pool of workers, and its copies answer alike.
+
     Args:
         parameters: the box of the parameters.
         amplitudes: θ as a function of the parameters.
         responses: what the primal unknown leaves behind.
         known: statuses of solved parameters.
         factorise: what factors a dense block.
+        pairs: number of the contact pair of each condition, (m,); None takes all for one pair.
         trained: parameters outside of which answers are not to be trusted; None where there are none.
     """
+
+    advice: ClassVar[Mapping[Status, str]] = {}
+    """What helps against a status, for the messages."""
 
     def __init__(
         self,
@@ -105,17 +118,27 @@ class CondensedContact:
         amplitudes: Amplitudes,
         responses: Responses,
         known: KnownStatuses,
-        factorise: Factorise = PetscLU,
+        factorise: Factorise = dense_factors,
+        pairs: np.ndarray | None = None,
         trained: TrainedRange | None = None,
     ):
         self.parameters, self.amplitudes, self.known, self.trained = parameters, amplitudes, known, trained
         # where the whole box was trained, its own check is enough
         self._door = None if trained is None or trained.covers(parameters) else trained
+        self._schur, self._factorise, self._pair_numbers = responses.schur, factorise, pairs
+        self._pairs = Pairs.of(pairs)
         self._m = responses.schur.shape[0]
         self._response = np.asfortranarray(np.vstack([responses.free_slack, responses.free_primal]))
         self._per_force = np.ascontiguousarray(responses.primal_per_force)
         self._equalities = SchurEqualities.of(responses.schur, factorise)
         self._regions = self._tabulate_regions()
+
+    def __reduce__(self):
+        """Copy and pickle by the arrays that it was made of: factors and locks belong to one process."""
+        free_slack, free_primal = np.split(self._response, [self._m])
+        responses = Responses(free_primal, self._per_force, free_slack, self._schur)
+        how = self._factorise, self._pair_numbers, self.trained
+        return type(self), (self.parameters, self.amplitudes, responses, self.known, *how)
 
     def theta(self, mu) -> Theta:
         """θ at a parameter; see :meth:`ParameterSpace.point`."""
@@ -147,29 +170,39 @@ class CondensedContact:
         if warm:
             nearest = self.known.nearest(point)
             start = self.known.active[nearest]
-            if self._regions is not None:
-                constant, slopes = self._regions[nearest]
+            region = self._regions[nearest]
+            if region is not None:
+                constant, slopes = region
                 m, values = self._m, constant + slopes @ point
                 if values[: 2 * m].min() >= 0:
                     return ContactSolution(values[2 * m :], values[:m], start, 1, Status.CONVERGED, False)
         response = self._response @ self.amplitudes(point)
         free_slack = response[: self._m]
         start = free_slack < 0 if start is None else start
-        found = active_set(self._equalities, free_slack, start)
-        return outcome(response[self._m :] - self._per_force @ found.forces, found, point, raise_on_failure)
+        found = active_set(self._equalities, free_slack, start, pairs=self._pairs)
+        primal = response[self._m :] - self._per_force @ found.forces
+        return outcome(primal, found, point, raise_on_failure, self.advice)
 
     def _tabulate_regions(self):
-        """For each known status the affine map mu -> (forces, slacks, primal); None if too large or not affine."""
+        """For each known status the affine map mu -> (forces, slacks, primal).
+
+        None where there is none: too large, not affine, a singular set, or numbers that are not finite.
+        """
         distinct, which = np.unique(self.known.active, axis=0, return_inverse=True)
         size = len(distinct) * (self._m + len(self._response)) * (1 + len(self.parameters.names))
         if self.amplitudes.coverages or size > REGION_ENTRIES:
-            return None
+            return [None] * len(self.known.active)
         # columns: the value at mu = 0, then the slope along each parameter
         response = self._response @ np.column_stack([self.amplitudes.constant, self.amplitudes.slopes])
         regions = []
         for active in distinct:
-            columns = [self._equalities(active, column) for column in response[: self._m].T]
+            try:
+                columns = [self._equalities(active, column) for column in response[: self._m].T]
+            except SingularError:  # the active set may find a way round
+                regions.append(None)
+                continue
             forces, slack = (np.stack(item, axis=1) for item in zip(*columns, strict=True))
             values = np.vstack([forces, slack, response[self._m :] - self._per_force @ forces])
-            regions.append((values[:, 0].copy(), np.ascontiguousarray(values[:, 1:])))
+            finite = np.isfinite(values).all()
+            regions.append((values[:, 0].copy(), np.ascontiguousarray(values[:, 1:])) if finite else None)
         return [regions[k] for k in which.ravel()]

@@ -1,55 +1,60 @@
 """Small dense systems, factored once and solved often.
 
 Two backends with the same call: a PETSc KSP (``preonly`` with LU), which takes options on the command line
-with the prefix ``hhr_dense_``, and LAPACK itself, which serves as its measure.
+with the prefix ``hhr_dense_``, and LAPACK itself, which serves as its measure and in its place where PETSc is missing.
+Each object keeps its factors to itself, answers with arrays of its own, and may be asked by several threads.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
+from threading import Lock
 from typing import Protocol
 
 import numpy as np
-from petsc4py import PETSc
 from scipy.linalg.lapack import dgetrf, dgetrs
 
-from hhr_dolfinx.errors import NotSolvableError, SingularError
+from hhr_dolfinx.errors import HHRError, NotSolvableError, SingularError
+
+try:
+    from petsc4py import PETSc
+except ImportError:  # a machine that only answers parameters
+    PETSc = None
 
 
 class Factor(Protocol):
-    """LU factors of a dense matrix."""
+    """LU factors of a dense matrix.
+
+    Attributes:
+        nbytes: memory they take.
+    """
+
+    nbytes: int
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
-        """Solve for one right-hand side, (n,); the result may be a buffer that the next call overwrites."""
+        """Solve for one right-hand side, (n,); the result is a new array."""
 
     def refactor(self, matrix: np.ndarray) -> None:
         """Replace the factors by those of another matrix of the same size.
 
         Raises:
-            NotSolvableError: if the matrix is singular or not finite.
+            SingularError: if the matrix is singular.
+            NotSolvableError: if it is not finite.
         """
 
 
 Factorise = Callable[[np.ndarray], Factor]
 
 
+def dense_factors(matrix: np.ndarray) -> Factor:
+    """LU factors by PETSc, or by LAPACK on a machine without petsc4py; see :class:`PetscLU`."""
+    return LapackLU(matrix) if PETSc is None else PetscLU(matrix)
+
+
 _PREFIX = "hhr_dense_"
 _MISSING_PACKAGE = 92  # PETSC_ERR_MISSING_FACTOR
-
-
-@lru_cache(maxsize=1)
-def _user_options() -> bool:
-    """Whether there are options for dense solves; asking PETSc for each block took a third of its time."""
-    return bool(PETSc.Options(_PREFIX).getAll())
-
-
-@lru_cache(maxsize=512)
-def _buffers(n: int):
-    """Right-hand side and solution of size n with their PETSc vectors, shared by all factors of that size."""
-    rhs, solution = np.zeros(n), np.zeros(n)
-    vectors = [PETSc.Vec().createWithArray(array, comm=PETSc.COMM_SELF) for array in (rhs, solution)]
-    return rhs, solution, *vectors
+_OBJECTS = 22_000
+"""Bytes of the PETSc objects behind one factor beside its numbers (measured with n = 1)."""
 
 
 def factorised(ksp: PETSc.KSP) -> bool:
@@ -74,54 +79,77 @@ class PetscLU:
         matrix: (n, n), need not be symmetric.
 
     Raises:
-        NotSolvableError: if the matrix is singular or not finite.
+        SingularError: if the matrix is singular.
+        NotSolvableError: if it is not finite.
+        HHRError: if petsc4py is not installed.
     """
 
     def __init__(self, matrix: np.ndarray):
+        if PETSc is None:
+            raise HHRError("petsc4py is not installed: give LapackLU, or no factorisation at all, for LAPACK")
         n = matrix.shape[0]
         self._values = np.zeros((n, n), order="F")
         self._mat = PETSc.Mat().createDense((n, n), array=self._values, comm=PETSc.COMM_SELF)
         self._ksp = PETSc.KSP().create(PETSc.COMM_SELF)
         self._ksp.setType(PETSc.KSP.Type.PREONLY)
         self._ksp.getPC().setType(PETSc.PC.Type.LU)
-        if _user_options():
+        # looking for options takes 1 us, setting none of them 10 of 50
+        if PETSc.Options(_PREFIX).getAll():
             self._ksp.setOptionsPrefix(_PREFIX)
             self._ksp.setFromOptions()
-        self._rhs, self._solution, self._b, self._x = _buffers(n)
+        self._rhs, self._solution = np.zeros(n), np.zeros(n)
+        self._b, self._x = (
+            PETSc.Vec().createWithArray(array, comm=PETSc.COMM_SELF) for array in (self._rhs, self._solution)
+        )
+        # the matrix and its factors, the two vectors
+        self.nbytes = 2 * self._values.nbytes + 2 * self._rhs.nbytes + _OBJECTS
+        self._lock = Lock()
         self.refactor(matrix)
 
     def refactor(self, matrix: np.ndarray) -> None:
         """Factor another matrix of the same size; half the time of a new object."""
         _check_finite(matrix)
-        self._values[:] = matrix
-        self._mat.assemble()
-        self._ksp.setOperators(self._mat)
-        if not factorised(self._ksp):
-            raise SingularError(_singular(matrix.shape[0]))
+        with self._lock:
+            self._values[:] = matrix
+            self._mat.assemble()
+            self._ksp.setOperators(self._mat)
+            if not factorised(self._ksp):
+                raise SingularError(_singular(matrix.shape[0]))
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
-        """Solve for one right-hand side, (n,). The result is a buffer that the next call overwrites."""
-        self._rhs[:] = rhs
-        self._ksp.solve(self._b, self._x)
-        return self._solution
+        """Solve for one right-hand side, (n,)."""
+        with self._lock:
+            self._rhs[:] = rhs
+            self._ksp.solve(self._b, self._x)
+            return self._solution.copy()
 
 
 class LapackLU:
     """LU factors by LAPACK; see :class:`PetscLU`."""
 
     def __init__(self, matrix: np.ndarray):
+        self._lock = Lock()
         self.refactor(matrix)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the factors."""
+        return sum(part.nbytes for part in self._factors)
 
     def refactor(self, matrix: np.ndarray) -> None:
         """Factor a matrix."""
         _check_finite(matrix)
-        self._factors, self._pivots, info = dgetrf(matrix)
+        factors, pivots, info = dgetrf(matrix)
         if info > 0:
             raise SingularError(_singular(matrix.shape[0]))
+        with self._lock:
+            self._factors = factors, pivots
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Solve for one right-hand side, (n,), or several, (n, m)."""
-        return dgetrs(self._factors, self._pivots, rhs)[0]
+        # SciPy counts the pivots from 1 in their own array while LAPACK is at work
+        with self._lock:
+            return dgetrs(*self._factors, rhs)[0]
 
 
 def solve_columns(factor: Factor, rhs: np.ndarray) -> np.ndarray:
@@ -138,7 +166,4 @@ def _check_finite(matrix):
 
 
 def _singular(n):
-    return (
-        f"a dense block of size {n} is singular: the contact rows are dependent on this basis, "
-        "thesis (1.67); add modes or use fewer contact points in the RID"
-    )
+    return f"a dense block of size {n} is singular"

@@ -6,10 +6,11 @@ What reduces and answers (basis, RID, reduced model, stability, reconstruction) 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
+from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
@@ -162,19 +163,13 @@ class Solvable(FullOrder, Protocol):
 
 
 class Status(Enum):
-    """Why the active set stopped; each value is a sentence for the user."""
+    """Why the active set stopped; each value is a sentence for the user, whatever the model."""
 
     CONVERGED = "the statuses satisfy all contact conditions"
     ITERATION_LIMIT = "the statuses still changed at the iteration limit: start from statuses nearer to the answer"
-    SINGULAR = (
-        "the contact rows of a set of statuses are dependent on this basis, thesis (1.67): "
-        "add modes or use fewer contact points in the RID"
-    )
-    NOT_FINITE = "the contact problem is not finite: check loads, gaps and materials for NaN"
-    CYCLING = (
-        "the statuses repeat even one at a time, so the contact Schur complement is no P-matrix: "
-        "the reduced model is not trustworthy here, add RID layers or change the basis"
-    )
+    SINGULAR = "the contact conditions that touch are linearly dependent, thesis (1.67), so their forces are not unique"
+    NOT_FINITE = "the contact problem is not finite: check loads, gaps and materials for NaN and infinite numbers"
+    CYCLING = "the statuses repeat even one at a time, so the contact Schur complement is no P-matrix"
 
 
 class Statuses(NamedTuple):
@@ -197,7 +192,7 @@ class ContactSolution(NamedTuple):
         active: status of each condition.
         iterations: number of equality problems solved.
         status: why the active set stopped.
-        cycled: the plain rule of Alg. 1.1 cycled and the terminating rule took over.
+        cycled: the plain rule of Alg. 1.1 cycled, or met a singular set, and the terminating rule took over.
     """
 
     primal: np.ndarray
@@ -213,7 +208,9 @@ class ContactSolution(NamedTuple):
         return self.status is Status.CONVERGED
 
 
-def outcome(primal: np.ndarray, found: Statuses, mu, raise_on_failure: bool) -> ContactSolution:
+def outcome(
+    primal: np.ndarray, found: Statuses, mu, raise_on_failure: bool, advice: Mapping[Status, str] = MappingProxyType({})
+) -> ContactSolution:
     """A solution, or the iterate emptied, so that nobody mistakes it for one.
 
     Args:
@@ -221,6 +218,7 @@ def outcome(primal: np.ndarray, found: Statuses, mu, raise_on_failure: bool) -> 
         found: what the active set found.
         mu: parameter, for the message.
         raise_on_failure: raise instead of returning NaN with a status.
+        advice: what helps against a status in the model that was asked.
 
     Raises:
         NotSolvableError: if a set of statuses was singular, or numbers were not finite.
@@ -232,5 +230,6 @@ def outcome(primal: np.ndarray, found: Statuses, mu, raise_on_failure: bool) -> 
     if raise_on_failure:
         unsolvable = found.status in (Status.SINGULAR, Status.NOT_FINITE)
         kind = NotSolvableError if unsolvable else ConvergenceError
-        raise kind(f"no solution at {np.ravel(mu).tolist()} after {found.iterations} iterations: {found.status.value}")
+        why = ": ".join([found.status.value, *([advice[found.status]] if found.status in advice else [])])
+        raise kind(f"no solution at {np.ravel(mu).tolist()} after {found.iterations} iterations: {why}")
     return solution._replace(primal=np.full_like(primal, np.nan), forces=np.full_like(found.forces, np.nan))

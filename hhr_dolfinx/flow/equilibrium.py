@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -53,9 +54,11 @@ class Equilibrium(Protocol):
         elastic: the elastic linearisation.
         size, conditions: number of unknowns and of contact conditions.
         trained: what a reduced model was trained on; None for a full one.
+        lock: held through a history.
     """
 
     trained: TrainedPaths | None
+    lock: AbstractContextManager
     material: Material
     operator: StrainOperator
     points: np.ndarray

@@ -154,7 +154,8 @@ def march(
     time, start = path[0]
     history = History(time, start)
     try:
-        _march(model, path, settings, history)
+        with model.lock:
+            _march(model, path, settings, history)
     except (_Diverged, OutsideTrainingError, KeyboardInterrupt) as stop:
         if isinstance(stop, _Diverged):
             step = len(history.points) + 1

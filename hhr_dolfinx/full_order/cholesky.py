@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from threading import RLock
 
 import numpy as np
 from petsc4py import PETSc
@@ -66,10 +67,15 @@ def singular_stiffness(scene: str) -> str:
 class FreeCholesky:
     """Factors of a stiffness on its free dofs, made for many refactorisations; serial.
 
+    Who solves with factors that others may replace meanwhile holds ``lock`` and calls :meth:`refactor` before.
+
     Args:
         stiffness: K, CSR, (N, N).
         free: dofs that are not imposed, (N,) bool.
         scene: its name, for messages and the prefix of PETSc options.
+
+    Attributes:
+        lock: held while the factors are replaced or used; a thread may take it twice.
 
     Raises:
         NotSolvableError: if K is singular.
@@ -88,23 +94,30 @@ class FreeCholesky:
         if not factorised(self._ksp):
             raise NotSolvableError(singular_stiffness(scene))
         self._rhs, self._x = self._matrix.createVecs()
-        self._out = np.zeros(free.size)
+        self._size, self._factored, self.lock = free.size, stiffness, RLock()
 
     def refactor(self, stiffness) -> None:
-        """Take the values of another matrix with the same pattern."""
-        data = stiffness.data[self._places]
-        self._matrix.setValuesCSR(self._inside.indptr, self._inside.indices, data)
-        self._matrix.assemble()
-        self._ksp.setOperators(self._matrix)
-        if not factorised(self._ksp):
-            raise NotSolvableError(f"the tangent stiffness of scene '{self._scene}' is singular")
+        """Take the values of another matrix with the same pattern; no work if its factors are those at hand."""
+        with self.lock:
+            if stiffness is self._factored:
+                return
+            self._factored = None
+            data = stiffness.data[self._places]
+            self._matrix.setValuesCSR(self._inside.indptr, self._inside.indices, data)
+            self._matrix.assemble()
+            self._ksp.setOperators(self._matrix)
+            if not factorised(self._ksp):
+                raise NotSolvableError(f"the tangent stiffness of scene '{self._scene}' is singular")
+            self._factored = stiffness
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
-        """Solution on all dofs, zero on imposed ones; the next call overwrites it."""
-        self._rhs.array[:] = rhs[self._free]
-        self._ksp.solve(self._rhs, self._x)
-        self._out[self._free] = self._x.array_r
-        return self._out
+        """Solution on all dofs, zero on imposed ones."""
+        solution = np.zeros(self._size)
+        with self.lock:
+            self._rhs.array[:] = rhs[self._free]
+            self._ksp.solve(self._rhs, self._x)
+            solution[self._free] = self._x.array_r
+        return solution
 
 
 def _petsc_matrix(matrix) -> PETSc.Mat:

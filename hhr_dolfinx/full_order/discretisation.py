@@ -18,7 +18,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
-from hhr_dolfinx import compat
+from hhr_dolfinx import compat, ranks
 from hhr_dolfinx.contact.problem import ContactProblem, ContactRows, joined
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import contact, elasticity
@@ -55,13 +55,16 @@ class Discretisation:
         size: N, number of dofs on all ranks.
 
     Raises:
-        SceneError: for missing tags, surfaces that do not face each other, or conflicting displacements.
+        SceneError: for a mesh on other ranks, missing tags, surfaces that do not face each other, or conflicting
+            displacements.
     """
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
         compat.require_dolfinx()
         self.scene, self.comm = scene, comm
-        self.mesh, self._cell_tags, self._facet_tags = scene.geometry(comm)
+        with ranks.together(comm, f"the geometry of scene '{scene.name}'"):
+            self.mesh, self._cell_tags, self._facet_tags = scene.geometry(comm)
+            _check_ranks(self.mesh.comm, comm)
         dim = self.mesh.geometry.dim
         self.space = fem.functionspace(self.mesh, ("Lagrange", 1, (dim,)))
         nodes = self.space.dofmap.index_map
@@ -319,6 +322,15 @@ class Discretisation:
         vector = fem_petsc.assemble_vector(fem.form(form))
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         return np.concatenate(self.comm.allgather(vector.array))
+
+
+def _check_ranks(made_on, asked):
+    """Refuse a mesh on other ranks than asked: each would hold a part of it, and miss tags and nodes elsewhere."""
+    if made_on.size != asked.size:
+        raise SceneError(
+            f"the geometry was asked for a mesh on {asked.size} rank{'s' * (asked.size > 1)} and made one on "
+            f"{made_on.size}: it must build its mesh on the communicator that it is given, not on MPI.COMM_WORLD"
+        )
 
 
 def _without_columns(matrix, columns):

@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+from threading import Lock
+
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
+from hhr_dolfinx import ranks
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.contact.dense import factorised
-from hhr_dolfinx.contact.problem import ContactSolution, outcome
+from hhr_dolfinx.contact.problem import ContactSolution, Status, outcome
 from hhr_dolfinx.errors import NotSolvableError, SceneError
 from hhr_dolfinx.full_order.cholesky import check_regular, cholesky_solver, singular_stiffness
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.scene import Scene
+
+FULL_ORDER_ADVICE = {Status.SINGULAR: "list each contact pair once, and let no two conditions hold the same dofs"}
 
 
 class FullOrderModel:
     """Solves the full problem with K factored once and the contact on its Schur complement.
 
     Every query costs one solve with K, the statuses on S = B K^-1 B^T, and u = K^-1 F - K^-1 B^T lambda.
-    The answer is the same on every rank. PETSc options take the prefix ``hhr_<scene>_``.
+    The answer is the same on every rank. PETSc options take the prefix ``hhr_<scene>_``. On one rank several threads
+    may ask; on more they must not, since the ranks would meet in different orders.
 
     Args:
         scene: the scene.
@@ -39,10 +45,15 @@ class FullOrderModel:
                 f"bodies of scene '{scene.name}' flow: use PlasticFullOrder, and march along a path in time"
             )
         self.scene, self.comm = scene, comm
+        with ranks.together(comm, f"building the full model of scene '{scene.name}'"):
+            self._build()
+
+    def _build(self):
+        scene, comm = self.scene, self.comm
         self.discretisation = Discretisation(scene, comm)
         stiffness = self.discretisation.assemble_stiffness()
         self.problem = self.discretisation.contact_problem(self.discretisation.gathered(stiffness))
-        self._own = self.discretisation.rows
+        self._own, self._lock = self.discretisation.rows, Lock()
         self._ksp = self._factor(stiffness)
         self._rhs, self._solution = (np.zeros(self._own.stop - self._own.start) for _ in range(2))
         self._vectors = [
@@ -55,7 +66,7 @@ class FullOrderModel:
         rows = self._contact.toarray()
         self.per_force = np.stack([self.solve_stiffness(row) for row in rows], axis=1)
         self.schur = comm.allreduce(self._contact @ self.per_force)
-        self._equalities = SchurEqualities.of(self.schur)
+        self._equalities, self._pairs = SchurEqualities.of(self.schur), Pairs.of(self.problem.contact_pairs)
 
     def solve(self, mu, *, start=None, raise_on_failure: bool = True) -> ContactSolution:
         """Solve for one parameter.
@@ -78,9 +89,9 @@ class FullOrderModel:
         free = self.solve_stiffness(self._own_loads @ theta)
         free_slack = self.problem.gaps @ theta - self._sum(self._contact @ free)
         start = free_slack < 0 if start is None else start
-        found = active_set(self._equalities, free_slack, start)
+        found = active_set(self._equalities, free_slack, start, pairs=self._pairs)
         primal = self._gather(free - self.per_force @ found.forces) + self.problem.lifts @ theta
-        return outcome(primal, found, point, raise_on_failure)
+        return outcome(primal, found, point, raise_on_failure, FULL_ORDER_ADVICE)
 
     def _factor(self, stiffness) -> PETSc.KSP:
         """Factor K with imposed dofs eliminated.
@@ -101,9 +112,10 @@ class FullOrderModel:
 
     def solve_stiffness(self, own_rhs) -> np.ndarray:
         """K^-1 times a vector, each rank with its own rows."""
-        self._rhs[:] = own_rhs
-        self._ksp.solve(*self._vectors)
-        return self._solution.copy()
+        with self._lock:
+            self._rhs[:] = own_rhs
+            self._ksp.solve(*self._vectors)
+            return self._solution.copy()
 
     def _sum(self, part):
         return part if self.comm.size == 1 else self.comm.allreduce(part)

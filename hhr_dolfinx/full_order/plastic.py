@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from threading import RLock
 
 import numpy as np
 from mpi4py import MPI
+from scipy.sparse import csr_matrix
 
-from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.flow.equilibrium import Correction
@@ -37,6 +39,7 @@ class PlasticFullOrder:
         cell_of_point: cell of each Gauss point.
         discretisation: mesh and forms.
         trained: None, since nothing is outside what a full model can answer.
+        lock: to be held through a history, lest two of them take turns in factoring; they are right without it.
     """
 
     trained = None
@@ -60,11 +63,13 @@ class PlasticFullOrder:
         solver = FreeCholesky(stiffness, problem.free, scene.name)
         check_regular(problem, solver.solve, scene.name)
         rows = problem.contact.toarray()
-        per_force = np.stack([solver.solve(row).copy() for row in rows], axis=1)
+        per_force = np.stack([solver.solve(row) for row in rows], axis=1)
         self.schur = problem.contact @ per_force
         equalities = SchurEqualities.of(self.schur)
-        self.elastic = _Operator(problem, solver, equalities, per_force.__matmul__, self.material.elastic)
-        self._tangent_solver = None
+        self._pairs = Pairs.of(problem.contact_pairs)
+        factors = stiffness, solver
+        self.elastic = _Operator(problem, self._pairs, factors, equalities, per_force.__matmul__, self.material.elastic)
+        self._tangent_solver, self.lock = None, RLock()
         self._body = np.zeros(self.size, dtype=int)
         self._body[self.operator.dofs] = bodies[:, None]
         self._sizes = abs(stiffness)
@@ -111,15 +116,17 @@ class PlasticFullOrder:
         return float(np.linalg.norm((residual - self.contact_load(forces)) * self.problem.free))
 
     def linearised(self, tangents) -> _Operator:
-        """Factor the tangent stiffness; the operator before is then out of date. See :class:`Equilibrium`."""
+        """Factor the tangent stiffness; the operator before needs a factorisation again. See :class:`Equilibrium`."""
         stiffness = self.stiffness(tangents)
-        if self._tangent_solver is None:
-            self._tangent_solver = FreeCholesky(stiffness, self.problem.free, self.scene.name)
-        else:
-            self._tangent_solver.refactor(stiffness)
+        with self.lock:
+            if self._tangent_solver is None:
+                self._tangent_solver = FreeCholesky(stiffness, self.problem.free, self.scene.name)
+            else:
+                self._tangent_solver.refactor(stiffness)
         columns = _LazyColumns(self._tangent_solver, self.problem.contact)
         equalities = SchurEqualities(columns.images, self.conditions)
-        return _Operator(self.problem, self._tangent_solver, equalities, columns.push, tangents)
+        factors = stiffness, self._tangent_solver
+        return _Operator(self.problem, self._pairs, factors, equalities, columns.push, tangents)
 
 
 @dataclass(frozen=True)
@@ -128,23 +135,29 @@ class _Operator:
 
     Attributes:
         problem: the full problem.
-        solver: of K.
+        pairs: its conditions by contact pair.
+        factors: K, (N, N), and its solver, which may hold the factors of another operator meanwhile.
         equalities: on S = B K^-1 B^T.
         push: maps forces to K^-1 B^T λ, (N,).
         moduli: tangents at the Gauss points.
     """
 
     problem: ContactProblem
-    solver: FreeCholesky
+    pairs: Pairs | None
+    factors: tuple[csr_matrix, FreeCholesky]
     equalities: SchurEqualities
     push: Callable[[np.ndarray], np.ndarray]
     moduli: np.ndarray
 
     def correct(self, residual, x, theta, active) -> Correction:
         """Solve K δ + B^T λ = residual, B (x + δ) <= gaps."""
-        problem, free = self.problem, self.solver.solve(residual).copy()
-        slack = problem.gaps @ theta - problem.contact @ (x + free)
-        found = active_set(self.equalities, slack, active)
+        problem, (stiffness, solver) = self.problem, self.factors
+        # one solver serves all linearisations: columns of S are solved for within the active set
+        with solver.lock:
+            solver.refactor(stiffness)
+            free = solver.solve(residual)
+            slack = problem.gaps @ theta - problem.contact @ (x + free)
+            found = active_set(self.equalities, slack, active, pairs=self.pairs)
         return Correction(free - self.push(found.forces), found.forces, found.active, found.status)
 
 
@@ -158,7 +171,7 @@ class _LazyColumns:
         """Columns of S as rows, (k, m); see :class:`SchurEqualities`."""
         for k in index:
             if k not in self._columns:
-                self._columns[k] = self._solver.solve(self._contact[k].toarray().ravel()).copy()
+                self._columns[k] = self._solver.solve(self._contact[k].toarray().ravel())
                 self._images[k] = self._contact @ self._columns[k]
         return np.array([self._images[k] for k in index]).reshape(index.size, self._contact.shape[0])
 

@@ -11,6 +11,7 @@ import numpy as np
 from mpi4py import MPI
 from rich.console import Console
 
+from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import ParameterError
 from hhr_dolfinx.online.reconstruct import OnlineModel
 from hhr_dolfinx.parameters import ParameterSpace
@@ -72,7 +73,9 @@ def answer_rows(
         forces; None elsewhere.
     """
     mine = np.array_split(np.arange(len(rows)), comm.size)[comm.rank]
-    parts = comm.gather([_answer(reduction, rows[k]) for k in progress(mine)], root=0)
+    with ranks.each_for_itself(comm, "answering the table"):
+        answers = [_answer(reduction, rows[k]) for k in progress(mine)]
+    parts = comm.gather(answers, root=0)
     return None if parts is None else [row for part in parts for row in part]
 
 

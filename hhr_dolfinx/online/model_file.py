@@ -16,7 +16,7 @@ from hhr_dolfinx.online.reconstruct import OnlineModel, Reconstruction
 from hhr_dolfinx.online.reduced import ReducedModel, ReducedProblem
 from hhr_dolfinx.parameters import Amplitudes, Coverage, ParameterSpace
 
-FORMAT, VERSION = "hhr_dolfinx reduced model", 3
+FORMAT, VERSION = "hhr_dolfinx reduced model", 4
 
 
 def save_model(path: str | Path, reduction: OnlineModel) -> None:

@@ -1,16 +1,20 @@
 """The hybrid hyper-reduced (HHR) model (1.61), (5.23): small arrays, one call per parameter.
 
-Needs neither DOLFINx nor gmsh: a model read from a file answers on any machine with PETSc.
+Needs neither DOLFINx nor gmsh nor PETSc: a model read from a file answers on any machine with NumPy and SciPy.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from hhr_dolfinx.contact.condensed import CondensedContact, KnownStatuses, Responses
-from hhr_dolfinx.contact.dense import Factorise, PetscLU
+from hhr_dolfinx.contact.dense import Factorise, dense_factors
+from hhr_dolfinx.contact.problem import Status
+from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
 from hhr_dolfinx.trained import TrainedRange
 
@@ -28,6 +32,7 @@ class ReducedProblem:
         contact_trial: B~2 = B[A_lambda, A_c~] V[A_c~], (5.26), (N_lambda_C, ell): how gaps are read.
         loads: V[A]^T loads[A], (ell, 1 + T).
         gaps: gaps[A_lambda], (N_lambda_C, 1 + T).
+        pairs: number of the contact pair of each condition, (N_lambda_C,).
     """
 
     stiffness: np.ndarray
@@ -35,6 +40,7 @@ class ReducedProblem:
     contact_trial: np.ndarray
     loads: np.ndarray
     gaps: np.ndarray
+    pairs: np.ndarray
 
 
 class ReducedModel(CondensedContact):
@@ -49,8 +55,13 @@ class ReducedModel(CondensedContact):
         trained: the trained parameters.
 
     Raises:
-        NotSolvableError: if K~ is singular.
+        SingularError: if K~ is singular.
     """
+
+    advice: ClassVar[Mapping[Status, str]] = {
+        Status.SINGULAR: "add modes or use fewer contact points in the RID",
+        Status.CYCLING: "the reduced model is not trustworthy here, add RID layers or change the basis",
+    }
 
     def __init__(
         self,
@@ -58,10 +69,18 @@ class ReducedModel(CondensedContact):
         parameters: ParameterSpace,
         amplitudes: Amplitudes,
         known: KnownStatuses,
-        factorise: Factorise = PetscLU,
+        factorise: Factorise = dense_factors,
         trained: TrainedRange | None = None,
     ):
         self.problem = problem
+        try:
+            factor = factorise(problem.stiffness)
+        except SingularError as error:
+            raise SingularError(f"K~ cannot be eliminated, {error}: add RID layers or use fewer modes") from error
         contact = problem.contact_test, problem.contact_trial
-        responses = Responses.eliminate(factorise(problem.stiffness), problem.loads, problem.gaps, *contact)
-        super().__init__(parameters, amplitudes, responses, known, factorise, trained)
+        responses = Responses.eliminate(factor, problem.loads, problem.gaps, *contact)
+        super().__init__(parameters, amplitudes, responses, known, factorise, problem.pairs, trained)
+
+    def __reduce__(self):
+        """Copy and pickle by the projected arrays."""
+        return type(self), (self.problem, self.parameters, self.amplitudes, self.known, self._factorise, self.trained)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
 
 from hhr_dolfinx.compat import compiled
-from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.contact.dense import LapackLU
 from hhr_dolfinx.flow.equilibrium import Correction
 from hhr_dolfinx.flow.gauss import ElasticPart
@@ -30,13 +32,14 @@ class PlasticReduced:
         points: numbers of their Gauss points in the full model.
         operator, material: strain and laws at these points.
         trained: what it was trained on, None until that is known.
+        lock: nothing, see :class:`hhr_dolfinx.full_order.plastic.PlasticFullOrder`: histories share no factors here.
     """
 
     trained: TrainedPaths | None = None
 
     def __init__(self, full, basis: np.ndarray, sets: IndexSets):
         problem, operator = full.problem, full.operator
-        self.sets, self.basis = sets, basis
+        self.sets, self.basis, self.lock = sets, basis, nullcontext()
         self.amplitudes, self.parameters = problem.amplitudes, problem.parameters
         self.size, self.conditions = basis.shape[1], len(sets.A_lambda)
         inside = np.zeros(problem.free.size, dtype=bool)
@@ -127,6 +130,7 @@ class _Operator:
 
     def __init__(self, reduced, stiffness, moduli):
         self.moduli, self._reduced, self._factor = moduli, reduced, LapackLU(stiffness)
+        self._pairs = Pairs.of(reduced.pairs)
         self._per_force = self._factor.solve(reduced.contact_test.T)
         self._equalities = SchurEqualities.of(reduced.contact_trial @ self._per_force, LapackLU)
 
@@ -134,5 +138,5 @@ class _Operator:
         """Solve K~ δ + B~1^T λ = residual, B~2 (x + δ) <= gaps."""
         free, reduced = self._factor.solve(residual), self._reduced
         slack = reduced.gaps @ theta - reduced.contact_trial @ (x + free)
-        found = active_set(self._equalities, slack, active)
+        found = active_set(self._equalities, slack, active, pairs=self._pairs)
         return Correction(free - self._per_force @ found.forces, found.forces, found.active, found.status)

@@ -39,4 +39,5 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
         contact_trial=rows[:, sets.A_c_tilde] @ basis[sets.A_c_tilde],
         loads=test.T @ problem.loads[sets.A],
         gaps=problem.gaps[sets.A_lambda],
+        pairs=problem.contact_pairs[sets.A_lambda],
     )

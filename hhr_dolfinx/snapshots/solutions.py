@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hhr_dolfinx import ranks
 from hhr_dolfinx.contact.condensed import KnownStatuses
 
 if TYPE_CHECKING:
@@ -62,18 +63,19 @@ def compute_snapshots(
         ConvergenceError: if a training point does not converge.
     """
     solutions, start = [], None
-    for point in progress(points):
-        # one rank decides what is known, since solving takes all of them
-        first = full_order.comm.rank == 0
-        solution = store.load(point) if store is not None and first else None
-        if store is not None:
-            solution = full_order.comm.bcast(solution)
-        if solution is None:
-            solution = full_order.solve(point, start=start)
-            if store is not None and first:
-                store.save(point, solution)
-        start = solution.active
-        solutions.append(solution)
+    with ranks.together(full_order.comm, "solving for snapshots"):
+        for point in progress(points):
+            # one rank decides what is known, since solving takes all of them
+            first = full_order.comm.rank == 0
+            solution = store.load(point) if store is not None and first else None
+            if store is not None:
+                solution = full_order.comm.bcast(solution)
+            if solution is None:
+                solution = full_order.solve(point, start=start)
+                if store is not None and first:
+                    store.save(point, solution)
+            start = solution.active
+            solutions.append(solution)
     return _collect(full_order.problem, points, solutions)
 
 
@@ -95,19 +97,15 @@ def spread_snapshots(
 
     Raises:
         ConvergenceError: on all ranks, if a training point does not converge on any.
+        RankError: where another rank failed with an error that is none of this package's.
     """
     points = np.asarray(points, dtype=float)
-    failure, own = None, None
-    try:
+    own = None
+    with ranks.each_for_itself(comm, "solving for snapshots"):
         # neighbours stay together, so that each start is a good one
         mine = np.array_split(np.arange(len(points)), comm.size)[comm.rank]
         if mine.size:
             own = compute_snapshots(full_order, points[mine], progress, store)
-    except Exception as error:  # whatever it is, the other ranks must hear of it
-        failure = error
-    failures = [error for error in comm.allgather(failure) if error is not None]
-    if failures:
-        raise failures[0]
     parts = [part for part in comm.allgather(own) if part is not None]
     joined = (np.concatenate([getattr(part, name) for part in parts], axis=1) for name in _COLUMNS)
     return SnapshotSet(points, *joined)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from hhr_dolfinx import ranks
 from hhr_dolfinx.full_order.elastic import FullOrderModel
 from hhr_dolfinx.reduction.offline import HyperReduction, ReductionSettings, build_reduced_model
 from hhr_dolfinx.scene import Scene
@@ -76,9 +77,10 @@ def train(
         progress: for progress bars.
     """
     log = StageLog()
-    with log.stage("full_order"):
-        full_order = FullOrderModel(scene, MPI.COMM_SELF)
-    store = None if folder is None else SnapshotStore(folder, full_order.problem)
+    with ranks.each_for_itself(comm, f"building the full model of scene '{scene.name}'"):
+        with log.stage("full_order"):
+            full_order = FullOrderModel(scene, MPI.COMM_SELF)
+        store = None if folder is None else SnapshotStore(folder, full_order.problem)
     space = scene.parameters
     with log.stage("snapshots"):
         snapshots = spread_snapshots(full_order, space.grid(counts), comm, progress("snapshots"), store)

@@ -1,0 +1,107 @@
+"""Failures on several ranks: no rank waits for one that is gone.
+
+A rank that raises leaves the section in which the others wait for it. Where each rank works for itself, the failures
+are shared behind the section, and all ranks raise. Where the ranks work together the others may be blocked in MPI
+already; then the reason is printed and the whole run ended.
+"""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Event
+from typing import TYPE_CHECKING
+
+from hhr_dolfinx import errors
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
+
+PATIENCE = 3.0
+"""Seconds for which a rank that failed in common work waits for the others to fail as well."""
+
+_POLL = 0.02
+
+
+@contextmanager
+def each_for_itself(comm: Comm, task: str) -> Iterator[None]:
+    """Run a block that each rank works through alone; if it fails on any rank, all ranks raise.
+
+    The rank that failed raises its own exception. The others raise one of the same class if that is one of this
+    package's, and :class:`errors.RankError` if not. Exceptions are told as text: not all of them can be pickled.
+
+    Args:
+        comm: the ranks; all of them must run the block.
+        task: what the block does, for messages.
+    """
+    failure = None
+    try:
+        yield
+    except BaseException as error:  # an exit too would leave the others waiting
+        failure = error
+    if comm.size > 1:
+        told = comm.allgather(None if failure is None else (type(failure).__name__, _text(failure)))
+        failed = [(rank, *words) for rank, words in enumerate(told) if words is not None]
+    if failure is not None:
+        raise failure
+    if comm.size > 1 and failed:
+        rank, name, text = failed[0]
+        raise _class_of(name)(f"{task} failed on rank {rank} of {comm.size}, {name}: {text}")
+
+
+@contextmanager
+def together(comm: Comm, task: str) -> Iterator[None]:
+    """Run a block in which the ranks wait for each other; if it fails on some ranks only, end the run on all.
+
+    What fails on every rank alike, a scene that cannot be built for instance, is raised on every rank.
+
+    Args:
+        comm: the ranks; all of them must run the block.
+        task: what the block does, for messages.
+    """
+    if comm.size == 1:
+        yield
+        return
+    # votes must not meet what the block itself sends
+    votes = comm.Dup()
+    try:
+        yield
+    except BaseException as error:
+        if not _all_arrive(votes):
+            traceback.print_exc()
+            print(
+                f"{task} failed on rank {comm.rank} of {comm.size}, and the others wait for it: the run is ended "
+                f"on all ranks. {type(error).__name__}: {_text(error)}",
+                file=sys.stderr,
+                flush=True,
+            )
+            comm.Abort(1)
+        votes.Free()
+        raise
+    votes.Free()
+
+
+def _all_arrive(votes) -> bool:
+    """Whether every rank comes here within :data:`PATIENCE`."""
+    arrival, pause = votes.Ibarrier(), Event()
+    for _ in range(int(PATIENCE / _POLL)):
+        if arrival.Test():
+            return True
+        pause.wait(_POLL)
+    return False
+
+
+def _class_of(name):
+    """The class of this package's errors with a name, or the one for all others."""
+    kind = getattr(errors, name, None)
+    return kind if isinstance(kind, type) and issubclass(kind, errors.HHRError) else errors.RankError
+
+
+def _text(error) -> str:
+    """What an exception says, even if it cannot say it."""
+    try:
+        return str(error)
+    except Exception:
+        return "(its message could not be made)"

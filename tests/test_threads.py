@@ -1,0 +1,262 @@
+"""Models shared by threads, handed to workers, and used where PETSc is missing: the same bits everywhere."""
+
+import copy
+import json
+import multiprocessing
+import pickle
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pellet_cladding as pellet_demo
+import pellet_cladding_plastic as demo
+import pytest
+from petsc4py import PETSc
+from scenes import pressed_block, whole_domain
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.baselines.condensation import exact_condensation
+from hhr_dolfinx.baselines.naive import NaiveFullOrder
+from hhr_dolfinx.contact.active_set import SchurEqualities
+from hhr_dolfinx.contact.dense import LapackLU, PetscLU
+from hhr_dolfinx.errors import HHRError
+from hhr_dolfinx.online.reconstruct import OnlineModel
+from hhr_dolfinx.reduction.plastic import PlasticReduced
+from hhr_dolfinx.reduction.trust import TrustLimits
+
+THREADS = 8
+
+
+@pytest.fixture(autouse=True)
+def restless():
+    """Threads change as often as they can, so that a race shows in one run and not in one of a thousand."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(before)
+
+
+def at_once(jobs):
+    """Results of all jobs, started together in a thread each; the first exception is raised."""
+    results, gate = [None] * len(jobs), threading.Barrier(len(jobs))
+
+    def run(k):
+        gate.wait()
+        try:
+            results[k] = jobs[k]()
+        except Exception as error:
+            results[k] = error
+
+    threads = [threading.Thread(target=run, args=(k,)) for k in range(len(jobs))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for result in results:
+        if isinstance(result, Exception):
+            raise result
+    return results
+
+
+def answers(model, points):
+    """Primal unknowns and forces, as bytes: equal to the last bit or not at all."""
+    solutions = [model.solve(point) for point in points]
+    return [(solution.primal.tobytes(), solution.forces.tobytes()) for solution in solutions]
+
+
+def check_threads(models, points):
+    """Each thread asks its model for the points in another order; every answer is that of one thread alone."""
+    expected = dict(enumerate(answers(models[0], points)))
+
+    def job(k):
+        order = np.random.default_rng(k).permutation(len(points))
+        return dict(zip(order.tolist(), answers(models[k], points[order]), strict=True))
+
+    for found in at_once([lambda k=k: job(k) for k in range(len(models))]):
+        assert all(found[place] == expected[place] for place in expected)
+
+
+@pytest.fixture(scope="module")
+def pellet():
+    """A full model whose queries mostly change statuses, with its training."""
+    full_order = hhr.FullOrderModel(pellet_demo.scene(**pellet_demo.QUICK_MESH))
+    space = full_order.problem.parameters
+    return full_order, hhr.compute_snapshots(full_order, space.grid([6, 6])), space.random(150, 5)
+
+
+@pytest.fixture(scope="module")
+def reduced(pellet):
+    full_order, snapshots, _ = pellet
+    limits = TrustLimits(refuse_cond_K=1e30, warn_cond_K=1e30, warn_definite=-np.inf)
+    return hhr.build_reduced_model(full_order, snapshots, hhr.ReductionSettings(limits=limits))
+
+
+def test_one_reduced_model(pellet, reduced):
+    check_threads([reduced.model] * THREADS, pellet[2])
+
+
+def test_reduced_models_of_their_own(pellet, reduced):
+    """Blocks of one size share nothing between models."""
+    model = reduced.model
+    twins = [hhr.ReducedModel(model.problem, model.parameters, model.amplitudes, model.known) for _ in range(THREADS)]
+    check_threads(twins, pellet[2])
+
+
+def test_exact_condensation(pellet):
+    full_order, snapshots, points = pellet
+    check_threads([exact_condensation(full_order, snapshots.known_statuses())] * THREADS, points)
+
+
+def test_one_full_model(pellet):
+    check_threads([pellet[0]] * THREADS, pellet[2][:50])
+
+
+def test_the_naive_full_model(pellet):
+    check_threads([NaiveFullOrder(pellet[0])] * THREADS, pellet[2][:4])
+
+
+@pytest.mark.parametrize(
+    ("kind", "search", "steps"), [("full", "frozen", 12), ("full", "elastic", 6), ("reduced", "elastic", 6)]
+)
+def test_histories_on_one_model(kind, search, steps):
+    """The tangents of one history are not solved with the factors of another."""
+    full = hhr.PlasticFullOrder(
+        demo.scene(radial_cells=4, axial_cells=6, cladding_radial_cells=2, cladding_axial_cells=5)
+    )
+    free = np.flatnonzero(full.problem.free)
+    basis = np.zeros((full.size, free.size))
+    basis[free, np.arange(free.size)] = 1.0
+    model = full if kind == "full" else PlasticReduced(full, basis, whole_domain(full.problem))
+    gaps, settings = (5.0, 8.0, 10.0, 12.0), hhr.MarchSettings(search, iterations=300)
+
+    def job(gap):
+        points = hhr.march(model, demo.path(gap, steps), settings).points
+        return [(point.unknown.tobytes(), point.forces.tobytes(), point.stress.tobytes()) for point in points]
+
+    expected = [job(gap) for gap in gaps]
+    assert at_once([lambda gap=gap: job(gap) for gap in gaps]) == expected
+
+
+def test_an_operator_outlives_the_next_one():
+    """Factors that another linearisation has replaced are made again, not mixed up."""
+    full = hhr.PlasticFullOrder(pressed_block("plane_strain"))
+    theta, elastic = full.amplitudes(np.array([0.05])), full.material
+    strain = full.strain(np.zeros(full.size), theta)
+    tangents = elastic.update(strain, elastic.at_rest(), 1.0, tangent=True).tangents
+    residual, x, active = full.problem.loads @ theta, np.zeros(full.size), np.ones(full.conditions, dtype=bool)
+    first = full.linearised(tangents)
+    before = first.correct(residual, x, theta, active)
+    full.linearised(2 * tangents).correct(residual, x, theta, active)
+    after = first.correct(residual, x, theta, ~active)
+    assert np.array_equal(after.change, before.change) and np.array_equal(after.forces, before.forces)
+
+
+@pytest.mark.parametrize("factorise", [PetscLU, LapackLU])
+def test_one_factor(factorise):
+    rng = np.random.default_rng(2)
+    factor, sides = factorise(rng.normal(size=(60, 60))), rng.normal(size=(20, 60))
+    expected = [factor.solve(side).tobytes() for side in sides] * 20
+    assert (
+        at_once([lambda: [factor.solve(side).tobytes() for _ in range(20) for side in sides]] * THREADS)
+        == [expected] * THREADS
+    )
+
+
+@pytest.mark.parametrize("factorise", [PetscLU, LapackLU])
+def test_solutions_are_new_arrays(factorise):
+    factor = factorise(np.diag([1.0, 2.0]))
+    first = factor.solve(np.array([1.0, 1.0]))
+    factor.solve(np.array([5.0, 5.0]))
+    factorise(np.eye(2)).solve(np.array([7.0, 7.0]))
+    assert first.tolist() == [1.0, 0.5]
+
+
+def test_petsc_options_are_heeded_whenever_they_are_set():
+    PetscLU(np.eye(2))
+    options = PETSc.Options()
+    options["hhr_dense_pc_factor_mat_ordering_type"] = "rcm"
+    options["hhr_dense_ksp_type"] = "gmres"
+    try:
+        assert PetscLU(np.eye(2))._ksp.getType() == "gmres"
+    finally:
+        for name in ("hhr_dense_pc_factor_mat_ordering_type", "hhr_dense_ksp_type"):
+            options.delValue(name)
+    assert PetscLU(np.eye(2))._ksp.getType() == "preonly"
+
+
+def test_memory_of_kept_factors_is_bounded():
+    """400 conditions, sets of all sizes: 16 k^2 bytes of factors and 8 k m of columns each, 1.3 GB in all."""
+    m, rng = 400, np.random.default_rng(0)
+    root = rng.normal(size=(m, m))
+    schur, free_slack = root @ root.T / m + np.eye(m), rng.normal(size=m)
+    equalities = SchurEqualities.of(schur)
+    most = 0
+    for size in (*range(10, m, 6), m):
+        active = np.zeros(m, dtype=bool)
+        active[rng.permutation(m)[:size]] = True
+        forces, slack = equalities(active, free_slack)
+        # cond(S) is about 5: round-off
+        assert slack + 0.0 == pytest.approx(np.where(active, 0.0, free_slack + schur @ forces), abs=1e-11)
+        sizes = [entry[0].size for entry in equalities._entries.values()]
+        most = max(most, sum(16 * k * k + 8 * k * m for k in sizes))
+    # what is left is of use: the bound is filled, not emptied
+    assert 0.8 * 64e6 < most <= 64 * 2**20
+    assert equalities.kept_bytes <= equalities.most_bytes == 64 * 2**20
+
+
+def test_a_set_beyond_the_bound_is_answered_and_not_kept():
+    equalities = SchurEqualities.of(np.eye(4))
+    equalities.most_bytes = 100
+    for _ in range(2):
+        assert equalities(np.ones(4, dtype=bool), -np.ones(4))[0].tolist() == [1.0] * 4
+    assert equalities.kept_bytes <= 100
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda model: pickle.loads(pickle.dumps(model))])
+def test_copies_answer_alike(copied, pellet, reduced):
+    full_order, snapshots, points = pellet
+    for model in (reduced.model, exact_condensation(full_order, snapshots.known_statuses())):
+        again = copied(model)
+        assert type(again) is type(model) and answers(again, points) == answers(model, points)
+        assert not again.known.active.flags.writeable
+    whole, online = copied(reduced), OnlineModel(reduced.model, reduced.reconstruction, reduced.dimension)
+    for model in (whole, copied(online)):
+        for point in points[:10]:
+            assert all(map(np.array_equal, model.solve_everywhere(point), reduced.solve_everywhere(point)))
+    assert whole.stability == reduced.stability and np.array_equal(whole.sets.A, reduced.sets.A)
+
+
+def test_workers_of_a_pool(pellet, reduced):
+    """Processes that start from nothing get the model by pickle."""
+    points = pellet[2][:8]
+    with multiprocessing.get_context("spawn").Pool(2) as pool:
+        found = pool.map(reduced.solve_everywhere, list(points))
+    for (displacement, forces), point in zip(found, points, strict=True):
+        here = reduced.solve_everywhere(point)
+        assert np.array_equal(displacement, here[0]) and np.array_equal(forces, here[1])
+
+
+def test_a_machine_without_petsc_answers(tmp_path, pellet, reduced):
+    """LAPACK takes the place of PETSc: round-off of another order of sums, cond(K~) times 1e-16."""
+    hhr.save_model(tmp_path / "model.npz", reduced)
+    points = pellet[2][:20].tolist()
+    program = (
+        "import sys, json\n"
+        "missing = ['dolfinx_solver', 'dolfinx', 'petsc4py', 'slepc4py', 'mpi4py', 'gmsh', 'rich', 'numba']\n"
+        "sys.modules.update(dict.fromkeys(missing))\n"
+        "import hhr_dolfinx as hhr\n"
+        f"model = hhr.load_model({str(tmp_path / 'model.npz')!r})\n"
+        f"print(json.dumps([model.solve_everywhere(point)[1].tolist() for point in {points}]))\n"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=100)
+    assert run.returncode == 0, run.stderr[-2000:]
+    for found, point in zip(json.loads(run.stdout), points, strict=True):
+        forces = reduced.solve_everywhere(point)[1]
+        assert found == pytest.approx(forces, abs=1e-8 * max(forces.max(), 1e-300))
+
+
+def test_petsc_asked_for_where_it_is_missing(monkeypatch):
+    monkeypatch.setattr("hhr_dolfinx.contact.dense.PETSc", None)
+    with pytest.raises(HHRError, match="LapackLU"):
+        PetscLU(np.eye(2))
