@@ -162,11 +162,14 @@ def unit(normal, dim: int) -> np.ndarray:
     Raises:
         SceneError: for a wrong length or a zero or non-finite vector.
     """
-    normal = np.asarray(normal, dtype=float)
-    length = np.linalg.norm(normal)
-    if normal.shape != (dim,) or not np.isfinite(length) or length == 0:
-        raise SceneError(f"contact normal {normal.tolist()} must be a non-zero vector of length {dim}")
-    return normal / length
+    try:
+        vector = np.asarray(normal, dtype=float)
+    except (TypeError, ValueError):
+        vector = np.zeros(0)
+    length = np.linalg.norm(vector)
+    if vector.shape != (dim,) or not np.isfinite(length) or length == 0:
+        raise SceneError(f"contact normal {normal!r} must be a non-zero vector of length {dim}")
+    return vector / length
 
 
 def check_facing(surface: Surface, normal: np.ndarray, along: bool) -> None:
