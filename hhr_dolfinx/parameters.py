@@ -92,10 +92,14 @@ class ParameterSpace:
         """A field as a tuple, whatever sequence was given."""
         value, kind = getattr(self, part), str if part == "names" else Real
         if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
-            raise SceneError(f"{part} = {value!r} of a parameter space must be a tuple: for one parameter, ({value!r},)")
+            raise SceneError(
+                f"{part} = {value!r} of a parameter space must be a tuple: for one parameter, ({value!r},)"
+            )
         items = tuple(value.tolist() if isinstance(value, np.ndarray) else value)
         if not all(isinstance(item, kind) for item in items):
-            raise SceneError(f"{part} = {value!r} of a parameter space must hold {'names' if kind is str else 'numbers'}")
+            raise SceneError(
+                f"{part} = {value!r} of a parameter space must hold {'names' if kind is str else 'numbers'}"
+            )
         return items
 
     def point(self, mu) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,15 +38,17 @@ class Body:
         """Refuse constants for which the elastic energy is not positive, and laws that are none."""
         _check_tag("body", self.tag)
         for name, value in (("young", self.young), ("poisson", self.poisson)):
-            if not is_number(value):
+            if not isinstance(value, Real):
                 raise SceneError(
-                    f"body {self.tag}: {name} = {value!r} must be a finite number: a material that depends on "
+                    f"body {self.tag}: {name} = {value!r} must be a number: a material that depends on "
                     "parameters is not supported, give each of its values a scene of its own"
                 )
         if self.law is not None and (isinstance(self.law, type) or not callable(getattr(self.law, "flow", None))):
             raise SceneError(f"body {self.tag}: the law {self.law!r} must be an object with a method flow")
-        if not self.young > 0 or not -1 < self.poisson < 0.5:
-            raise SceneError(f"body {self.tag}: E = {self.young} must be positive and nu = {self.poisson} in (-1, 0.5)")
+        if not 0 < self.young < np.inf or not -1 < self.poisson < 0.5:
+            raise SceneError(
+                f"body {self.tag}: E = {self.young} must be positive and finite, and nu = {self.poisson} in (-1, 0.5)"
+            )
 
 
 @dataclass(frozen=True)
@@ -302,8 +305,16 @@ def _same_pair(one, other) -> bool:
     unknown = any(normal is None for normal in normals) or normals[0].shape != normals[1].shape
     if len(one.tags) == 1:
         # a corner between two obstacles is two pairs of one surface
-        return one is other or (type(one) is type(other) and not unknown and normals[0] @ normals[1] > 1 - 1e-12)
+        return _equal(one, other) or (type(one) is type(other) and not unknown and normals[0] @ normals[1] > 1 - 1e-12)
     return unknown or abs(normals[0] @ normals[1]) > 1 - 1e-12
+
+
+def _equal(one, other) -> bool:
+    """Equality that pairings with arrays survive."""
+    try:
+        return one is other or bool(one == other)
+    except ValueError:
+        return False
 
 
 def _direction(normal) -> np.ndarray | None:

@@ -22,6 +22,13 @@ from hhr_dolfinx import compat
 from hhr_dolfinx.contact.problem import ContactProblem, ContactRows, joined
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import contact, elasticity
+from hhr_dolfinx.full_order.checks import (
+    build_geometry,
+    check_held,
+    check_line,
+    conditions_with_unknowns,
+    warn_of_idle_parameters,
+)
 from hhr_dolfinx.pairings.surface import Surface, make_surface
 from hhr_dolfinx.parameters import Amplitude, Amplitudes, Coverage
 from hhr_dolfinx.scene import PartialPressure, Pressure, Scene
@@ -55,13 +62,18 @@ class Discretisation:
         size: N, number of dofs on all ranks.
 
     Raises:
-        SceneError: for missing tags, surfaces that do not face each other, or conflicting displacements.
+        SceneError: for a mesh that does not suit the scene, missing tags, surfaces that do not face each other, or
+            conflicting displacements.
+
+    Warns:
+        SceneWarning: for parameters without effect.
     """
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
         compat.require_dolfinx()
         self.scene, self.comm = scene, comm
-        self.mesh, self._cell_tags, self._facet_tags = scene.geometry(comm)
+        self.mesh, self._cell_tags, self._facet_tags = build_geometry(scene, comm)
+        warn_of_idle_parameters(scene)
         dim = self.mesh.geometry.dim
         self.space = fem.functionspace(self.mesh, ("Lagrange", 1, (dim,)))
         nodes = self.space.dofmap.index_map
@@ -69,7 +81,6 @@ class Discretisation:
         self.size = dim * nodes.size_global
         self._dx = ufl.Measure("dx", domain=self.mesh, subdomain_data=self._cell_tags)
         self._ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=self._facet_tags)
-        self._check_tags()
         self._trial, self._test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
 
     def assemble_stiffness(self) -> PETSc.Mat:
@@ -112,11 +123,15 @@ class Discretisation:
         loads = np.hstack([self._stacked(term.load for term in terms), *pressures])
         lifts = np.zeros(loads.shape)
         lifts[:, : 1 + len(terms)] = self._stacked(term.lift for term in terms)
-        rows, pairs = self._contact_rows(free)
+        rows, pairs = self._contact_rows()
         gaps = -(rows.matrix @ lifts)
         gaps[:, 0] += rows.gap
         for k, term in enumerate(terms, start=1):
             gaps[pairs == term.opened, k] += 1.0
+        kept = conditions_with_unknowns(scene, rows, gaps[:, : 1 + len(terms)], amplitudes, free)
+        rows, pairs, gaps = rows.take(kept), pairs[kept], gaps[kept]
+        bodies = np.concatenate(self.comm.allgather(self.cell_bodies()))
+        check_held(scene, self._points(), self._cell_nodes(), bodies, free)
         return ContactProblem(
             stiffness=stiffness,
             mass=self.gathered(mass),
@@ -168,26 +183,6 @@ class Discretisation:
         deviator = sigma - np.trace(sigma, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
         return np.sqrt(1.5 * np.einsum("cij,cij->c", deviator, deviator))
 
-    def _check_tags(self):
-        scene, fdim = self.scene, self.mesh.topology.dim - 1
-        used = [item.tag for item in (*scene.displacements, *scene.loads)]
-        for item in scene.contacts:
-            used += item.tags
-        for kind, tags, wanted in (
-            ("facet", self._facet_tags, used),
-            ("cell", self._cell_tags, [body.tag for body in scene.bodies]),
-        ):
-            there = set().union(*self.comm.allgather(set(tags.values.tolist())))
-            missing = sorted(set(wanted) - there)
-            if missing:
-                raise SceneError(f"{kind} tags {missing} are not in the mesh, which has {sorted(there)}")
-            if kind == "cell" and there - set(wanted):
-                raise SceneError(f"cells tagged {sorted(there - set(wanted))} belong to no body of the scene")
-        count = self.mesh.topology.index_map(fdim + 1).size_local
-        untagged = self.comm.allreduce(count - int((self._cell_tags.indices < count).sum()))
-        if untagged:
-            raise SceneError(f"{untagged} cells have no tag: every cell must belong to a body")
-
     def _displacements(self) -> tuple[list[Term], np.ndarray]:
         """Terms of the displacements that move, and the dofs that none holds or moves, (N,)."""
         terms, owner = [], np.full(self.size, -1)
@@ -233,13 +228,8 @@ class Discretisation:
 
     def _coverage(self, load: PartialPressure, first: int):
         """Coverage of a partial pressure and its terms as columns, see :class:`Coverage`."""
-        space, names = self.mesh.geometry, self.scene.parameters.names
-        if space.dim != 2 or load.extent not in names or load.axis not in (0, 1):
-            raise SceneError(
-                f"the partial pressure on tag {load.tag} needs a plane mesh, an axis 0 or 1 (here {load.axis}) "
-                f"and one of the parameters {names} (here '{load.extent}')"
-            )
-        line = self._surface(load.tag)
+        line, names = self._surface(load.tag), self.scene.parameters.names
+        check_line(load, line.points, self.scene.hypothesis)
         order = np.argsort(line.points[:, load.axis])
         nodes, positions = line.nodes[order], line.points[order, load.axis]
         lengths = np.diff(positions)
@@ -249,7 +239,8 @@ class Discretisation:
         force = whole.sum(axis=0) / nodal.sum()
         if np.abs(whole - nodal[:, None] * force).max() > 1e-9 * np.abs(whole).max():
             raise SceneError(
-                f"the line tagged {load.tag} under a partial pressure is not straight along axis {load.axis}"
+                f"the line tagged {load.tag} under a partial pressure is not in one piece from {positions[0]} to "
+                f"{positions[-1]} along axis {load.axis}: give each piece a tag and a pressure of its own"
             )
         at_nodes = np.zeros((self.size, len(nodes)))
         for component in (0, 1):
@@ -260,19 +251,15 @@ class Discretisation:
         coverage = Coverage(first, positions, names.index(load.extent), load.amplitude.constant, slopes)
         return coverage, np.hstack([before, at_nodes])
 
-    def _contact_rows(self, free) -> tuple[ContactRows, np.ndarray]:
-        """Rows of all pairs and the pair of each; rows without a free dof hold no unknown and are left out."""
+    def _contact_rows(self) -> tuple[ContactRows, np.ndarray]:
+        """Rows of all pairs and the pair of each."""
         parts = [item.rows([self._surface(tag) for tag in item.tags], self.size) for item in self.scene.contacts]
         for item, part in zip(self.scene.contacts, parts, strict=True):
             if part.gap.size == 0 or part.matrix.shape[1] != self.size:
                 raise SceneError(
                     f"{item} made {part.gap.size} conditions on {part.matrix.shape[1]} of {self.size} dofs"
                 )
-        rows, pairs = joined(parts), np.repeat(np.arange(len(parts)), [part.gap.size for part in parts])
-        kept = np.flatnonzero(abs(rows.matrix) @ free.astype(float))
-        if kept.size == 0:
-            raise SceneError("the contact pairs are empty: all of their nodes have imposed displacements")
-        return rows.take(kept), pairs[kept]
+        return joined(parts), np.repeat(np.arange(len(parts)), [part.gap.size for part in parts])
 
     def _surface(self, tag) -> Surface:
         dim, points = self.mesh.geometry.dim, self._points()

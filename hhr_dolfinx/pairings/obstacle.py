@@ -8,8 +8,8 @@ import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.parameters import is_number
 from hhr_dolfinx.pairings.surface import check_facing, nodal_rows, tangential_order, unit, warn_of_overlap
+from hhr_dolfinx.parameters import is_number
 
 
 @dataclass(frozen=True)
