@@ -293,7 +293,7 @@ def _described(ways, dim, hypothesis):
     parts = [f"moves along axis {axis}" for axis in along]
     if len(ways) > len(along):
         parts.append("turns" if np.abs(ways[:, dim:]).max() > 1e-6 else "moves in a direction askew to the axes")
-    return "it " + " and ".join(parts)
+    return "it " + ", ".join(parts)
 
 
 def conditions_with_unknowns(scene: Scene, rows, gaps, amplitudes: Amplitudes, free) -> np.ndarray:

@@ -64,16 +64,12 @@ class Discretisation:
     Raises:
         SceneError: for a mesh that does not suit the scene, missing tags, surfaces that do not face each other, or
             conflicting displacements.
-
-    Warns:
-        SceneWarning: for parameters without effect.
     """
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
         compat.require_dolfinx()
         self.scene, self.comm = scene, comm
         self.mesh, self._cell_tags, self._facet_tags = build_geometry(scene, comm)
-        warn_of_idle_parameters(scene)
         dim = self.mesh.geometry.dim
         self.space = fem.functionspace(self.mesh, ("Lagrange", 1, (dim,)))
         nodes = self.space.dofmap.index_map
@@ -110,6 +106,12 @@ class Discretisation:
 
         Args:
             stiffness: K of all dofs, without boundary conditions, (N, N).
+
+        Raises:
+            SceneError: if the contact pairs are empty or do not face each other.
+
+        Warns:
+            SceneWarning: for parameters without effect, and imposed nodes that penetrate.
         """
         scene = self.scene
         mass = fem_petsc.assemble_matrix(fem.form(elasticity.mass(self._trial, self._test, scene.hypothesis, self._dx)))
@@ -128,10 +130,9 @@ class Discretisation:
         gaps[:, 0] += rows.gap
         for k, term in enumerate(terms, start=1):
             gaps[pairs == term.opened, k] += 1.0
+        warn_of_idle_parameters(scene)
         kept = conditions_with_unknowns(scene, rows, gaps[:, : 1 + len(terms)], amplitudes, free)
         rows, pairs, gaps = rows.take(kept), pairs[kept], gaps[kept]
-        bodies = np.concatenate(self.comm.allgather(self.cell_bodies()))
-        check_held(scene, self._points(), self._cell_nodes(), bodies, free)
         return ContactProblem(
             stiffness=stiffness,
             mass=self.gathered(mass),
@@ -149,6 +150,15 @@ class Discretisation:
             amplitudes=replace(amplitudes, coverages=coverages),
             parameters=scene.parameters,
         )
+
+    def check_held(self, problem: ContactProblem) -> None:
+        """Refuse bodies that can move freely, before a factorisation fails on them or does not.
+
+        Raises:
+            NotSolvableError: with the body and how it moves.
+        """
+        bodies = np.concatenate(self.comm.allgather(self.cell_bodies()))
+        check_held(self.scene, problem.points, problem.cell_nodes, bodies, problem.free)
 
     def cell_bodies(self) -> np.ndarray:
         """Body of each cell of this rank as its place in the scene, (cells,)."""

@@ -61,6 +61,7 @@ def compute_snapshots(
         ParameterError: if a point is not finite or outside the box.
         ConvergenceError: if a training point does not converge.
     """
+    points = full_order.problem.parameters.points(points)
     solutions, start = [], None
     for point in progress(points):
         # one rank decides what is known, since solving takes all of them
@@ -96,7 +97,7 @@ def spread_snapshots(
     Raises:
         ConvergenceError: on all ranks, if a training point does not converge on any.
     """
-    points = np.asarray(points, dtype=float)
+    points = full_order.problem.parameters.points(points)
     failure, own = None, None
     try:
         # neighbours stay together, so that each start is a good one
