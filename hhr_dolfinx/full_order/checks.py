@@ -286,13 +286,16 @@ def _rigid_motions(points, hypothesis):
 
 
 def _described(ways, dim, hypothesis):
-    """What kind of motions are left, by orthonormal combinations of :func:`_rigid_motions`, (left, motions)."""
+    """What kind of motions are left, by orthonormal combinations of :func:`_rigid_motions`, (left, motions).
+
+    Displacements are imposed by components, so that translations alone are left along axes.
+    """
     if hypothesis == "axisymmetric":
         return "it moves along axis 1"
     along = [axis for axis in range(dim) if np.linalg.norm(ways[:, axis]) > 1 - 1e-6]
     parts = [f"moves along axis {axis}" for axis in along]
     if len(ways) > len(along):
-        parts.append("turns" if np.abs(ways[:, dim:]).max() > 1e-6 else "moves in a direction askew to the axes")
+        parts.append("turns")
     return "it " + ", ".join(parts)
 
 
