@@ -5,8 +5,11 @@ import dataclasses
 import hertz_half_discs as demo
 import numpy as np
 import pytest
+import ufl
 from hertz_half_discs import RECIPE
 from scenes import pressed_block
+from test_newcomer import WaterLevel
+from toy_pairing import RoundPunch
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.problem import Status, Statuses, outcome
@@ -266,6 +269,36 @@ def test_numbers_are_constant_amplitudes():
 def test_values_of_another_kind(make, message):
     with pytest.raises(SceneError, match=message):
         make()
+
+
+class Nothing(WaterLevel):
+    def form(self, v, hypothesis, ds):
+        return None
+
+
+class Bilinear(WaterLevel):
+    def form(self, v, hypothesis, ds):
+        return ufl.inner(ufl.TrialFunction(v.ufl_function_space()), v) * ds
+
+
+class NoRows(RoundPunch):
+    def rows(self, surfaces, dofs):
+        return None
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"loads": (Nothing(21, hhr.Amplitude(1.0)),)}, "the form of Nothing.* must be linear in v .*, and is None"),
+        ({"loads": (Bilinear(21, hhr.Amplitude(1.0)),)}, "the form of Bilinear.* must be linear in v"),
+        ({"loads": (WaterLevel(21, 1.0),)}, r"the amplitude 1\.0 of WaterLevel.* must be an Amplitude"),
+        ({"contacts": (NoRows(20, (0.3, -9.0), 1.0),)}, "the rows of NoRows.* must be ContactRows, and are None"),
+        ({"contacts": (RoundPunch(20, (0.3, -9.0), 1.0),) * 2}, "contacts 0 and 1 are the same pair"),
+    ],
+)
+def test_loads_and_pairings_of_a_users_own(changes, message):
+    with pytest.raises(SceneError, match=message):
+        hhr.FullOrderModel(dataclasses.replace(pressed_block("plane_strain"), **changes))
 
 
 SPACE = hhr.ParameterSpace(("a", "b"), (0.0, 1.0), (1.0, 2.0))

@@ -234,7 +234,10 @@ class Discretisation:
         return np.concatenate(self.comm.allgather(owned + self.rows.start))
 
     def _load_vector(self, load):
-        return self._assemble_vector(load.form(self._test, self.scene.hypothesis, self._ds(load.tag)))
+        form = load.form(self._test, self.scene.hypothesis, self._ds(load.tag))
+        if not isinstance(form, ufl.Form) or len(form.arguments()) != 1:
+            raise SceneError(f"the form of {load!r} must be linear in v and integrated over ds, and is {form!r}")
+        return self._assemble_vector(form)
 
     def _coverage(self, load: PartialPressure, first: int):
         """Coverage of a partial pressure and its terms as columns, see :class:`Coverage`."""
@@ -265,6 +268,8 @@ class Discretisation:
         """Rows of all pairs and the pair of each."""
         parts = [item.rows([self._surface(tag) for tag in item.tags], self.size) for item in self.scene.contacts]
         for item, part in zip(self.scene.contacts, parts, strict=True):
+            if not isinstance(part, ContactRows):
+                raise SceneError(f"the rows of {item!r} must be ContactRows, and are {part!r}")
             if part.gap.size == 0 or part.matrix.shape[1] != self.size:
                 raise SceneError(
                     f"{item} made {part.gap.size} conditions on {part.matrix.shape[1]} of {self.size} dofs"
@@ -279,7 +284,7 @@ class Discretisation:
         return make_surface(tag, facets, inner, points, weights, area)
 
     def _facets(self, tag):
-        """Nodes of the tagged facets and the middle of the cell behind each, gathered from all ranks."""
+        """Nodes of the tagged facets and the middle of what lies opposite in their cells, gathered from all ranks."""
         topology, dofmap = self.mesh.topology, self.space.dofmap
         tdim, dim = topology.dim, self.mesh.geometry.dim
         topology.create_connectivity(tdim - 1, tdim)
@@ -295,7 +300,7 @@ class Discretisation:
                 local = int(np.flatnonzero(to_facets.links(cell) == facet)[0])
                 cell_nodes = dofmap.cell_dofs(cell)
                 nodes.append(cell_nodes[corners[local]])
-                inner.append(coordinates[cell_nodes].mean(axis=0))
+                inner.append(coordinates[np.delete(cell_nodes, corners[local])].mean(axis=0))
         count = len(corners[0])
         local_nodes = np.array(nodes, dtype=np.int32).reshape(-1, count)
         numbers = dofmap.index_map.local_to_global(local_nodes.ravel()).reshape(-1, count)

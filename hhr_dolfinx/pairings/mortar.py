@@ -137,7 +137,8 @@ class Mortar:
         if not covered.all():
             warn(
                 f"{int((~covered).sum())} of {n} nodes of slave surface {slave.tag} lie beyond the edge of master "
-                f"surface {master.tag} or look away from it and get no contact condition, e.g. at {slave.points[~covered][0].tolist()}"
+                f"surface {master.tag} or look away from it and get no contact condition, e.g. at "
+                f"{slave.points[~covered][0].tolist()}"
             )
         scale = diags(1 / np.where(covered, area, 1.0))
         # dual functions are biorthogonal to the shape functions of the slave

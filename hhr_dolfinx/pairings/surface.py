@@ -37,7 +37,7 @@ class Surface:
         sizes: length or area of each facet, without weight, (f,).
         weights: weight of the surface measure at each node, 1 or 2 pi r, (n,).
         areas: tributary area of each node, (n,).
-        depths: twice the distance of each facet from the middle of the cell behind it, (f,): no body is thinner.
+        depths: depth of the cell behind each facet, (f,): no body is thinner.
     """
 
     tag: int
@@ -134,7 +134,8 @@ def make_surface(tag, facet_nodes, inner_points, points, weights, areas) -> Surf
     Args:
         tag: facet tag.
         facet_nodes: nodes of each facet in the mesh, (f, k).
-        inner_points: a point inside the cell behind each facet, (f, dim), which tells where outside is.
+        inner_points: middle of the far side of the cell behind each facet, (f, dim), which tells where outside is and
+            how deep the cell.
         points: coordinates of all nodes of the mesh.
         weights: weight of the surface measure at all nodes.
         areas: tributary area at all nodes.
@@ -179,7 +180,7 @@ def make_surface(tag, facet_nodes, inner_points, points, weights, areas) -> Surf
         sizes=sizes,
         weights=weights[nodes],
         areas=areas[nodes],
-        depths=2 * np.abs(heights),
+        depths=np.abs(heights),
     )
 
 
