@@ -18,7 +18,12 @@ from hhr_dolfinx.errors import ParameterError, SceneError
 
 def is_number(value) -> bool:
     """Whether a value is a finite real number; text and truth values are none."""
-    return isinstance(value, Real) and not isinstance(value, bool | np.bool_) and bool(np.isfinite(float(value)))
+    if not isinstance(value, Real) or isinstance(value, bool | np.bool_):
+        return False
+    try:
+        return bool(np.isfinite(float(value)))
+    except OverflowError:
+        return False
 
 
 def is_whole(value, least: int) -> bool:

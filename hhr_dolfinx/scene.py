@@ -45,7 +45,7 @@ class Body:
                 )
         if self.law is not None and (isinstance(self.law, type) or not callable(getattr(self.law, "flow", None))):
             raise SceneError(f"body {self.tag}: the law {self.law!r} must be an object with a method flow")
-        if not 0 < self.young < np.inf or not -1 < self.poisson < 0.5:
+        if not (is_number(self.young) and self.young > 0) or not -1 < self.poisson < 0.5:
             raise SceneError(
                 f"body {self.tag}: E = {self.young} must be positive and finite, and nu = {self.poisson} in (-1, 0.5)"
             )

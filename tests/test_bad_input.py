@@ -205,6 +205,7 @@ def test_materials_without_positive_energy(young, poisson):
 @pytest.mark.parametrize(
     ("constants", "message"),
     [
+        ({"young": 10**400}, "must be positive and finite"),
         ({"young": np.inf}, "body 1: E = inf must be positive and finite"),
         ({"young": "210e9"}, "body 1: young = '210e9' must be a number"),
         ({"poisson": "0.3"}, "body 1: poisson = '0.3' must be a number"),

@@ -3,6 +3,7 @@
 import dataclasses
 
 import contact_patch_test as patch
+import gmsh
 import numpy as np
 import pytest
 from dolfinx import mesh as dmesh
@@ -13,7 +14,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx import compat
 from hhr_dolfinx.errors import NotSolvableError, SceneError, SceneWarning
 from hhr_dolfinx.forms.elasticity import HYPOTHESES
-from hhr_dolfinx.full_order.checks import corner_jacobians
+from hhr_dolfinx.full_order.checks import build_geometry, corner_jacobians
 from hhr_dolfinx.geometries import block, two_blocks
 
 LOWER, UPPER, LEFT = block.side(1, False), block.side(1, True), block.side(0, False)
@@ -105,6 +106,42 @@ def break_off(x):
 )
 def test_cells_that_are_none(move, message):
     refused(changed(geometry=moved(move)), message)
+
+
+def test_cells_with_curved_sides():
+    """A rectangle of triangles of order 2, as gmsh makes them on request."""
+
+    def curved(comm):
+        gmsh.initialize()
+        gmsh.option.setNumber("General.Terminal", 0)
+        body = gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.model.addPhysicalGroup(2, [body], 1)
+        gmsh.model.addPhysicalGroup(1, [1], LOWER)
+        gmsh.model.mesh.generate(2)
+        gmsh.model.mesh.setOrder(2)
+        result = compat.gmsh_to_mesh(gmsh.model, comm, gdim=2)
+        gmsh.finalize()
+        return result
+
+    refused(
+        dataclasses.replace(pressed_block("plane_strain"), geometry=curved),
+        r"curved sides are not supported: .*setOrder\(1\)",
+    )
+
+
+def test_a_mesh_on_another_communicator():
+    """As asked for on two ranks, with one that ignored this."""
+    with pytest.raises(
+        SceneError, match=r"spread over 1 ranks and was asked for on 2: .* on the communicator it is given"
+    ):
+        build_geometry(dataclasses.replace(changed(), geometry=lambda _: changed().geometry(MPI.COMM_SELF)), OfTwo())
+
+
+class OfTwo:
+    """What a communicator of two ranks says of itself."""
+
+    size = 2
 
 
 def test_cells_that_are_good_are_not_refused():

@@ -58,6 +58,8 @@ def test_a_folder_that_is_a_file(tmp_path, below):
         ({"tests": 0}, "tests = 0 must be an integer of at least 1"),
         ({"queries": 0}, "queries = 0 must be an integer of at least 1"),
         ({"queries": 10.0}, r"queries = 10\.0 must be an integer"),
+        ({"reduction": "thesis"}, "reduction = 'thesis' of a study must be ReductionSettings"),
+        ({"variants": [("few", 0.1)]}, r"variant 'few' = 0\.1 of a study must be ReductionSettings"),
         ({"held_out": -1}, "held_out = -1 must be an integer of at least 0"),
         ({"seed": -1}, "seed = -1 must be an integer of at least 0"),
     ],

@@ -71,15 +71,9 @@ def test_whole_coverage_is_the_plain_pressure(small):
     assert partial == pytest.approx(reference, abs=1e-9 * np.abs(reference).max())
 
 
-@pytest.mark.parametrize(
-    ("load", "message"),
-    [
-        (hhr.PartialPressure(geometry.CLADDING_OUTER, hhr.Amplitude(1.0), extent="height"), "height"),
-        (hhr.PartialPressure(geometry.CLADDING_OUTER, hhr.Amplitude(1.0), extent="h1", axis=2), "axis"),
-    ],
-)
-def test_partial_pressures_that_cannot_be(load, message):
-    with pytest.raises(SceneError, match=message):
+def test_partial_pressures_up_to_what_is_no_parameter():
+    load = hhr.PartialPressure(geometry.CLADDING_OUTER, hhr.Amplitude(1.0), extent="height")
+    with pytest.raises(SceneError, match="height"):
         hhr.FullOrderModel(dataclasses.replace(demo.scene(**demo.QUICK_MESH), loads=(load,)))
 
 

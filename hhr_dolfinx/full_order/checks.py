@@ -105,13 +105,10 @@ def _check_mesh(scene, mesh, comm):
 def _check_cells(mesh, comm):
     """Refuse cells that are folded or have no volume: a stiffness takes the absolute value of their Jacobians."""
     dim, count = mesh.topology.dim, CORNERS[mesh.topology.cell_name()]
-    owned = mesh.topology.index_map(dim).size_local
-    corners = mesh.geometry.x[compat.geometry_dofmap(mesh)[:owned, :count], :dim]
-    _raise_first(comm, _bad_cells(corners) if owned else None)
-
-
-def _bad_cells(corners):
-    """What is wrong with cells given by their corners, or None."""
+    nodes = compat.geometry_dofmap(mesh)[: mesh.topology.index_map(dim).size_local]
+    if nodes.shape[1] > count:
+        raise SceneError("cells with curved sides are not supported: make the mesh of order 1, in gmsh by setOrder(1)")
+    corners = mesh.geometry.x[nodes][:, :, :dim]
     finite = np.isfinite(corners).all(axis=(1, 2))
     jacobians = corner_jacobians(np.where(finite[:, None, None], corners, 0.0))
     mean, largest = jacobians.mean(axis=1), np.abs(jacobians).max(axis=1)
@@ -122,10 +119,8 @@ def _bad_cells(corners):
         (empty, "have no volume"),
         (folded, "are folded or turned inside out"),
     ):
-        if bad.any():
-            place = corners[bad][0].mean(axis=0).tolist()
-            return f"{int(bad.sum())} cells of the mesh {why}, e.g. around {place}: mend the mesh there"
-    return None
+        text = f"cells of the mesh {why}, e.g. around {{place}}: mend the mesh there"
+        _refuse(comm, "{count} " + text, corners[bad].mean(axis=1))
 
 
 def corner_jacobians(corners: np.ndarray) -> np.ndarray:
@@ -144,15 +139,14 @@ def corner_jacobians(corners: np.ndarray) -> np.ndarray:
 
 def _check_radius(mesh, comm):
     """Refuse bodies across the axis of revolution."""
-    radius = mesh.geometry.x[:, 0]
+    owned = mesh.geometry.index_map().size_local
+    radius = mesh.geometry.x[:owned, 0]
     size = comm.allreduce(float(np.abs(radius).max(initial=0.0)))
-    beyond = radius < -1e-9 * size
-    place = mesh.geometry.x[beyond][0, :2].tolist() if beyond.any() else None
-    _raise_first(
+    _refuse(
         comm,
-        place
-        and f"{int(beyond.sum())} nodes of an axisymmetric mesh have r < 0, e.g. at {place}: the first coordinate "
-        "is the radius and the axis is r = 0; mesh one half of the section",
+        "{count} nodes of an axisymmetric mesh have r < 0, e.g. at {place}: the first coordinate is the radius and the "
+        "axis is r = 0; mesh one half of the section",
+        mesh.geometry.x[:owned][radius < -1e-9 * size, :2],
     )
 
 
@@ -193,12 +187,11 @@ def _check_loads(scene, mesh, facet_tags, comm):
             )
         facets = facet_tags.find(load.tag)
         inner = np.setdiff1d(facets[facets < owned], outer)
-        place = dmesh.compute_midpoints(mesh, fdim, inner[:1])[0, : fdim + 1].tolist() if inner.size else None
-        _raise_first(
+        _refuse(
             comm,
-            place
-            and f"{inner.size} facets tagged {load.tag} under a {type(load).__name__} lie inside the mesh, e.g. "
-            f"at {place}: loads act on outer facets only. Tag the surface, or give the bodies nodes of their own",
+            f"{{count}} facets tagged {load.tag} under a {type(load).__name__} lie inside the mesh, e.g. at {{place}}: "
+            "loads act on outer facets only. Tag the surface, or give the bodies nodes of their own",
+            dmesh.compute_midpoints(mesh, fdim, inner)[:, : fdim + 1],
         )
 
 
@@ -230,11 +223,17 @@ def check_line(load: PartialPressure, points: np.ndarray, hypothesis: str) -> No
         )
 
 
-def _raise_first(comm, message):
-    """Raise the first message of any rank on all of them; None is none."""
-    messages = [one for one in comm.allgather(message) if one]
-    if messages:
-        raise SceneError(messages[0])
+def _refuse(comm, text, places):
+    """Raise on all ranks if any of them has found something wrong.
+
+    Args:
+        comm: MPI communicator.
+        text: of the error, with ``{count}`` and ``{place}``.
+        places: where it is on this rank, (found, dim).
+    """
+    found = [place for part in comm.allgather(places.tolist()) for place in part]
+    if found:
+        raise SceneError(text.format(count=len(found), place=found[0]))
 
 
 def check_held(scene: Scene, points, cell_nodes, bodies, free) -> None:

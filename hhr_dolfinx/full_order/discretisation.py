@@ -111,7 +111,7 @@ class Discretisation:
             SceneError: if the contact pairs are empty or do not face each other.
 
         Warns:
-            SceneWarning: for parameters without effect, and imposed nodes that penetrate.
+            SceneWarning: where imposed nodes penetrate.
         """
         scene = self.scene
         mass = fem_petsc.assemble_matrix(fem.form(elasticity.mass(self._trial, self._test, scene.hypothesis, self._dx)))
@@ -130,7 +130,6 @@ class Discretisation:
         gaps[:, 0] += rows.gap
         for k, term in enumerate(terms, start=1):
             gaps[pairs == term.opened, k] += 1.0
-        warn_of_idle_parameters(scene)
         kept = conditions_with_unknowns(scene, rows, gaps[:, : 1 + len(terms)], amplitudes, free)
         rows, pairs, gaps = rows.take(kept), pairs[kept], gaps[kept]
         return ContactProblem(
@@ -151,14 +150,18 @@ class Discretisation:
             parameters=scene.parameters,
         )
 
-    def check_held(self, problem: ContactProblem) -> None:
-        """Refuse bodies that can move freely, before a factorisation fails on them or does not.
+    def check(self, problem: ContactProblem) -> None:
+        """Look for mistakes that no single part of a scene shows, before anything is factored.
 
         Raises:
-            NotSolvableError: with the body and how it moves.
+            NotSolvableError: for a body that can move freely, with its tag and how it moves.
+
+        Warns:
+            SceneWarning: for parameters without effect.
         """
         bodies = np.concatenate(self.comm.allgather(self.cell_bodies()))
         check_held(self.scene, problem.points, problem.cell_nodes, bodies, problem.free)
+        warn_of_idle_parameters(self.scene)
 
     def cell_bodies(self) -> np.ndarray:
         """Body of each cell of this rank as its place in the scene, (cells,)."""

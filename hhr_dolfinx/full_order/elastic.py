@@ -42,7 +42,7 @@ class FullOrderModel:
         self.discretisation = Discretisation(scene, comm)
         stiffness = self.discretisation.assemble_stiffness()
         self.problem = self.discretisation.contact_problem(self.discretisation.gathered(stiffness))
-        self.discretisation.check_held(self.problem)
+        self.discretisation.check(self.problem)
         self._own = self.discretisation.rows
         self._ksp = self._factor(stiffness)
         self._rhs, self._solution = (np.zeros(self._own.stop - self._own.start) for _ in range(2))

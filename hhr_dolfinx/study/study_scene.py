@@ -15,7 +15,7 @@ from rich.console import Console
 from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.contact.dense import LapackLU, PetscLU
-from hhr_dolfinx.errors import HHRError, StabilityWarning
+from hhr_dolfinx.errors import HHRError, StabilityWarning, StudyError
 from hhr_dolfinx.online.model_file import save_model
 from hhr_dolfinx.online.reduced import ReducedModel
 from hhr_dolfinx.reduction.offline import HyperReduction, ReductionSettings, build_reduced_model
@@ -59,7 +59,7 @@ class StudySettings:
         naive: whether to time the naive full order too; in space one of its queries takes many seconds.
 
     Raises:
-        StudyError: for a count that is not positive or a negative seed.
+        StudyError: for a count that is not positive, a negative seed, or what is no recipe.
     """
 
     training: Sequence[int]
@@ -75,6 +75,10 @@ class StudySettings:
         """Refuse what cannot be measured, before anything is computed."""
         least = {"tests": 1, "queries": 1, "held_out": 0, "seed": 0}
         check_counts(**{name: (getattr(self, name), low) for name, low in least.items()})
+        recipes = {"reduction": self.reduction, **{f"variant {label!r}": recipe for label, recipe in self.variants}}
+        for name, recipe in recipes.items():
+            if not isinstance(recipe, ReductionSettings):
+                raise StudyError(f"{name} = {recipe!r} of a study must be ReductionSettings, the recipe of a model")
 
     def asked(self, *, seed: int, quick: bool) -> StudySettings:
         """These settings with another seed, and few points if it has to be quick."""
