@@ -108,6 +108,22 @@ def test_cells_that_are_none(move, message):
     refused(changed(geometry=moved(move)), message)
 
 
+@pytest.mark.parametrize("hypothesis", ["plane_strain", "solid"])
+def test_simplices_that_are_turned_inside_out(hypothesis):
+    """The middle of a block of triangles or tetrahedra is moved out of the cells around it."""
+    scene = pressed_block(hypothesis, cells=2, simplices=True)
+
+    def out(x):
+        middle = [0.75, 0.75, 1.0] if hypothesis == "solid" else [0.75, 1.0, 0.0]
+        x[np.linalg.norm(x - middle, axis=1) < 1e-9, 0] += 0.9
+
+    hhr.FullOrderModel(scene)
+    scene = dataclasses.replace(
+        scene, geometry=lambda comm: moved(out)(*pressed_block(hypothesis, cells=2, simplices=True).geometry(comm))
+    )
+    refused(scene, r"pairs of neighbouring cells lie on the same side of their common facet, e\.g\. at \[")
+
+
 def test_cells_with_curved_sides():
     """A rectangle of triangles of order 2, as gmsh makes them on request."""
 

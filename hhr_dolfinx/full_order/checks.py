@@ -121,6 +121,38 @@ def _check_cells(mesh, comm):
     ):
         text = f"cells of the mesh {why}, e.g. around {{place}}: mend the mesh there"
         _refuse(comm, "{count} " + text, corners[bad].mean(axis=1))
+    _refuse(
+        comm,
+        "{count} pairs of neighbouring cells lie on the same side of their common facet, e.g. at {place}: one of them "
+        "is turned inside out. Mend the mesh there",
+        _overlapping_neighbours(mesh),
+    )
+
+
+def _overlapping_neighbours(mesh):
+    """Middles of the facets whose two cells lie on the same side, (found, dim): simplices have no other sign of it."""
+    dim = mesh.topology.dim
+    mesh.topology.create_connectivity(dim - 1, dim)
+    owned, both = mesh.topology.index_map(dim - 1).size_local, mesh.topology.connectivity(dim - 1, dim)
+    inner = np.flatnonzero(np.diff(both.offsets[: owned + 1]) == 2)
+    nodes = compat.geometry_dofmap(mesh)[both.array[both.offsets[inner][:, None] + [0, 1]]]
+    same = nodes[:, 0, :, None] == nodes[:, 1, None, :]
+    # cells with more than a facet in common have shown themselves as folded or empty
+    count = dim if nodes.shape[2] == dim + 1 else 2 ** (dim - 1)
+    whole = same.sum(axis=(1, 2)) == count
+    nodes, common, other = nodes[whole], same[whole].any(axis=2), same[whole].any(axis=1)
+    points = mesh.geometry.x[:, :dim]
+    facet = points[nodes[:, 0][common].reshape(-1, count)]
+    far = [points[nodes[:, k][~mask].reshape(-1, nodes.shape[2] - count)] for k, mask in enumerate((common, other))]
+    along = np.moveaxis(facet[:, 1:dim] - facet[:, :1], 1, 2)
+    # a determinant tells on which side of the facet a direction points
+    sides = [
+        np.linalg.det(np.concatenate([along, (points.mean(axis=1) - facet.mean(axis=1))[:, :, None]], axis=2))
+        for points in far
+    ]
+    scale = np.abs(sides).max(axis=0)
+    bad = (sides[0] * sides[1] > 0) & (np.abs(sides).min(axis=0) > FOLDED * scale)
+    return facet[bad].mean(axis=1)
 
 
 def corner_jacobians(corners: np.ndarray) -> np.ndarray:
