@@ -98,7 +98,11 @@ class FreeCholesky:
         self._matrix.assemble()
         self._ksp.setOperators(self._matrix)
         if not factorised(self._ksp):
-            raise NotSolvableError(f"the tangent stiffness of scene '{self._scene}' is singular")
+            raise NotSolvableError(
+                f"the tangent stiffness of the full model of scene '{self._scene}' is singular: it flows freely beyond "
+                "its limit load, or the slope of a law is wrong. Take smaller steps, or compare the slope with "
+                "differences of the flow"
+            )
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Solution on all dofs, zero on imposed ones; the next call overwrites it."""

@@ -100,8 +100,11 @@ class Surface:
         return (both - apart) / 2
 
     def node_depths(self) -> np.ndarray:
-        """Largest depth of the facets at each node, (n,)."""
-        return self._largest(self.depths)
+        """Smallest depth of the facets at each node, (n,)."""
+        smallest = np.full(len(self.nodes), np.inf)
+        for column in self.facets.T:
+            np.minimum.at(smallest, column, self.depths)
+        return smallest
 
     def lengths(self) -> np.ndarray:
         """Length of each facet, in space the root of its area, (f,)."""
@@ -109,13 +112,10 @@ class Surface:
 
     def cell_sizes(self) -> np.ndarray:
         """Length of the largest facet at each node, (n,): what 'near' means there."""
-        return self._largest(self.lengths())
-
-    def _largest(self, values):
-        """Largest value of the facets at each node."""
+        lengths = self.lengths()
         largest = np.zeros(len(self.nodes))
         for column in self.facets.T:
-            np.maximum.at(largest, column, values)
+            np.maximum.at(largest, column, lengths)
         return largest
 
 
