@@ -14,6 +14,21 @@ def side(axis: int, upper: bool) -> int:
     return 10 * (axis + 1) + int(upper)
 
 
+def check_box(lower, upper, cells) -> None:
+    """Refuse a box without volume or cells.
+
+    Raises:
+        ValueError: with the box.
+    """
+    sizes = {np.size(lower), np.size(upper), np.size(cells)}
+    fits = sizes in ({2}, {3}) and np.all(np.less(lower, upper)) and np.issubdtype(np.asarray(cells).dtype, np.integer)
+    if not fits or np.min(cells) < 1:
+        raise ValueError(
+            f"a block from {tuple(lower)} to {tuple(upper)} with {cells} cells needs 2 or 3 of each: corners with "
+            "increasing coordinates, and positive integers of cells"
+        )
+
+
 def block(comm, *, lower, upper, cells, simplices=False):
     """Build a structured block with every side tagged by :func:`side`.
 
@@ -29,6 +44,7 @@ def block(comm, *, lower, upper, cells, simplices=False):
     """
     lower, upper = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
     dim = lower.size
+    check_box(lower, upper, cells)
     create, kinds = (
         (dmesh.create_rectangle, (dmesh.CellType.quadrilateral, dmesh.CellType.triangle))
         if dim == 2

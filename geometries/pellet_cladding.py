@@ -49,6 +49,9 @@ def pellet_cladding(
         raise ValueError(f"radius {radius}, height {height} and thickness {thickness} must be positive")
     if cladding_axial_cells is None:
         cladding_axial_cells = axial_cells
+    counts = (radial_cells, axial_cells, cladding_radial_cells, cladding_axial_cells)
+    if min(counts) < 1:
+        raise ValueError(f"cells {counts} along the sides of pellet and cladding must be positive")
     inner = radius + gap
     gmsh.initialize()
     try:

@@ -37,6 +37,8 @@ def two_blocks(comm, *, first, second, simplices=False, warp=None):
         ``(mesh, cell_tags, facet_tags)``.
     """
     shapes = {FIRST: first, SECOND: second}
+    for shape in shapes.values():
+        block.check_box(*shape)
     parts = {tag: _grid(*shape, simplices) for tag, shape in shapes.items()}
     dim, per_cell, count = len(first[0]), parts[FIRST][1].shape[1], len(parts[FIRST][1])
     points = np.concatenate([part[0] for part in parts.values()])

@@ -17,7 +17,7 @@ if importlib.util.find_spec("dolfinx_solver") is not None:
 
 
 def require_dolfinx() -> None:
-    """Check that DOLFINx is there and recent enough.
+    """Check that DOLFINx is there and recent enough, and PETSc built with real numbers.
 
     Raises:
         ImportError: with what to install.
@@ -34,6 +34,14 @@ def require_dolfinx() -> None:
         raise ImportError(
             f"DOLFINx {dolfinx.__version__} is older than the required "
             f"{'.'.join(map(str, MINIMUM_DOLFINX))}; see the README for how to get a newer one."
+        )
+    import numpy as np
+    from petsc4py import PETSc
+
+    if np.iscomplexobj(PETSc.ScalarType(0)):
+        raise ImportError(
+            "this PETSc was built with complex numbers, and contact is a problem in real ones: install a real build, "
+            "`petsc=*=real*` with conda or `petsc-real` with apt, or set PETSC_DIR and PETSC_ARCH to one"
         )
 
 

@@ -9,6 +9,10 @@ class SceneError(HHRError, ValueError):
     """The scene cannot be built: a missing tag, surfaces that do not face each other, an unknown name."""
 
 
+class StudyError(HHRError, ValueError):
+    """A training or study cannot be run as asked: a count, a seed, a folder."""
+
+
 class ParameterError(HHRError, ValueError):
     """A parameter is not finite, has the wrong length, or lies outside the trained box."""
 
@@ -59,3 +63,7 @@ class OutsideTrainingWarning(UserWarning):
 
 class UncheckedWarning(UserWarning):
     """A reduced model was not compared with solutions kept out of its training."""
+
+
+class SceneWarning(UserWarning):
+    """Something in a scene has no effect, or its imposed displacements contradict its contacts."""

@@ -9,10 +9,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from numbers import Integral, Real
 
 import numpy as np
 
 from hhr_dolfinx.errors import ParameterError, SceneError
+
+
+def is_number(value) -> bool:
+    """Whether a value is a finite real number; text and truth values are none."""
+    if not isinstance(value, Real) or isinstance(value, bool | np.bool_):
+        return False
+    try:
+        return bool(np.isfinite(float(value)))
+    except OverflowError:
+        return False
+
+
+def is_whole(value, least: int) -> bool:
+    """Whether a value is an integer of at least ``least``; 2.0 and True are none."""
+    return isinstance(value, Integral) and not isinstance(value, bool) and value >= least
 
 
 @dataclass(frozen=True)
@@ -23,9 +39,11 @@ class Amplitude:
     slopes: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self):
-        """Refuse numbers that are not finite."""
-        if not np.isfinite([self.constant, *self.slopes.values()]).all():
-            raise SceneError(f"amplitude {self.constant} with slopes {dict(self.slopes)} must be finite")
+        """Refuse what is no finite number."""
+        if not isinstance(self.slopes, Mapping):
+            raise SceneError(f"the slopes {self.slopes!r} of an amplitude need a number by parameter: {{'name': 1.0}}")
+        if not all(is_number(value) for value in (self.constant, *self.slopes.values())):
+            raise SceneError(f"amplitude {self.constant!r} with slopes {dict(self.slopes)} must be finite numbers")
 
     def row(self, space: ParameterSpace) -> np.ndarray:
         """Slopes in the order of the parameters, (P,).
@@ -49,7 +67,7 @@ class ParameterSpace:
         upper: largest value of each parameter.
 
     Raises:
-        SceneError: if the lengths differ, or a bound is not finite or not below its partner.
+        SceneError: if a name stands twice, the lengths differ, or a bound is not finite or not below its partner.
     """
 
     names: tuple[str, ...]
@@ -58,16 +76,36 @@ class ParameterSpace:
 
     def __post_init__(self):
         """Check the box once, and keep its bounds as arrays for the queries."""
+        for part in ("names", "lower", "upper"):
+            object.__setattr__(self, part, self._as_tuple(part))
+        if len(set(self.names)) < len(self.names):
+            raise SceneError(f"a parameter is named twice in {self.names}: each needs a name of its own")
         if not self.names or not len(self.names) == len(self.lower) == len(self.upper):
             raise SceneError(f"parameters {self.names} need one lower and one upper bound each")
+        if not all(is_number(value) for value in (*self.lower, *self.upper)):
+            raise SceneError(f"bounds {self.lower} .. {self.upper} of {self.names} must be finite numbers")
         bounds = np.array([self.lower, self.upper], dtype=float)
-        if not np.isfinite(bounds).all() or not (bounds[0] < bounds[1]).all():
-            raise SceneError(f"bounds {self.lower} .. {self.upper} of {self.names} must be finite and increasing")
+        if not (bounds[0] < bounds[1]).all():
+            raise SceneError(f"bounds {self.lower} .. {self.upper} of {self.names} must be increasing")
         # room for round-off in grids that end on the bounds
         slack = 1e-12 * (bounds[1] - bounds[0])
         object.__setattr__(
             self, "_box", list(zip((bounds[0] - slack).tolist(), (bounds[1] + slack).tolist(), strict=True))
         )
+
+    def _as_tuple(self, part):
+        """A field as a tuple, whatever sequence was given."""
+        value, kind = getattr(self, part), str if part == "names" else Real
+        if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
+            raise SceneError(
+                f"{part} = {value!r} of a parameter space must be a tuple: for one parameter, ({value!r},)"
+            )
+        items = tuple(value.tolist() if isinstance(value, np.ndarray) else value)
+        if not all(isinstance(item, kind) for item in items):
+            raise SceneError(
+                f"{part} = {value!r} of a parameter space must hold {'names' if kind is str else 'numbers'}"
+            )
+        return items
 
     def point(self, mu) -> np.ndarray:
         """Turn a number, a sequence or a mapping by name into a checked point, shape (P,).
@@ -80,7 +118,10 @@ class ParameterSpace:
             if missing:
                 raise ParameterError(f"parameters {sorted(missing)} do not match {self.names}")
             mu = [mu[name] for name in self.names]
-        point = np.array(mu, dtype=float, ndmin=1)
+        try:
+            point = np.array(mu, dtype=float, ndmin=1)
+        except (TypeError, ValueError):
+            raise ParameterError(f"expected {len(self.names)} numbers for {self.names}, got {mu!r}") from None
         if point.shape != (len(self.names),):
             raise ParameterError(f"expected {len(self.names)} parameters {self.names}, got shape {point.shape}")
         for value, (low, high) in zip(point.tolist(), self._box):  # noqa: B905 (hot path)
@@ -100,13 +141,52 @@ class ParameterSpace:
         """A point in words, for messages."""
         return ", ".join(f"{name} = {value:g}" for name, value in zip(self.names, point, strict=True))
 
+    def points(self, table) -> np.ndarray:
+        """Turn a table with one row per point into checked points, (S, P); with one parameter (S,) will do.
+
+        Raises:
+            ParameterError: for another shape, what is no number, or a value outside the box.
+        """
+        try:
+            points = np.array(table, dtype=float)
+        except (TypeError, ValueError):
+            raise ParameterError(f"a table of points needs numbers in columns {self.names}, got {table!r}") from None
+        count = len(self.names)
+        if points.ndim == 1 and count == 1:
+            points = points[:, None]
+        if points.ndim != 2 or points.shape[1] != count or not points.size:
+            raise ParameterError(
+                f"points have the shape {points.shape}: give one row per point and one column for each of {self.names}"
+            )
+        for point in points:
+            self.point(point)
+        return points
+
     def grid(self, counts: Sequence[int]) -> np.ndarray:
-        """Regular grid with ``counts`` points along each parameter, shape (prod(counts), P)."""
-        axes = [np.linspace(low, high, count) for low, high, count in zip(self.lower, self.upper, counts, strict=True)]
+        """Regular grid with ``counts`` points along each parameter, shape (prod(counts), P).
+
+        Raises:
+            ParameterError: if there is not one positive count for each parameter.
+        """
+        given = list(counts) if isinstance(counts, Sequence | np.ndarray) else [counts]
+        if len(given) != len(self.names) or not all(is_whole(count, 1) for count in given):
+            raise ParameterError(
+                f"counts {counts!r} of a grid must be {len(self.names)} positive integers, one for each of {self.names}"
+            )
+        axes = [np.linspace(low, high, count) for low, high, count in zip(self.lower, self.upper, given, strict=True)]
         return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
 
     def random(self, count: int, seed: int) -> np.ndarray:
-        """Uniform random points of the box, shape (count, P), the same for the same seed."""
+        """Uniform random points of the box, shape (count, P), the same for the same seed.
+
+        Raises:
+            ParameterError: if the count is not positive or the seed negative.
+        """
+        if not is_whole(count, 1) or not is_whole(seed, 0):
+            raise ParameterError(
+                f"{count!r} random points from seed {seed!r}: the count must be a positive integer, "
+                "the seed an integer that is not negative"
+            )
         return np.random.default_rng(seed).uniform(self.lower, self.upper, (count, len(self.names)))
 
 

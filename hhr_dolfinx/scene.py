@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.pairings import Pairing
-from hhr_dolfinx.parameters import Amplitude, ParameterSpace
+from hhr_dolfinx.parameters import Amplitude, ParameterSpace, is_number, is_whole
 
 if TYPE_CHECKING:
     from hhr_dolfinx.forms.plasticity import Flow
@@ -34,19 +36,41 @@ class Body:
 
     def __post_init__(self):
         """Refuse constants for which the elastic energy is not positive, and laws that are none."""
+        _check_tag("body", self.tag)
+        for name, value in (("young", self.young), ("poisson", self.poisson)):
+            if not isinstance(value, Real):
+                raise SceneError(
+                    f"body {self.tag}: {name} = {value!r} must be a number: a material that depends on "
+                    "parameters is not supported, give each of its values a scene of its own"
+                )
         if self.law is not None and (isinstance(self.law, type) or not callable(getattr(self.law, "flow", None))):
             raise SceneError(f"body {self.tag}: the law {self.law!r} must be an object with a method flow")
-        if not self.young > 0 or not -1 < self.poisson < 0.5:
-            raise SceneError(f"body {self.tag}: E = {self.young} must be positive and nu = {self.poisson} in (-1, 0.5)")
+        if not (is_number(self.young) and self.young > 0) or not -1 < self.poisson < 0.5:
+            raise SceneError(
+                f"body {self.tag}: E = {self.young} must be positive and finite, and nu = {self.poisson} in (-1, 0.5)"
+            )
 
 
 @dataclass(frozen=True)
 class Displacement:
-    """Imposed displacement of one component on tagged facets: ``u[component] = amplitude(mu)``."""
+    """Imposed displacement of one component on tagged facets: ``u[component] = amplitude(mu)``.
+
+    As everywhere, a number is an amplitude that does not depend on parameters.
+    """
 
     tag: int
     component: int
     amplitude: Amplitude = Amplitude()
+
+    def __post_init__(self):
+        """Refuse what is no component."""
+        _check_tag("displacement", self.tag)
+        if not is_whole(self.component, 0):
+            raise SceneError(
+                f"component {self.component!r} of the displacement on tag {self.tag} must be 0, 1 or 2: "
+                "give each component that is imposed a Displacement of its own"
+            )
+        _check_amplitude(self, f"the displacement on tag {self.tag}")
 
 
 @dataclass(frozen=True)
@@ -58,9 +82,12 @@ class Traction:
     amplitude: Amplitude
 
     def __post_init__(self):
-        """Refuse a direction that is not finite."""
-        if not all(math.isfinite(value) for value in self.direction):
-            raise SceneError(f"the traction {self.direction} on tag {self.tag} must be finite")
+        """Refuse a direction that is none."""
+        _check_tag("traction", self.tag)
+        object.__setattr__(self, "direction", _as_tuple("the direction of a traction", self.direction))
+        if not all(is_number(value) for value in self.direction) or not any(self.direction):
+            raise SceneError(f"the traction {self.direction} on tag {self.tag} must be finite and not zero")
+        _check_amplitude(self, f"the traction on tag {self.tag}")
 
     def form(self, v, hypothesis: str, ds):
         """Its linear form for the amplitude 1."""
@@ -73,6 +100,11 @@ class Pressure:
 
     tag: int
     amplitude: Amplitude
+
+    def __post_init__(self):
+        """Refuse what is no amplitude."""
+        _check_tag("pressure", self.tag)
+        _check_amplitude(self, f"the pressure on tag {self.tag}")
 
     def form(self, v, hypothesis: str, ds):
         """Its linear form for the amplitude 1."""
@@ -97,6 +129,13 @@ class PartialPressure:
     extent: str
     axis: int = 1
 
+    def __post_init__(self):
+        """Refuse what is no amplitude or no axis of the plane."""
+        _check_tag("partial pressure", self.tag)
+        _check_amplitude(self, f"the partial pressure on tag {self.tag}")
+        if self.axis not in (0, 1):
+            raise SceneError(f"the axis {self.axis!r} of the partial pressure on tag {self.tag} must be 0 or 1")
+
 
 @dataclass(frozen=True)
 class Opening:
@@ -109,6 +148,14 @@ class Opening:
 
     contact: int
     amplitude: Amplitude
+
+    def __post_init__(self):
+        """Refuse what is no place."""
+        if not is_whole(self.contact, 0):
+            raise SceneError(
+                f"contact {self.contact!r} of an opening must be the place of a pair in Scene.contacts, 0 for the first"
+            )
+        _check_amplitude(self, f"the opening of contact {self.contact}")
 
 
 @dataclass(frozen=True)
@@ -142,12 +189,139 @@ class Scene:
         """Refuse what no geometry could make right."""
         if self.hypothesis not in elasticity.HYPOTHESES:
             raise SceneError(f"unknown hypothesis '{self.hypothesis}', one of {', '.join(elasticity.HYPOTHESES)}")
-        if not self.name.isidentifier():
-            raise SceneError(f"scene name '{self.name}' must be an identifier: it prefixes PETSc options")
+        if not isinstance(self.name, str) or not self.name.isidentifier():
+            raise SceneError(f"scene name {self.name!r} must be an identifier: it prefixes PETSc options")
+        if not callable(self.geometry):
+            raise SceneError(f"geometry = {self.geometry!r} must be a function of a communicator: lambda comm: ...")
+        if not isinstance(self.parameters, ParameterSpace):
+            raise SceneError(f"parameters = {self.parameters!r} must be a ParameterSpace")
+        for name, what, fits in _PARTS:
+            items = _as_tuple(f"Scene.{name}", getattr(self, name))
+            object.__setattr__(self, name, items)
+            for place, item in enumerate(items):
+                if not fits(item):
+                    raise SceneError(f"{name}[{place}] of scene '{self.name}' is {item!r}: it must be {what}")
         if not self.bodies:
             raise SceneError("a scene needs at least one body")
-        for opening in self.openings:
-            if not 0 <= opening.contact < len(self.contacts):
-                raise SceneError(f"an opening names contact {opening.contact}, of {len(self.contacts)} counted from 0")
         if not self.contacts:
             raise SceneError("a scene without contact pairs is a linear problem: nothing to hyper-reduce")
+        self._check_places()
+        self._check_names()
+
+    def _check_places(self):
+        """Refuse what is listed twice, and openings of pairs that are not there."""
+        seen = {}
+        for place, body in enumerate(self.bodies):
+            if seen.setdefault(body.tag, place) != place:
+                raise SceneError(
+                    f"bodies {seen[body.tag]} and {place} have the same cell tag {body.tag}: their stiffness would "
+                    "add up. List each body once, and give each a tag of its own in the mesh"
+                )
+        for place, item in enumerate(self.contacts):
+            for tag in item.tags:
+                _check_tag(f"surface of contact {place}", tag)
+            if len(set(item.tags)) < len(item.tags):
+                raise SceneError(f"contact {place} pairs surface {item.tags[0]} with itself: each side needs a tag")
+            for before, other in enumerate(self.contacts[:place]):
+                if _same_pair(item, other):
+                    raise SceneError(
+                        f"contacts {before} and {place} are the same pair of surfaces {tuple(item.tags)}: its "
+                        "conditions would be dependent. List each pair once"
+                    )
+        for opening in self.openings:
+            if opening.contact >= len(self.contacts):
+                raise SceneError(f"an opening names contact {opening.contact}, of {len(self.contacts)} counted from 0")
+
+    def _check_names(self):
+        """Refuse names of parameters that the box does not have."""
+        for item in (*self.displacements, *self.loads, *self.openings):
+            if not isinstance(item.amplitude, Amplitude):
+                raise SceneError(f"the amplitude {item.amplitude!r} of {item!r} must be an Amplitude")
+            item.amplitude.row(self.parameters)
+        for load in self.loads:
+            if isinstance(load, PartialPressure) and load.extent not in self.parameters.names:
+                raise SceneError(
+                    f"the partial pressure on tag {load.tag} extends up to '{load.extent}': it must be one of the "
+                    f"parameters {self.parameters.names}"
+                )
+
+    def idle_parameters(self) -> tuple[str, ...]:
+        """Parameters that neither a displacement, a load, an opening nor the extent of a pressure depends on."""
+        used = {load.extent for load in self.loads if isinstance(load, PartialPressure)}
+        for item in (*self.displacements, *self.loads, *self.openings):
+            used |= {name for name, slope in item.amplitude.slopes.items() if slope}
+        return tuple(name for name in self.parameters.names if name not in used)
+
+
+def _has(*names):
+    """Test for an object that is no class and has some attributes."""
+    return lambda item: not isinstance(item, type) and all(hasattr(item, name) for name in names)
+
+
+def _is_load(item):
+    """A load of this module or of a user: a tag, an amplitude, and a form unless it is a partial pressure."""
+    return isinstance(item, PartialPressure) or _has("tag", "amplitude", "form")(item)
+
+
+_PARTS = (
+    ("bodies", "a Body", lambda item: isinstance(item, Body)),
+    ("contacts", "a contact pair with tags and rows, such as Obstacle or NodeToNode", _has("tags", "rows")),
+    ("displacements", "a Displacement", lambda item: isinstance(item, Displacement)),
+    ("loads", "a load with a tag, an amplitude and a form, such as Pressure", _is_load),
+    ("openings", "an Opening", lambda item: isinstance(item, Opening)),
+)
+"""Fields of a scene that hold several items, what each item must be, and how that is seen."""
+
+
+def _as_tuple(name, value) -> tuple:
+    """A tuple of a list or an array; a single item is refused."""
+    if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
+        raise SceneError(f"{name} must be a tuple, and is {value!r}: write ({type(value).__name__}(...),) for one item")
+    return tuple(value.tolist() if isinstance(value, np.ndarray) else value)
+
+
+def _check_tag(what, tag):
+    """Refuse what is no tag of a mesh."""
+    if not is_whole(tag, 0):
+        raise SceneError(f"the tag {tag!r} of a {what} must be an integer, as in the mesh")
+
+
+def _check_amplitude(item, what):
+    """Turn a number into a constant amplitude, and refuse what is neither."""
+    if is_number(item.amplitude):
+        object.__setattr__(item, "amplitude", Amplitude(item.amplitude))
+    if not isinstance(item.amplitude, Amplitude):
+        raise SceneError(
+            f"the amplitude {item.amplitude!r} of {what} must be a finite number or an Amplitude, for instance "
+            "Amplitude(slopes={'name of a parameter': 1.0})"
+        )
+
+
+def _same_pair(one, other) -> bool:
+    """Whether two contact pairs say the same: the same surfaces, and no normals that tell them apart."""
+    if set(one.tags) != set(other.tags):
+        return False
+    normals = [_direction(getattr(pair, "normal", None)) for pair in (one, other)]
+    unknown = any(normal is None for normal in normals) or normals[0].shape != normals[1].shape
+    if len(one.tags) == 1:
+        # a corner between two obstacles is two pairs of one surface
+        return _equal(one, other) or (type(one) is type(other) and not unknown and normals[0] @ normals[1] > 1 - 1e-12)
+    return unknown or abs(normals[0] @ normals[1]) > 1 - 1e-12
+
+
+def _equal(one, other) -> bool:
+    """Equality that pairings with arrays survive."""
+    try:
+        return one is other or bool(one == other)
+    except ValueError:
+        return False
+
+
+def _direction(normal) -> np.ndarray | None:
+    """Unit vector of a normal, or None for what is none; pairings complain of these."""
+    try:
+        vector = np.asarray(normal, dtype=float)
+    except (TypeError, ValueError):
+        return None
+    length = np.linalg.norm(vector)
+    return vector / length if vector.ndim == 1 and 0 < length < np.inf else None

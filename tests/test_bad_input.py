@@ -5,8 +5,11 @@ import dataclasses
 import hertz_half_discs as demo
 import numpy as np
 import pytest
+import ufl
 from hertz_half_discs import THESIS
 from scenes import pressed_block
+from test_newcomer import WaterLevel
+from toy_pairing import RoundPunch
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.problem import Status, Statuses, outcome
@@ -125,6 +128,9 @@ def test_scenes_that_cannot_be_built(changes, message):
         ({"contacts": ()}, "without contact"),
         ({"bodies": ()}, "body"),
         ({"name": "two words"}, "identifier"),
+        ({"name": 7}, "scene name 7 must be an identifier"),
+        ({"geometry": "mesh.msh"}, r"geometry = 'mesh\.msh' must be a function of a communicator"),
+        ({"parameters": ("mu",)}, r"parameters = \('mu',\) must be a ParameterSpace"),
     ],
 )
 def test_scenes_that_contradict_themselves(changes, message):
@@ -132,10 +138,200 @@ def test_scenes_that_contradict_themselves(changes, message):
         with_changes(**changes)
 
 
+FLOOR, WALL = hhr.Obstacle(1, (0.0, -1.0), 0.0), hhr.Obstacle(1, (1.0, 0.0), 0.0)
+PAIR = hhr.NodeToNode(11, 21, (0.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"bodies": (hhr.Body(1, 1.0, 0.3),) * 2}, "bodies 0 and 1 have the same cell tag 1: .* would add up"),
+        (
+            {"bodies": (hhr.Body(1, 1.0, 0.3), hhr.Body(2, 1.0, 0.3), hhr.Body(1, 9.0, 0.2))},
+            "bodies 0 and 2 have the same cell tag 1",
+        ),
+        ({"contacts": (PAIR, FLOOR, PAIR)}, r"contacts 0 and 2 are the same pair of surfaces \(11, 21\)"),
+        ({"contacts": (PAIR, hhr.NodeToNode(21, 11, (0.0, -2.0)))}, "contacts 0 and 1 are the same pair"),
+        ({"contacts": (PAIR, hhr.Mortar(21, 11))}, "contacts 0 and 1 are the same pair"),
+        ({"contacts": (FLOOR, hhr.Obstacle(1, (0.0, -3.0), 0.5))}, r"the same pair of surfaces \(1,\)"),
+        ({"contacts": (hhr.Mortar(11, 11),)}, "contact 0 pairs surface 11 with itself"),
+    ],
+)
+def test_what_is_listed_twice(changes, message):
+    with pytest.raises(SceneError, match=message):
+        with_changes(**changes)
+
+
+def test_what_is_listed_twice_with_reason():
+    """One surface between two obstacles, and two surfaces that meet in two directions."""
+    with_changes(contacts=(FLOOR, WALL))
+    with_changes(contacts=(PAIR, hhr.NodeToNode(11, 21, (1.0, 0.0))))
+
+
+def test_a_parameter_named_twice():
+    with pytest.raises(SceneError, match=r"a parameter is named twice in \('a', 'b', 'a'\)"):
+        hhr.ParameterSpace(("a", "b", "a"), (0.0,) * 3, (1.0,) * 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "single", "other"),
+    [
+        ("bodies", hhr.Body(1, 1.0, 0.3), "a Body"),
+        ("contacts", FLOOR, "a contact pair with tags and rows"),
+        ("displacements", hhr.Displacement(1, 0), "a Displacement"),
+        ("loads", hhr.Pressure(1, 1.0), "a load with a tag, an amplitude and a form"),
+        ("openings", hhr.Opening(0, 1.0), "an Opening"),
+    ],
+)
+def test_parts_of_a_scene_are_tuples(name, single, other):
+    """A list will do; what stands alone or is something else is named with the remedy."""
+    assert getattr(with_changes(**{name: [single]}), name) == (single,)
+    kind = type(single).__name__
+    with pytest.raises(
+        SceneError, match=rf"Scene\.{name} must be a tuple, and is {kind}.*: write \({kind}\(\.\.\.\),\)"
+    ):
+        with_changes(**{name: single})
+    for wrong in ("1", kind, type(single), 7):
+        with pytest.raises(SceneError, match=rf"{name}\[1\] of scene 'hertz_half_discs' is .*: it must be {other}"):
+            with_changes(**{name: (single, wrong)})
+
+
 @pytest.mark.parametrize(("young", "poisson"), [(0.0, 0.3), (-1.0, 0.3), (np.nan, 0.3), (1.0, 0.5), (1.0, np.nan)])
 def test_materials_without_positive_energy(young, poisson):
     with pytest.raises(SceneError, match="positive"):
         hhr.Body(1, young, poisson)
+
+
+@pytest.mark.parametrize(
+    ("constants", "message"),
+    [
+        ({"young": 10**400}, "must be positive and finite"),
+        ({"young": np.inf}, "body 1: E = inf must be positive and finite"),
+        ({"young": "210e9"}, "body 1: young = '210e9' must be a number"),
+        ({"poisson": "0.3"}, "body 1: poisson = '0.3' must be a number"),
+        ({"young": hhr.Amplitude(1.0)}, r"young = Amplitude\(.*depends on parameters is not supported, give each"),
+        ({"tag": "one"}, "the tag 'one' of a body must be an integer"),
+        ({"tag": 1.0}, r"the tag 1\.0 of a body must be an integer"),
+    ],
+)
+def test_materials_that_are_no_numbers(constants, message):
+    with pytest.raises(SceneError, match=message):
+        hhr.Body(**{"tag": 1, "young": 1.0, "poisson": 0.3} | constants)
+
+
+def test_numbers_are_constant_amplitudes():
+    for item in (
+        hhr.Displacement(1, 0, 2),
+        hhr.Traction(1, [0.0, 1.0], 2.0),
+        hhr.Pressure(1, np.float64(2.0)),
+        hhr.PartialPressure(1, 2.0, "mu"),
+        hhr.Opening(0, 2.0),
+    ):
+        assert item.amplitude == hhr.Amplitude(2.0)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda: hhr.Pressure(1, "2"),
+            r"the amplitude '2' of the pressure on tag 1 must be a finite number or an Ampl",
+        ),
+        (lambda: hhr.Pressure(1, np.nan), "the amplitude nan of the pressure on tag 1 must be a finite number"),
+        (lambda: hhr.Traction(1, (0, 1), None), "the amplitude None of the traction on tag 1"),
+        (lambda: hhr.Opening(0, {"mu": 1.0}), "of the opening of contact 0 must be a finite number or an Amplitude"),
+        (lambda: hhr.Displacement(1, 0, lambda mu: mu), "of the displacement on tag 1 must be a finite number or"),
+        (lambda: hhr.Displacement(1, (0, 1)), r"component \(0, 1\) of the displacement on tag 1 .* of its own"),
+        (lambda: hhr.Displacement(1, 0.5), r"component 0\.5 of the displacement on tag 1"),
+        (lambda: hhr.Traction(1, (0.0, 0.0), 1.0), r"the traction \(0\.0, 0\.0\) on tag 1 must be finite and not zero"),
+        (lambda: hhr.Traction(1, 1.0, 1.0), "the direction of a traction must be a tuple"),
+        (lambda: hhr.Opening(0.5, 1.0), r"contact 0\.5 of an opening must be the place of a pair in Scene\.contacts"),
+        (lambda: hhr.Opening(-1, 1.0), "contact -1 of an opening must be the place"),
+        (lambda: with_changes(openings=(hhr.Opening(1, 1.0),)), "an opening names contact 1, of 1 counted from 0"),
+        (
+            lambda: hhr.PartialPressure(1, 1.0, "mu", axis=2),
+            "the axis 2 of the partial pressure on tag 1 must be 0 or 1",
+        ),
+        (
+            lambda: with_changes(loads=(hhr.PartialPressure(1, 1.0, "h"),)),
+            r"on tag 1 extends up to 'h': it must be one of the parameters \('mu',\)",
+        ),
+        (lambda: hhr.Amplitude("1"), "amplitude '1' .* must be finite numbers"),
+        (lambda: hhr.Amplitude(True), "amplitude True .* must be finite numbers"),
+        (lambda: hhr.Amplitude(0.0, ("mu", 1.0)), r"the slopes \('mu', 1\.0\) of an amplitude need a number by param"),
+        (lambda: hhr.Amplitude(0.0, {"mu": "1"}), "must be finite numbers"),
+        (lambda: hhr.Obstacle(1, (0, 1), "0"), "the offset '0' of the obstacle at surface 1 .*add an Opening"),
+        (lambda: hhr.ParameterSpace("mu", (0.0,), (1.0,)), r"names = 'mu' .* must be a tuple: .* \('mu',\)"),
+        (lambda: hhr.ParameterSpace(("mu",), 0.0, (1.0,)), r"lower = 0\.0 .* must be a tuple: .* \(0\.0,\)"),
+        (lambda: hhr.ParameterSpace(("mu",), (0.0,), ("1",)), r"upper = \('1',\) .* must hold numbers"),
+        (lambda: hhr.ParameterSpace((1,), (0.0,), (1.0,)), r"names = \(1,\) .* must hold names"),
+    ],
+)
+def test_values_of_another_kind(make, message):
+    with pytest.raises(SceneError, match=message):
+        make()
+
+
+class Nothing(WaterLevel):
+    def form(self, v, hypothesis, ds):
+        return None
+
+
+class Bilinear(WaterLevel):
+    def form(self, v, hypothesis, ds):
+        return ufl.inner(ufl.TrialFunction(v.ufl_function_space()), v) * ds
+
+
+class NoRows(RoundPunch):
+    def rows(self, surfaces, dofs):
+        return None
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"loads": (Nothing(21, hhr.Amplitude(1.0)),)}, "the form of Nothing.* must be linear in v .*, and is None"),
+        ({"loads": (Bilinear(21, hhr.Amplitude(1.0)),)}, "the form of Bilinear.* must be linear in v"),
+        ({"loads": (WaterLevel(21, 1.0),)}, r"the amplitude 1\.0 of WaterLevel.* must be an Amplitude"),
+        ({"contacts": (NoRows(20, (0.3, -9.0), 1.0),)}, "the rows of NoRows.* must be ContactRows, and are None"),
+        ({"contacts": (RoundPunch(20, (0.3, -9.0), 1.0),) * 2}, "contacts 0 and 1 are the same pair"),
+    ],
+)
+def test_loads_and_pairings_of_a_users_own(changes, message):
+    with pytest.raises(SceneError, match=message):
+        hhr.FullOrderModel(dataclasses.replace(pressed_block("plane_strain"), **changes))
+
+
+SPACE = hhr.ParameterSpace(("a", "b"), (0.0, 1.0), (1.0, 2.0))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: SPACE.grid([3]), r"counts \[3\] of a grid must be 2 positive integers, one for each of \('a', 'b'\)"),
+        (lambda: SPACE.grid(3), "counts 3 of a grid must be 2 positive integers"),
+        (lambda: SPACE.grid([3, 0]), "must be 2 positive integers"),
+        (lambda: SPACE.grid([3, 2.0]), "must be 2 positive integers"),
+        (lambda: SPACE.random(0, 1), "0 random points from seed 1: the count must be a positive integer"),
+        (lambda: SPACE.random(5, -1), "5 random points from seed -1: .* not negative"),
+        (lambda: SPACE.point("text"), "expected 2 numbers for .* got 'text'"),
+        (lambda: SPACE.points([0.5, 1.5]), r"points have the shape \(2,\): give one row per point and one column"),
+        (lambda: SPACE.points([[0.5], [0.6]]), r"points have the shape \(2, 1\)"),
+        (lambda: SPACE.points(np.zeros((0, 2))), r"points have the shape \(0, 2\)"),
+        (lambda: SPACE.points([[0.5, 1.5], [0.5]]), "a table of points needs numbers in columns"),
+        (lambda: SPACE.points([[0.5, 1.5], [0.5, 2.5]]), r"b = 2\.5 is outside \[1, 2\]"),
+    ],
+)
+def test_grids_and_tables_of_points(make, message):
+    with pytest.raises(ParameterError, match=message):
+        make()
+
+
+def test_points_of_one_parameter_need_no_column(hertz):
+    flat, table = (hhr.compute_snapshots(hertz, points) for points in ([0.2, 0.4], [[0.2], [0.4]]))
+    assert flat.points.shape == (2, 1) and np.array_equal(flat.displacements, table.displacements)
+    with pytest.raises(ParameterError, match=r"shape \(1, 2\): .* one column for each of \('mu',\)"):
+        hhr.compute_snapshots(hertz, [[0.2, 0.4]])
 
 
 @pytest.mark.parametrize(

@@ -207,6 +207,7 @@ def concentric_arcs(pairing, count):
         contacts=(pairing(two_blocks.side(2, 1, False), two_blocks.side(1, 1, True)),),
         parameters=hhr.ParameterSpace(("p",), (0.0,), (1.0,)),
         displacements=tuple(hhr.Displacement(tag, component) for tag in held for component in (0, 1)),
+        loads=(hhr.Pressure(two_blocks.side(1, 0, False), hhr.Amplitude(slopes={"p": 1.0})),),
     )
 
 

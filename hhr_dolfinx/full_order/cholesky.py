@@ -40,7 +40,7 @@ def check_regular(problem: ContactProblem, solve: Callable[[np.ndarray], np.ndar
     """Refuse a K that is singular to round-off, which a factorisation does not always notice.
 
     Solving for a known vector loses about cond(K) times 1e-16: up to 1e-5 was seen with bodies a million
-    times as stiff as others, and all digits where a body can move freely.
+    times as stiff as others, and all digits where parts can move freely.
 
     Args:
         problem: the full problem.
@@ -57,10 +57,11 @@ def check_regular(problem: ContactProblem, solve: Callable[[np.ndarray], np.ndar
 
 
 def singular_stiffness(scene: str) -> str:
-    """Message for a stiffness that does not hold its bodies."""
+    """Message for a stiffness that is singular; ``checks.check_held`` has refused bodies that move as a whole."""
     return (
-        f"the stiffness of scene '{scene}' is singular: a body can move freely. "
-        "Impose displacements that hold every body without its contacts"
+        f"the stiffness of scene '{scene}' is singular to round-off, though every body is held as a whole: look for "
+        "parts that hang together at single nodes or edges, E many powers of ten apart, nu next to 0.5, needle-like "
+        "cells"
     )
 
 
@@ -107,7 +108,11 @@ class FreeCholesky:
             self._matrix.assemble()
             self._ksp.setOperators(self._matrix)
             if not factorised(self._ksp):
-                raise NotSolvableError(f"the tangent stiffness of scene '{self._scene}' is singular")
+                raise NotSolvableError(
+                    f"the tangent stiffness of the full model of scene '{self._scene}' is singular: it flows freely "
+                    "beyond its limit load, or the slope of a law is wrong. Take smaller steps, or compare the slope "
+                    "with differences of the flow"
+                )
             self._factored = stiffness
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:

@@ -22,6 +22,13 @@ from hhr_dolfinx import compat, ranks
 from hhr_dolfinx.contact.problem import ContactProblem, ContactRows, joined
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import contact, elasticity
+from hhr_dolfinx.full_order.checks import (
+    build_geometry,
+    check_held,
+    check_line,
+    conditions_with_unknowns,
+    warn_of_idle_parameters,
+)
 from hhr_dolfinx.pairings.surface import Surface, make_surface
 from hhr_dolfinx.parameters import Amplitude, Amplitudes, Coverage
 from hhr_dolfinx.scene import PartialPressure, Pressure, Scene
@@ -55,16 +62,15 @@ class Discretisation:
         size: N, number of dofs on all ranks.
 
     Raises:
-        SceneError: for a mesh on other ranks, missing tags, surfaces that do not face each other, or conflicting
-            displacements.
+        SceneError: for a mesh that does not suit the scene, missing tags, surfaces that do not face each other, or
+            conflicting displacements.
     """
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
         compat.require_dolfinx()
         self.scene, self.comm = scene, comm
         with ranks.together(comm, f"the geometry of scene '{scene.name}'"):
-            self.mesh, self._cell_tags, self._facet_tags = scene.geometry(comm)
-            _check_ranks(self.mesh.comm, comm)
+            self.mesh, self._cell_tags, self._facet_tags = build_geometry(scene, comm)
         dim = self.mesh.geometry.dim
         self.space = fem.functionspace(self.mesh, ("Lagrange", 1, (dim,)))
         nodes = self.space.dofmap.index_map
@@ -72,7 +78,6 @@ class Discretisation:
         self.size = dim * nodes.size_global
         self._dx = ufl.Measure("dx", domain=self.mesh, subdomain_data=self._cell_tags)
         self._ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=self._facet_tags)
-        self._check_tags()
         self._trial, self._test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
 
     def assemble_stiffness(self) -> PETSc.Mat:
@@ -102,6 +107,12 @@ class Discretisation:
 
         Args:
             stiffness: K of all dofs, without boundary conditions, (N, N).
+
+        Raises:
+            SceneError: if the contact pairs are empty or do not face each other.
+
+        Warns:
+            SceneWarning: where imposed nodes penetrate.
         """
         scene = self.scene
         mass = fem_petsc.assemble_matrix(fem.form(elasticity.mass(self._trial, self._test, scene.hypothesis, self._dx)))
@@ -115,11 +126,13 @@ class Discretisation:
         loads = np.hstack([self._stacked(term.load for term in terms), *pressures])
         lifts = np.zeros(loads.shape)
         lifts[:, : 1 + len(terms)] = self._stacked(term.lift for term in terms)
-        rows, pairs = self._contact_rows(free)
+        rows, pairs = self._contact_rows()
         gaps = -(rows.matrix @ lifts)
         gaps[:, 0] += rows.gap
         for k, term in enumerate(terms, start=1):
             gaps[pairs == term.opened, k] += 1.0
+        kept = conditions_with_unknowns(scene, rows, gaps[:, : 1 + len(terms)], amplitudes, free)
+        rows, pairs, gaps = rows.take(kept), pairs[kept], gaps[kept]
         return ContactProblem(
             stiffness=stiffness,
             mass=self.gathered(mass),
@@ -137,6 +150,19 @@ class Discretisation:
             amplitudes=replace(amplitudes, coverages=coverages),
             parameters=scene.parameters,
         )
+
+    def check(self, problem: ContactProblem) -> None:
+        """Look for mistakes that no single part of a scene shows, before anything is factored.
+
+        Raises:
+            NotSolvableError: for a body that can move freely, with its tag and how it moves.
+
+        Warns:
+            SceneWarning: for parameters without effect.
+        """
+        bodies = np.concatenate(self.comm.allgather(self.cell_bodies()))
+        check_held(self.scene, problem.points, problem.cell_nodes, bodies, problem.free)
+        warn_of_idle_parameters(self.scene)
 
     def cell_bodies(self) -> np.ndarray:
         """Body of each cell of this rank as its place in the scene, (cells,)."""
@@ -170,26 +196,6 @@ class Discretisation:
         sigma = self.stress(displacement)
         deviator = sigma - np.trace(sigma, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
         return np.sqrt(1.5 * np.einsum("cij,cij->c", deviator, deviator))
-
-    def _check_tags(self):
-        scene, fdim = self.scene, self.mesh.topology.dim - 1
-        used = [item.tag for item in (*scene.displacements, *scene.loads)]
-        for item in scene.contacts:
-            used += item.tags
-        for kind, tags, wanted in (
-            ("facet", self._facet_tags, used),
-            ("cell", self._cell_tags, [body.tag for body in scene.bodies]),
-        ):
-            there = set().union(*self.comm.allgather(set(tags.values.tolist())))
-            missing = sorted(set(wanted) - there)
-            if missing:
-                raise SceneError(f"{kind} tags {missing} are not in the mesh, which has {sorted(there)}")
-            if kind == "cell" and there - set(wanted):
-                raise SceneError(f"cells tagged {sorted(there - set(wanted))} belong to no body of the scene")
-        count = self.mesh.topology.index_map(fdim + 1).size_local
-        untagged = self.comm.allreduce(count - int((self._cell_tags.indices < count).sum()))
-        if untagged:
-            raise SceneError(f"{untagged} cells have no tag: every cell must belong to a body")
 
     def _displacements(self) -> tuple[list[Term], np.ndarray]:
         """Terms of the displacements that move, and the dofs that none holds or moves, (N,)."""
@@ -232,17 +238,15 @@ class Discretisation:
         return np.concatenate(self.comm.allgather(owned + self.rows.start))
 
     def _load_vector(self, load):
-        return self._assemble_vector(load.form(self._test, self.scene.hypothesis, self._ds(load.tag)))
+        form = load.form(self._test, self.scene.hypothesis, self._ds(load.tag))
+        if not isinstance(form, ufl.Form) or len(form.arguments()) != 1:
+            raise SceneError(f"the form of {load!r} must be linear in v and integrated over ds, and is {form!r}")
+        return self._assemble_vector(form)
 
     def _coverage(self, load: PartialPressure, first: int):
         """Coverage of a partial pressure and its terms as columns, see :class:`Coverage`."""
-        space, names = self.mesh.geometry, self.scene.parameters.names
-        if space.dim != 2 or load.extent not in names or load.axis not in (0, 1):
-            raise SceneError(
-                f"the partial pressure on tag {load.tag} needs a plane mesh, an axis 0 or 1 (here {load.axis}) "
-                f"and one of the parameters {names} (here '{load.extent}')"
-            )
-        line = self._surface(load.tag)
+        line, names = self._surface(load.tag), self.scene.parameters.names
+        check_line(load, line.points, self.scene.hypothesis)
         order = np.argsort(line.points[:, load.axis])
         nodes, positions = line.nodes[order], line.points[order, load.axis]
         lengths = np.diff(positions)
@@ -252,7 +256,8 @@ class Discretisation:
         force = whole.sum(axis=0) / nodal.sum()
         if np.abs(whole - nodal[:, None] * force).max() > 1e-9 * np.abs(whole).max():
             raise SceneError(
-                f"the line tagged {load.tag} under a partial pressure is not straight along axis {load.axis}"
+                f"the line tagged {load.tag} under a partial pressure is not in one piece from {positions[0]} to "
+                f"{positions[-1]} along axis {load.axis}: give each piece a tag and a pressure of its own"
             )
         at_nodes = np.zeros((self.size, len(nodes)))
         for component in (0, 1):
@@ -263,19 +268,17 @@ class Discretisation:
         coverage = Coverage(first, positions, names.index(load.extent), load.amplitude.constant, slopes)
         return coverage, np.hstack([before, at_nodes])
 
-    def _contact_rows(self, free) -> tuple[ContactRows, np.ndarray]:
-        """Rows of all pairs and the pair of each; rows without a free dof hold no unknown and are left out."""
+    def _contact_rows(self) -> tuple[ContactRows, np.ndarray]:
+        """Rows of all pairs and the pair of each."""
         parts = [item.rows([self._surface(tag) for tag in item.tags], self.size) for item in self.scene.contacts]
         for item, part in zip(self.scene.contacts, parts, strict=True):
+            if not isinstance(part, ContactRows):
+                raise SceneError(f"the rows of {item!r} must be ContactRows, and are {part!r}")
             if part.gap.size == 0 or part.matrix.shape[1] != self.size:
                 raise SceneError(
                     f"{item} made {part.gap.size} conditions on {part.matrix.shape[1]} of {self.size} dofs"
                 )
-        rows, pairs = joined(parts), np.repeat(np.arange(len(parts)), [part.gap.size for part in parts])
-        kept = np.flatnonzero(abs(rows.matrix) @ free.astype(float))
-        if kept.size == 0:
-            raise SceneError("the contact pairs are empty: all of their nodes have imposed displacements")
-        return rows.take(kept), pairs[kept]
+        return joined(parts), np.repeat(np.arange(len(parts)), [part.gap.size for part in parts])
 
     def _surface(self, tag) -> Surface:
         dim, points = self.mesh.geometry.dim, self._points()
@@ -285,7 +288,7 @@ class Discretisation:
         return make_surface(tag, facets, inner, points, weights, area)
 
     def _facets(self, tag):
-        """Nodes of the tagged facets and the middle of the cell behind each, gathered from all ranks."""
+        """Nodes of the tagged facets and the middle of what lies opposite in their cells, gathered from all ranks."""
         topology, dofmap = self.mesh.topology, self.space.dofmap
         tdim, dim = topology.dim, self.mesh.geometry.dim
         topology.create_connectivity(tdim - 1, tdim)
@@ -301,7 +304,7 @@ class Discretisation:
                 local = int(np.flatnonzero(to_facets.links(cell) == facet)[0])
                 cell_nodes = dofmap.cell_dofs(cell)
                 nodes.append(cell_nodes[corners[local]])
-                inner.append(coordinates[cell_nodes].mean(axis=0))
+                inner.append(coordinates[np.delete(cell_nodes, corners[local])].mean(axis=0))
         count = len(corners[0])
         local_nodes = np.array(nodes, dtype=np.int32).reshape(-1, count)
         numbers = dofmap.index_map.local_to_global(local_nodes.ravel()).reshape(-1, count)
@@ -322,15 +325,6 @@ class Discretisation:
         vector = fem_petsc.assemble_vector(fem.form(form))
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         return np.concatenate(self.comm.allgather(vector.array))
-
-
-def _check_ranks(made_on, asked):
-    """Refuse a mesh on other ranks than asked: each would hold a part of it, and miss tags and nodes elsewhere."""
-    if made_on.size != asked.size:
-        raise SceneError(
-            f"the geometry was asked for a mesh on {asked.size} rank{'s' * (asked.size > 1)} and made one on "
-            f"{made_on.size}: it must build its mesh on the communicator that it is given, not on MPI.COMM_WORLD"
-        )
 
 
 def _without_columns(matrix, columns):

@@ -53,6 +53,7 @@ class FullOrderModel:
         self.discretisation = Discretisation(scene, comm)
         stiffness = self.discretisation.assemble_stiffness()
         self.problem = self.discretisation.contact_problem(self.discretisation.gathered(stiffness))
+        self.discretisation.check(self.problem)
         self._own, self._lock = self.discretisation.rows, Lock()
         self._ksp = self._factor(stiffness)
         self._rhs, self._solution = (np.zeros(self._own.stop - self._own.start) for _ in range(2))

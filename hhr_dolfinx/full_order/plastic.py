@@ -58,6 +58,7 @@ class PlasticFullOrder:
         stiffness = self.operator.stiffness(self.material.elastic, self._pattern)
         self._unchanged = ElasticPart(self.material.elastic, stiffness.data.copy())
         self.problem = problem = self.discretisation.contact_problem(stiffness)
+        self.discretisation.check(problem)
         self.amplitudes, self.parameters = problem.amplitudes, problem.parameters
         self.size, self.conditions = problem.free.size, problem.contact.shape[0]
         solver = FreeCholesky(stiffness, problem.free, scene.name)

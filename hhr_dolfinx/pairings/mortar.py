@@ -21,6 +21,7 @@ from hhr_dolfinx.pairings.projection import local_coordinates, near_pairs, shape
 from hhr_dolfinx.pairings.surface import (
     FACING,
     GRAZING,
+    beyond_overlap,
     check_facing,
     mean_normal,
     never_facing,
@@ -29,6 +30,7 @@ from hhr_dolfinx.pairings.surface import (
     unit,
     warn,
     warn_of_overlap,
+    warn_of_sag,
 )
 
 COVERED = 0.1
@@ -111,9 +113,11 @@ class Mortar:
             flat = np.eye(dim) - np.outer(normal, normal)
             pairs = near_pairs(slave.corners @ flat, master.corners @ flat, 0.0)
         pairs = _opposite(slave, master, directions, *pairs, cosine)
-        segments = (_segments if dim == 2 else _polygons)(slave, master, directions, *pairs)
+        segments = _common_parts(slave, master, directions, *pairs)
         if not segments.measures.size:
             raise SceneError(never_facing(slave, master, "no facet of one lies in front of a facet of the other"))
+        if self.normal is None:
+            segments = _meeting(slave, master, segments, reach)
         _check_one_layer(slave, master, segments)
         return self._rows(slave, master, normals, segments, dofs)
 
@@ -133,7 +137,8 @@ class Mortar:
         if not covered.all():
             warn(
                 f"{int((~covered).sum())} of {n} nodes of slave surface {slave.tag} lie beyond the edge of master "
-                f"surface {master.tag} and get no contact condition, e.g. at {slave.points[~covered][0].tolist()}"
+                f"surface {master.tag} or look away from it and get no contact condition, e.g. at "
+                f"{slave.points[~covered][0].tolist()}"
             )
         scale = diags(1 / np.where(covered, area, 1.0))
         # dual functions are biorthogonal to the shape functions of the slave
@@ -146,6 +151,9 @@ class Mortar:
         kept = kept[tangential_order(slave.points[kept], mean_normal(slave))]
         rows = ContactRows(csr_matrix(matrix), gap, slave.nodes, slave.points, area).take(kept)
         warn_of_overlap(slave, rows)
+        bulges = slave.bulges(segments.slave, segments.slave_values)
+        bulges = bulges + master.bulges(segments.master, segments.master_values)
+        warn_of_sag(slave, master, rows, float(np.abs(bulges) @ segments.measures / segments.measures.sum()))
         return rows
 
 
@@ -180,12 +188,14 @@ def _check_one_layer(slave, master, segments):
 
 
 def _opposite(slave, master, directions, here, there, cosine):
-    """Those pairs whose slave looks along its direction of projection, whose master looks against it, and whose
-    circles overlap when seen along it.
-    """
+    """Those overlapping pairs whose slave looks along its direction of projection and whose master looks against it."""
     opposite = np.einsum("pd,pd->p", directions[here], master.outward[there]) < -cosine
     opposite &= np.einsum("pd,pd->p", directions[here], slave.outward[here]) > cosine
-    here, there = here[opposite], there[opposite]
+    return _overlapping(slave, master, directions, here[opposite], there[opposite])
+
+
+def _overlapping(slave, master, directions, here, there):
+    """Those pairs whose circles overlap when seen along the direction of the slave facet."""
     middles = [surface.corners.mean(axis=1) for surface in (slave, master)]
     radii = [
         np.linalg.norm(surface.corners - middle[:, None], axis=2).max(axis=1)
@@ -196,6 +206,53 @@ def _opposite(slave, master, directions, here, there, cosine):
     across = np.linalg.norm(between - along[:, None] * directions[here], axis=1)
     close = across <= (radii[0][here] + radii[1][there]) * (1 + 1e-9)
     return here[close], there[close]
+
+
+def _common_parts(slave, master, directions, here, there) -> Segments:
+    """Common parts of pairs of facets, seen along the directions of the slave facets."""
+    return (_segments if slave.points.shape[1] == 2 else _polygons)(slave, master, directions, here, there)
+
+
+def _meeting(slave, master, segments, reach) -> Segments:
+    """Leave out what is opposite and can yet not meet, because a body lies between.
+
+    A back side lies behind by the thickness of both bodies, and a body is no thinner than a cell of it; what lies in
+    front, but behind another part of the slave's own body, is hidden by that.
+    """
+    distance = _distances(slave, master, segments)
+    behind = distance < -np.maximum(slave.depths[segments.slave], master.depths[segments.master])
+    if behind.all():
+        raise SceneError(never_facing(slave, master, beyond_overlap(-distance.min())))
+    # a body can only stand in the way where there is room for it
+    roomy = np.unique(segments.slave[distance > slave.depths[segments.slave]])
+    seen = ~behind & (distance <= _own_body(slave, roomy, reach)[segments.slave])
+    return Segments(*(part[seen] for part in segments))
+
+
+def _own_body(slave, facets, reach):
+    """Distance along the normals of some slave facets to where their own body ends again; else infinite, (f,)."""
+    nearest = np.full(len(slave.facets), np.inf)
+    if facets.size:
+        here, there = near_pairs(slave.corners[facets], slave.corners, reach)
+        here, there = _overlapping(slave, slave, slave.outward, facets[here], there)
+        alike = np.einsum("pd,pd->p", slave.outward[here], slave.outward[there]) > FACING
+        along = np.einsum("pd,pd->p", (slave.corners[there] - slave.corners[here]).mean(axis=1), slave.outward[here])
+        way = alike & (along > slave.depths[here])
+        parts = _common_parts(slave, slave, slave.outward, here[way], there[way])
+        np.minimum.at(nearest, parts.slave, _distances(slave, slave, parts))
+    return nearest
+
+
+def _distances(slave, master, segments):
+    """From slave to master along the normal of the slave facet at each quadrature point, (q,)."""
+    ends = [
+        np.einsum("qk,qkd->qd", values, surface.corners[facets])
+        for values, surface, facets in (
+            (segments.slave_values, slave, segments.slave),
+            (segments.master_values, master, segments.master),
+        )
+    ]
+    return np.einsum("qd,qd->q", ends[1] - ends[0], slave.outward[segments.slave])
 
 
 def _facing_normals(slave, segments, here, tested):

@@ -14,6 +14,7 @@ from hhr_dolfinx.pairings.projection import Feet, closest_points, project
 from hhr_dolfinx.pairings.surface import (
     FACING,
     GRAZING,
+    beyond_overlap,
     check_facing,
     mean_normal,
     never_facing,
@@ -22,6 +23,7 @@ from hhr_dolfinx.pairings.surface import (
     unit,
     warn,
     warn_of_overlap,
+    warn_of_sag,
 )
 
 BEYOND = 1e-6
@@ -69,9 +71,10 @@ class NodeToSurface:
         """
         slave, master = surfaces
         if self.normal is None:
-            kept, nodes, weights, normals = _closest(slave, master)
+            kept, feet, normals = _closest(slave, master)
         else:
-            kept, nodes, weights, normals = _along(slave, master, unit(self.normal, slave.points.shape[1]))
+            kept, feet, normals = _along(slave, master, unit(self.normal, slave.points.shape[1]))
+        nodes, weights = master.facets[feet.facets], feet.weights
         order = kept[tangential_order(slave.points[kept], mean_normal(slave))]
         points, master_points = (
             slave.points[order],
@@ -87,6 +90,8 @@ class NodeToSurface:
             areas=slave.areas[order],
         )
         warn_of_overlap(slave, rows)
+        bulges = master.bulges(feet.facets[order], weights[order])
+        warn_of_sag(slave, master, rows, float(np.abs(bulges) @ rows.areas / rows.areas.sum()))
         return rows
 
 
@@ -149,7 +154,7 @@ class DoublePass:
 
 
 def _along(slave, master, normal):
-    """Project the slave nodes along a given normal; kept slave nodes, their master nodes, weights and normals."""
+    """Project the slave nodes along a given normal; kept slave nodes, and the feet and normals of all."""
     check_facing(slave, normal, along=True)
     facing = master.outward @ normal < -GRAZING
     if not facing.any():
@@ -164,11 +169,11 @@ def _along(slave, master, normal):
     beyond = np.linalg.norm(offsets, axis=1) > BEYOND * master.lengths()[feet.facets]
     looking = np.zeros(len(slave.nodes), dtype=bool)
     looking[slave.facets[slave.outward @ normal > GRAZING]] = True
-    return _kept(slave, master, feet, beyond | ~looking, np.tile(normal, (len(slave.nodes), 1)))
+    return _kept(slave, master, beyond | ~looking), feet, np.tile(normal, (len(slave.nodes), 1))
 
 
 def _closest(slave, master):
-    """Closest-point projection of the slave nodes; kept slave nodes, their master nodes, weights and normals."""
+    """Closest-point projection of the slave nodes; kept slave nodes, and the feet and normals of all."""
     feet = closest_points(slave.points, master.corners, master.facets)
     corner_normals, outward = master.corner_normals()[feet.facets], master.outward[feet.facets]
     smooth = np.einsum("mk,mkd->md", feet.weights, corner_normals)
@@ -176,6 +181,11 @@ def _closest(slave, master):
     facing = np.einsum("md,md->m", slave.node_normals(), normals) > FACING
     if not facing.any():
         raise SceneError(never_facing(slave, master, "the closest facets all look the same way as the slave"))
+    # a back side lies behind by the thickness of both bodies, and no body is thinner than a cell
+    overlap = np.einsum("md,md->m", feet.offsets, normals)
+    behind = overlap > np.maximum(slave.node_depths(), master.depths[feet.facets])
+    if not (facing & ~behind).any():
+        raise SceneError(never_facing(slave, master, beyond_overlap(overlap[facing].max())))
     # beyond an edge of the master the closest point lies on that edge and not below the node; on a curved surface
     # facets are turned against the true normal, by no more than twice what the averages over neighbours are
     height = np.einsum("md,md->m", feet.offsets, outward)
@@ -183,10 +193,10 @@ def _closest(slave, master):
     cosine = np.clip(np.einsum("mkd,md->mk", corner_normals, outward).min(axis=1), -1.0, 1.0)
     allowed = np.tan(np.minimum(2 * np.arccos(cosine), 1.0)) * np.abs(height)
     beyond = sideways > BEYOND * master.lengths()[feet.facets] + 1.001 * allowed
-    return _kept(slave, master, feet, beyond | ~facing, normals)
+    return _kept(slave, master, beyond | behind | ~facing), feet, normals
 
 
-def _kept(slave, master, feet: Feet, lost, normals):
+def _kept(slave, master, lost):
     """Leave out slave nodes that face nothing, with a warning that names a place."""
     if lost.all():
         raise SceneError(never_facing(slave, master, "no slave node lies in front of a master facet"))
@@ -196,7 +206,7 @@ def _kept(slave, master, feet: Feet, lost, normals):
             f"surface {master.tag} or look away from it and get no contact condition, e.g. at "
             f"{slave.points[lost][0].tolist()}: swap slave and master, or tag only what can touch"
         )
-    return np.flatnonzero(~lost), master.facets[feet.facets], feet.weights, normals
+    return np.flatnonzero(~lost)
 
 
 def _independent(one: csr_matrix, two: csr_matrix) -> tuple[np.ndarray, float]:

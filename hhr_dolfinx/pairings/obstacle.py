@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy as np
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.surface import check_facing, nodal_rows, tangential_order, unit, warn_of_overlap
+from hhr_dolfinx.parameters import is_number
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,11 @@ class Obstacle:
 
     def __post_init__(self):
         """Refuse a plane that is nowhere."""
-        if not math.isfinite(self.offset):
-            raise SceneError(f"the offset {self.offset} of the obstacle at surface {self.surface} must be finite")
+        if not is_number(self.offset):
+            raise SceneError(
+                f"the offset {self.offset!r} of the obstacle at surface {self.surface} must be a finite number: "
+                "where its position depends on parameters, add an Opening"
+            )
 
     @property
     def tags(self) -> tuple[int, ...]:

@@ -62,6 +62,7 @@ def compute_snapshots(
         ParameterError: if a point is not finite or outside the box.
         ConvergenceError: if a training point does not converge.
     """
+    points = full_order.problem.parameters.points(points)
     solutions, start = [], None
     with ranks.together(full_order.comm, "solving for snapshots"):
         for point in progress(points):
@@ -99,7 +100,7 @@ def spread_snapshots(
         ConvergenceError: on all ranks, if a training point does not converge on any.
         RankError: where another rank failed with an error that is none of this package's.
     """
-    points = np.asarray(points, dtype=float)
+    points = full_order.problem.parameters.points(points)
     own = None
     with ranks.each_for_itself(comm, "solving for snapshots"):
         # neighbours stay together, so that each start is a good one

@@ -9,18 +9,38 @@ from mpi4py import MPI
 from rich.console import Console
 from rich.progress import track
 
-from hhr_dolfinx.errors import ParameterError
+from hhr_dolfinx.errors import ParameterError, StudyError
 from hhr_dolfinx.online.batch import read_points
 from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.study.training import checked_folder
 
 
 def demo_parser(name: str, description: str) -> argparse.ArgumentParser:
     """Parser with ``--out``, ``--quick`` and ``--seed``; the first line of ``description`` is shown."""
     parser = argparse.ArgumentParser(description=description.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out") / name, help="folder of the results (%(default)s)")
+    parser.add_argument("--out", type=_folder, default=Path("out") / name, help="folder of the results (%(default)s)")
     parser.add_argument("--quick", action="store_true", help="fewer points and queries, for a first look and for tests")
-    parser.add_argument("--seed", type=int, default=1, help="seed of random test points (%(default)s)")
+    parser.add_argument("--seed", type=_seed, default=1, help="seed of random test points (%(default)s)")
     return parser
+
+
+def _seed(text: str) -> int:
+    """An integer that is not negative, as random numbers need."""
+    try:
+        value = int(text)
+    except ValueError:
+        value = -1
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"{text} must be an integer that is not negative")
+    return value
+
+
+def _folder(text: str) -> Path:
+    """A folder to write to."""
+    try:
+        return checked_folder(text)
+    except StudyError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def points_or_exit(parser: argparse.ArgumentParser, table: Path | None, space: ParameterSpace):

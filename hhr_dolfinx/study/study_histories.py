@@ -17,7 +17,7 @@ from hhr_dolfinx.reduction.plastic_trust import force_floor_of, largest_errors, 
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.accuracy import relative_error, summary
 from hhr_dolfinx.study.report import frame, print_report, write_report
-from hhr_dolfinx.study.training import Progress, silent
+from hhr_dolfinx.study.training import Progress, checked_folder, silent
 from hhr_dolfinx.study.view import View
 from hhr_dolfinx.study.yardstick import answer_errors
 from hhr_dolfinx.timing import StageLog, timed
@@ -69,9 +69,9 @@ class HistoryStudy:
     history: History
     report: dict = field(default_factory=dict)
 
-    def write(self, folder: Path, console: Console | None = None, view: View | None = None) -> None:
+    def write(self, folder: str | Path, console: Console | None = None, view: View | None = None) -> None:
         """Write and print the report, draw the pictures of a view."""
-        console = console or Console()
+        console, folder = console or Console(), checked_folder(folder)
         write_report(self.report, folder)
         print_report(self.report, console)
         if view is not None:

@@ -16,7 +16,7 @@ from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.contact.condensed import CondensedContact
 from hhr_dolfinx.contact.dense import LapackLU, PetscLU
-from hhr_dolfinx.errors import HHRError, StabilityWarning
+from hhr_dolfinx.errors import HHRError, StabilityWarning, StudyError
 from hhr_dolfinx.full_order.elastic import FullOrderModel
 from hhr_dolfinx.online.model_file import save_model
 from hhr_dolfinx.online.reduced import ReducedModel
@@ -24,7 +24,7 @@ from hhr_dolfinx.reduction.offline import HyperReduction, ReductionSettings
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.accuracy import summary
 from hhr_dolfinx.study.report import make_report, model_report, print_report, write_report
-from hhr_dolfinx.study.training import Progress, Training, silent, train
+from hhr_dolfinx.study.training import Progress, Training, check_counts, checked_folder, silent, train
 from hhr_dolfinx.study.view import View
 from hhr_dolfinx.study.yardstick import PointErrors, Yardstick
 from hhr_dolfinx.timing import time_queries
@@ -60,6 +60,9 @@ class StudySettings:
         held_out: random solutions for the trust check.
         seed: of test points; those that are timed are neither trained nor tested on.
         naive: whether to time the naive full order too; in space one of its queries takes many seconds.
+
+    Raises:
+        StudyError: for a count that is not positive, a negative seed, or what is no recipe.
     """
 
     training: Sequence[int]
@@ -71,6 +74,15 @@ class StudySettings:
     held_out: int = 100
     seed: int = 1
     naive: bool = True
+
+    def __post_init__(self):
+        """Refuse what cannot be measured, before anything is computed."""
+        least = {"tests": 1, "queries": 1, "held_out": 0, "seed": 0}
+        check_counts(**{name: (getattr(self, name), low) for name, low in least.items()})
+        recipes = {"reduction": self.reduction, **{f"variant {label!r}": recipe for label, recipe in self.variants}}
+        for name, recipe in recipes.items():
+            if not isinstance(recipe, ReductionSettings):
+                raise StudyError(f"{name} = {recipe!r} of a study must be ReductionSettings, the recipe of a model")
 
     def asked(self, *, seed: int, quick: bool) -> StudySettings:
         """These settings with another seed, and few points if it has to be quick."""
@@ -104,9 +116,9 @@ class SceneStudy:
     settings: StudySettings
     report: dict = field(default_factory=dict)
 
-    def write(self, folder: Path, console: Console | None = None, view: View | None = None) -> None:
+    def write(self, folder: str | Path, console: Console | None = None, view: View | None = None) -> None:
         """Write and print the report, keep the model, draw the pictures of a view."""
-        console = console or Console()
+        console, folder = console or Console(), checked_folder(folder)
         write_report(self.report, folder)
         print_report(self.report, console)
         save_model(folder / "model.npz", self.hyper)
@@ -120,7 +132,7 @@ class SceneStudy:
 def study_scene(
     scene: Scene,
     settings: StudySettings,
-    folder: Path,
+    folder: str | Path,
     *,
     points: np.ndarray | None = None,
     rivals: Callable[[Training], Iterable[Rival]] = lambda training: (),
@@ -137,8 +149,13 @@ def study_scene(
         progress: for progress bars.
 
     Raises:
+        StudyError: for a folder that is a file, or counts that do not suit the scene.
+        ParameterError: for test points that are none.
         HHRError: if the reduced model under study is refused.
     """
+    folder = checked_folder(folder)
+    if points is not None:
+        points = scene.parameters.points(points)
     training = train(
         scene,
         settings.training,
@@ -168,8 +185,7 @@ def run_study(
     if training.full_order.comm.size > 1:
         raise ValueError("a study runs on one rank: give it a full model on MPI.COMM_SELF, as train does")
     space = training.full_order.problem.parameters
-    if points is None:
-        points = space.random(settings.tests, settings.seed)
+    points = space.random(settings.tests, settings.seed) if points is None else space.points(points)
     hyper = training.build(settings.reduction)
     yardstick = Yardstick.at(points, training.full_order, training.snapshots, progress("references"))
     errors = yardstick.errors(hyper, hyper.sets.A_lambda)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,7 +10,9 @@ from pathlib import Path
 from mpi4py import MPI
 
 from hhr_dolfinx import ranks
+from hhr_dolfinx.errors import ParameterError, StudyError
 from hhr_dolfinx.full_order.elastic import FullOrderModel
+from hhr_dolfinx.parameters import is_whole
 from hhr_dolfinx.reduction.offline import HyperReduction, ReductionSettings, build_reduced_model
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.solutions import SnapshotSet, spread_snapshots
@@ -61,7 +64,7 @@ def train(
     *,
     held_out: int = 100,
     seed: int = 1,
-    folder: Path | None = None,
+    folder: str | Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
     progress: Progress = silent,
 ) -> Training:
@@ -75,15 +78,20 @@ def train(
         folder: where solutions are kept and found again; None keeps nothing.
         comm: communicator over which the parameters are spread.
         progress: for progress bars.
+
+    Raises:
+        StudyError: for counts, a number of solutions, a seed or a folder that are none, before anything is computed.
     """
+    check_counts(held_out=(held_out, 0), seed=(seed, 0))
+    space, grid = scene.parameters, training_grid(scene, counts)
+    folder = None if folder is None else checked_folder(folder)
     log = StageLog()
     with ranks.each_for_itself(comm, f"building the full model of scene '{scene.name}'"):
         with log.stage("full_order"):
             full_order = FullOrderModel(scene, MPI.COMM_SELF)
         store = None if folder is None else SnapshotStore(folder, full_order.problem)
-    space = scene.parameters
     with log.stage("snapshots"):
-        snapshots = spread_snapshots(full_order, space.grid(counts), comm, progress("snapshots"), store)
+        snapshots = spread_snapshots(full_order, grid, comm, progress("snapshots"), store)
     kept = None
     if held_out > 0:
         with log.stage("held_out"):
@@ -92,3 +100,53 @@ def train(
     if found:
         log.skip("snapshots", f"{found} of {asked} solutions were read from {folder}: the times cover the others")
     return Training(full_order, snapshots, kept, log)
+
+
+def training_grid(scene: Scene, counts: Sequence[int]):
+    """Training points on a regular grid, (S, P).
+
+    Raises:
+        StudyError: if there is not one positive count for each parameter, or one point alone.
+    """
+    try:
+        grid = scene.parameters.grid(counts)
+    except ParameterError as error:
+        raise StudyError(f"training of scene '{scene.name}': {error}") from None
+    if len(grid) < 2:
+        raise StudyError(
+            f"training of scene '{scene.name}' on {counts!r} points: a reduced model needs at least 2 of them"
+        )
+    return grid
+
+
+def check_counts(**asked: tuple[object, int]) -> None:
+    """Refuse what is no integer of at least its least value.
+
+    Args:
+        asked: by name the value and the least one.
+
+    Raises:
+        StudyError: with the name.
+    """
+    for name, (value, least) in asked.items():
+        if not is_whole(value, least):
+            raise StudyError(f"{name} = {value!r} must be an integer of at least {least}")
+
+
+def checked_folder(folder: str | Path) -> Path:
+    """A folder to write to, which need not exist.
+
+    Raises:
+        StudyError: if it is no path, or it or a part of its path is a file.
+    """
+    if not isinstance(folder, str | os.PathLike):
+        raise StudyError(f"the folder {folder!r} must be a path")
+    path = Path(folder)
+    for part in (path, *path.parents):
+        if part.exists():
+            if not part.is_dir():
+                raise StudyError(
+                    f"the folder {path} cannot be made: {part} is a file. Choose another folder or move it"
+                )
+            break
+    return path

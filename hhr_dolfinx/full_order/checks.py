@@ -1,0 +1,368 @@
+"""What a mesh, its tags and its supports must be, before a scene is assembled on them.
+
+Every check is collective: all ranks come to the same verdict, so that none waits for another that has failed.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from dolfinx import mesh as dmesh
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+
+from hhr_dolfinx import compat
+from hhr_dolfinx.errors import NotSolvableError, SceneError, SceneWarning
+from hhr_dolfinx.parameters import Amplitudes
+from hhr_dolfinx.scene import PartialPressure, Scene, Traction
+
+CORNERS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
+"""Cells that are supported, with their number of corners."""
+FOLDED = 1e-6
+"""Part of the largest Jacobian of a cell by which another one may have the other sign: round-off of coordinates."""
+NO_VOLUME = 1e-12
+"""Volume of a cell over the power of its length below which it has none: far beyond cells of aspect 1e4."""
+
+
+def build_geometry(scene: Scene, comm):
+    """Mesh, cell tags and facet tags of a scene, checked.
+
+    Raises:
+        SceneError: if the geometry returns something else, the mesh does not suit the hypothesis, has cells that are
+            folded or without volume, or lacks a tag.
+    """
+    result = scene.geometry(comm)
+    if hasattr(result, "cell_tags") and hasattr(result, "facet_tags"):
+        result = (result.mesh, result.cell_tags, result.facet_tags)
+    if not isinstance(result, tuple | list) or len(result) != 3:
+        raise SceneError(
+            f"the geometry of scene '{scene.name}' must return (mesh, cell_tags, facet_tags), not {result!r}"
+        )
+    mesh, *tags = result
+    _check_mesh(scene, mesh, comm)
+    for kind, given, dim in zip(("cell", "facet"), tags, (mesh.topology.dim, mesh.topology.dim - 1), strict=True):
+        if given is None or given.dim != dim:
+            found = "None" if given is None else f"tags of dimension {given.dim}"
+            raise SceneError(
+                f"the geometry of scene '{scene.name}' returned {found} for the {kind} tags: every body and every "
+                "surface with a load, a displacement or a contact needs one; in gmsh, a physical group"
+            )
+    _check_cells(mesh, comm)
+    if scene.hypothesis == "axisymmetric":
+        _check_radius(mesh, comm)
+    check_tags(scene, mesh, tags, comm)
+    _check_loads(scene, mesh, tags[1], comm)
+    return result
+
+
+def warn_of_idle_parameters(scene: Scene) -> None:
+    """Warn of parameters that nothing depends on.
+
+    Warns:
+        SceneWarning: with their names.
+    """
+    idle = scene.idle_parameters()
+    if idle:
+        warnings.warn(
+            f"parameters {idle} of scene '{scene.name}' have no effect: no displacement, load, opening or extent "
+            "names them. Remove them from the ParameterSpace, or name them in the slopes of an Amplitude",
+            SceneWarning,
+            stacklevel=2,
+        )
+
+
+def _check_mesh(scene, mesh, comm):
+    """Refuse meshes of another dimension, of other cells, or on another communicator."""
+    tdim, gdim, kind = mesh.topology.dim, mesh.geometry.dim, mesh.topology.cell_name()
+    if mesh.comm.size != comm.size:
+        raise SceneError(
+            f"the mesh of scene '{scene.name}' is spread over {mesh.comm.size} ranks and was asked for on {comm.size}: "
+            "its geometry must build it on the communicator it is given"
+        )
+    if tdim < gdim:
+        local = np.ptp(mesh.geometry.x[:, 2]) if gdim == 3 and len(mesh.geometry.x) else 0.0
+        planar = tdim == 2 and gdim == 3 and comm.allreduce(float(local)) == 0.0
+        remedy = (
+            "all its points lie in one plane: build it with two coordinates, gmsh_to_mesh(model, comm, gdim=2)"
+            if planar
+            else "shells, membranes and bars are not supported: mesh the volume of the bodies"
+        )
+        raise SceneError(
+            f"the mesh of scene '{scene.name}' has cells of dimension {tdim} in a space of dimension {gdim}: {remedy}"
+        )
+    if kind not in CORNERS:
+        raise SceneError(f"cells of kind {kind} of scene '{scene.name}' are not supported, only {', '.join(CORNERS)}")
+    wanted = 3 if scene.hypothesis == "solid" else 2
+    if gdim != wanted:
+        others = "solid" if gdim == 3 else "plane_strain, plane_stress or axisymmetric"
+        raise SceneError(
+            f"hypothesis '{scene.hypothesis}' of scene '{scene.name}' needs a mesh of dimension {wanted}, and this one "
+            f"has {gdim}: take {others}, or another mesh"
+        )
+
+
+def _check_cells(mesh, comm):
+    """Refuse cells that are folded or have no volume: a stiffness takes the absolute value of their Jacobians."""
+    dim, count = mesh.topology.dim, CORNERS[mesh.topology.cell_name()]
+    nodes = compat.geometry_dofmap(mesh)[: mesh.topology.index_map(dim).size_local]
+    if nodes.shape[1] > count:
+        raise SceneError("cells with curved sides are not supported: make the mesh of order 1, in gmsh by setOrder(1)")
+    corners = mesh.geometry.x[nodes][:, :, :dim]
+    finite = np.isfinite(corners).all(axis=(1, 2))
+    jacobians = corner_jacobians(np.where(finite[:, None, None], corners, 0.0))
+    mean, largest = jacobians.mean(axis=1), np.abs(jacobians).max(axis=1)
+    empty = finite & ~(np.abs(mean) > NO_VOLUME * np.ptp(corners, axis=1).max(axis=1) ** corners.shape[2])
+    folded = (jacobians * np.sign(mean)[:, None]).min(axis=1) < -FOLDED * largest
+    for bad, why in (
+        (~finite, "have coordinates that are not finite"),
+        (empty, "have no volume"),
+        (folded, "are folded or turned inside out"),
+    ):
+        text = f"cells of the mesh {why}, e.g. around {{place}}: mend the mesh there"
+        _refuse(comm, "{count} " + text, corners[bad].mean(axis=1))
+    _refuse(
+        comm,
+        "{count} pairs of neighbouring cells lie on the same side of their common facet, e.g. at {place}: one of them "
+        "is turned inside out. Mend the mesh there",
+        _overlapping_neighbours(mesh),
+    )
+
+
+def _overlapping_neighbours(mesh):
+    """Middles of the facets whose two cells lie on the same side, (found, dim): simplices have no other sign of it."""
+    dim = mesh.topology.dim
+    mesh.topology.create_connectivity(dim - 1, dim)
+    owned, both = mesh.topology.index_map(dim - 1).size_local, mesh.topology.connectivity(dim - 1, dim)
+    inner = np.flatnonzero(np.diff(both.offsets[: owned + 1]) == 2)
+    nodes = compat.geometry_dofmap(mesh)[both.array[both.offsets[inner][:, None] + [0, 1]]]
+    same = nodes[:, 0, :, None] == nodes[:, 1, None, :]
+    # cells with more than a facet in common have shown themselves as folded or empty
+    count = dim if nodes.shape[2] == dim + 1 else 2 ** (dim - 1)
+    whole = same.sum(axis=(1, 2)) == count
+    nodes, common, other = nodes[whole], same[whole].any(axis=2), same[whole].any(axis=1)
+    points = mesh.geometry.x[:, :dim]
+    facet = points[nodes[:, 0][common].reshape(-1, count)]
+    far = [points[nodes[:, k][~mask].reshape(-1, nodes.shape[2] - count)] for k, mask in enumerate((common, other))]
+    along = np.moveaxis(facet[:, 1:dim] - facet[:, :1], 1, 2)
+    # a determinant tells on which side of the facet a direction points
+    sides = [
+        np.linalg.det(np.concatenate([along, (points.mean(axis=1) - facet.mean(axis=1))[:, :, None]], axis=2))
+        for points in far
+    ]
+    scale = np.abs(sides).max(axis=0)
+    bad = (sides[0] * sides[1] > 0) & (np.abs(sides).min(axis=0) > FOLDED * scale)
+    return facet[bad].mean(axis=1)
+
+
+def corner_jacobians(corners: np.ndarray) -> np.ndarray:
+    """Determinant of the Jacobian at the corners of cells, (c, k), for simplices (c, 1).
+
+    Args:
+        corners: of triangles or tetrahedra (c, dim + 1, dim), of tensor-ordered other cells (c, 2^dim, dim).
+    """
+    dim = corners.shape[2]
+    if corners.shape[1] == dim + 1:
+        return np.linalg.det(corners[:, 1:] - corners[:, :1])[:, None]
+    numbers = np.arange(2**dim)
+    edges = [corners[:, numbers | (1 << axis)] - corners[:, numbers & ~(1 << axis)] for axis in range(dim)]
+    return np.linalg.det(np.stack(edges, axis=2))
+
+
+def _check_radius(mesh, comm):
+    """Refuse bodies across the axis of revolution."""
+    owned = mesh.geometry.index_map().size_local
+    radius = mesh.geometry.x[:owned, 0]
+    size = comm.allreduce(float(np.abs(radius).max(initial=0.0)))
+    _refuse(
+        comm,
+        "{count} nodes of an axisymmetric mesh have r < 0, e.g. at {place}: the first coordinate is the radius and the "
+        "axis is r = 0; mesh one half of the section",
+        mesh.geometry.x[:owned][radius < -1e-9 * size, :2],
+    )
+
+
+def check_tags(scene: Scene, mesh, tags, comm) -> None:
+    """Refuse tags of the scene that the mesh lacks, and cells that belong to no body.
+
+    Args:
+        scene: the scene.
+        mesh: its mesh.
+        tags: of cells and of facets.
+        comm: MPI communicator.
+    """
+    used = [item.tag for item in (*scene.displacements, *scene.loads)]
+    for item in scene.contacts:
+        used += item.tags
+    for kind, given, wanted in (("facet", tags[1], used), ("cell", tags[0], [body.tag for body in scene.bodies])):
+        there = set().union(*comm.allgather(set(given.values.tolist())))
+        missing = sorted(set(wanted) - there)
+        if missing:
+            raise SceneError(f"{kind} tags {missing} are not in the mesh, which has {sorted(there)}")
+        if kind == "cell" and there - set(wanted):
+            raise SceneError(f"cells tagged {sorted(there - set(wanted))} belong to no body of the scene")
+    count = mesh.topology.index_map(mesh.topology.dim).size_local
+    untagged = comm.allreduce(count - int((tags[0].indices < count).sum()))
+    if untagged:
+        raise SceneError(f"{untagged} cells have no tag: every cell must belong to a body")
+
+
+def _check_loads(scene, mesh, facet_tags, comm):
+    """Refuse loads on facets inside the mesh, where a surface integral is zero, and tractions of another dimension."""
+    fdim = mesh.topology.dim - 1
+    mesh.topology.create_connectivity(fdim, fdim + 1)
+    outer, owned = dmesh.exterior_facet_indices(mesh.topology), mesh.topology.index_map(fdim).size_local
+    for load in scene.loads:
+        if isinstance(load, Traction) and len(load.direction) != mesh.geometry.dim:
+            raise SceneError(
+                f"the traction {load.direction} on tag {load.tag} must have {mesh.geometry.dim} components, as the mesh"
+            )
+        facets = facet_tags.find(load.tag)
+        inner = np.setdiff1d(facets[facets < owned], outer)
+        _refuse(
+            comm,
+            f"{{count}} facets tagged {load.tag} under a {type(load).__name__} lie inside the mesh, e.g. at {{place}}: "
+            "loads act on outer facets only. Tag the surface, or give the bodies nodes of their own",
+            dmesh.compute_midpoints(mesh, fdim, inner)[:, : fdim + 1],
+        )
+
+
+def check_line(load: PartialPressure, points: np.ndarray, hypothesis: str) -> None:
+    """Refuse a partial pressure on what is no straight line along its axis in the plane.
+
+    Args:
+        load: the pressure.
+        points: nodes of its line, (n, dim).
+        hypothesis: of the scene.
+
+    Raises:
+        SceneError: with the extents of the line.
+    """
+    what = f"the partial pressure on tag {load.tag}"
+    if points.shape[1] != 2:
+        raise SceneError(f"{what} needs a mesh in the plane: in space, write a load of your own with a form")
+    extents = np.ptp(points, axis=0)
+    if extents[1 - load.axis] > 1e-9 * extents[load.axis]:
+        raise SceneError(
+            f"{what} acts along axis {load.axis}, and its line is not straight along it: it extends over "
+            f"{extents[0]:.6g} along axis 0 and {extents[1]:.6g} along axis 1. Set its axis to {extents.argmax()}, or "
+            "tag a straight line"
+        )
+    if hypothesis == "axisymmetric" and load.axis == 0:
+        raise SceneError(
+            f"{what} acts along the radius of an axisymmetric scene, where its area is not linear in its extent: only "
+            "lines along axis 1 are supported"
+        )
+
+
+def _refuse(comm, text, places):
+    """Raise on all ranks if any of them has found something wrong.
+
+    Args:
+        comm: MPI communicator.
+        text: of the error, with ``{count}`` and ``{place}``.
+        places: where it is on this rank, (found, dim).
+    """
+    found = [place for part in comm.allgather(places.tolist()) for place in part]
+    if found:
+        raise SceneError(text.format(count=len(found), place=found[0]))
+
+
+def check_held(scene: Scene, points, cell_nodes, bodies, free) -> None:
+    """Refuse bodies that can move without strain: rigid motions that vanish on all imposed dofs of a body.
+
+    Args:
+        scene: the scene.
+        points: coordinates of the nodes, (nodes, dim).
+        cell_nodes: nodes of each cell, (cells, n).
+        bodies: place in the scene of the body of each cell, (cells,).
+        free: dofs that are not imposed, (N,) bool.
+
+    Raises:
+        NotSolvableError: with the body and how it moves.
+    """
+    count, dim = points.shape
+    starts = np.repeat(cell_nodes[:, :1], cell_nodes.shape[1], axis=1)
+    graph = csr_matrix((np.ones(cell_nodes.size), (starts.ravel(), cell_nodes.ravel())), shape=(count, count))
+    _, part = connected_components(graph, directed=False)
+    imposed = ~free.reshape(count, dim)
+    for number in np.unique(part[cell_nodes[:, 0]]):
+        nodes = np.flatnonzero(part == number)
+        motions = _rigid_motions(points[nodes], scene.hypothesis)
+        held = motions[:, imposed[nodes]].T
+        # the imposed values of each motion that is free vanish
+        _, sizes, ways = np.linalg.svd(np.vstack([held, np.zeros((len(motions), len(motions)))]), full_matrices=False)
+        left = ways[sizes <= 1e-9 * np.sqrt(max(len(held), 1))]
+        if len(left):
+            tags = sorted({scene.bodies[k].tag for k in bodies[part[cell_nodes[:, 0]] == number]})
+            raise NotSolvableError(
+                f"body {', '.join(map(str, tags))} of scene '{scene.name}', around "
+                f"{points[nodes].mean(axis=0).tolist()}, can move freely: {_described(left, dim, scene.hypothesis)}. "
+                "Impose displacements that hold every body without its contacts"
+            )
+
+
+def _rigid_motions(points, hypothesis):
+    """Motions without strain: translations, then turns by the size of the body, (motions, nodes, dim)."""
+    count, dim = points.shape
+    if hypothesis == "axisymmetric":
+        return np.broadcast_to(np.array([[[0.0, 1.0]]]), (1, count, 2))
+    motions = [np.broadcast_to(axis, (count, dim)) for axis in np.eye(dim)]
+    away = (points - points.mean(axis=0)) / (np.ptp(points, axis=0).max() or 1.0)
+    for first, second in ((0, 1),) if dim == 2 else ((1, 2), (2, 0), (0, 1)):
+        turn = np.zeros((count, dim))
+        turn[:, first], turn[:, second] = -away[:, second], away[:, first]
+        motions.append(turn)
+    return np.array(motions)
+
+
+def _described(ways, dim, hypothesis):
+    """What kind of motions are left, by orthonormal combinations of :func:`_rigid_motions`, (left, motions).
+
+    Displacements are imposed by components, so that translations alone are left along axes.
+    """
+    if hypothesis == "axisymmetric":
+        return "it moves along axis 1"
+    along = [axis for axis in range(dim) if np.linalg.norm(ways[:, axis]) > 1 - 1e-6]
+    parts = [f"moves along axis {axis}" for axis in along]
+    if len(ways) > len(along):
+        parts.append("turns")
+    return "it " + ", ".join(parts)
+
+
+def conditions_with_unknowns(scene: Scene, rows, gaps, amplitudes: Amplitudes, free) -> np.ndarray:
+    """Contact rows that hold a free dof; the others say nothing about unknowns and are left out.
+
+    Args:
+        scene: the scene.
+        rows: all contact rows.
+        gaps: D - B lift of all of them by affine term, (rows, 1 + T0).
+        amplitudes: affine ones.
+        free: dofs that are not imposed, (N,) bool.
+
+    Raises:
+        SceneError: if none is left.
+
+    Warns:
+        SceneWarning: where nodes that are all imposed penetrate, in the worst case over the box of the parameters.
+    """
+    unknown = abs(rows.matrix) @ free.astype(float) > 0
+    if not unknown.any():
+        raise SceneError("the contact pairs are empty: all of their nodes have imposed displacements")
+    space, imposed = scene.parameters, np.flatnonzero(~unknown)
+    start, slopes = gaps[imposed] @ amplitudes.constant, gaps[imposed] @ amplitudes.slopes
+    # an affine function is smallest at a corner of the box
+    corner = np.where(slopes > 0, space.lower, space.upper)
+    least = start + np.einsum("mp,mp->m", slopes, corner)
+    deep = least < -1e-9 * np.ptp(rows.points, axis=0).max(initial=np.abs(least).max(initial=0.0))
+    if deep.any():
+        worst = int(least.argmin())
+        mu = dict(zip(space.names, corner[worst].tolist(), strict=True))
+        warnings.warn(
+            f"at {int(deep.sum())} places of contacts of scene '{scene.name}' all nodes have imposed displacements and "
+            f"penetrate, most ({-least[worst]:.3g}) at {rows.points[imposed[worst]].tolist()} for {mu}: no force acts "
+            "there. Change these displacements, the gap or the box of the parameters",
+            SceneWarning,
+            stacklevel=3,
+        )
+    return np.flatnonzero(unknown)
