@@ -33,7 +33,15 @@ class ConvergenceError(HHRError):
     """The statuses did not settle; no solution is handed out."""
 
 
-class ModelFileError(HHRError, ValueError):
+class FileError(HHRError, OSError):
+    """A file or folder cannot be written: no space, no permission, a file in the place of a folder."""
+
+
+class FileContentError(HHRError, ValueError):
+    """A file cannot be read, is damaged, or holds something else."""
+
+
+class ModelFileError(FileContentError):
     """A model file is damaged, of another version, or no model file at all."""
 
 
@@ -43,3 +51,7 @@ class StabilityWarning(UserWarning):
 
 class PairingWarning(UserWarning):
     """Some nodes of a contact pair have no partner, or bodies overlap by more than a cell."""
+
+
+class SnapshotFileWarning(UserWarning):
+    """A stored solution is damaged or belongs elsewhere; it is solved anew and its file replaced."""
