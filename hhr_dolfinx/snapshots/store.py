@@ -63,7 +63,7 @@ class SnapshotStore:
             return None
         except FileContentError as error:
             warnings.warn(
-                f"{error}: the solution at {np.ravel(point).tolist()} is solved anew and the file replaced",
+                f"{error}: {path.name} at {np.ravel(point).tolist()} is solved anew and replaced",
                 SnapshotFileWarning,
                 stacklevel=2,
             )
