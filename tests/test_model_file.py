@@ -195,7 +195,7 @@ SIGNED = {
     "basis.npy is no plain array": array("reconstruction.basis", lambda a: a.astype(np.float32)),
     "active has type float64": array("known.active", lambda a: a.astype(float)),
     "A_lambda has type float64": array("reconstruction.A_lambda", lambda a: a.astype(float)),
-    "contact_trial has shape": array("reduced.contact_test", lambda a: a[:-1]),
+    "contact_test has shape": array("reduced.contact_test", lambda a: a[:-1]),
     "loads has shape": array("reduced.loads", lambda a: a[:, 0]),
     "basis has shape": array("reconstruction.basis", lambda a: a.T),
     "slopes has shape": array("amplitudes.slopes", lambda a: a[:, :1]),
@@ -210,10 +210,22 @@ SIGNED = {
     "coverage0 starts at": array("coverage0.first", lambda a: a + 1),
     "extent has indices outside": array("coverage0.extent", lambda a: a + 9),
     "positions must .* increase": array("coverage0.positions", lambda a: a[::-1].copy()),
-    "the amplitudes are": array("coverage0.positions", lambda a: a[:-1]),
-    "dofs are no nodes": array("reconstruction.basis", lambda a: a[:-1]),
-    "sizes .* are zero": lambda header, arrays: arrays.update(
-        {"known.points": arrays["known.points"][:0], "known.active": arrays["known.active"][:0]}
+    "positions has shape": array("coverage0.positions", lambda a: a[:-1]),
+    "the amplitudes are": lambda header, arrays: (
+        arrays.update({"coverage0.positions": arrays["coverage0.positions"][:-1]}),
+        header["sizes"].update(nodes0=header["sizes"]["nodes0"] - 1),
+    ),
+    "basis has shape .* must be": array("reconstruction.basis", lambda a: a[:-2]),
+    "dofs are no nodes": lambda header, arrays: (
+        arrays.update({"reconstruction.basis": arrays["reconstruction.basis"][:-1]}),
+        header["sizes"].update(N=header["sizes"]["N"] - 1),
+    ),
+    "force_snapshots has shape": array("reconstruction.force_snapshots", lambda a: a[:, :-1]),
+    "sizes in its header must be integers": header(sizes={"N": "two"}),
+    "sizes in its header are not those": lambda header, arrays: header["sizes"].update(more=1),
+    "sizes .* are zero": lambda header, arrays: (
+        arrays.update({"known.points": arrays["known.points"][:0], "known.active": arrays["known.active"][:0]}),
+        header["sizes"].update(S=0),
     ),
     r"\['known.points'\] are missing": lambda header, arrays: arrays.pop("known.points"),
     r"\['known.more'\] are unknown": lambda header, arrays: arrays.update({"known.more": np.zeros(1)}),
@@ -228,7 +240,7 @@ SIGNED = {
     "have one name": box(names=["h1", "h1"]),
     "must be finite and increasing": box(upper=[0.0, 0.0]),
     "need one lower and one upper": box(upper=[1.0]),
-    r"slopes has shape .* P = 3": box(names=["a", "b", "c"]),
+    "not those of its arrays and parameters": box(names=["a", "b", "c"]),
 }
 
 

@@ -107,6 +107,7 @@ def save_model(path: str | Path, reduction: OnlineModel) -> None:
         "dimension": int(reduction.dimension),
     }
     try:
+        header["sizes"] = check_layout(arrays, layout, {"P": len(space.names)})
         _check(header, arrays)
         write_arrays(path, header, arrays)
     except FileContentError as error:
@@ -150,7 +151,11 @@ def _check(header: dict, arrays: dict[str, np.ndarray]) -> dict[str, int]:
     """
     _check_header(header)
     coverages = sum(name.startswith("coverage") and name.endswith(".first") for name in arrays)
-    sizes = check_layout(arrays, _layout(coverages), {"P": len(header["parameters"]["names"])})
+    layout = _layout(coverages)
+    sizes = check_layout(arrays, layout, header["sizes"])
+    named = {label for _, *dimensions in layout.values() for label in dimensions}
+    if header["sizes"].keys() != named or sizes["P"] != len(header["parameters"]["names"]):
+        raise FileContentError("the sizes in its header are not those of its arrays and parameters")
     empty = [name for name, size in sizes.items() if size == 0 and name not in _MAY_BE_NONE]
     if empty:
         raise FileContentError(f"sizes {empty} are zero")
@@ -169,8 +174,11 @@ def _check(header: dict, arrays: dict[str, np.ndarray]) -> dict[str, int]:
 
 
 def _check_header(header):
-    if header.keys() != {"format", "version", "parameters", "dimension"}:
+    if header.keys() != {"format", "version", "parameters", "dimension", "sizes"}:
         raise FileContentError(f"its header has the keys {sorted(header)}")
+    sizes = header["sizes"]
+    if not isinstance(sizes, dict) or not all(type(size) is int for size in sizes.values()):
+        raise FileContentError("the sizes in its header must be integers")
     if type(header["dimension"]) is not int or header["dimension"] not in (2, 3):
         raise FileContentError(f"the dimension must be 2 or 3, not {repr(header['dimension'])[:40]}")
     box, kinds = header["parameters"], {"names": str, "lower": float, "upper": float}
