@@ -24,6 +24,7 @@ from rich.console import Console
 from test_mpi import launch
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx import files
 from hhr_dolfinx.errors import FileError, ParameterError, SnapshotFileWarning
 from hhr_dolfinx.study import cli
 from hhr_dolfinx.study.report import write_report
@@ -134,6 +135,21 @@ def test_the_next_write_clears_its_folder(name, small_reduction, tmp_path):
     assert os.listdir(tmp_path) == [name]
 
 
+def test_a_process_that_clears_up_harms_none_that_writes(tmp_path):
+    """At any moment of a write, the one between making and locking a temporary file included."""
+    program = (
+        "import sys\nfrom hhr_dolfinx import files\n"
+        "for k in range(300):\n"
+        "    with files.replacing(sys.argv[1] + f'/{k}.bin', tidy=False) as file:\n"
+        "        file.write(b'whole')\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", program, str(tmp_path)]) as child:
+        while child.poll() is None:
+            files.clear_leftovers(tmp_path)
+    assert child.returncode == 0
+    assert sorted(os.listdir(tmp_path)) == sorted(f"{k}.bin" for k in range(300))
+
+
 SIZES = {"dofs": 100_000, "conditions": 1000}
 SAVES = f"""
 import sys
@@ -233,14 +249,25 @@ def test_a_signed_snapshot_of_other_content_is_not_taken(why, store, tmp_path):
     refused(store, why)
 
 
-@pytest.mark.parametrize("place", ["folder", "unreadable"])
-def test_a_snapshot_that_cannot_be_read_stops_nothing(place, store, tmp_path):
+@pytest.fixture
+def at_most_ten_seconds():
+    """Ends what waits for ever with an error."""
+
+    def end(*_):
+        raise TimeoutError
+
+    before = signal.signal(signal.SIGALRM, end)
+    signal.alarm(10)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.parametrize("make", [os.mkdir, os.mkfifo], ids=["folder", "pipe"])
+def test_a_snapshot_that_is_no_file_stops_nothing(make, store, tmp_path, at_most_ten_seconds):
     path = only_file(tmp_path)
     path.unlink()
-    if place == "folder":
-        path.mkdir()
-    else:
-        os.mkfifo(path)  # to open it would wait for ever
+    make(path)
     with pytest.warns(SnapshotFileWarning, match="no regular file"):
         assert store.load(POINT) is None
 
