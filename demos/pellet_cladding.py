@@ -58,7 +58,7 @@ def main() -> None:
     rows = cli.points_or_exit(parser, options.batch, built.parameters)
     training = hhr.train(built, GRID, seed=options.seed, folder=folder / "snapshots", progress=options.progress)
     if rows is not None:
-        hhr.answer_table(training.build(), rows, folder / "answers.csv", options.console, options.progress("answers"))
+        cli.answer_and_exit(training.build(), rows, options)
     elif options.first_rank:
         from parts import pellet_cladding_study as comparison
 

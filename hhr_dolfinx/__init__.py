@@ -9,6 +9,7 @@ from importlib import import_module
 from hhr_dolfinx import compat as _compat  # noqa: F401  (before any import of dolfinx, mpi4py or petsc4py)
 
 _MODULES = {
+    "version": ["__version__"],
     "parameters": ["Amplitude", "ParameterSpace"],
     "scene": ["Body", "Displacement", "Opening", "PartialPressure", "Pressure", "Scene", "Traction"],
     "pairings.node_to_node": ["NodeToNode"],

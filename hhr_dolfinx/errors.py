@@ -45,7 +45,15 @@ class RankError(HHRError):
     """Another rank failed with an error that is none of this package's."""
 
 
-class ModelFileError(HHRError, ValueError):
+class FileError(HHRError, OSError):
+    """A file or folder cannot be written: no space, no permission, a file in the place of a folder."""
+
+
+class FileContentError(HHRError, ValueError):
+    """A file cannot be read, is damaged, or holds something else."""
+
+
+class ModelFileError(FileContentError):
     """A model file is damaged, of another version, or no model file at all."""
 
 
@@ -67,3 +75,7 @@ class UncheckedWarning(UserWarning):
 
 class SceneWarning(UserWarning):
     """Something in a scene has no effect, or its imposed displacements contradict its contacts."""
+
+
+class SnapshotFileWarning(UserWarning):
+    """A stored solution is damaged or belongs elsewhere; it is solved anew and its file replaced."""

@@ -14,7 +14,14 @@ from mpi4py import MPI
 from scenes import check_contact_conditions
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import ParameterError, SceneError, SceneWarning, StabilityWarning, UnstableModelError
+from hhr_dolfinx.errors import (
+    ParameterError,
+    SceneError,
+    SceneWarning,
+    SnapshotFileWarning,
+    StabilityWarning,
+    UnstableModelError,
+)
 from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.reduction.trust import TrustLimits
 from hhr_dolfinx.study.yardstick import Yardstick
@@ -201,7 +208,8 @@ def test_damaged_and_foreign_snapshots_are_not_used(small, store, tmp_path):
     exact = hhr.compute_snapshots(small, points, store=store)
     for file in tmp_path.glob("*.npz"):
         file.write_bytes(file.read_bytes()[:-100])
-    again = hhr.compute_snapshots(small, points, store=store)
+    with pytest.warns(SnapshotFileWarning, match="solved anew"):
+        again = hhr.compute_snapshots(small, points, store=store)
     assert np.array_equal(exact.forces, again.forces)
     softer = dataclasses.replace(small.problem, stiffness=0.5 * small.problem.stiffness)
     assert hhr.SnapshotStore(tmp_path, softer).load(points[0]) is None

@@ -1,14 +1,13 @@
 """Snapshots on disk: one plain file per solution, so that nothing is solved twice.
 
-A file is named by a fingerprint of the problem and the parameter, and is written under another name
-first; a run that was killed leaves only whole files. Files of another problem are never read.
+A file is named by a fingerprint of the problem and the parameter, and says both inside; a run that was killed
+leaves only whole files. Files of another problem are never read.
 """
 
 from __future__ import annotations
 
 import hashlib
-import os
-import zipfile
+import warnings
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 
@@ -16,8 +15,17 @@ import numpy as np
 from scipy.sparse import issparse
 
 from hhr_dolfinx.contact.problem import ContactProblem, ContactSolution, Status
+from hhr_dolfinx.errors import FileContentError, SnapshotFileWarning
+from hhr_dolfinx.files import check_layout, clear_leftovers, make_folder, read_arrays, write_arrays
+from hhr_dolfinx.version import __version__
 
-_VERSION = b"hhr_dolfinx snapshot 2"
+FORMAT, VERSION = "hhr_dolfinx snapshot", 3
+
+_LAYOUT = {
+    "primal": ("float", "N"),
+    "forces": ("float", "N_lambda"),
+    "active": ("bool", "N_lambda"),
+}
 
 
 class SnapshotStore:
@@ -25,52 +33,71 @@ class SnapshotStore:
 
     Args:
         folder: where the files are; made if missing. Several problems and processes may share it.
-        problem: the problem that is solved. Any change of it gives other files.
+        problem: the problem that is solved. Any change of it gives other files, but for the bounds of its
+            parameters, on which no solution depends.
 
     Attributes:
         found: number of solutions that were there when asked for.
+
+    Raises:
+        FileError: if the folder cannot be made.
     """
 
     def __init__(self, folder: str | Path, problem: ContactProblem):
-        self._folder = Path(folder)
-        self._folder.mkdir(parents=True, exist_ok=True)
+        self._folder = make_folder(folder)
+        clear_leftovers(self._folder)
         self._fingerprint = _digest_of(problem)
+        conditions, dofs = problem.contact.shape
+        self._sizes = {"N": dofs, "N_lambda": conditions}
         self.found = 0
 
     def load(self, point: np.ndarray) -> ContactSolution | None:
-        """The stored solution at a parameter, or None if there is none or its file is damaged."""
+        """The stored solution at a parameter, or None if there is none or its file is damaged, which is warned of."""
         path = self._path(point)
         try:
-            with np.load(path, allow_pickle=False) as file:
-                primal, forces, active = file["primal"], file["forces"], file["active"]
-                intact = _checksum(primal, forces, active) == str(file["sha256"])
+            header, arrays = read_arrays(path, FORMAT, VERSION)
+            if header != self._header(point):
+                raise FileContentError(f"{path} belongs to another problem or parameter")
+            check_layout(arrays, _LAYOUT, self._sizes)
         except FileNotFoundError:
             return None
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-            intact = False
-        if not intact:
-            path.unlink(missing_ok=True)  # solved anew and written again
+        except FileContentError as error:
+            warnings.warn(
+                f"{error}: {path.name} at {np.ravel(point).tolist()} is solved anew and replaced",
+                SnapshotFileWarning,
+                stacklevel=2,
+            )
             return None
         self.found += 1
-        return ContactSolution(primal, forces, active, 0, Status.CONVERGED, False)
+        return ContactSolution(**arrays, iterations=0, status=Status.CONVERGED, cycled=False)
 
     def save(self, point: np.ndarray, solution: ContactSolution) -> None:
-        """Keep a solution."""
-        path = self._path(point)
-        temporary = path.with_suffix(f".{os.getpid()}.part")
-        arrays = solution.primal, solution.forces, solution.active
-        with open(temporary, "wb") as file:
-            np.savez(file, primal=arrays[0], forces=arrays[1], active=arrays[2], sha256=np.array(_checksum(*arrays)))
-        os.replace(temporary, path)
+        """Keep a solution.
 
-    def _path(self, point):
+        Raises:
+            FileError: if its file cannot be written.
+        """
+        arrays = {name: np.asarray(getattr(solution, name)) for name in _LAYOUT}
+        check_layout(arrays, _LAYOUT, self._sizes)
+        # one file in thousands: leftovers were cleared when the folder was opened
+        write_arrays(self._path(point), self._header(point), arrays, tidy=False)
+
+    def _header(self, point) -> dict:
+        place = np.ravel(np.asarray(point, dtype=float)).tolist()
+        return {"format": FORMAT, "version": VERSION, "problem": self._fingerprint.hex(), "point": place}
+
+    def _path(self, point) -> Path:
         digest = hashlib.sha256(self._fingerprint + np.asarray(point, dtype=float).tobytes())
         return self._folder / f"{digest.hexdigest()[:40]}.npz"
 
 
 def _digest_of(problem) -> bytes:
-    """Fingerprint of every bit of a problem. Where a machine assembles other last digits, snapshots are solved anew."""
-    digest = hashlib.sha256(_VERSION)
+    """Fingerprint of every bit of a problem, and of the version of the package that solves it.
+
+    The bounds of the parameters are left out: a wider box finds the solutions of the narrower one. Where a machine
+    assembles other last digits, snapshots are solved anew.
+    """
+    digest = hashlib.sha256(f"{FORMAT} {VERSION} of hhr_dolfinx {__version__}\0".encode())
 
     def add(value):
         if issparse(value):
@@ -89,9 +116,7 @@ def _digest_of(problem) -> bytes:
             array = np.ascontiguousarray(value)
             digest.update(f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
 
-    add(problem)
+    for item in fields(problem):
+        value = getattr(problem, item.name)
+        add(value.names if item.name == "parameters" else value)
     return digest.digest()
-
-
-def _checksum(*arrays) -> str:
-    return hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)).hexdigest()

@@ -10,7 +10,8 @@ from rich.console import Console
 from rich.progress import track
 
 from hhr_dolfinx.errors import ParameterError, StudyError
-from hhr_dolfinx.online.batch import read_points
+from hhr_dolfinx.online.batch import TableRow, answer_table, read_points
+from hhr_dolfinx.online.reconstruct import OnlineModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.study.training import checked_folder
 
@@ -49,6 +50,12 @@ def points_or_exit(parser: argparse.ArgumentParser, table: Path | None, space: P
         return None if table is None else read_points(table, space)
     except ParameterError as error:
         parser.error(str(error))
+
+
+def answer_and_exit(reduction: OnlineModel, rows: list[TableRow], options: argparse.Namespace) -> None:
+    """Answer a table of parameters and end on all ranks, with exit code 1 if a row has no answer."""
+    bad = answer_table(reduction, rows, options.out / "answers.csv", options.console, options.progress("answers"))
+    raise SystemExit(1 if bad else 0)
 
 
 def parse_on_first_rank(parser: argparse.ArgumentParser) -> argparse.Namespace:

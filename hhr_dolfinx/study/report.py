@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import platform
 from dataclasses import is_dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from mpi4py import MPI
 from rich.console import Console
 from rich.table import Column, Table
 
+from hhr_dolfinx.files import replacing
 from hhr_dolfinx.snapshots.accuracy import summary
 
 _COMPARED = ("fom_naive", "fom_best", "condensed")
@@ -168,13 +168,16 @@ def advice(report: dict) -> str:
     return f"Use the hyper-reduced model: {figures}. Use exact condensation where no error can be afforded."
 
 
-def write_report(report: dict | list[dict], folder: Path, name: str = "report") -> Path:
-    """Write ``report.json``, or rows under another name; numbers that are not finite become null, as JSON wants it."""
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"{name}.json"
-    temporary = path.with_suffix(f".{os.getpid()}.part")
-    temporary.write_text(json.dumps(_finite(report), indent=2, allow_nan=False) + "\n")
-    os.replace(temporary, path)
+def write_report(report: dict | list[dict], folder: str | Path, name: str = "report") -> Path:
+    """Write ``report.json``, or rows under another name; numbers that are not finite become null, as JSON wants it.
+
+    Raises:
+        FileError: if the file cannot be written.
+    """
+    path = Path(folder) / f"{name}.json"
+    text = json.dumps(_finite(report), indent=2, allow_nan=False)
+    with replacing(path, text=True) as file:
+        file.write(text + "\n")
     return path
 
 

@@ -1,0 +1,349 @@
+"""Files that are whole or not there: one place where files are written, and one where arrays are read back.
+
+Writing: the content goes to a temporary file beside the target, is forced to the disk, and takes the name of the
+target in one step, so that whoever reads the target sees the old file or the new one. The temporary file is locked
+(``flock``) as long as its process lives; one that can be locked by another process was left behind by a killed one
+and is removed by the next run. Locks, unlike process numbers and ages, also tell the living from the dead across
+containers and machines that share a folder.
+
+Reading: arrays are kept as an uncompressed ``.npz`` file with a header (JSON) that holds a checksum of everything.
+Nothing is allocated before its size is known to fit into the file on the disk, no pickle and no Python literal is
+evaluated, and whatever is wrong with the file ends in one error, :class:`FileContentError`.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import io
+import json
+import math
+import os
+import re
+import secrets
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from hhr_dolfinx.errors import FileContentError, FileError, HHRError
+
+MOST_BYTES = 16 * 2**30
+"""Size beyond which a file is not read: a sparse file may claim any size and take no room on the disk."""
+
+_CHUNK = 2**20  # bytes read at once; our directories of a few dozen members take some kilobytes
+
+_LEFTOVER = re.compile(r".+\.[0-9a-f]{16}\.part")
+
+_REMEDIES = {
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), "free some space or choose another folder"),
+    **dict.fromkeys((errno.EROFS, errno.EACCES, errno.EPERM), "choose a folder that you may write to"),
+    **dict.fromkeys((errno.ENOTDIR, errno.EEXIST), "a file stands where a folder is needed, move it or choose another"),
+    errno.EISDIR: "a folder has this name, choose another name",
+    errno.ENAMETOOLONG: "choose a shorter name",
+}
+
+
+def make_folder(folder: str | Path) -> Path:
+    """Make a folder and those above it where they are missing.
+
+    Raises:
+        FileError: if it cannot be made.
+    """
+    folder = Path(folder)
+    with _explained(folder, "made"):
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+@contextmanager
+def replacing(path: str | Path, *, text: bool = False, tidy: bool = True) -> Iterator[IO]:
+    """A file to write to, which becomes ``path`` when the block ends; if anything fails, ``path`` stays as it was.
+
+    Args:
+        path: the target; its folder is made if missing.
+        text: UTF-8 text rather than bytes; ends of lines stay as they are written.
+        tidy: remove what killed processes left in the folder; for many files it is enough to do so once.
+
+    Raises:
+        FileError: if the file cannot be written.
+    """
+    path = Path(path)
+    folder = make_folder(path.parent)
+    if tidy:
+        clear_leftovers(folder)
+    with _explained(path, "written"):
+        temporary, file = _temporary(path, text)
+        try:
+            with file:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+                os.replace(temporary, path)  # before the lock ends with the file
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+    _sync_folder(folder)
+
+
+def clear_leftovers(folder: str | Path) -> None:
+    """Remove temporary files of processes that are no longer there; those that are being written stay."""
+    for path in Path(folder).glob("*.part"):
+        if _LEFTOVER.fullmatch(path.name):
+            # gone meanwhile, or another user's: not ours to complain about
+            with suppress(OSError), open(path, "r+b") as file:
+                if _lock(file, wait=False):
+                    path.unlink(missing_ok=True)
+
+
+def write_arrays(path: str | Path, header: Mapping, arrays: Mapping[str, np.ndarray], *, tidy: bool = True) -> None:
+    """Write arrays with a header and a checksum over both.
+
+    Args:
+        path: the target, see :func:`replacing`.
+        header: what JSON can hold, with ``format`` and ``version``, by which :func:`read_arrays` knows the file.
+        arrays: finite numbers or booleans by name.
+        tidy: see :func:`replacing`.
+
+    Raises:
+        FileError: if the file cannot be written.
+        FileContentError: if an array has another kind of numbers, or is not finite.
+    """
+    whole = {name: array if _contiguous(array) else array.copy() for name, array in arrays.items()}
+    try:
+        for name, array in whole.items():
+            _check_numbers(name, array)
+    except _Damage as error:
+        raise FileContentError(f"{path} is not written: {error}") from None
+    signed = {**header, "sha256": _checksum(header, whole)}
+    with replacing(path, tidy=tidy) as file:
+        np.savez(file, header=np.array(json.dumps(signed)), **whole)
+
+
+def read_arrays(path: str | Path, kind: str, version: int) -> tuple[dict, dict[str, np.ndarray]]:
+    """Header and arrays of a file written by :func:`write_arrays`; memory stays near the size of the file.
+
+    Args:
+        path: the file.
+        kind: the ``format`` that its header must name.
+        version: the ``version`` that its header must name.
+
+    Raises:
+        FileNotFoundError: if there is no such file; the caller knows what that means.
+        FileContentError: if it cannot be read, is damaged, or is another kind of file.
+    """
+    path = Path(path)
+    with _own_errors(path):
+        os.stat(path)  # says why, where is_file would only say no
+        if not path.is_file():
+            raise _Damage("it is no regular file")
+        arrays = _members(path)
+        text = arrays.pop("header", None)
+        if text is None or text.dtype.kind != "U" or text.ndim:
+            raise _Damage("it has no header")
+        header = json.loads(str(text))
+        if not isinstance(header, dict) or header.get("format") != kind:
+            raise _Damage(f"its header names no '{kind}'")
+        if header.get("version") != version:
+            found = repr(header.get("version"))[:40]
+            raise FileContentError(f"{path} holds '{kind}' version {found}, this release reads version {version}")
+        for name, array in arrays.items():
+            _check_numbers(name, array)
+        stored = header.pop("sha256", None)
+        if stored != _checksum(header, arrays):
+            raise FileContentError(f"the checksum of {path} does not match its content")
+    return header, arrays
+
+
+_KIND_OF = {"<f8": "float", "<i8": "int", "<i4": "int", "|b1": "bool"}
+_DESCRIPTION = re.compile(
+    rb"\{'descr': '(<f8|<i8|<i4|\|b1|<U[0-9]{1,7})', 'fortran_order': (True|False), "
+    rb"'shape': \(([0-9, ]{0,80})\), \} *\n"
+)
+
+
+def check_layout(
+    arrays: Mapping[str, np.ndarray], layout: Mapping[str, Sequence[str]], sizes: Mapping[str, int]
+) -> dict[str, int]:
+    """Check that arrays are those of a table, with sizes that agree among them.
+
+    Args:
+        arrays: by name.
+        layout: for each name the kind (``float``, ``int`` or ``bool``) and the names of its sizes.
+        sizes: sizes that are known beforehand.
+
+    Returns:
+        All sizes by name.
+
+    Raises:
+        FileContentError: names the array that is missing, unknown, or of another kind or shape.
+    """
+    if arrays.keys() != layout.keys():
+        missing, unknown = sorted(layout.keys() - arrays.keys()), sorted(arrays.keys() - layout.keys())
+        raise FileContentError(f"arrays {missing} are missing and {unknown} are unknown")
+    found = dict(sizes)
+    for name, (kind, *dimensions) in layout.items():
+        array = arrays[name]
+        if _KIND_OF.get(array.dtype.str) != kind:
+            raise FileContentError(f"{name} has type {array.dtype}, it must be {kind}")
+        # the first array with a size sets it for the others
+        known = array.ndim == len(dimensions) and all(
+            found.setdefault(label, size) == size for label, size in zip(dimensions, array.shape, strict=True)
+        )
+        if not known:
+            expected = tuple(f"{label} = {found[label]}" if label in found else label for label in dimensions)
+            raise FileContentError(f"{name} has shape {array.shape}, it must be ({', '.join(expected)})")
+    return found
+
+
+@contextmanager
+def _explained(path: Path, what: str) -> Iterator[None]:
+    """Turn what the system says into an error that names the file and says what to do."""
+    try:
+        yield
+    except OSError as error:
+        remedy = _REMEDIES.get(error.errno, "check the disk and the folder")
+        raise FileError(f"{path} cannot be {what} ({error.strerror or error}): {remedy}") from error
+
+
+def _temporary(path: Path, text: bool) -> tuple[Path, IO]:
+    """A new file beside the target, locked by this process."""
+    while True:
+        temporary = path.with_name(f"{path.name}.{secrets.token_hex(8)}.part")
+        file = open(temporary, "x", encoding="utf-8", newline="") if text else open(temporary, "xb")
+        _lock(file, wait=True)
+        if os.fstat(file.fileno()).st_nlink:
+            return temporary, file
+        file.close()  # another process took it for a leftover before it was locked
+
+
+def _lock(file: IO, wait: bool) -> bool:
+    """Lock a file until it is closed; whether that was possible."""
+    try:
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except (ImportError, OSError):  # held by a living process, or a system without locks
+        return False
+    return True
+
+
+def _sync_folder(folder: Path) -> None:
+    """Force the new name to the disk; systems that cannot do so for folders say so, and nothing is lost by it."""
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+class _Damage(Exception):
+    """What is wrong with a file; :func:`_own_errors` adds its name."""
+
+
+@contextmanager
+def _own_errors(path: Path) -> Iterator[None]:
+    """Turn whatever reading raises into :class:`FileContentError`."""
+    try:
+        yield
+    except (HHRError, FileNotFoundError):
+        raise
+    except OSError as error:
+        raise FileContentError(f"{path} cannot be read ({error.strerror or error})") from error
+    # On damaged bytes zipfile, json and numpy raise BadZipFile, RuntimeError, NotImplementedError, EOFError,
+    # ValueError, OverflowError, struct.error, RecursionError, MemoryError ...: no list of them is complete.
+    except Exception as error:
+        why = str(error) if isinstance(error, _Damage) else f"{type(error).__name__}: {error}"
+        raise FileContentError(f"{path} is damaged or another kind of file ({why})") from error
+
+
+class _Pieces(io.FileIO):
+    """A file that is read in small pieces: zipfile reads the directory of an archive at once, however long it is."""
+
+    def read(self, size: int | None = -1) -> bytes:
+        if size is None or size < 0:
+            size = os.fstat(self.fileno()).st_size - self.tell()
+        if size > _CHUNK:
+            raise _Damage("its directory is too long")
+        return super().read(size)
+
+
+def _members(path: Path) -> dict[str, np.ndarray]:
+    """Arrays of an uncompressed archive by name."""
+    arrays = {}
+    with _Pieces(path) as file, zipfile.ZipFile(file) as archive:
+        size, infos = os.fstat(file.fileno()).st_size, archive.infolist()
+        if size > MOST_BYTES:
+            raise _Damage(f"its {size} bytes are more than {MOST_BYTES}")
+        for info in infos:
+            name = info.filename.removesuffix(".npy")
+            if info.compress_type != zipfile.ZIP_STORED or info.flag_bits or info.compress_size != info.file_size:
+                raise _Damage(f"{name} is compressed or encrypted")
+            # all together, as members of a hostile archive may share their bytes
+            size -= info.file_size
+            if size < 0:
+                raise _Damage("its directory promises more bytes than it has")
+            if name in arrays:
+                raise _Damage(f"{name} is there twice")
+            with archive.open(info) as stream:
+                arrays[name] = _array(stream, info)
+    return arrays
+
+
+def _array(stream: IO[bytes], info: zipfile.ZipInfo) -> np.ndarray:
+    """One array, whose description must match its size before anything is allocated.
+
+    The description is compared with the one form in which numpy writes it, rather than evaluated.
+    """
+    start = stream.read(10)
+    description = stream.read(int.from_bytes(start[8:], "little"))
+    match = _DESCRIPTION.fullmatch(description)
+    if start[:8] != b"\x93NUMPY\x01\x00" or match is None:
+        raise _Damage(f"{info.filename} is no plain array of numbers")
+    dtype = np.dtype(match[1].decode())
+    shape = tuple(int(part) for part in match[3].split(b",") if part.strip())
+    count = math.prod(shape)
+    if count * dtype.itemsize != info.file_size - len(start) - len(description):
+        raise _Damage(f"{info.file_size} bytes of {info.filename} do not hold shape {shape}")
+    flat = np.empty(count, dtype)
+    raw = memoryview(flat.view(np.uint8)) if flat.nbytes else memoryview(b"")
+    filled = 0
+    while filled < len(raw):
+        read = stream.readinto(raw[filled : filled + _CHUNK])
+        if not read:
+            raise _Damage(f"{info.filename} ends early")
+        filled += read
+    stream.read(1)  # at the end zipfile compares its own checksum
+    return flat.reshape(shape[::-1]).T if match[2] == b"True" else flat.reshape(shape)
+
+
+def _contiguous(array: np.ndarray) -> bool:
+    return array.flags.c_contiguous or array.flags.f_contiguous
+
+
+def _check_numbers(name: str, array: np.ndarray) -> None:
+    """Refuse kinds of numbers that no file holds, numbers that are not finite, booleans that are neither 0 nor 1."""
+    if array.dtype.str not in _KIND_OF:
+        raise _Damage(f"{name} has type {array.dtype}")
+    if array.dtype.kind == "f" and not np.isfinite(array).all():
+        raise _Damage(f"{name} is not finite")
+    if array.dtype.kind == "b" and array.size and array.view(np.uint8).max() > 1:
+        raise _Damage(f"{name} has values that are neither true nor false")
+
+
+def _checksum(header: Mapping, arrays: Mapping[str, np.ndarray]) -> str:
+    """Checksum over the header and every array with name, type, shape and order in memory.
+
+    The order counts since the last digits of sums depend on it.
+    """
+    digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
+    for name in sorted(arrays):
+        array = arrays[name]
+        order = "C" if array.flags.c_contiguous else "F"
+        digest.update(f"\n{name} {array.dtype.str} {array.shape} {order}\n".encode())
+        digest.update(array.ravel(order="K").view(np.uint8))
+    return digest.hexdigest()

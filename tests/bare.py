@@ -1,0 +1,51 @@
+"""What a store of snapshots needs of a problem, without a mesh: light to import for processes that are killed."""
+
+import json
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from hhr_dolfinx import files
+from hhr_dolfinx.contact.problem import ContactProblem, ContactSolution, Status
+from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
+
+
+def bare_problem(dofs=6, conditions=2):
+    """A contact problem as far as a store looks at it."""
+    return ContactProblem(
+        stiffness=csr_matrix(np.eye(2)),
+        mass=csr_matrix(np.eye(2)),
+        free=np.ones(2, bool),
+        loads=np.ones((2, 1)),
+        lifts=np.zeros((2, 1)),
+        contact=csr_matrix((conditions, dofs)),
+        gaps=np.ones((2, 1)),
+        contact_slaves=np.arange(2),
+        contact_pairs=np.zeros(2, int),
+        contact_points=np.zeros((2, 2)),
+        contact_areas=np.ones(2),
+        cell_nodes=np.zeros((1, 3), int),
+        points=np.zeros((1, 2)),
+        amplitudes=Amplitudes(np.ones(1), np.zeros((1, 2))),
+        parameters=ParameterSpace(("a", "b"), (0.0, 0.0), (1.0, 10.0)),
+    )
+
+
+def answer(dofs=6, conditions=2, seed=0):
+    random_numbers = np.random.default_rng(seed)
+    active = random_numbers.random(conditions) < 0.5
+    values = random_numbers.random(dofs), random_numbers.random(conditions)
+    return ContactSolution(*values, active, 3, Status.CONVERGED, False)
+
+
+def rewrite_signed(path, change):
+    """Change header and arrays of a file and give it a valid checksum."""
+    with np.load(path) as file:
+        arrays = dict(file)
+    header = json.loads(str(arrays.pop("header")))
+    del header["sha256"]
+    change(header, arrays)
+    arrays = {name: array.copy(order="A") for name, array in arrays.items()}
+    header["sha256"] = files._checksum(header, arrays)
+    with open(path, "wb") as file:
+        np.savez(file, header=np.array(json.dumps(header)), **arrays)
