@@ -43,3 +43,7 @@ class StabilityWarning(UserWarning):
 
 class PairingWarning(UserWarning):
     """Some nodes of a contact pair have no partner, or bodies overlap by more than a cell."""
+
+
+class LockingWarning(UserWarning):
+    """A body that keeps its volume is meshed with cells that are too stiff for it: linear triangles or tetrahedra."""
