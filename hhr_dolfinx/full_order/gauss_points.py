@@ -62,7 +62,7 @@ def add_stiffness(discretisation: Discretisation, matrix: PETSc.Mat) -> None:
     operator = _tabulated(discretisation, cells)
     elastic = material_at(discretisation.scene, bodies[cells], operator).elastic
     dofs = operator.dofs.astype(PETSc.IntType)
-    elements = operator.element_stiffness(elastic).reshape(len(cells), -1)
+    elements = operator.element_stiffness(elastic).reshape(len(cells), dofs.shape[1] ** 2)
     matrix.setValuesLocalRCV(dofs, dofs, elements, addv=PETSc.InsertMode.ADD)
 
 
@@ -75,9 +75,10 @@ def _tabulated(discretisation, cells) -> StrainOperator:
     measure = volume_weight(mesh, hypothesis) * abs(ufl.JacobianDeterminant(mesh))
     volumes = weights * fem.Expression(measure, points).eval(mesh, cells).reshape(len(cells), len(weights))
     dim, blocks = mesh.geometry.dim, space.dofmap.list[cells]
-    dofs = (dim * blocks[:, :, None] + np.arange(dim)).reshape(len(cells), -1).astype(np.int64)
-    components = 6 if hypothesis == "solid" else 4
-    gradients = np.ascontiguousarray(table.reshape(len(cells), len(weights), components, dofs.shape[1]))
+    # lengths are given, none left to be found: a rank may have no such cell
+    of_cell, components = dim * blocks.shape[1], 6 if hypothesis == "solid" else 4
+    dofs = (dim * blocks[:, :, None] + np.arange(dim)).reshape(len(cells), of_cell).astype(np.int64)
+    gradients = np.ascontiguousarray(table.reshape(len(cells), len(weights), components, of_cell))
     mean = np.flatnonzero(np.array(discretisation.mean_dilatation)[discretisation.cell_bodies()[cells]])
     gradients[mean] = _with_mean_dilatation(gradients[mean], volumes[mean])
     return StrainOperator(gradients, volumes, dofs, discretisation.size)
