@@ -122,6 +122,12 @@ def test_hexahedra_in_plane_strain_are_the_quadrilaterals():
         assert ours.state.cumulated.max() == pytest.approx(theirs.state.cumulated.max(), rel=2e-2)
 
 
+def distorted(dim):
+    """Two elastic blocks whose cells are no rectangles."""
+    cells = ((4, 3), (7, 3)) if dim == 2 else ((2, 2, 2), (3, 3, 2))
+    return patch.scene(hhr.Mortar, *cells, poisson=0.3, angle=1.0, bulge=0.04, by_normal=dim == 2)
+
+
 def nearly_incompressible(cells, gap):
     """Tube 1 <= r <= 2 of nu = 0.4999 under inner pressure, with a rigid wall at 2 + gap."""
     scene = lame_tube(cells, gap)
@@ -160,6 +166,23 @@ def test_a_nearly_incompressible_tube():
         assert stress[:, [0, 2, 1], [0, 2, 1]] == pytest.approx(exact, abs=5e-3)
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_stresses_of_cells_have_the_pressure_of_their_points(dim):
+    """The pressure is one for all Gauss points of a cell, and that of its middle; round-off times 5000.
+
+    On distorted cells: in the middle of a rectangle the dilatation is the mean one anyway, in axisymmetry too.
+    """
+    scene = distorted(dim)
+    scene = dataclasses.replace(scene, bodies=tuple(dataclasses.replace(b, poisson=0.4999) for b in scene.bodies))
+    full = hhr.PlasticFullOrder(scene)
+    # any field will do
+    displacement = np.sin(3 * full.problem.points + 1).ravel()
+    points = full.material.update(full.operator.strain(displacement), full.material.at_rest(), 1.0, tangent=False)
+    pressures = points.stress[:, :3].sum(axis=1).reshape(-1, full.operator.per_cell)
+    middles = np.trace(full.discretisation.stress(displacement), axis1=1, axis2=2)
+    assert pressures == pytest.approx(np.tile(middles[:, None], pressures.shape[1]), abs=1e-11 * np.abs(middles).max())
+
+
 def test_a_nearly_incompressible_shrink_fit():
     """Pressed 1 % into a rigid ring without pressure inside: contact pressure to 0.1 %."""
     pressure = -0.02 / moved(*lame(0.0, 1.0), 2.0)
@@ -170,8 +193,7 @@ def test_a_nearly_incompressible_shrink_fit():
 @pytest.mark.parametrize("dim", [2, 3])
 def test_linear_fields_keep_their_strain_on_distorted_cells(dim):
     """The mean of a constant is that constant: patch tests hold whatever the shape of the cells."""
-    cells = ((4, 3), (7, 3)) if dim == 2 else ((2, 2, 2), (3, 3, 2))
-    scene = patch.scene(hhr.Mortar, *cells, poisson=0.3, angle=1.0, bulge=0.04, by_normal=dim == 2)
+    scene = distorted(dim)
     flowing = tuple(dataclasses.replace(body, law=hhr.Plasticity(1.0)) for body in scene.bodies)
     full = hhr.PlasticFullOrder(dataclasses.replace(scene, bodies=flowing))
     gradient = np.random.default_rng(0).standard_normal((dim, dim))
@@ -191,7 +213,7 @@ def test_linear_fields_keep_their_strain_on_distorted_cells(dim):
 
 def test_ordinary_bodies_keep_full_integration():
     """Up to nu = 0.45 elastic bodies have the stiffness they always had, beside others too."""
-    scene = patch.scene(hhr.Mortar, (4, 3), (7, 3), poisson=0.3, angle=1.0, bulge=0.04, by_normal=True)
+    scene = distorted(2)
     other = dataclasses.replace(scene.bodies[1], poisson=0.4999)
     beside = dataclasses.replace(scene, bodies=(scene.bodies[0], other))
     before, after = (hhr.FullOrderModel(item) for item in (scene, beside))
