@@ -37,10 +37,15 @@ def strain(u, hypothesis: str, poisson=0.0):
     return ufl.as_tensor([[e[0, 0], e[0, 1], 0], [e[1, 0], e[1, 1], 0], [0, 0, third]])
 
 
-def stress(u, young, poisson, hypothesis: str):
-    """Stress σ(u) = λ tr(ε) I + 2μ ε, thesis (1.6), a 3x3 tensor in the unit of E."""
+def stress(u, young, poisson, hypothesis: str, dilatation=None):
+    """Stress σ(u) = λ tr(ε) I + 2μ ε, thesis (1.6), a 3x3 tensor in the unit of E.
+
+    A ``dilatation`` that is given takes the place of tr(ε), a third of it on each axis.
+    """
     lam, mu = lame_parameters(young, poisson)
     e = strain(u, hypothesis, poisson)
+    if dilatation is not None:
+        e += (dilatation - ufl.tr(e)) / 3 * ufl.Identity(3)
     return lam * ufl.tr(e) * ufl.Identity(3) + 2 * mu * e
 
 

@@ -22,6 +22,9 @@ import ufl
 
 from hhr_dolfinx.forms.elasticity import lame_parameters, strain
 
+ITERATIONS = 60
+"""Most iterations of Newton's method for (6.28), which takes up to 12 over forty decades of stress and m up to 1e5."""
+
 
 class Flow(Protocol):
     """What a body needs to flow."""
@@ -40,6 +43,9 @@ class Flow(Protocol):
 
         Returns:
             Flow Δp, 0 <= 3 mu Δp <= q_tr, and its derivative by q_tr, (n,) each.
+
+        Raises:
+            ArithmeticError: if it finds no flow; the step is then cut, and a history that ends names the law.
         """
 
 
@@ -94,17 +100,28 @@ class Norton:
 
         The left side is convex and increasing, so that iterates from above fall monotonically to the root. They start
         at the smaller of the two roots with one of the terms alone.
+
+        Raises:
+            ArithmeticError: if the iteration does not settle.
         """
         m, factor = self.exponent, 3 * shear * dt
         x = np.minimum(trial, self.resistance * (trial / factor) ** (1 / m))
         positive = np.where(x > 0, x, 1.0)
-        for _ in range(60):
+        for _ in range(ITERATIONS):
             rate = _power(x / self.resistance, m)
             step = (x + factor * rate - trial) / (1 + factor * m * rate / positive)
             x = x - step
             positive = np.where(x > 0, x, 1.0)
-            if np.abs(step / positive).max(initial=0.0) < 1e-8:  # squared by this step: round-off
+            left = np.abs(step / positive)
+            if left.max(initial=0.0) < 1e-8:  # squared by this step: round-off
                 break
+        else:
+            lost = np.flatnonzero(np.isfinite(trial) & ~(left < 1e-8))  # what is not finite is the caller's
+            if lost.size:
+                raise ArithmeticError(
+                    f"Newton's method still moves after {ITERATIONS} iterations under a trial stress of "
+                    f"{trial[lost[0]]:g} with 3 mu dt = {factor:g}: check units"
+                )
         rate = dt * _power(x / self.resistance, m)
         slope = m * rate / positive
         return rate, slope / (1 + 3 * shear * slope)

@@ -79,3 +79,7 @@ class SceneWarning(UserWarning):
 
 class SnapshotFileWarning(UserWarning):
     """A stored solution is damaged or belongs elsewhere; it is solved anew and its file replaced."""
+
+
+class LockingWarning(UserWarning):
+    """A body that keeps its volume is meshed with cells that are too stiff for it: linear triangles or tetrahedra."""

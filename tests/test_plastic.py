@@ -223,7 +223,7 @@ def test_thick_tube_elastic_plastic():
 def test_thick_tube_in_steady_creep():
     """Norton tube under constant pressure: σ_θ - σ_r = p 2/m (2/r)^(2/m) / (2^(2/m) - 1) when rates are steady.
 
-    Creep strains are then ten times the elastic ones; far beyond, bilinear elements lock.
+    Creep strains are then ten times the elastic ones.
     """
     law, pressure = hhr.Norton(2.0, 4.0), 0.5
     full = hhr.PlasticFullOrder(tube(law, pressure))

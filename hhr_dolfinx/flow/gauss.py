@@ -75,6 +75,14 @@ class StrainOperator:
         indptr = np.searchsorted(keys, np.arange(self.size + 1) * self.size).astype(np.int32)
         return SparsePattern(indptr, (keys % self.size).astype(np.int32), position.reshape(-1, d, d))
 
+    def element_stiffness(self, tangents: np.ndarray) -> np.ndarray:
+        """Stiffness of each cell for tangents H (points, components, components), (cells, d, d) with d dofs a cell."""
+        cells, points, components, d = self.gradients.shape
+        moduli = tangents.reshape(cells, points, components, components)
+        flux = moduli @ (self.weights[:, :, None, None] * self.gradients)
+        rows = points * components
+        return self.gradients.reshape(cells, rows, d).transpose(0, 2, 1) @ flux.reshape(cells, rows, d)
+
     def stiffness(self, tangents: np.ndarray, pattern: SparsePattern, elastic: ElasticPart | None = None) -> csr_matrix:
         """Stiffness ∫ ε(v) : H : ε(u) of tangents H (points, components, components), (size, size).
 

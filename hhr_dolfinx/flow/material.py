@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hhr_dolfinx.compat import compiled
-from hhr_dolfinx.errors import ConvergenceError
+from hhr_dolfinx.errors import ConvergenceError, SceneError
 from hhr_dolfinx.forms.elasticity import lame_parameters
 
 
@@ -98,6 +98,10 @@ class Material:
             old: state before the step; not modified.
             dt: length of the step in seconds.
             tangent: whether consistent tangents are wanted.
+
+        Raises:
+            SceneError: if a law does not answer with numbers.
+            ConvergenceError: if a law finds no flow, or one that is impossible.
         """
         stress, plastic, cumulated = np.empty_like(strain), old.plastic.copy(), old.cumulated.copy()
         tangents = np.empty((*strain.shape, self.components)) if tangent else _NO_TANGENTS
@@ -110,7 +114,7 @@ class Material:
                 flow = _Flow(np.zeros(points.size), np.zeros(points.size))
             else:
                 trial.equivalent.setflags(write=False)  # a law that wrote there would spoil the return below
-                flow = _Flow(*group.law.flow(trial.equivalent, old.cumulated[points], mu, dt))
+                flow = _flow_of(group.law, trial.equivalent, old.cumulated[points], mu, dt)
                 _check_flow(group.law, flow, trial.equivalent, mu)
             _return(points, strain, trial, flow, (bulk, mu), _Out(stress, plastic, cumulated, tangents))
         return Update(stress, State(plastic, cumulated), tangents if tangent else None)
@@ -137,6 +141,33 @@ class _Out(NamedTuple):
     plastic: np.ndarray
     cumulated: np.ndarray
     tangents: np.ndarray
+
+
+def _flow_of(law, trial, cumulated, mu, dt) -> _Flow:
+    """What a law answers, as arrays of numbers.
+
+    Raises:
+        SceneError: if it answers with something else.
+        ConvergenceError: if it finds no flow.
+    """
+    try:
+        answer = law.flow(trial, cumulated, mu, dt)
+    except ArithmeticError as error:
+        raise ConvergenceError(f"{law} found no flow in a step of {dt:g} s: {error}") from error
+    try:
+        amount, slope = answer
+        return _Flow(np.asarray(amount, dtype=float), np.asarray(slope, dtype=float))
+    except (TypeError, ValueError) as error:
+        raise SceneError(
+            f"the law {law} answered {_shortened(answer)}: its method flow must return two arrays of numbers, "
+            "the flow and its derivative"
+        ) from error
+
+
+def _shortened(answer, most=60):
+    """Begin of what was answered, for messages."""
+    text = " ".join(repr(answer).split())
+    return text if len(text) <= most else text[:most] + "..."
 
 
 def _check_flow(law, flow, trial, mu):

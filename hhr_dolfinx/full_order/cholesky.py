@@ -36,6 +36,45 @@ def cholesky_solver(matrix: PETSc.Mat, ordering: str, prefix: str) -> PETSc.KSP:
     return ksp
 
 
+BLOCK = 128
+"""Right-hand sides solved at once: the factors are read once for all of them, and they take little memory."""
+
+
+def ordering_of(block_size: int, plane: str) -> str:
+    """Ordering for :func:`cholesky_solver`: MUMPS in space, if PETSc has it, and the given one in the plane.
+
+    Args:
+        block_size: dofs per node.
+        plane: ordering of PETSc's own Cholesky that is best in the plane.
+    """
+    return "mumps" if block_size == 3 and PETSc.Sys.hasExternalPackage("mumps") else plane
+
+
+def solve_columns(ksp: PETSc.KSP, columns) -> np.ndarray:
+    """Solve for the columns of a matrix in blocks, each rank with its own rows; collective.
+
+    Args:
+        ksp: of a matrix with as many rows on this rank.
+        columns: right-hand sides, sparse, (own rows, m).
+
+    Returns:
+        Solutions in Fortran's order, (own rows, m).
+    """
+    own, count = columns.shape
+    matrix = ksp.getOperators()[0]
+    columns, solutions = columns.tocsc(), np.empty((own, count), order="F")
+    for first in range(0, count, BLOCK):
+        part = slice(first, min(first + BLOCK, count))
+        width = part.stop - part.start
+        arrays = columns[:, part].toarray(order="F"), solutions[:, part]
+        sizes = (matrix.getSizes()[0], (PETSc.DECIDE, width))
+        rhs, found = (PETSc.Mat().createDense(sizes, array=array, comm=matrix.comm) for array in arrays)
+        for item in (rhs, found):
+            item.assemble()
+        ksp.matSolve(rhs, found)
+    return solutions
+
+
 def check_regular(problem: ContactProblem, solve: Callable[[np.ndarray], np.ndarray], scene: str) -> None:
     """Refuse a K that is singular to round-off, which a factorisation does not always notice.
 
@@ -74,6 +113,7 @@ class FreeCholesky:
         stiffness: K, CSR, (N, N).
         free: dofs that are not imposed, (N,) bool.
         scene: its name, for messages and the prefix of PETSc options.
+        ordering: see :func:`cholesky_solver`.
 
     Attributes:
         lock: held while the factors are replaced or used; a thread may take it twice.
@@ -82,7 +122,7 @@ class FreeCholesky:
         NotSolvableError: if K is singular.
     """
 
-    def __init__(self, stiffness, free: np.ndarray, scene: str):
+    def __init__(self, stiffness, free: np.ndarray, scene: str, ordering: str):
         self._free, self._scene = np.flatnonzero(free), scene
         self._inside = stiffness[self._free][:, self._free]
         # place of each kept entry in the data of the whole matrix
@@ -90,8 +130,7 @@ class FreeCholesky:
         marks.data = np.arange(1.0, marks.nnz + 1)
         self._places = (marks[self._free][:, self._free].data - 1).astype(np.int64)
         self._matrix = _petsc_matrix(self._inside)
-        # factored again and again: 31 ms and 1.1 ms a solve at 13,700 dofs, against 53 and 1.4 ms with qmd
-        self._ksp = cholesky_solver(self._matrix, "nd", f"hhr_{scene}_plastic_")
+        self._ksp = cholesky_solver(self._matrix, ordering, f"hhr_{scene}_plastic_")
         if not factorised(self._ksp):
             raise NotSolvableError(singular_stiffness(scene))
         self._rhs, self._x = self._matrix.createVecs()
@@ -123,6 +162,13 @@ class FreeCholesky:
             self._ksp.solve(self._rhs, self._x)
             solution[self._free] = self._x.array_r
         return solution
+
+    def solve_columns(self, columns) -> np.ndarray:
+        """Solutions for the columns of a sparse matrix (N, m) on all dofs, zero on imposed ones, (N, m)."""
+        found = np.zeros(columns.shape, order="F")
+        with self.lock:
+            found[self._free] = solve_columns(self._ksp, columns.tocsr()[self._free])
+        return found
 
 
 def _petsc_matrix(matrix) -> PETSc.Mat:

@@ -1,7 +1,8 @@
 """From a scene to matrices: DOLFINx assembles, PETSc holds, thesis (1.21)-(1.22).
 
 It yields a distributed PETSc stiffness for the full-order solver and a :class:`ContactProblem` gathered on every rank
-for everything else. What bodies that flow need at their Gauss points is in ``gauss_points``.
+for everything else. What bodies that flow or keep their volume need at their Gauss points is in ``gauss_points``, which
+other scenes do not load.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from hhr_dolfinx.full_order.checks import (
     conditions_with_unknowns,
     warn_of_idle_parameters,
 )
+from hhr_dolfinx.full_order.locking import QUADRATURE, mean_dilatation
 from hhr_dolfinx.pairings.surface import Surface, make_surface
 from hhr_dolfinx.parameters import Amplitude, Amplitudes, Coverage
 from hhr_dolfinx.scene import PartialPressure, Pressure, Scene
@@ -60,6 +62,7 @@ class Discretisation:
         space: vector Lagrange space of degree 1.
         rows: range of the dofs this rank owns.
         size: N, number of dofs on all ranks.
+        mean_dilatation: whether each body takes the mean dilatation of its cells, see ``locking``.
 
     Raises:
         SceneError: for a mesh that does not suit the scene, missing tags, surfaces that do not face each other, or
@@ -78,21 +81,35 @@ class Discretisation:
         self.size = dim * nodes.size_global
         self._dx = ufl.Measure("dx", domain=self.mesh, subdomain_data=self._cell_tags)
         self._ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=self._facet_tags)
+        self.mean_dilatation = mean_dilatation(scene, self.mesh.topology.cell_name())
         self._trial, self._test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
 
     def assemble_stiffness(self) -> PETSc.Mat:
         """Assemble K over all dofs, without boundary conditions."""
-        matrix = fem_petsc.assemble_matrix(self._stiffness_form)
+        if not any(self.mean_dilatation):
+            matrix = fem_petsc.assemble_matrix(self._stiffness_form)
+        else:
+            from hhr_dolfinx.full_order.gauss_points import add_stiffness
+
+            # the mass couples the dofs of all cells, those too that no form integrates
+            matrix = fem_petsc.create_matrix(self._mass_form)
+            if not all(self.mean_dilatation):
+                fem_petsc.assemble_matrix(matrix, self._stiffness_form)
+            add_stiffness(self, matrix)
         matrix.assemble()
         return matrix
 
     @cached_property
     def _stiffness_form(self):
-        """Compiled where it is used: bodies that flow assemble through their Gauss points."""
+        """Of the bodies under full integration; compiled where it is used: bodies that flow assemble elsewhere."""
         scene, functions = self.scene, (self._trial, self._test)
         parts = (elasticity.stiffness(*functions, body.young, body.poisson, scene.hypothesis, self._dx(body.tag))
-                 for body in scene.bodies)  # fmt: skip
+                 for body, mean in zip(scene.bodies, self.mean_dilatation, strict=True) if not mean)  # fmt: skip
         return fem.form(sum(parts))
+
+    @cached_property
+    def _mass_form(self):
+        return fem.form(elasticity.mass(self._trial, self._test, self.scene.hypothesis, self._dx))
 
     def gathered(self, matrix: PETSc.Mat) -> csr_matrix:
         """The whole matrix on every rank; rows are owned in contiguous ranges."""
@@ -115,7 +132,7 @@ class Discretisation:
             SceneWarning: where imposed nodes penetrate.
         """
         scene = self.scene
-        mass = fem_petsc.assemble_matrix(fem.form(elasticity.mass(self._trial, self._test, scene.hypothesis, self._dx)))
+        mass = fem_petsc.assemble_matrix(self._mass_form)
         mass.assemble()
         terms, free = self._displacements()
         terms += [Term(item.amplitude, opened=item.contact) for item in scene.openings]
@@ -175,6 +192,8 @@ class Discretisation:
     def stress(self, displacement: np.ndarray) -> np.ndarray:
         """Stress at the middle of each cell, (cells, 3, 3), in the order of ``ContactProblem.cell_nodes``.
 
+        Bodies with a mean dilatation have the pressure that belongs to it.
+
         Args:
             displacement: on all dofs, (N,).
         """
@@ -184,12 +203,26 @@ class Discretisation:
         constants = fem.functionspace(self.mesh, ("Discontinuous Lagrange", 0, (3, 3)))
         points = compat.interpolation_points(constants.element)
         stress = fem.Function(constants)
-        for body in self.scene.bodies:
-            sigma = elasticity.stress(field, body.young, body.poisson, self.scene.hypothesis)
+        dilatation = self._mean_dilatation_of(field) if any(self.mean_dilatation) else None
+        for body, mean in zip(self.scene.bodies, self.mean_dilatation, strict=True):
+            own = dilatation if mean else None
+            sigma = elasticity.stress(field, body.young, body.poisson, self.scene.hypothesis, own)
             stress.interpolate(fem.Expression(sigma, points), self._cell_tags.find(body.tag))
         owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
         values = stress.x.array.reshape(-1, 3, 3)[constants.dofmap.list[:owned].ravel()]
         return np.concatenate(self.comm.allgather(values))
+
+    def _mean_dilatation_of(self, field) -> fem.Function:
+        """Mean of tr(ε) over the volume of each cell, by the rule of the stiffness; on the cells of this rank."""
+        dilatation = fem.Function(fem.functionspace(self.mesh, ("Discontinuous Lagrange", 0)))
+        test, hypothesis = ufl.TestFunction(dilatation.function_space), self.scene.hypothesis
+        dx = ufl.dx(self.mesh, metadata={"quadrature_degree": QUADRATURE})
+        volume = elasticity.volume_weight(self.mesh, hypothesis) * test
+        trace = ufl.tr(elasticity.strain(field, hypothesis))
+        change, size = (fem.assemble_vector(fem.form(form * dx)).array for form in (trace * volume, volume))
+        own = dilatation.function_space.dofmap.index_map.size_local
+        dilatation.x.array[:own] = change[:own] / size[:own]
+        return dilatation
 
     def von_mises(self, displacement: np.ndarray) -> np.ndarray:
         """Von Mises stress at the middle of each cell, (cells,); see :meth:`stress`."""

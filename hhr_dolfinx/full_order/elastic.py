@@ -13,7 +13,7 @@ from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.contact.dense import factorised
 from hhr_dolfinx.contact.problem import ContactSolution, Status, outcome
 from hhr_dolfinx.errors import NotSolvableError, SceneError
-from hhr_dolfinx.full_order.cholesky import check_regular, cholesky_solver, singular_stiffness
+from hhr_dolfinx.full_order.cholesky import check_regular, cholesky_solver, singular_stiffness, solve_columns
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.scene import Scene
 
@@ -64,8 +64,7 @@ class FullOrderModel:
         check_regular(self.problem, lambda rhs: self._gather(self.solve_stiffness(rhs[self._own])), scene.name)
         self._contact = self.problem.contact[:, self._own]
         self._own_loads = np.asfortranarray(self.problem.loads[self._own])
-        rows = self._contact.toarray()
-        self.per_force = np.stack([self.solve_stiffness(row) for row in rows], axis=1)
+        self.per_force = solve_columns(self._ksp, self._contact.T)
         self.schur = comm.allreduce(self._contact @ self.per_force)
         self._equalities, self._pairs = SchurEqualities.of(self.schur), Pairs.of(self.problem.contact_pairs)
 

@@ -1,20 +1,25 @@
-"""From UFL to arrays at Gauss points: the strain of a scene, tabulated once, for bodies that flow."""
+"""From UFL to arrays at Gauss points: the strain, tabulated once, of bodies that flow or are nearly incompressible."""
 
 from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 import ufl
 from dolfinx import fem
+from petsc4py import PETSc
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.flow.gauss import StrainOperator
+from hhr_dolfinx.flow.material import Group, Material
 from hhr_dolfinx.forms.elasticity import volume_weight
 from hhr_dolfinx.forms.plasticity import strain_vector
-from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.full_order.locking import QUADRATURE
+from hhr_dolfinx.scene import Scene
 
-QUADRATURE = 2
-"""Degree of the rule: quadrilaterals get 2 x 2 points."""
+if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.discretisation import Discretisation
 
 
 def strain_operator(discretisation: Discretisation) -> StrainOperator:
@@ -28,14 +33,67 @@ def strain_operator(discretisation: Discretisation) -> StrainOperator:
     """
     if discretisation.comm.size > 1:
         raise SceneError("materials that flow are solved on one rank: share the parameters out, not the mesh")
+    return _tabulated(discretisation, np.arange(discretisation.cell_bodies().size))
+
+
+def material_at(scene: Scene, bodies: np.ndarray, operator: StrainOperator) -> Material:
+    """Laws at the Gauss points of the cells of an operator.
+
+    Args:
+        scene: the scene.
+        bodies: body of each cell as its place in the scene, (cells,).
+        operator: strain of these cells.
+    """
+    of_point = np.repeat(bodies, operator.per_cell)
+    points = [np.flatnonzero(of_point == place) for place in range(len(scene.bodies))]
+    groups = [Group(p, b.young, b.poisson, b.law) for p, b in zip(points, scene.bodies, strict=True)]
+    return Material(groups, operator.components)
+
+
+def add_stiffness(discretisation: Discretisation, matrix: PETSc.Mat) -> None:
+    """Add the elastic stiffness of the bodies with a mean dilatation, each rank that of its own cells.
+
+    Args:
+        discretisation: of the scene.
+        matrix: of all dofs, to be assembled after this.
+    """
+    bodies = discretisation.cell_bodies()
+    cells = np.flatnonzero(np.array(discretisation.mean_dilatation)[bodies])
+    operator = _tabulated(discretisation, cells)
+    elastic = material_at(discretisation.scene, bodies[cells], operator).elastic
+    dofs = operator.dofs.astype(PETSc.IntType)
+    elements = operator.element_stiffness(elastic).reshape(len(cells), dofs.shape[1] ** 2)
+    matrix.setValuesLocalRCV(dofs, dofs, elements, addv=PETSc.InsertMode.ADD)
+
+
+def _tabulated(discretisation, cells) -> StrainOperator:
+    """Strain at the Gauss points of some cells of this rank, in its own numbers of the dofs; collective."""
     mesh, space, hypothesis = discretisation.mesh, discretisation.space, discretisation.scene.hypothesis
-    cells = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
+    cells = cells.astype(np.int32)
     points, weights = compat.quadrature(mesh, QUADRATURE)
     table = fem.Expression(strain_vector(ufl.TrialFunction(space), hypothesis), points).eval(mesh, cells)
     measure = volume_weight(mesh, hypothesis) * abs(ufl.JacobianDeterminant(mesh))
-    volumes = fem.Expression(measure, points).eval(mesh, cells).reshape(len(cells), len(weights))
+    volumes = weights * fem.Expression(measure, points).eval(mesh, cells).reshape(len(cells), len(weights))
     dim, blocks = mesh.geometry.dim, space.dofmap.list[cells]
-    dofs = (dim * blocks[:, :, None] + np.arange(dim)).reshape(len(cells), -1).astype(np.int64)
-    components = 6 if hypothesis == "solid" else 4
-    gradients = np.ascontiguousarray(table.reshape(len(cells), len(weights), components, dofs.shape[1]))
-    return StrainOperator(gradients, volumes * weights, dofs, discretisation.size)
+    # lengths are given, none left to be found: a rank may have no such cell
+    of_cell, components = dim * blocks.shape[1], 6 if hypothesis == "solid" else 4
+    dofs = (dim * blocks[:, :, None] + np.arange(dim)).reshape(len(cells), of_cell).astype(np.int64)
+    gradients = np.ascontiguousarray(table.reshape(len(cells), len(weights), components, of_cell))
+    mean = np.flatnonzero(np.array(discretisation.mean_dilatation)[discretisation.cell_bodies()[cells]])
+    gradients[mean] = _with_mean_dilatation(gradients[mean], volumes[mean])
+    return StrainOperator(gradients, volumes, dofs, discretisation.size)
+
+
+def _with_mean_dilatation(gradients, volumes):
+    """B-bar: the trace of the strain at each point gives way to its mean over the volume of the cell.
+
+    Args:
+        gradients: strain of each dof, (cells, points, components, dofs of a cell).
+        volumes: of the points, (cells, points).
+    """
+    trace = gradients[:, :, :3].sum(axis=2)
+    shares = volumes / volumes.sum(axis=1, keepdims=True)
+    mean = np.einsum("cq,cqk->ck", shares, trace)
+    changed = gradients.copy()
+    changed[:, :, :3] += (mean[:, None] - trace)[:, :, None] / 3
+    return changed

@@ -15,10 +15,9 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.flow.equilibrium import Correction
 from hhr_dolfinx.flow.gauss import ElasticPart
-from hhr_dolfinx.flow.material import Group, Material
-from hhr_dolfinx.full_order.cholesky import FreeCholesky, check_regular
+from hhr_dolfinx.full_order.cholesky import FreeCholesky, check_regular, ordering_of
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.gauss_points import strain_operator
+from hhr_dolfinx.full_order.gauss_points import material_at, strain_operator
 from hhr_dolfinx.scene import Scene
 
 
@@ -51,9 +50,7 @@ class PlasticFullOrder:
         self.discretisation = Discretisation(scene, MPI.COMM_SELF)
         self.operator, bodies = strain_operator(self.discretisation), self.discretisation.cell_bodies()
         self.cell_of_point = np.repeat(np.arange(len(bodies)), self.operator.per_cell)
-        points = [np.flatnonzero(bodies[self.cell_of_point] == place) for place in range(len(scene.bodies))]
-        groups = [Group(p, b.young, b.poisson, b.law) for p, b in zip(points, scene.bodies, strict=True)]
-        self.material = Material(groups, self.operator.components)
+        self.material = material_at(scene, bodies, self.operator)
         self._pattern = self.operator.pattern()
         stiffness = self.operator.stiffness(self.material.elastic, self._pattern)
         self._unchanged = ElasticPart(self.material.elastic, stiffness.data.copy())
@@ -61,10 +58,9 @@ class PlasticFullOrder:
         self.discretisation.check(problem)
         self.amplitudes, self.parameters = problem.amplitudes, problem.parameters
         self.size, self.conditions = problem.free.size, problem.contact.shape[0]
-        solver = FreeCholesky(stiffness, problem.free, scene.name)
+        solver = self._factored(stiffness)
         check_regular(problem, solver.solve, scene.name)
-        rows = problem.contact.toarray()
-        per_force = np.stack([solver.solve(row) for row in rows], axis=1)
+        per_force = solver.solve_columns(problem.contact.T)
         self.schur = problem.contact @ per_force
         equalities = SchurEqualities.of(self.schur)
         self._pairs = Pairs.of(problem.contact_pairs)
@@ -121,13 +117,21 @@ class PlasticFullOrder:
         stiffness = self.stiffness(tangents)
         with self.lock:
             if self._tangent_solver is None:
-                self._tangent_solver = FreeCholesky(stiffness, self.problem.free, self.scene.name)
+                self._tangent_solver = self._factored(stiffness)
             else:
                 self._tangent_solver.refactor(stiffness)
         columns = _LazyColumns(self._tangent_solver, self.problem.contact)
         equalities = SchurEqualities(columns.images, self.conditions)
         factors = stiffness, self._tangent_solver
         return _Operator(self.problem, self._pairs, factors, equalities, columns.push, tangents)
+
+    def _factored(self, stiffness) -> FreeCholesky:
+        """Factors that are made again and again.
+
+        On one core: 31 ms and 1.1 ms a solve at 13,700 dofs in the plane with nd, against 53 and 1.4 ms with qmd.
+        """
+        ordering = ordering_of(self.problem.block_size, "nd")
+        return FreeCholesky(stiffness, self.problem.free, self.scene.name, ordering)
 
 
 @dataclass(frozen=True)
@@ -163,17 +167,19 @@ class _Operator:
 
 
 class _LazyColumns:
-    """K^-1 B^T and S = B K^-1 B^T by columns, each solved for when its condition first becomes active."""
+    """K^-1 B^T and S = B K^-1 B^T by columns, solved for when their conditions first become active, all at once."""
 
     def __init__(self, solver: FreeCholesky, contact):
         self._solver, self._contact, self._columns, self._images = solver, contact, {}, {}
 
     def images(self, index: np.ndarray) -> np.ndarray:
         """Columns of S as rows, (k, m); see :class:`SchurEqualities`."""
-        for k in index:
-            if k not in self._columns:
-                self._columns[k] = self._solver.solve(self._contact[k].toarray().ravel())
-                self._images[k] = self._contact @ self._columns[k]
+        new = [k for k in index if k not in self._columns]
+        if new:
+            columns = self._solver.solve_columns(self._contact[new].T)
+            images = self._contact @ columns
+            for place, k in enumerate(new):
+                self._columns[k], self._images[k] = columns[:, place], images[:, place]
         return np.array([self._images[k] for k in index]).reshape(index.size, self._contact.shape[0])
 
     def push(self, forces: np.ndarray) -> np.ndarray:

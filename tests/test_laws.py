@@ -1,0 +1,67 @@
+"""Laws of a user's own that answer with something else than numbers, and those that find no flow."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from test_plastic import LAWS, POISSON, YOUNG, bar, some_states
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import ConvergenceError, SceneError
+from hhr_dolfinx.flow.material import Group, Material
+
+
+def update(law, strain, old, dt=0.1):
+    """One step of a material of one law."""
+    groups = [Group(np.arange(len(strain)), YOUNG, POISSON, law)]
+    return Material(groups, strain.shape[1]).update(strain, old, dt, tangent=True)
+
+
+class Lists:
+    """Plasticity whose answer is made of lists."""
+
+    def flow(self, trial, plastic_strain, shear, dt):
+        return [part.tolist() for part in LAWS["plasticity"].flow(trial, plastic_strain, shear, dt)]
+
+
+def test_lists_are_as_good_as_arrays():
+    strain, old = some_states(1)
+    ours, theirs = update(Lists(), strain, old), update(LAWS["plasticity"], strain, old)
+    assert np.array_equal(ours.stress, theirs.stress)
+    assert np.array_equal(ours.tangents, theirs.tangents)
+
+
+@dataclass(frozen=True)
+class Answers:
+    """A law that always answers the same."""
+
+    answer: object
+
+    def flow(self, trial, plastic_strain, shear, dt):
+        return self.answer
+
+
+@pytest.mark.parametrize("answer", [None, 3.0, ("a", "b"), ([[1.0], [1.0, 2.0]], 1.0), (1.0, 2.0, 3.0)])
+def test_what_is_no_answer_names_the_law(answer):
+    with pytest.raises(SceneError, match=r"the law Answers.* answered .*must return two arrays of numbers"):
+        update(Answers(answer), *some_states(1))
+
+
+def test_a_march_ends_with_the_name_of_the_law():
+    full = hhr.PlasticFullOrder(bar(Answers(None)))
+    with pytest.raises(SceneError, match="the law Answers"):
+        hhr.march(full, [(0.0, np.zeros(1)), (1.0, np.array([0.01]))])
+
+
+def test_norton_says_where_it_finds_no_flow():
+    """An infinite time step has no flow: sixty iterations went by without a word."""
+    strain, old = some_states(1)
+    named = pytest.raises(ConvergenceError, match=r"Norton\(.*\) found no flow in a step of inf")
+    with np.errstate(all="ignore"), named:
+        update(LAWS["norton 4"], strain, old, dt=np.inf)
+
+
+def test_a_trial_that_is_not_finite_is_not_blamed_on_norton():
+    trial = np.array([1.0, np.nan])
+    flow, _ = LAWS["norton 4"].flow(trial, np.zeros(2), 80.0, 0.1)
+    assert flow[0] > 0 and np.isnan(flow[1])
