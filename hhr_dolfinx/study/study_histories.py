@@ -15,6 +15,7 @@ from hhr_dolfinx.full_order.plastic import PlasticFullOrder
 from hhr_dolfinx.reduction.plastic_offline import PlasticReduction, PlasticSettings, build_plastic_reduction
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.accuracy import FORCE_FLOOR, relative_error, summary
+from hhr_dolfinx.study.console import make_console
 from hhr_dolfinx.study.report import frame, print_report, write_report
 from hhr_dolfinx.study.training import Progress, silent
 from hhr_dolfinx.study.view import View
@@ -66,7 +67,7 @@ class HistoryStudy:
 
     def write(self, folder: Path, console: Console | None = None, view: View | None = None) -> None:
         """Write and print the report, draw the pictures of a view."""
-        console = console or Console()
+        console = console or make_console()
         write_report(self.report, folder)
         print_report(self.report, console)
         if view is not None:
