@@ -72,12 +72,13 @@ def _why_not_writable(folder: Path) -> str:
             'the container as its owner (--user "$(id -u):$(id -g)")'
         )
     except OSError as error:
-        return f"--out {folder}: results cannot be written, {(error.strerror or str(error)).lower()}. Name another folder"
+        why = (error.strerror or str(error)).lower()
+        return f"--out {folder}: results cannot be written, {why}. Name another folder"
     return ""
 
 
 def _owner(folder):
     """Whose the folder is, or the one it would be made in, and who asks, by number: names may mean nothing here."""
-    there = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
+    there = next(place for place in (folder.absolute(), *folder.absolute().parents) if os.path.exists(place))
     asks = f", this is user {os.geteuid()}" if hasattr(os, "geteuid") else ""
     return f"{there} belongs to user {there.stat().st_uid}{asks}"
