@@ -174,3 +174,17 @@ def test_slow_tests_are_left_out_by_default():
     options = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["pytest"]["ini_options"]
     assert "-m 'not slow'" in options["addopts"]
     assert any(marker.startswith("slow:") for marker in options["markers"])
+
+
+def test_readme_and_image_tell_the_same_commands():
+    readme, image = ((ROOT / name).read_text() for name in ("README.md", "Dockerfile"))
+    commands = re.findall(r"^#   (.+)$", image, re.MULTILINE)
+    assert [command.split()[0] for command in commands] == ["docker", "mkdir", "docker"]
+    assert f"| container | `{' && '.join(commands)}` |" in readme
+
+
+def test_readme_and_set_up_tell_the_same_sizes():
+    readme, script = ((ROOT / name).read_text() for name in ("README.md", "scripts/setup.sh"))
+    sizes = re.findall(r"([\d.]+ [MG]B) to download, ([\d.]+ [MG]B) on disk", script)
+    assert len(sizes) == 2
+    assert all(size in readme for pair in sizes for size in pair)
