@@ -68,8 +68,8 @@ def _why_not_writable(folder: Path) -> str:
     except PermissionError as error:
         return (
             f"--out {folder}: results cannot be written, {error.strerror.lower()}: {_owner(folder)}. Name a folder of "
-            "yours by --out. In a container with a mounted folder, make it on the host first (mkdir -p out) and start "
-            'the container as its owner (--user "$(id -u):$(id -g)")'
+            "yours by --out. For a folder mounted in a container: on the host, make it first (mkdir -p out) or make it "
+            'yours (sudo chown "$(id -u)" out), and start the container as its owner (--user "$(id -u):$(id -g)")'
         )
     except OSError as error:
         why = (error.strerror or str(error)).lower()
