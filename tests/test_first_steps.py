@@ -209,3 +209,20 @@ def test_readme_and_set_up_tell_the_same_sizes():
     sizes = re.findall(r"([\d.]+ [MG]B) to download, ([\d.]+ [MG]B) on disk", script)
     assert len(sizes) == 2
     assert all(size in readme for pair in sizes for size in pair)
+
+
+@pytest.mark.parametrize(
+    ("version", "scalar", "good"),
+    [("0.9.0", "float64", True), ("0.10.0.post1", "float64", True), ("0.8.0", "float64", False),
+     ("0.9.0", "complex128", False)],
+)  # fmt: skip
+def test_which_dolfinx_the_set_up_takes(tmp_path, version, scalar, good):
+    """One that is too old, or whose PETSc has complex numbers, is passed over before it ends in an error."""
+    (code,) = re.findall(r"\"\$1\" -c '(import importlib.*?)' >/dev/null", (ROOT / "scripts/setup.sh").read_text(), re.S)
+    for name in ("dolfinx_solver", "mpi4py", "slepc4py"):
+        (tmp_path / f"{name}.py").write_text("")
+    (tmp_path / "dolfinx.py").write_text(f"__version__ = {version!r}\n")
+    (tmp_path / "petsc4py.py").write_text(f"import numpy\nclass PETSc:\n    ScalarType = numpy.{scalar}\n")
+    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, timeout=60)
+    assert (run.returncode == 0) == good and not run.stderr
