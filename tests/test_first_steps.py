@@ -218,7 +218,9 @@ def test_readme_and_set_up_tell_the_same_sizes():
 )  # fmt: skip
 def test_which_dolfinx_the_set_up_takes(tmp_path, version, scalar, good):
     """One that is too old, or whose PETSc has complex numbers, is passed over before it ends in an error."""
-    (code,) = re.findall(r"\"\$1\" -c '(import importlib.*?)' >/dev/null", (ROOT / "scripts/setup.sh").read_text(), re.S)
+    (code,) = re.findall(
+        r"\"\$1\" -c '(import importlib.*?)' >/dev/null", (ROOT / "scripts/setup.sh").read_text(), re.S
+    )
     for name in ("dolfinx_solver", "mpi4py", "slepc4py"):
         (tmp_path / f"{name}.py").write_text("")
     (tmp_path / "dolfinx.py").write_text(f"__version__ = {version!r}\n")
