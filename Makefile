@@ -3,7 +3,7 @@
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: demo pellet nonmatching plastic sphere patch extreme test setup
+.PHONY: demo pellet nonmatching plastic sphere patch extreme test slow setup
 
 demo: setup
 	.venv/bin/python demos/hertz_half_discs.py
@@ -28,6 +28,10 @@ extreme: setup
 
 test: setup
 	.venv/bin/python -m pytest
+
+# the tests that take minutes each, which `make test` leaves out
+slow: setup
+	.venv/bin/python -m pytest -m slow
 
 setup:
 	@sh scripts/setup.sh

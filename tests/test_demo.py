@@ -19,6 +19,7 @@ def quick(tmp_path_factory):
     command = [sys.executable, str(ROOT / "demos/hertz_half_discs.py"), "--quick", "--out", str(out)]
     run = subprocess.run(command, capture_output=True, text=True, cwd=out, timeout=300)
     assert run.returncode == 0, run.stderr[-3000:]
+    (out / "printed").write_text(run.stdout)
     return out
 
 
@@ -50,6 +51,15 @@ def test_report(quick):
     assert "condensation" in report["advice"]
     methods = {row["method"] for row in report["work_precision"]}
     assert methods == {"HHR", "condensed", "fom_best", "fom_naive"}
+
+
+def test_what_is_printed_to_a_file(quick):
+    """Every line is whole and says something."""
+    lines = (quick / "printed").read_text().splitlines()
+    report = json.loads((quick / "report.json").read_text())
+    assert lines[0] == "snapshots: 31 to do" and all(line.strip() for line in lines)
+    assert report["advice"] in lines and f"report, pictures, fields and model are in {quick}" in lines
+    assert not any(sign in "".join(lines) for sign in "\x1b\r")
 
 
 def test_pictures_fields_and_model(quick):

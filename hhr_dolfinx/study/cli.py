@@ -1,18 +1,19 @@
-"""What every demo script shares: its options, its console, its progress bars."""
+"""What every demo script shares: its options, its console, its progress bars, a folder it can write to."""
 
 from __future__ import annotations
 
 import argparse
+import os
+import tempfile
 from pathlib import Path
 
 from mpi4py import MPI
-from rich.console import Console
-from rich.progress import track
 
 from hhr_dolfinx.errors import ParameterError, StudyError
 from hhr_dolfinx.online.batch import TableRow, answer_table, read_points
 from hhr_dolfinx.online.reconstruct import OnlineModel
 from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.study.console import make_console, progress_on
 from hhr_dolfinx.study.training import checked_folder
 
 
@@ -67,11 +68,44 @@ def parse_on_first_rank(parser: argparse.ArgumentParser) -> argparse.Namespace:
 
 
 def parse(parser: argparse.ArgumentParser) -> argparse.Namespace:
-    """The options, with a ``console`` that speaks on the first rank only and its ``progress`` bars by label."""
+    """The options, with a ``console`` that speaks on the first rank only and its ``progress`` bars by label.
+
+    The folder ``out`` is made here: one that cannot be written ends the program before anything is computed.
+    """
     options = parser.parse_args()
-    options.console = console = Console(quiet=MPI.COMM_WORLD.rank > 0)
     options.first_rank = MPI.COMM_WORLD.rank == 0
-    options.progress = lambda label: (
-        lambda items: track(items, description=f"{label:10}", console=console, transient=True)
-    )
+    fault = MPI.COMM_WORLD.bcast(_why_not_writable(options.out) if options.first_rank else None)
+    if fault and options.first_rank:
+        parser.error(fault)
+    if fault:
+        raise SystemExit(2)
+    options.console = make_console(quiet=not options.first_rank)
+    options.progress = progress_on(options.console)
     return options
+
+
+def _why_not_writable(folder: Path) -> str:
+    """What keeps files from being written to a folder, and the remedy; empty if nothing does. The folder is made."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        # trying is surer than asking: rights, read-only mounts and full disks show alike
+        with tempfile.NamedTemporaryFile(dir=folder) as probe:
+            probe.write(b"results")
+            probe.flush()
+    except PermissionError as error:
+        return (
+            f"--out {folder}: results cannot be written, {error.strerror.lower()}: {_owner(folder)}. Name a folder of "
+            "yours by --out. For a folder mounted in a container: on the host, make it first (mkdir -p out) or make it "
+            'yours (sudo chown "$(id -u)" out), and start the container as its owner (--user "$(id -u):$(id -g)")'
+        )
+    except OSError as error:
+        why = (error.strerror or str(error)).lower()
+        return f"--out {folder}: results cannot be written, {why}. Name another folder"
+    return ""
+
+
+def _owner(folder):
+    """Whose the folder is, or the one it would be made in, and who asks, by number: names may mean nothing here."""
+    there = next(place for place in (folder.absolute(), *folder.absolute().parents) if os.path.exists(place))
+    asks = f", this is user {os.geteuid()}" if hasattr(os, "geteuid") else ""
+    return f"{there} belongs to user {there.stat().st_uid}{asks}"

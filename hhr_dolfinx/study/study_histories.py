@@ -16,6 +16,7 @@ from hhr_dolfinx.reduction.plastic_offline import PlasticReduction, PlasticSetti
 from hhr_dolfinx.reduction.plastic_trust import force_floor_of, largest_errors, residuals_of
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.accuracy import relative_error, summary
+from hhr_dolfinx.study.console import make_console
 from hhr_dolfinx.study.report import frame, print_report, write_report
 from hhr_dolfinx.study.training import Progress, checked_folder, silent
 from hhr_dolfinx.study.view import View
@@ -71,7 +72,7 @@ class HistoryStudy:
 
     def write(self, folder: str | Path, console: Console | None = None, view: View | None = None) -> None:
         """Write and print the report, draw the pictures of a view."""
-        console, folder = console or Console(), checked_folder(folder)
+        console, folder = console or make_console(), checked_folder(folder)
         write_report(self.report, folder)
         print_report(self.report, console)
         if view is not None:

@@ -23,6 +23,7 @@ from hhr_dolfinx.online.reduced import ReducedModel
 from hhr_dolfinx.reduction.offline import HyperReduction, ReductionSettings
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.accuracy import summary
+from hhr_dolfinx.study.console import make_console
 from hhr_dolfinx.study.report import make_report, model_report, print_report, write_report
 from hhr_dolfinx.study.training import Progress, Training, check_counts, checked_folder, silent, train
 from hhr_dolfinx.study.view import View
@@ -118,7 +119,7 @@ class SceneStudy:
 
     def write(self, folder: str | Path, console: Console | None = None, view: View | None = None) -> None:
         """Write and print the report, keep the model, draw the pictures of a view."""
-        console, folder = console or Console(), checked_folder(folder)
+        console, folder = console or make_console(), checked_folder(folder)
         write_report(self.report, folder)
         print_report(self.report, console)
         save_model(folder / "model.npz", self.hyper)

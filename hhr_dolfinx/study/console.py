@@ -1,0 +1,55 @@
+"""Where a study speaks: with bars on a terminal; in whole lines where its output is kept, a pipe or a log file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sized
+
+from rich.console import Console
+from rich.progress import track
+
+_NO_LIMIT, _ANY_HEIGHT = 10_000, 25
+"""Columns and lines of a console that no window bounds. rich takes 80 columns unless both are given."""
+
+
+def make_console(quiet: bool = False) -> Console:
+    """A console on standard output, which breaks lines only where a window has an edge.
+
+    A line of a log is what ``grep`` finds: it is kept whole, however long. Colours are left to rich, which writes none
+    off a terminal unless it is asked to (``FORCE_COLOR``).
+
+    Args:
+        quiet: print nothing, as all ranks but the first do.
+    """
+    console = Console(quiet=quiet)
+    if _is_watched(console):
+        return console
+    return Console(quiet=quiet, width=_NO_LIMIT, height=_ANY_HEIGHT)
+
+
+def progress_on(console: Console) -> Callable[[str], Callable[[Iterable], Iterator]]:
+    """Maps a label to a wrapper of iterations: a bar that goes away, or one line off a terminal.
+
+    Bars are drawn by moving the cursor. What moves it has no place in a file, even where colours are forced.
+
+    Args:
+        console: where to show it, as made by :func:`make_console`.
+    """
+    shown = _bar if _is_watched(console) else _line
+    return lambda label: lambda items: shown(label, items, console)
+
+
+def _bar(label, items, console):
+    return track(items, description=f"{label:10}", console=console, transient=True)
+
+
+def _line(label, items, console):
+    count = f": {len(items)} to do" if isinstance(items, Sized) else ""
+    if count != ": 0 to do":
+        console.print(f"{label}{count}", highlight=False)
+    yield from items
+
+
+def _is_watched(console):
+    """Whether a window shows it: a terminal that can move its cursor, or a notebook."""
+    isatty = getattr(console.file, "isatty", lambda: False)
+    return console.is_jupyter or (isatty() and console.is_terminal and not console.is_dumb_terminal)
