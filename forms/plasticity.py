@@ -20,6 +20,7 @@ from typing import Protocol
 import numpy as np
 import ufl
 
+from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms.elasticity import lame_parameters, strain
 
 ITERATIONS = 60
@@ -64,7 +65,7 @@ class Plasticity:
     def __post_init__(self):
         """Refuse softening, for which the problem depends on the mesh, and a yield stress that is none."""
         if not (0 < self.yield_stress < np.inf and 0 <= self.hardening < np.inf):
-            raise ValueError(
+            raise SceneError(
                 f"yield stress {self.yield_stress} must be positive and hardening {self.hardening} not negative: "
                 "softening has no answer that does not depend on the mesh"
             )
@@ -93,7 +94,7 @@ class Norton:
     def __post_init__(self):
         """Refuse what has no or no unique flow."""
         if not (0 < self.resistance < np.inf and 1 <= self.exponent < np.inf):
-            raise ValueError(f"resistance {self.resistance} must be positive and exponent {self.exponent} at least 1")
+            raise SceneError(f"resistance {self.resistance} must be positive and exponent {self.exponent} at least 1")
 
     def flow(self, trial, plastic_strain, shear, dt):
         """Newton's method for x = σ_eq in x + 3 mu dt (x / K)^m = q_tr; see :class:`Flow`.

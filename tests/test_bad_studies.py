@@ -7,6 +7,7 @@ from argparse import Namespace
 import hertz_half_discs as demo
 import numpy as np
 import pytest
+from scenes import as_it_is
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import compat
@@ -96,7 +97,7 @@ def test_options_of_demos(tmp_path, capsys, arguments, message):
 def test_a_study_in_a_folder_given_as_text(tmp_path, monkeypatch):
     """From the training to the report, with test points of one parameter in a row."""
     monkeypatch.chdir(tmp_path)
-    settings = hhr.StudySettings([8], reduction=demo.THESIS, tests=2, queries=2, held_out=0, naive=False)
+    settings = hhr.StudySettings([8], reduction=as_it_is(demo.THESIS), tests=2, queries=2, held_out=0, naive=False)
     scene = demo.scene(arc_segments=28, flat_segments=7)
     study = hhr.study_scene(scene, settings, "out/x", points=[0.2, 0.3])
     assert study.points.shape == (2, 1) and len(list((tmp_path / "out/x/snapshots").iterdir())) == 8

@@ -49,7 +49,7 @@ def test_a_tube_creeps_as_fast_as_norton_says(exponent, poisson):
     full = hhr.PlasticFullOrder(tube(hhr.Norton(resistance, exponent), pressure, cells=24, poisson=poisson))
     times = np.concatenate([[0.0, 1e-3], np.geomspace(1e-2, 17.0, 30)])
     path = [(time, np.array([pressure if time else 0.0])) for time in times]
-    before, last = hhr.march(full, path, hhr.MarchSettings(absolute_stress=1e-6)).points[-2:]
+    before, last = hhr.march(full, path, hhr.MarchSettings(floor_stress=1e-6)).points[-2:]
     speed = (last.unknown - before.unknown).reshape(-1, 2)[:, 0] / (last.time - before.time)
     radius = full.problem.points[:, 0]
     assert last.unknown.max() > 0.16
@@ -297,12 +297,12 @@ def test_blocks_of_mumps_are_the_columns_of_petsc(monkeypatch):
     """Both factorisations, in several blocks and for a single column, against one solve after the other."""
     full = hhr.PlasticFullOrder(pressed_block("solid", cells=4))
     problem = full.problem
-    assert full.elastic.solver._ksp.getPC().getFactorSolverType() == "mumps"
+    assert full.elastic.factors[1]._ksp.getPC().getFactorSolverType() == "mumps"
     monkeypatch.setattr(cholesky, "BLOCK", 7)  # 25 columns
     own = cholesky.FreeCholesky(problem.stiffness, problem.free, "block", "nd")
     expected = np.stack([own.solve(row).copy() for row in problem.contact.toarray()], axis=1)
     size = np.abs(expected).max()
-    for solver in (own, full.elastic.solver):
+    for solver in (own, full.elastic.factors[1]):
         assert solver.solve_columns(problem.contact.T) == pytest.approx(expected, abs=1e-12 * size)
         assert solver.solve_columns(problem.contact[:1].T)[:, 0] == pytest.approx(expected[:, 0], abs=1e-12 * size)
 
@@ -313,7 +313,7 @@ def test_a_history_in_space_without_mumps(monkeypatch):
     first = hhr.PlasticFullOrder(scene)
     monkeypatch.setattr(cholesky.PETSc.Sys, "hasExternalPackage", lambda name: False)
     second = hhr.PlasticFullOrder(scene)
-    kinds = [model.elastic.solver._ksp.getPC().getFactorSolverType() for model in (first, second)]
+    kinds = [model.elastic.factors[1]._ksp.getPC().getFactorSolverType() for model in (first, second)]
     assert kinds == ["mumps", "petsc"]
     for ours, theirs in zip(pushed(first, 0.05, 5).points, pushed(second, 0.05, 5).points, strict=True):
         # round-off, where the tangents are nearly singular

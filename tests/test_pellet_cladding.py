@@ -112,18 +112,16 @@ def test_default_recipe(small, small_snapshots, small_reduction):
 
 def test_dual_deim_and_layers_extend_the_rid(small, small_snapshots):
     plain = hhr.ReductionSettings.thesis(1e-4)
-    quiet = TrustLimits(warn_cond_K=1e30, refuse_cond_K=1e30, warn_kappa_B=1e30)
     sizes = []
     for changes in ({}, {"dual_pod_tolerance": 1e-4}, {"dual_pod_tolerance": 1e-4, "layers": 1}):
-        settings = dataclasses.replace(plain, limits=quiet, most_layers=1, **changes)
+        settings = dataclasses.replace(plain, limits=None, most_layers=1, **changes)
         reduction = hhr.build_reduced_model(small, small_snapshots, settings)
         sizes.append((len(reduction.sets.A_lambda), len(reduction.sets.cells)))
     assert sizes[0] < sizes[1] < sizes[2]
 
 
-@pytest.mark.filterwarnings("ignore:contact_definite:hhr_dolfinx.errors.StabilityWarning")
 def test_extended_pod_keeps_the_rid(small, small_snapshots):
-    settings = hhr.ReductionSettings.thesis(1e-5, dual_pod_tolerance=1e-3, limits=TrustLimits(1e30, 1e30))
+    settings = hhr.ReductionSettings.thesis(1e-5, dual_pod_tolerance=1e-3, limits=None)
     first = hhr.build_reduced_model(small, small_snapshots, settings)
     more = dataclasses.replace(settings, extended_pod_tolerance=1e-6)
     second = hhr.build_reduced_model(small, small_snapshots, more)
@@ -135,15 +133,16 @@ def test_extended_pod_keeps_the_rid(small, small_snapshots):
 def test_trust_check_grows_the_rid_or_refuses(small, small_snapshots):
     """A limit that only a larger RID meets: the model grows and says what was refused on the way."""
     base = hhr.ReductionSettings.thesis(1e-8, dual_pod_tolerance=1e-4)
-    quiet = TrustLimits(refuse_cond_K=1e30, warn_cond_K=1e30, warn_definite=-np.inf)
     conditions = []
     for layers in (0, 3):
-        settings = dataclasses.replace(base, limits=quiet, layers=layers, most_layers=layers)
+        settings = dataclasses.replace(base, limits=None, layers=layers, most_layers=layers)
         reduction = hhr.build_reduced_model(small, small_snapshots, settings)
         conditions.append(reduction.stability.cond_K)
     assert conditions[1] < conditions[0]
     limit = np.sqrt(conditions[0] * conditions[1])
-    between = TrustLimits(refuse_cond_K=limit, warn_cond_K=1e30, warn_definite=-np.inf)
+    loose = dict.fromkeys(("refuse_primal", "refuse_dual", "warn_primal", "warn_dual", "warn_worst"), np.inf)
+    quiet = {"warn_cond_K": 1e30, "warn_definite": -np.inf, **loose}
+    between = TrustLimits(refuse_cond_K=limit, refuse_distortion=0.0, **quiet)
     grown = dataclasses.replace(base, limits=between, most_layers=3)
     reduction = hhr.build_reduced_model(small, small_snapshots, grown)
     assert reduction.log.refused and reduction.log.refused[0]["layers"] == 0

@@ -75,7 +75,7 @@ def test_full_basis_on_the_whole_domain_is_the_full_order(hertz, hertz_snapshots
 
 def test_full_snapshot_basis_reproduces_the_training_points(hertz, hertz_snapshots):
     """With all modes each snapshot lies in the space, and a consistent RID model returns it."""
-    settings = hhr.ReductionSettings.thesis(1e-25)
+    settings = as_it_is(hhr.ReductionSettings.thesis(1e-25))
     reduction = hhr.build_reduced_model(hertz, hertz_snapshots, settings)
     for point, field, forces in zip(
         hertz_snapshots.points, hertz_snapshots.displacements.T, hertz_snapshots.forces.T, strict=True
@@ -134,7 +134,7 @@ def test_displacement_converges_with_the_basis(hertz, hertz_snapshots):
     yardstick = Yardstick.at(points, hertz, hertz_snapshots)
     worst = []
     for tolerance in (1e-6, 1e-8, 1e-12):
-        settings = hhr.ReductionSettings.thesis(tolerance)
+        settings = as_it_is(hhr.ReductionSettings.thesis(tolerance))
         reduction = hhr.build_reduced_model(hertz, hertz_snapshots, settings)
         worst.append(yardstick.errors(reduction).values["primal_energy"].max())
     assert worst[0] > 3 * worst[1] > 9 * worst[2]
@@ -145,7 +145,7 @@ def test_reconstructed_forces_keep_the_rid_and_repeat_snapshots(hertz, hertz_sna
 
     Below mu = 0.2 a single node of the RID touches, and many combinations of snapshots fit it.
     """
-    settings = hhr.ReductionSettings.thesis(1e-12)
+    settings = as_it_is(hhr.ReductionSettings.thesis(1e-12))
     reduction = hhr.build_reduced_model(hertz, hertz_snapshots, settings)
     for k in (10, 20, 30):
         _, forces = reduction.solve_everywhere(hertz_snapshots.points[k])

@@ -26,6 +26,8 @@ MEMORY = 6
 """Differences of iterates that Anderson's acceleration keeps."""
 ROUND_OFF_STRAIN = 1e-13
 """A strain this small is round-off of displacements that strain nothing, as where a gap closes without stress."""
+MOST_STRAIN = 100.0
+"""A strain this large is a runaway, whatever the residual. At the corner of a punch single points reach a few units."""
 PATIENCE = 5
 """A frozen tangent is kept for the next step if this one took no more iterations."""
 
@@ -272,7 +274,8 @@ def _step(model, trail, goal, settings, kept) -> tuple[Point, int]:
     active, operator, noise = here.active, kept.operator if flows else model.elastic, model.round_off(x, theta)
     for iteration in range(1, settings.iterations + 1):
         renew = flows and (operator is None or settings.search == "tangent")
-        update = model.material.update(model.strain(x, theta), here.state, dt, tangent=renew)
+        strain = model.strain(x, theta)
+        update = model.material.update(strain, here.state, dt, tangent=renew)
         if not np.isfinite(update.stress).all():
             raise _Diverged("the stress is not finite", int(np.argmin(np.isfinite(update.stress).all(axis=1))))
         residual, scale = model.residual(update.stress, theta)
@@ -292,6 +295,7 @@ def _step(model, trail, goal, settings, kept) -> tuple[Point, int]:
             largest = max(kept.stress, float(np.sqrt(np.mean(update.stress**2))))
             floor = max(settings.floor_stress * largest, ROUND_OFF_STRAIN * operator.moduli.max())
             if (moved - settings.relative_stress * np.abs(update.stress)).max() <= floor:
+                _check_small(strain)
                 slow = settings.search == "tangent" or iteration > PATIENCE
                 kept.operator = None if slow else operator
                 kept.forces, kept.stress = np.maximum(scale, kept.forces), largest
@@ -302,6 +306,14 @@ def _step(model, trail, goal, settings, kept) -> tuple[Point, int]:
     moved = _moves(operator, model.strain_of(correction.change)).max(axis=1)
     why = f"after {settings.iterations} iterations the stress still moves by {moved.max():.3g}"
     raise _Diverged(why, int(moved.argmax()))
+
+
+def _check_small(strain):
+    """Refuse a runaway: beyond its limit load a body is in balance to round-off, which grows with the displacement."""
+    sizes = np.abs(strain).max(axis=1)
+    if sizes.max() > MOST_STRAIN:
+        why = f"a strain of {sizes.max():.3g} is no small strain: the load is more than is borne"
+        raise _Diverged(why, int(sizes.argmax()))
 
 
 def _moves(operator, strain):

@@ -9,18 +9,17 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from hhr_dolfinx.errors import ParameterError, StudyError
+from hhr_dolfinx.errors import ParameterError
 from hhr_dolfinx.online.batch import TableRow, answer_table, read_points
 from hhr_dolfinx.online.reconstruct import OnlineModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.study.console import make_console, progress_on
-from hhr_dolfinx.study.training import checked_folder
 
 
 def demo_parser(name: str, description: str) -> argparse.ArgumentParser:
     """Parser with ``--out``, ``--quick`` and ``--seed``; the first line of ``description`` is shown."""
     parser = argparse.ArgumentParser(description=description.splitlines()[0])
-    parser.add_argument("--out", type=_folder, default=Path("out") / name, help="folder of the results (%(default)s)")
+    parser.add_argument("--out", type=Path, default=Path("out") / name, help="folder of the results (%(default)s)")
     parser.add_argument("--quick", action="store_true", help="fewer points and queries, for a first look and for tests")
     parser.add_argument("--seed", type=_seed, default=1, help="seed of random test points (%(default)s)")
     return parser
@@ -35,14 +34,6 @@ def _seed(text: str) -> int:
     if value < 0:
         raise argparse.ArgumentTypeError(f"{text} must be an integer that is not negative")
     return value
-
-
-def _folder(text: str) -> Path:
-    """A folder to write to."""
-    try:
-        return checked_folder(text)
-    except StudyError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def points_or_exit(parser: argparse.ArgumentParser, table: Path | None, space: ParameterSpace):
