@@ -117,12 +117,14 @@ FAILING = """
 import sys
 sys.path[:0] = [{tests!r}, {demos!r}]
 import dataclasses
+from types import SimpleNamespace
 import numpy as np
 from mpi4py import MPI
 from scenes import pressed_block
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ConvergenceError
 from hhr_dolfinx.pairings.obstacle import Obstacle
+from hhr_dolfinx.online.batch import TableRow
 from hhr_dolfinx.snapshots.solutions import spread_snapshots
 world, last = MPI.COMM_WORLD, MPI.COMM_WORLD.rank == MPI.COMM_WORLD.size - 1
 scene = pressed_block("plane_strain")
@@ -173,6 +175,9 @@ def pairing():
     (floor,) = scene.contacts
     return dataclasses.replace(scene, contacts=(Failing(**vars(floor)),))
 
+answering = SimpleNamespace(
+    model=SimpleNamespace(parameters=scene.parameters), reconstruction=SimpleNamespace(gaps=[])
+)
 {case}
 print("rank", world.rank, "went on", flush=True)
 """
@@ -189,7 +194,7 @@ EACH_FOR_ITSELF = {
     "snapshot": "hhr.train(scene, [9], progress=lambda label: after(1, fail_here))",
     "store": "spread_snapshots(hhr.FullOrderModel(scene, MPI.COMM_SELF), scene.parameters.grid([9]), world, "
     "store=FailingStore())",
-    "query": "hhr.answer_rows(None, [['0.1']] * 9, world, after(1, fail_here))",
+    "query": "hhr.answer_rows(answering, [TableRow(2, ['x'])] * 9, world, after(1, fail_here))",
 }
 
 
@@ -261,6 +266,6 @@ def test_every_rank_raises_what_it_can():
     assert all(words[2] == "SceneError" and "[99]" in words[3] for words in unbuilt)
     # not blamed on tags that other ranks hold
     for words in misplaced:
-        assert words[2] == "SceneError" and "a mesh on 1 rank and made one on 3" in words[3]
-        assert "COMM_WORLD" in words[3] and "tags" not in words[3]
+        assert words[2] == "SceneError" and "spread over 3 ranks and was asked for on 1" in words[3]
+        assert "on the communicator it is given" in words[3] and "tags" not in words[3]
     assert [words[2] for words in solved] == ["nothing"] * 3

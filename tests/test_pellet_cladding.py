@@ -277,6 +277,8 @@ def test_extreme_cases(tmp_path):
     full = {row["case"]: row["outcome"] for row in rows if row["model"] == "full"}
     assert full.pop("pellet held by contact only") == "refused"
     assert full.pop("H < 0") == "refused"
+    # a fluid: locked, it seemed to bear the pressure
+    assert full.pop("Norton K times 1e-3") == "refused"
     assert set(full.values()) == {"right"}
     assert all(row["why"] for row in rows)
 

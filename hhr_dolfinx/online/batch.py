@@ -98,6 +98,7 @@ def answer_rows(
     rows: list[TableRow],
     comm: MPI.Comm,
     progress: Callable[[Iterable], Iterable] = iter,
+    outside: str = "refuse",
 ) -> list[list[str]] | None:
     """Answer every row with contact forces on the whole surface; a bad row does not stop the others.
 
@@ -106,6 +107,8 @@ def answer_rows(
         rows: parameters as text, the same on all ranks.
         comm: communicator over which the rows are spread.
         progress: wraps the iteration, for a progress bar.
+        outside: what happens to parameters outside what was trained, see ``ReducedModel.solve``; a table is read by
+            those who see no warnings, so that such rows are refused unless asked for otherwise.
 
     Returns:
         On rank 0 one row per input: its parameters, status, largest displacement, total force and all
@@ -116,7 +119,7 @@ def answer_rows(
     """
     mine = np.array_split(np.arange(len(rows)), comm.size)[comm.rank]
     with ranks.each_for_itself(comm, "answering the table"):
-        answers = [_answer(reduction, rows[k]) for k in progress(mine)]
+        answers = [_answer(reduction, rows[k], outside) for k in progress(mine)]
     parts = comm.gather(answers, root=0)
     return None if parts is None else [row for part in parts for row in part]
 
@@ -143,9 +146,10 @@ def _row(line, cells, columns, width) -> TableRow:
     return TableRow(line, [padded[column] for column in columns], fault)
 
 
-def _answer(reduction, row) -> list[str]:
+def _answer(reduction, row, outside) -> list[str]:
     try:
-        displacement, forces = reduction.solve_everywhere(_point(row, reduction.model.parameters.names))
+        point = _point(row, reduction.model.parameters.names)
+        displacement, forces = reduction.solve_everywhere(point, outside=outside)
     except HHRError as error:  # what a row may do; anything else is a fault of the program and ends the run
         unanswered = [""] * (len(_ANSWER) - 1 + len(reduction.reconstruction.gaps))
         return [*row.cells, str(error), *unanswered]
