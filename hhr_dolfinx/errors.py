@@ -83,3 +83,7 @@ class SnapshotFileWarning(UserWarning):
 
 class LockingWarning(UserWarning):
     """A body that keeps its volume is meshed with cells that are too stiff for it: linear triangles or tetrahedra."""
+
+
+class LawWarning(UserWarning):
+    """A law answers with a slope that is not the derivative of its flow."""

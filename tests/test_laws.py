@@ -7,7 +7,7 @@ import pytest
 from test_plastic import LAWS, POISSON, YOUNG, bar, some_states
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import ConvergenceError, SceneError
+from hhr_dolfinx.errors import ConvergenceError, LawWarning, SceneError
 from hhr_dolfinx.flow.material import Group, Material
 
 
@@ -65,3 +65,25 @@ def test_a_trial_that_is_not_finite_is_not_blamed_on_norton():
     trial = np.array([1.0, np.nan])
     flow, _ = LAWS["norton 4"].flow(trial, np.zeros(2), 80.0, 0.1)
     assert flow[0] > 0 and np.isnan(flow[1])
+
+
+class Steep:
+    """Plasticity with a slope of a third: right answers, slow steps."""
+
+    def flow(self, trial, plastic_strain, shear, dt):
+        amount, slope = LAWS["plasticity"].flow(trial, plastic_strain, shear, dt)
+        return amount, 0.3 * slope
+
+
+def test_a_wrong_slope_is_said_once():
+    full = hhr.PlasticFullOrder(bar(Steep()))
+    path = [(k / 4, np.array([0.01 * k / 4])) for k in range(5)]
+    with pytest.warns(LawWarning, match=r"the slope of .*Steep.* differences of its flow give") as caught:
+        history = hhr.march(full, path)
+    assert len(caught) == 1 and len(history.points) == 4
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_right_slopes_are_not_doubted(name):
+    """Differences of the laws here agree to 1e-6; the warning is an error in tests."""
+    hhr.march(hhr.PlasticFullOrder(bar(LAWS[name])), [(k / 4, np.array([0.01 * k / 4])) for k in range(5)])

@@ -38,6 +38,10 @@ class Update(NamedTuple):
     tangents: np.ndarray | None
 
 
+SLOPE = 0.05
+"""Relative error of a slope worth a word: differences of the laws here agree to 1e-6, a forgotten factor is far off."""
+
+
 @dataclass(frozen=True)
 class Group:
     """Points of one body.
@@ -108,8 +112,7 @@ class Material:
         for group in self.groups:
             lam, mu = lame_parameters(group.young, group.poisson)
             bulk, points = lam + 2 * mu / 3, group.points
-            trial = _Trial(np.empty((points.size, self.components)), np.empty(points.size))
-            _set_trial(points, strain, old.plastic, mu, trial)
+            trial = self._trial(group, strain, old, mu)
             if group.law is None:
                 flow = _Flow(np.zeros(points.size), np.zeros(points.size))
             else:
@@ -118,6 +121,30 @@ class Material:
                 _check_flow(group.law, flow, trial.equivalent, mu)
             _return(points, strain, trial, flow, (bulk, mu), _Out(stress, plastic, cumulated, tangents))
         return Update(stress, State(plastic, cumulated), tangents if tangent else None)
+
+    def wrong_slopes(self, strain: np.ndarray, old: State, dt: float) -> list[str] | None:
+        """Laws whose slope is not the derivative of their flow, in words; None where nothing flows enough to tell.
+
+        A wrong slope changes no answer; steps take more iterations, or fail for no visible reason.
+
+        Args:
+            strain, old, dt: of a step, see :meth:`update`.
+        """
+        complaints = []
+        for group in self.groups:
+            if group.law is not None:
+                _, mu = lame_parameters(group.young, group.poisson)
+                trial = self._trial(group, strain, old, mu).equivalent
+                complaints.append(_slope_complaint(group.law, trial, old.cumulated[group.points], mu, dt))
+        told = [complaint for complaint in complaints if complaint is not None]
+        return [complaint for complaint in told if complaint] if told else None
+
+    def _trial(self, group, strain, old, mu) -> _Trial:
+        """Trial stress of the points of a body."""
+        points = group.points
+        trial = _Trial(np.empty((points.size, self.components)), np.empty(points.size))
+        _set_trial(points, strain, old.plastic, mu, trial)
+        return trial
 
 
 class _Trial(NamedTuple):
@@ -182,6 +209,26 @@ def _check_flow(law, flow, trial, mu):
             f"{law} flows by {amount[worst]:g} under an equivalent stress of {trial[worst]:g}: between 0 and "
             f"{trial[worst] / (3 * mu):g} was expected"
         )
+
+
+def _slope_complaint(law, trial, cumulated, mu, dt) -> str | None:
+    """What is wrong with the slope of a law at some points, by central differences; None where they do not flow."""
+    step = 1e-4
+    below, here, above = (_flow_of(law, trial * (1 + way * step), cumulated, mu, dt) for way in (-1, 0, 1))
+    # at the onset of flow there is no derivative
+    smooth = (below.amount > 0) & (trial > 0)
+    if not smooth.any():
+        return None
+    differences = (above.amount - below.amount)[smooth] / (2 * step * trial[smooth])
+    wrong = np.abs(here.slope[smooth] - differences) / np.abs(differences).max()
+    worst = int(wrong.argmax())
+    if not wrong[worst] > SLOPE:
+        return ""
+    return (
+        f"the slope of {law} is {here.slope[smooth][worst]:.3g} under an equivalent trial stress of "
+        f"{trial[smooth][worst]:.3g}, differences of its flow give {differences[worst]:.3g}: steps will take more "
+        "iterations, or fail. Mend the second value that its flow returns"
+    )
 
 
 _NO_TANGENTS = np.empty((0, 0, 0))

@@ -8,6 +8,7 @@ nothing unconverged is ever kept.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -16,7 +17,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from hhr_dolfinx.contact.problem import Status
-from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, OutsideTrainingError, ParameterError
+from hhr_dolfinx.errors import ConvergenceError, LawWarning, NotSolvableError, OutsideTrainingError, ParameterError
 from hhr_dolfinx.flow.equilibrium import Equilibrium, Operator
 from hhr_dolfinx.flow.material import State
 from hhr_dolfinx.trained import OUTSIDE, Watch
@@ -151,6 +152,7 @@ def march(
 
     Warns:
         OutsideTrainingWarning: if a step is outside what was trained, and ``settings`` do not say otherwise.
+        LawWarning: if the slope of a law is not the derivative of its flow.
     """
     path = _checked(model, path)
     time, start = path[0]
@@ -187,17 +189,29 @@ def _checked(model, path) -> list[tuple[float, np.ndarray]]:
 
 def _march(model, path, settings, history) -> None:
     """Solve the steps of a checked path into a history."""
-    trail = (_at_rest(model, *path[0]),)
+    trail, slopes_seen = (_at_rest(model, *path[0]),), False
     kept, watch = _Kept(), Watch(model.trained, settings.outside)
     for number, (time, target) in enumerate(path[1:], start=1):
         watch.before(number, trail[-1].time, time, trail[-1].parameter, target)
         after, iterations, cut = _advance(model, trail, _Goal(time, target), settings, kept)
         history.points.append(after)
         history.imbalances.append(model.imbalance(after.stress, after.forces, model.amplitudes(target)))
+        slopes_seen = slopes_seen or _check_slopes(model, trail[-1], after)
         history.iterations.append(iterations)
         history.cuts += cut
         watch.after(number, time, history.imbalances[-1])
         trail = (*trail[-2:], after)
+
+
+def _check_slopes(model, before, after) -> bool:
+    """Warn of laws with a wrong slope; whether the step flowed enough to tell."""
+    if not after.state.cumulated.max(initial=0.0) > 0:
+        return False
+    strain = model.strain(after.unknown, model.amplitudes(after.parameter))
+    complaints = model.material.wrong_slopes(strain, before.state, after.time - before.time)
+    for complaint in complaints or ():
+        warnings.warn(complaint, LawWarning, stacklevel=4)
+    return complaints is not None
 
 
 class _Goal(NamedTuple):
