@@ -84,7 +84,6 @@ def test_test_points_that_are_none(tmp_path, points):
     [
         (["--seed", "-1"], "argument --seed: -1 must be an integer that is not negative"),
         (["--seed", "one"], "argument --seed: one must be an integer"),
-        (["--out", "{file}"], r"argument --out: .* is a file"),
     ],
 )
 def test_options_of_demos(tmp_path, capsys, arguments, message):
@@ -114,3 +113,10 @@ def test_a_petsc_of_complex_numbers(monkeypatch, kind):
         compat.require_dolfinx()
     with pytest.raises(ImportError, match="complex"):
         hhr.FullOrderModel(unbuilt())
+
+
+@pytest.mark.parametrize("changes", [{"training": []}, {"tests": ()}, {"repetitions": 0}, {"seed": -1}])
+def test_histories_that_cannot_be_measured(changes):
+    (name,) = changes
+    with pytest.raises(StudyError, match=name):
+        hhr.HistorySettings(**{"path": None, "training": [1.0], "tests": [2.0]} | changes)

@@ -23,7 +23,6 @@ from hhr_dolfinx.contact.dense import LapackLU, PetscLU
 from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.online.reconstruct import OnlineModel
 from hhr_dolfinx.reduction.plastic import PlasticReduced
-from hhr_dolfinx.reduction.trust import TrustLimits
 
 THREADS = 8
 
@@ -88,8 +87,7 @@ def pellet():
 @pytest.fixture(scope="module")
 def reduced(pellet):
     full_order, snapshots, _ = pellet
-    limits = TrustLimits(refuse_cond_K=1e30, warn_cond_K=1e30, warn_definite=-np.inf)
-    return hhr.build_reduced_model(full_order, snapshots, hhr.ReductionSettings(limits=limits))
+    return hhr.build_reduced_model(full_order, snapshots, hhr.ReductionSettings(limits=None))
 
 
 def test_one_reduced_model(pellet, reduced):
@@ -101,6 +99,27 @@ def test_reduced_models_of_their_own(pellet, reduced):
     model = reduced.model
     twins = [hhr.ReducedModel(model.problem, model.parameters, model.amplitudes, model.known) for _ in range(THREADS)]
     check_threads(twins, pellet[2])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("own", [False, True], ids=["one model", "models of their own"])
+def test_a_hundred_thousand_queries_by_each_thread(pellet, reduced, own):
+    """Every answer is hashed and compared with that of one thread."""
+    model, points = reduced.model, pellet[0].problem.parameters.random(2000, 8)
+    make = lambda: hhr.ReducedModel(model.problem, model.parameters, model.amplitudes, model.known)  # noqa: E731
+    models = [make() if own else model for _ in range(THREADS)]
+    expected = [hash(answer) for answer in answers(make(), points)]
+
+    def job(k):
+        order = np.random.default_rng(k)
+        wrong = 0
+        for _ in range(50):
+            places = order.permutation(len(points))
+            found = answers(models[k], points[places])
+            wrong += sum(hash(answer) != expected[place] for answer, place in zip(found, places, strict=True))
+        return wrong
+
+    assert at_once([lambda k=k: job(k) for k in range(THREADS)]) == [0] * THREADS
 
 
 def test_exact_condensation(pellet):

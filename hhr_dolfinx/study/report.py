@@ -213,6 +213,13 @@ def print_report(report: dict, console: Console) -> None:
     for name, row in report["times"].items():
         for line in _lines(name, row):
             console.print(line)
+    counts = {name: count for name, count in report.get("break_even", {}).items() if count is not None}
+    if counts:
+        told = ", ".join(f"{count:.0f} queries for {name}" for name, count in counts.items())
+        console.print(f"cheaper than the best full order, training included, after {told}")
+    if "paths" in report:
+        for line in _path_lines(report["paths"]):
+            console.print(line)
     if "advice" in report:
         console.print(report["advice"])
     for item in report["refused_before"]:
@@ -251,6 +258,16 @@ def _lines(name, row):
     for key, value in row.items():
         if isinstance(value, dict):
             yield from _lines(f"{name}, {key}", value)
+
+
+def _path_lines(paths):
+    """What a model did on paths inside and outside of its training, in words."""
+    inside, outside = paths["inside"], paths["outside"]
+    if inside:
+        told = ", ".join(f"{name} {row['max']:.1%}" for name, row in inside.items())
+        yield f"paths inside what was trained, worst errors: {told}; {paths['false_alarms']} false alarms"
+    silent = ", ".join(f"{name} {value:.1%}" for name, value in outside["silent_worst"].items())
+    yield f"paths outside: {outside['warned']} of {outside['n']} warned of; worst errors without a warning: {silent}"
 
 
 def _seconds(value):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from hhr_dolfinx.errors import ConvergenceError
+from hhr_dolfinx.errors import ConvergenceError, StudyError
 from hhr_dolfinx.flow.quasi_static import SEARCHES, History, MarchSettings, march
 from hhr_dolfinx.full_order.plastic import PlasticFullOrder
 from hhr_dolfinx.reduction.plastic_offline import PlasticReduction, PlasticSettings, build_plastic_reduction
@@ -18,7 +18,7 @@ from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.accuracy import relative_error, summary
 from hhr_dolfinx.study.console import make_console
 from hhr_dolfinx.study.report import frame, print_report, write_report
-from hhr_dolfinx.study.training import Progress, checked_folder, silent
+from hhr_dolfinx.study.training import Progress, check_counts, checked_folder, silent
 from hhr_dolfinx.study.view import View
 from hhr_dolfinx.study.yardstick import answer_errors
 from hhr_dolfinx.timing import StageLog, timed
@@ -47,6 +47,17 @@ class HistorySettings:
     march: MarchSettings = MarchSettings()
     repetitions: int = 3
     seed: int = 1
+
+    def __post_init__(self):
+        """Refuse what cannot be measured, before anything is computed.
+
+        Raises:
+            StudyError: with the name and the value.
+        """
+        check_counts(repetitions=(self.repetitions, 1), seed=(self.seed, 0))
+        for name in ("training", "tests"):
+            if not len(getattr(self, name)):
+                raise StudyError(f"{name} = {list(getattr(self, name))} must hold at least one value")
 
 
 @dataclass(frozen=True)

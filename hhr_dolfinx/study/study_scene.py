@@ -81,6 +81,7 @@ class StudySettings:
         least = {"tests": 1, "queries": 1, "held_out": 0, "seed": 0}
         check_counts(**{name: (getattr(self, name), low) for name, low in least.items()})
         recipes = {"reduction": self.reduction, **{f"variant {label!r}": recipe for label, recipe in self.variants}}
+        recipes |= {f"model {label!r}": recipe for label, recipe in self.models.items()}
         for name, recipe in recipes.items():
             if not isinstance(recipe, ReductionSettings):
                 raise StudyError(f"{name} = {recipe!r} of a study must be ReductionSettings, the recipe of a model")
