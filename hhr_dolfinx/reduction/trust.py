@@ -327,7 +327,7 @@ def warn_no_flow() -> None:
 
 
 def _share(value):
-    return "none" if math.isinf(value) else f"{value:.1%}"
+    return "infinite" if math.isinf(value) else f"{value:.1%}"
 
 
 def _warn(message):
