@@ -23,7 +23,7 @@ QUICK_MESH = {"sphere_cells": (10, 5), "block_cells": (8, 4), "grading": 2.5}
 COMPACT = {"dual_pod_tolerance": None, "layers": 0}  # the points of the primal DEIM are enough for one compact zone
 SMALLER = [(f"eps {eps:.0e}", hhr.ReductionSettings(eps, **COMPACT)) for eps in (1e-8, 1e-9)]
 VARIANTS = [("two layers", hhr.ReductionSettings()), *SMALLER]
-SETTINGS = hhr.StudySettings([25, 5], hhr.ReductionSettings(**COMPACT), VARIANTS, held_out=20, naive=False)
+SETTINGS = hhr.StudySettings([25, 5], hhr.ReductionSettings(**COMPACT), VARIANTS, naive=False)
 VIEW = hhr.View(((0.21, 60.0),), lambda x: np.hypot(x[:, 0], x[:, 1]), "distance from the pole [mm]", stress="MPa",
                 closed_form=lambda r, quarter: hertz(4 * quarter)[2](r))  # fmt: skip
 
