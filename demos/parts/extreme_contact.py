@@ -6,11 +6,11 @@ import contact_patch_test as patch
 import hertz_half_discs as discs
 import numpy as np
 import pellet_cladding as demo
-from parts.three_rings import three_rings
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import pellet_cladding, two_blocks
 from hhr_dolfinx.study.verify import Case, Known
+from parts.three_rings import three_rings
 
 MESH = demo.QUICK_MESH
 
@@ -24,7 +24,9 @@ def contact_cases():
     fitted = dataclasses.replace(fitted, parameters=space, openings=(opening,))
     yield Case("opening in [-0.01, 0]", fitted, counts=(6, 5, 5))
     yield Case("three shrink-fitted rings", three_rings())
-    yield Case("half-discs, thesis recipe", discs.scene(), discs.THESIS, counts=(31,))
+    # contact grows steadily there, and a tenth is wrong; where a single node touches is hit by one point in a hundred
+    strict = {"tests": 200, "worst_force": 0.1}
+    yield Case("half-discs, thesis recipe", discs.scene(), discs.THESIS, counts=(31,), **strict)
     bare = hhr.ReductionSettings(2.1e-6, dual_pod_tolerance=None, layers=0)
     yield Case("half-discs, few modes, no layers, no dual DEIM", discs.scene(), bare, counts=(31,))
     yield Case("curved block on 21 points", curved_block(), counts=(21,))
