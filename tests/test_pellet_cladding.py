@@ -271,16 +271,43 @@ def test_extreme_cases(tmp_path):
     """No silent wrong answer: the demo ends with 1 if there is one."""
     command = [sys.executable, str(ROOT / "demos/extreme_cases.py"), "--quick", "--out", str(tmp_path)]
     run = subprocess.run(command, capture_output=True, text=True, timeout=300)
-    assert run.returncode == 0, run.stdout[-3000:] + run.stderr[-2000:]
     rows = json.loads((tmp_path / "extreme_cases.json").read_text())
+    assert not [row for row in rows if row["outcome"] == "WRONG"]
+    assert run.returncode == 0, run.stdout[-3000:] + run.stderr[-2000:]
     assert {row["outcome"] for row in rows} <= {"right", "warned", "refused"}
+    assert all(row["why"] for row in rows)
     full = {row["case"]: row["outcome"] for row in rows if row["model"] == "full"}
     assert full.pop("pellet held by contact only") == "refused"
     assert full.pop("H < 0") == "refused"
     # a fluid: locked, it seemed to bear the pressure
     assert full.pop("Norton K times 1e-3") == "refused"
+    assert full.pop("tube beyond its limit load") == "refused"
     assert set(full.values()) == {"right"}
-    assert all(row["why"] for row in rows)
+    assert outcomes(rows, "known answer") == {
+        "forces 1e11 apart": "right",
+        "strips .02 thick, mortar without normal": "right",
+        "overlap of the sag of facets": "warned",
+        "overlap ten times the sag of facets": "right",
+        "tube beyond its limit load": "right",
+        "Norton tube": "right",
+        "Norton tube of triangles": "warned",
+    }
+    reduced = outcomes(rows, "reduced")
+    for name in ("press fit, contact never opens", "three shrink-fitted rings", "far obstacle at 1e8",
+                 "pellet 1e-6 times as stiff", "pellet 1e6 times as stiff", "stresses in GPa"):  # fmt: skip
+        assert reduced[name] == "right", name
+    untrained = [name for name in reduced if name.startswith("not trained: ")]
+    assert len(untrained) == 4
+    for name in (*untrained, "half-discs, thesis recipe"):
+        assert reduced[name] == "warned", name
+    assert any("no training solution has contact" in row["why"] for row in rows if row["model"] == "reduced")
+    cases = json.loads((tmp_path / "report.json").read_text())["cases"]
+    assert [(row["case"], row["outcome"]) for row in cases] == [(row["case"], row["outcome"]) for row in rows]
+
+
+def outcomes(rows, model):
+    """Outcome by case of one kind of row."""
+    return {row["case"]: row["outcome"] for row in rows if row["model"] == model}
 
 
 def test_every_change_of_the_problem_gives_other_snapshots(small, store, tmp_path):

@@ -26,12 +26,30 @@ def paced(seconds):
     return lambda gap: [(seconds * time, parameter) for time, parameter in demo.path(gap, 20)]
 
 
-def shares(parts, top=demo.PRESSURE):
-    """A path of pressures as parts of the largest one."""
-    times = np.arange(len(parts)) / (len(parts) - 1)
+def shares(parts, top=demo.PRESSURE, times=None):
+    """A path of pressures as parts of the largest one, within a second where no times are given."""
+    times = np.arange(len(parts)) / (len(parts) - 1) if times is None else times
     return lambda gap: [
         (t, np.array([top * part, demo.HEIGHT, gap * 1e-3])) for t, part in zip(times, parts, strict=True)
     ]
+
+
+def in_gigapascals():
+    """The scene with all stresses in GPa."""
+    base, unit = with_laws(hhr.Plasticity(0.08, 1.0), hhr.Norton(1.0, 4.0)), 1e-3
+    bodies = tuple(dataclasses.replace(body, young=body.young * unit) for body in base.bodies)
+    space = base.parameters
+    upper = (space.upper[0] * unit, *space.upper[1:])
+    return dataclasses.replace(base, bodies=bodies, parameters=hhr.ParameterSpace(space.names, space.lower, upper))
+
+
+def untrained():
+    """Paths outside the family that is trained: one second up, at one height."""
+    up = np.linspace(0, 1, 21)
+    yield "held for 10 s", shares([*up, *np.ones(10)], times=[*up, *(1 + np.arange(1, 11))])
+    yield "unloaded to 0", shares([*up, *up[-2::-1]], times=[*up, *(1 + up[1:])])
+    yield "100 times slower", paced(100.0)
+    yield "pressed up to 1.4 mm", lambda gap: demo.history(up, up, gap, height=1.4)
 
 
 def flow_cases():
@@ -55,3 +73,6 @@ def flow_cases():
     yield case("unloading and reloading", with_laws, up_and_down)
     stiff = hhr.Plasticity(1e9)
     yield case("nothing flows", lambda: with_laws(stiff, stiff), plain)
+    yield case("stresses in GPa", in_gigapascals, shares(np.linspace(0, 1, 21), 0.45))
+    for name, tried in untrained():
+        yield case(f"not trained: {name}", with_laws, plain, tried=tried)

@@ -26,7 +26,7 @@ def matching_cases():
         pellet, cladding = base.bodies
         bodies = (dataclasses.replace(pellet, young=pellet.young * 10.0**exponent), cladding)
         yield Case(f"pellet 1e{exponent} times as stiff", dataclasses.replace(base, bodies=bodies))
-    for poisson in (0.4999, -0.9):
+    for poisson in (0.4999, 0.4999999999, -0.9):
         bodies = tuple(dataclasses.replace(body, poisson=poisson) for body in base.bodies)
         yield Case(f"nu = {poisson}", dataclasses.replace(base, bodies=bodies))
     for gap in (0.0, 1e-12, -1e-3):
@@ -35,7 +35,9 @@ def matching_cases():
         yield Case(name, dataclasses.replace(base, parameters=hhr.ParameterSpace(("P1", "h1"), *box)))
     loose = tuple(item for item in base.displacements if item.tag != geometry.PELLET_TOP)
     yield Case("pellet held by contact only", dataclasses.replace(base, displacements=loose))
-    yield Case("cells of aspect 1000", demo.scene(**MESH, height=7 * 1000 * 20 / 12 / 1.7, thickness=0.57))
+    for aspect in (1000, 10000):
+        tall = demo.scene(**MESH, height=7 * aspect * 20 / 12 / 1.7, thickness=0.57)
+        yield Case(f"cells of aspect {aspect}", tall)
     for name, length in (("nm", 1e6), ("m", 1e-3), ("km", 1e-6)):
         yield Case(f"lengths in {name}", in_units(length))
     yield Case("POD tolerance 1e-14", base, hhr.ReductionSettings(pod_tolerance=1e-14))
