@@ -3,7 +3,7 @@
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: demo pellet nonmatching plastic sphere patch extreme test slow setup
+.PHONY: demo pellet nonmatching plastic sphere patch extreme recipes test slow setup
 
 demo: setup
 	.venv/bin/python demos/hertz_half_discs.py
@@ -25,6 +25,9 @@ patch: setup
 
 extreme: setup
 	.venv/bin/python demos/extreme_cases.py
+
+recipes: setup
+	.venv/bin/python demos/random_recipes.py
 
 test: setup
 	.venv/bin/python -m pytest

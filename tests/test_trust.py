@@ -133,6 +133,19 @@ def test_warnings_of_refused_attempts_are_not_those_of_the_model(hertz, hertz_sn
     assert not any(f"{reduction.comparison.dual.max():.0%}" not in text for text in said if "the worst is at" in text)
 
 
+def test_points_held_out_look_where_contact_grazes():
+    """A corner of 1 % of the box, which 100 random points missed for every second seed."""
+    scene = demo.scene(**demo.QUICK_MESH)
+    training = hhr.train(scene, [20, 16], held_out=50, seed=5, comm=MPI.COMM_SELF)
+    points, forces = training.held_out.points, np.linalg.norm(training.held_out.forces, axis=0)
+    assert len(points) == 50
+    assert np.array_equal(points[:40], scene.parameters.random(50, 2005)[:40]), "four fifths are uniform"
+    weakest = np.linalg.norm(training.snapshots.forces, axis=0).max() * 0.02
+    # uniform points have one chance in thirty each
+    assert (forces[40:] < weakest).sum() >= 4
+    assert not {tuple(point) for point in points} & {tuple(point) for point in training.snapshots.points}
+
+
 def test_contact_that_is_never_seen_is_said():
     scene = hertz_demo.scene(**COARSE)
     apart = dataclasses.replace(scene, parameters=hhr.ParameterSpace(("mu",), (0.01,), (0.05,)))

@@ -15,6 +15,7 @@ from hhr_dolfinx.full_order.elastic import FullOrderModel
 from hhr_dolfinx.parameters import is_whole
 from hhr_dolfinx.reduction.offline import HyperReduction, ReductionSettings, build_reduced_model
 from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.snapshots.held_out import held_out_points
 from hhr_dolfinx.snapshots.solutions import SnapshotSet, spread_snapshots
 from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.timing import StageLog
@@ -73,7 +74,7 @@ def train(
     Args:
         scene: the scene.
         counts: training points along each parameter, on a regular grid.
-        held_out: number of random parameters for the trust check; 0 for none.
+        held_out: number of random parameters for the trust check, a fifth of them where contact grazes; 0 for none.
         seed: seed of these.
         folder: where solutions are kept and found again; None keeps nothing.
         comm: communicator over which the parameters are spread.
@@ -83,7 +84,7 @@ def train(
         StudyError: for counts, a number of solutions, a seed or a folder that are none, before anything is computed.
     """
     check_counts(held_out=(held_out, 0), seed=(seed, 0))
-    space, grid = scene.parameters, training_grid(scene, counts)
+    grid = training_grid(scene, counts)
     folder = None if folder is None else checked_folder(folder)
     log = StageLog()
     with ranks.each_for_itself(comm, f"building the full model of scene '{scene.name}'"):
@@ -95,7 +96,9 @@ def train(
     kept = None
     if held_out > 0:
         with log.stage("held_out"):
-            kept = spread_snapshots(full_order, space.random(held_out, seed + 2000), comm, progress("held out"), store)
+            points = held_out_points(full_order.problem, snapshots, counts, held_out, seed + 2000)
+            # forces decide on them, whose last digits may differ between machines
+            kept = spread_snapshots(full_order, comm.bcast(points), comm, progress("held out"), store)
     found, asked = comm.allreduce(0 if store is None else store.found), len(snapshots.points) + held_out
     if found:
         log.skip("snapshots", f"{found} of {asked} solutions were read from {folder}: the times cover the others")
