@@ -68,7 +68,7 @@ def main() -> None:
     """Train, compare, time full and reduced in turns, report."""
     parser = cli.demo_parser("pellet_cladding_plastic", __doc__)
     parser.add_argument("--exponent", type=float, default=4.0, help="exponent of Norton's law (%(default)s)")
-    parser.add_argument("--pod", type=float, default=1e-9, help="tolerance of the POD of displacements (%(default)s)")
+    parser.add_argument("--pod", type=float, default=3e-10, help="tolerance of the POD of displacements (%(default)s)")
     parser.add_argument("--layers", type=int, default=3, help="layers of cells to begin with (%(default)s)")
     parser.add_argument("--train", type=float, nargs="+", default=[5.0, 15.0], help="gaps to train on in um")
     parser.add_argument("--paths", action="store_true", help="try 20 paths inside and 40 outside what was trained")

@@ -11,7 +11,7 @@ from hhr_dolfinx.contact.problem import Status
 from hhr_dolfinx.flow.gauss import StrainOperator
 from hhr_dolfinx.flow.material import Material
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.trained import TrainedPaths
+from hhr_dolfinx.trained import Signs, TrainedPaths
 
 
 class Correction(NamedTuple):
@@ -88,8 +88,8 @@ class Equilibrium(Protocol):
     def contact_load(self, forces):
         """B^T λ in the test space."""
 
-    def imbalance(self, stress, forces, theta) -> float:
-        """Norm of what is left of the forces in equilibrium before any projection, in the unit of force."""
+    def signs(self, point) -> Signs:
+        """What shows at a solved step whether the model still knows what it does."""
 
     def linearised(self, tangents) -> Operator:
         """The operator of consistent tangents; operators of earlier tangents are then out of date."""

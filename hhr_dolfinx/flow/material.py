@@ -181,8 +181,12 @@ def _flow_of(law, trial, cumulated, mu, dt) -> _Flow:
         answer = law.flow(trial, cumulated, mu, dt)
     except ArithmeticError as error:
         raise ConvergenceError(f"{law} found no flow in a step of {dt:g} s: {error}") from error
+    except Exception as error:  # a law is a user's own code
+        raise SceneError(f"the law {law} failed with {type(error).__name__}: {error}") from error
     try:
         amount, slope = answer
+        if np.iscomplexobj(amount) or np.iscomplexobj(slope):
+            raise TypeError("complex numbers")
         return _Flow(np.asarray(amount, dtype=float), np.asarray(slope, dtype=float))
     except (TypeError, ValueError) as error:
         raise SceneError(
@@ -205,6 +209,11 @@ def _check_flow(law, flow, trial, mu):
     right = np.isfinite(flow.slope) & (amount >= 0) & (3 * mu * amount <= trial * (1 + 1e-9))
     if np.isfinite(trial).all() and not right.all():
         worst = int(np.argmin(right))
+        if not np.isfinite(flow.slope[worst]):
+            raise ConvergenceError(
+                f"{law} has the slope {flow.slope[worst]:g} under an equivalent stress of {trial[worst]:g}: the "
+                "derivative of its flow must be finite, and 0 where nothing flows"
+            )
         raise ConvergenceError(
             f"{law} flows by {amount[worst]:g} under an equivalent stress of {trial[worst]:g}: between 0 and "
             f"{trial[worst] / (3 * mu):g} was expected"

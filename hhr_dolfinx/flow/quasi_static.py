@@ -10,21 +10,23 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from hhr_dolfinx.contact.problem import Status
-from hhr_dolfinx.errors import ConvergenceError, LawWarning, NotSolvableError, OutsideTrainingError, ParameterError
+from hhr_dolfinx.errors import ConvergenceError, LawWarning, NotSolvableError, ParameterError
+from hhr_dolfinx.flow.anderson import Anderson
 from hhr_dolfinx.flow.equilibrium import Equilibrium, Operator
 from hhr_dolfinx.flow.material import State
-from hhr_dolfinx.trained import OUTSIDE, Watch
+from hhr_dolfinx.parameters import is_whole
+from hhr_dolfinx.trained import OUTSIDE, Signs, Watch
 
 SEARCHES = ("tangent", "frozen", "elastic")
-MEMORY = 6
-"""Differences of iterates that Anderson's acceleration keeps."""
 ROUND_OFF_STRAIN = 1e-13
 """A strain this small is round-off of displacements that strain nothing, as where a gap closes without stress."""
 MOST_STRAIN = 100.0
@@ -68,11 +70,11 @@ class MarchSettings:
             if getattr(self, name) not in choices:
                 raise ParameterError(f"{name} '{getattr(self, name)}' is unknown, one of {', '.join(choices)}")
         for name in ("relative_stress", "floor_stress", "relative_force"):
-            if not 0 < getattr(self, name) < 1:
+            if not (isinstance(getattr(self, name), Real) and 0 < getattr(self, name) < 1):
                 raise ParameterError(f"{name} = {getattr(self, name)} must be a fraction in (0, 1)")
-        if self.iterations < 1 or self.cuts < 0:
+        if not (is_whole(self.iterations, 1) and is_whole(self.cuts, 0)):
             raise ParameterError(
-                f"iterations = {self.iterations} must be at least 1 and cuts = {self.cuts} must not be negative"
+                f"iterations = {self.iterations} must be a whole number from 1, and cuts = {self.cuts} one from 0"
             )
 
 
@@ -106,7 +108,7 @@ class History:
         start: time at rest, in seconds.
         parameter: the parameter there, (P,).
         points: one per step asked for, the start not among them.
-        imbalances: of each step, see :class:`Equilibrium`, in the unit of force.
+        signs: of each step, by which a reduced model tells that it left what it was trained on.
         iterations: of each step, those of its parts summed; a failed attempt counts as the most allowed.
         cuts: steps that were solved in parts.
     """
@@ -114,7 +116,7 @@ class History:
     start: float
     parameter: np.ndarray
     points: list[Point] = field(default_factory=list)
-    imbalances: list[float] = field(default_factory=list)
+    signs: list[Signs] = field(default_factory=list)
     iterations: list[int] = field(default_factory=list)
     cuts: int = 0
 
@@ -160,21 +162,30 @@ def march(
     try:
         with model.lock:
             _march(model, path, settings, history)
-    except (_Diverged, OutsideTrainingError, KeyboardInterrupt) as stop:
-        if isinstance(stop, _Diverged):
-            step = len(history.points) + 1
-            stop = ConvergenceError(
-                f"step {step} to t = {path[step][0]:g} s did not converge: {stop}{_place(model, stop.worst)}. "
-                f"Take smaller steps; the {step - 1} steps before are kept"
-            )
-        stop.history = history
-        raise stop from None
+    except _Diverged as failure:
+        step = len(history.points) + 1
+        error = ConvergenceError(
+            f"step {step} to t = {path[step][0]:g} s did not converge: {failure}{_place(model, failure.worst)}. "
+            f"Take smaller steps; the {step - 1} steps before are kept"
+        )
+        error.history = history
+        raise error from None
+    except BaseException as stop:  # a law may raise anything, and a user may stop it
+        with suppress(AttributeError):
+            stop.history = history
+        raise
     return history
 
 
 def _checked(model, path) -> list[tuple[float, np.ndarray]]:
     """The whole path, before any of it is solved."""
-    path = [(float(time), model.parameters.point(target)) for time, target in path]
+    if not hasattr(model, "material"):
+        raise ParameterError(f"{model} has no laws to march with: give a PlasticFullOrder, or the model of a reduction")
+    try:
+        pairs = [(float(time), target) for time, target in path]
+    except (TypeError, ValueError):
+        raise ParameterError("a path is a list of pairs: a time in seconds and the parameters there") from None
+    path = [(time, model.parameters.point(target)) for time, target in pairs]
     if not path:
         raise ParameterError("the path is empty: its first time and parameter are where the model is at rest")
     times = np.array([time for time, _ in path])
@@ -194,12 +205,14 @@ def _march(model, path, settings, history) -> None:
     for number, (time, target) in enumerate(path[1:], start=1):
         watch.before(number, trail[-1].time, time, trail[-1].parameter, target)
         after, iterations, cut = _advance(model, trail, _Goal(time, target), settings, kept)
-        history.points.append(after)
-        history.imbalances.append(model.imbalance(after.stress, after.forces, model.amplitudes(target)))
         slopes_seen = slopes_seen or _check_slopes(model, trail[-1], after)
+        signs = model.signs(after)
+        # a step that is refused is not kept
+        watch.after(number, time, signs)
+        history.points.append(after)
+        history.signs.append(signs)
         history.iterations.append(iterations)
         history.cuts += cut
-        watch.after(number, time, history.imbalances[-1])
         trail = (*trail[-2:], after)
 
 
@@ -236,7 +249,7 @@ def _place(model, worst):
 
 
 def _advance(model, trail, goal, settings, kept):
-    """One step: as asked for, then with new tangents and no extrapolation, then in 2, 4, ... parts.
+    """One step as asked for, then in 2, 4, ... parts, each of which is tried like a step of its own.
 
     Args:
         model: full or reduced.
@@ -248,26 +261,39 @@ def _advance(model, trail, goal, settings, kept):
     Returns:
         The point reached, the iterations of all attempts, and whether the step was cut.
     """
-    here = trail[-1]
-    careful = replace(settings, search="tangent") if settings.search == "frozen" else settings
-    attempts = [(1, settings, trail), (1, careful, (here,))]
-    attempts += [(2**halvings, careful, (here,)) for halvings in range(1, settings.cuts + 1)]
-    spent = 0
-    for parts, how, last in attempts:
+    here, spent = trail[-1], 0
+    for parts in (2**halvings for halvings in range(settings.cuts + 1)):
+        last = trail
         try:
-            for k in range(1, parts + 1):
-                share = k / parts
+            for share in np.arange(1, parts + 1) / parts:
                 time = here.time + share * (goal.time - here.time)
                 part = _Goal(time, (1 - share) * here.parameter + share * goal.parameter)
-                after, iterations = _step(model, last, part, how, kept)
+                after, iterations = _tried(model, last, part, settings, kept)
                 spent += iterations
                 last = (*last[-2:], after)
             return after, spent, parts > 1
-        except (_Diverged, ConvergenceError) as error:
-            last_failure = error if isinstance(error, _Diverged) else _Diverged(str(error))
-            kept.operator = None
+        except _Diverged as error:
+            failure = error
             spent += settings.iterations
-    raise last_failure
+    raise failure
+
+
+def _tried(model, trail, goal, settings, kept) -> tuple[Point, int]:
+    """A step from the extrapolation of the points before; if that fails, with new tangents from an elastic start."""
+    careful = replace(settings, search="tangent") if settings.search == "frozen" else settings
+    try:
+        return _step(model, trail, goal, settings, kept)
+    except (_Diverged, ConvergenceError):
+        kept.operator = None
+    try:
+        after, iterations = _step(model, trail[-1:], goal, careful, kept)
+    except ConvergenceError as error:
+        kept.operator = None
+        raise _Diverged(str(error)) from error
+    except _Diverged:
+        kept.operator = None
+        raise
+    return after, settings.iterations + iterations
 
 
 @dataclass
@@ -280,11 +306,12 @@ class _Kept:
 
 
 def _step(model, trail, goal, settings, kept) -> tuple[Point, int]:
-    """One step from the end of ``trail``, started from the extrapolation of its points."""
+    """One step from the end of ``trail``: from the extrapolation of its points, or an elastic start from one point."""
     here, dt = trail[-1], goal.time - trail[-1].time
-    x, theta = _extrapolated(trail, goal.time), model.amplitudes(goal.parameter)
+    theta = model.amplitudes(goal.parameter)
+    x = _extrapolated(trail, goal.time) if len(trail) > 1 else _elastic_start(model, here, theta)
     flows = model.material.flows and settings.search != "elastic"
-    mixing = Anderson(MEMORY) if model.material.flows and settings.search != "tangent" else None
+    mixing = Anderson() if model.material.flows and settings.search != "tangent" else None
     active, operator, noise = here.active, kept.operator if flows else model.elastic, model.round_off(x, theta)
     for iteration in range(1, settings.iterations + 1):
         renew = flows and (operator is None or settings.search == "tangent")
@@ -300,7 +327,8 @@ def _step(model, trail, goal, settings, kept) -> tuple[Point, int]:
         except (NotSolvableError, np.linalg.LinAlgError) as error:
             raise _Diverged(f"{error}, a singular tangent", flowing) from None
         if correction.status is not Status.CONVERGED:
-            raise _Diverged(f"of the linearised contact problem, {correction.status.value}", flowing)
+            why = f"of the linearised contact problem, {correction.status.value}, or the load is more than is borne"
+            raise _Diverged(why, flowing)
         left = model.norms(residual - model.contact_load(correction.forces))
         # each body by its own forces, and where it is unloaded by those it bore before
         if (left <= settings.relative_force * np.maximum(scale, kept.forces) + noise).all():
@@ -320,6 +348,23 @@ def _step(model, trail, goal, settings, kept) -> tuple[Point, int]:
     moved = _moves(operator, model.strain_of(correction.change)).max(axis=1)
     why = f"after {settings.iterations} iterations the stress still moves by {moved.max():.3g}"
     raise _Diverged(why, int(moved.argmax()))
+
+
+def _elastic_start(model, here, theta):
+    """The unknown if nothing flowed in the step.
+
+    Imposed displacements move the boundary alone: left where they are, the points behind it would strain and flow by
+    all of the motion, even a rigid one.
+    """
+    x, before = here.unknown, model.amplitudes(here.parameter)
+    change = model.strain(x, theta) - model.strain(x, before)
+    stress = here.stress + np.einsum("nij,nj->ni", model.material.elastic, change)
+    residual, _ = model.residual(stress, theta)
+    try:
+        correction = model.elastic.correct(residual, x, theta, here.active)
+    except NotSolvableError:
+        return x
+    return x + correction.change if correction.status is Status.CONVERGED else x
 
 
 def _check_small(strain):
@@ -343,26 +388,3 @@ def _extrapolated(points, time):
         others = np.delete(times, k)
         x += np.prod((time - others) / (times[k] - others)) * point.unknown
     return x
-
-
-class Anderson:
-    """Anderson's acceleration of a fixed-point iteration x -> x + change(x) (D. G. Anderson, J. ACM 12, 1965).
-
-    Args:
-        memory: differences kept.
-    """
-
-    def __init__(self, memory: int):
-        self._memory, self._points, self._changes = memory, [], []
-
-    def __call__(self, x: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """The next iterate."""
-        self._points.append(x)
-        self._changes.append(change)
-        self._points, self._changes = self._points[-self._memory - 1 :], self._changes[-self._memory - 1 :]
-        if len(self._points) == 1:
-            return x + change
-        steps = np.diff(np.stack(self._points, axis=1), axis=1)
-        differences = np.diff(np.stack(self._changes, axis=1), axis=1)
-        weights, *_ = np.linalg.lstsq(differences, change, rcond=1e-10)
-        return x + change - (steps + differences) @ weights

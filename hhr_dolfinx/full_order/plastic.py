@@ -19,6 +19,7 @@ from hhr_dolfinx.full_order.cholesky import FreeCholesky, check_regular, orderin
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.gauss_points import material_at, strain_operator
 from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.trained import Signs
 
 
 class PlasticFullOrder:
@@ -107,10 +108,11 @@ class PlasticFullOrder:
         """K_T of consistent tangents at all Gauss points, (N, N)."""
         return self.operator.stiffness(tangents, self._pattern, self._unchanged)
 
-    def imbalance(self, stress, forces, theta) -> float:
-        """Norm of the residual on free dofs."""
-        residual, _ = self.residual(stress, theta)
-        return float(np.linalg.norm((residual - self.contact_load(forces)) * self.problem.free))
+    def signs(self, point) -> Signs:
+        """Residual of the free dofs and its parts; gaps are kept to the tolerance of the solver."""
+        residual, sizes = self.residual(point.stress, self.amplitudes(point.parameter))
+        left = (residual - self.contact_load(point.forces)) * self.problem.free
+        return Signs(float(np.linalg.norm(left)), float(np.linalg.norm(sizes)), 0.0)
 
     def linearised(self, tangents) -> _Operator:
         """Factor the tangent stiffness; the operator before needs a factorisation again. See :class:`Equilibrium`."""

@@ -13,7 +13,7 @@ from hhr_dolfinx.flow.equilibrium import Correction
 from hhr_dolfinx.flow.gauss import ElasticPart
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.rid import IndexSets
-from hhr_dolfinx.trained import TrainedPaths
+from hhr_dolfinx.trained import Signs, TrainedPaths
 
 
 class PlasticReduced:
@@ -57,6 +57,7 @@ class PlasticReduced:
         self._test = np.ascontiguousarray(self._trial[self._rows].T)
         self._loads = np.asfortranarray(problem.external[columns[self._rows]])
         self._external = self._test @ self._loads
+        self._motion, self._gaps = problem.contact @ basis, problem.gaps
         self._contact = problem.contact[sets.A_lambda][:, columns[self._rows]].T.tocsr()
         self.reduced = project(problem, basis, sets)
         self.elastic = _Operator(self.reduced, self.reduced.stiffness, self.material.elastic)
@@ -89,13 +90,18 @@ class PlasticReduced:
         """B~1^T λ."""
         return forces @ self.reduced.contact_test
 
-    def imbalance(self, stress, forces, theta) -> float:
-        """Norm of the residual on A before it is projected.
+    def signs(self, point) -> Signs:
+        """Residual on A before it is projected, and gaps on the whole contact surface.
 
-        In the reduced space the residual vanishes whatever the path; on A it shows what the modes cannot balance.
+        In the reduced space the residual vanishes whatever the path, and no gap of the RID is violated; on A, and
+        outside, it shows what the modes cannot do.
         """
-        internal, _ = self.operator.internal(stress)
-        return float(np.linalg.norm(self._loads @ theta - internal[self._rows] - self._contact @ forces))
+        theta, rows = self.amplitudes(point.parameter), self._rows
+        loads, (internal, sizes) = self._loads @ theta, self.operator.internal(point.stress)
+        contact = self._contact @ point.forces
+        size = np.linalg.norm(loads) + np.linalg.norm(sizes[rows]) + np.linalg.norm(contact)
+        depth = (self._motion @ point.unknown - self._gaps @ theta).max()
+        return Signs(float(np.linalg.norm(loads - internal[rows] - contact)), float(size), max(float(depth), 0.0))
 
     def tangent(self, tangents) -> np.ndarray:
         """Projected consistent tangent V[A]^T K_T V, (ell, ell)."""

@@ -13,11 +13,17 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ReductionError, UnstableModelError
 from hhr_dolfinx.flow.quasi_static import History, Point
 from hhr_dolfinx.online.reconstruct import Reconstruction
+from hhr_dolfinx.parameters import is_whole
 from hhr_dolfinx.reduction.completion import prepare_reconstruction
 from hhr_dolfinx.reduction.deim import deim
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
 from hhr_dolfinx.reduction.plastic import PlasticReduced
-from hhr_dolfinx.reduction.plastic_trust import compare_histories, force_floor_of
+from hhr_dolfinx.reduction.plastic_trust import (
+    checked_histories,
+    compare_histories,
+    force_floor_of,
+    largest_motion,
+)
 from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.reduction.rid import IndexSets, contact_nodes, reduced_domain, zone_of_interest
 from hhr_dolfinx.reduction.stability import Stability, assess
@@ -33,6 +39,7 @@ from hhr_dolfinx.reduction.trust import (
     first_trusted,
     warn_no_flow,
     warn_unchecked,
+    warn_untouched,
 )
 from hhr_dolfinx.snapshots.solutions import SnapshotSet
 from hhr_dolfinx.timing import StageLog
@@ -56,7 +63,7 @@ class PlasticSettings:
         limits: what the trust check refuses or warns of; None leaves it out, but for the tangents.
     """
 
-    primal: float = 1e-9
+    primal: float = 3e-10
     dual: float = 1e-8
     stress: float = 1e-9
     plastic_strain: float = 1e-6
@@ -72,8 +79,10 @@ class PlasticSettings:
         """Refuse numbers that mean nothing; see :class:`ReductionSettings`."""
         check_tolerances(self, ("primal", "dual", "stress", "plastic_strain"))
         check_growth(self)
-        if self.checked_states < 1:
-            raise ReductionError(f"checked_states = {self.checked_states} must be at least 1")
+        if not is_whole(self.checked_states, 1):
+            raise ReductionError(f"checked_states = {self.checked_states} must be a whole number from 1")
+        if not 0 <= self.least_tangent < 1:
+            raise ReductionError(f"least_tangent = {self.least_tangent} must lie in [0, 1): 1 is an RID of all cells")
 
 
 class GappyField(NamedTuple):
@@ -189,7 +198,7 @@ def build_plastic_reduction(
         StabilityWarning: if the trust check doubts it.
         UncheckedWarning: if no history was held out.
     """
-    _check_histories(full, [*histories, *held_out])
+    histories, held_out = checked_histories(full, histories), checked_histories(full, held_out)
     if not histories:
         raise ReductionError("a reduced model needs at least one training history, with at least one step")
     log = StageLog()
@@ -203,6 +212,8 @@ def build_plastic_reduction(
         states = _training_tangents(full, histories, settings.checked_states)
     if full.material.flows and bases.cumulated is None:
         warn_no_flow()
+    if settings.limits is not None and not np.any(bases.snapshots.forces):
+        warn_untouched()
     known = _Known(histories, list(held_out))
 
     def attempt(layers):
@@ -216,19 +227,6 @@ class _Known(NamedTuple):
 
     trained: list[History]
     held_out: list[History]
-
-
-def _check_histories(full, histories) -> None:
-    """Refuse histories without a step, and those of another model."""
-    for number, history in enumerate(histories):
-        if not history.points:
-            raise ReductionError(f"history {number} has no step: it needs at least one")
-        last, shape = history.points[-1], (full.operator.points, full.material.components)
-        if last.unknown.shape != (full.size,) or last.stress.shape != shape:
-            raise ReductionError(
-                f"history {number} has {last.unknown.size} dofs and stresses of shape {last.stress.shape}, the model "
-                f"{full.size} and {shape}: it belongs to another mesh or scene"
-            )
 
 
 def _build(full, selected, known, settings, log) -> PlasticReduction:
@@ -282,16 +280,15 @@ def _compared(full, built, known, limits) -> Comparison | None:
     """
     floor = force_floor_of(known.trained)
     labels = [f"trained history {number}" for number in range(len(known.trained))]
-    comparison, imbalances = compare_histories(full, built, known.trained, labels, floor)
-    paths = [history.path for history in known.trained]
-    built.model.trained = TrainedPaths.of(paths, full.parameters, float(imbalances.max()))
-    if limits is None:
-        return None
-    if known.held_out:
-        labels = [f"held-out history {number}" for number in range(len(known.held_out))]
-        comparison = comparison.joined(compare_histories(full, built, known.held_out, labels, floor)[0])
-    check_comparison(comparison, limits)
-    return comparison
+    labels += [f"held-out history {number}" for number in range(len(known.held_out))]
+    comparison, signs = compare_histories(full, built, [*known.trained, *known.held_out], labels, floor)
+    if limits is not None:
+        check_comparison(comparison, limits)
+    if signs:  # without limits all of them may have failed
+        paths = [history.path for history in known.trained]
+        length = largest_motion(full, known.trained)
+        built.model.trained = TrainedPaths.of(paths, full.parameters, signs, length)
+    return None if limits is None else comparison
 
 
 def tangent_margin(model: PlasticReduced, tangents: np.ndarray, stiffness) -> float:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from hhr_dolfinx.errors import HHRError
+from hhr_dolfinx.errors import HHRError, ReductionError
 from hhr_dolfinx.flow.quasi_static import History, MarchSettings, march
 from hhr_dolfinx.reduction.trust import Comparison
 from hhr_dolfinx.snapshots.accuracy import FORCE_FLOOR, Residuals, norm, slack_residuals
@@ -18,7 +18,7 @@ def force_floor_of(histories: list[History]) -> float:
 
 
 def compare_histories(full, reduction, histories: list[History], labels: list[str], floor: float):
-    """Errors of known histories solved by the reduced model, and their largest imbalance.
+    """Errors of known histories solved by the reduced model, and the signs that its steps show.
 
     The error of a history is the largest of its steps over the largest displacement or force of the history: the
     first touch, with forces of a twentieth of the last ones, would otherwise decide. A history that fails has infinite
@@ -32,9 +32,9 @@ def compare_histories(full, reduction, histories: list[History], labels: list[st
         floor: force norm below which a relative error means nothing.
 
     Returns:
-        A :class:`Comparison`, and the imbalances, one per history.
+        A :class:`Comparison`, and the signs along each history that did not fail.
     """
-    primal, dual, residuals, imbalances = [], [], [], []
+    primal, dual, residuals, signs = [], [], [], []
     for history in histories:
         try:
             answer = march(reduction.model, history.path, MarchSettings(outside="ignore"))
@@ -42,14 +42,13 @@ def compare_histories(full, reduction, histories: list[History], labels: list[st
             primal.append(math.inf)
             dual.append(math.inf)
             residuals.append(None)
-            imbalances.append(math.inf)
             continue
         displacement, forces = largest_errors(full, reduction, answer, history, floor)
         primal.append(displacement)
         dual.append(forces)
         residuals.append(residuals_of(full, reduction, answer.points[-1]))
-        imbalances.append(max(answer.imbalances))
-    return Comparison(list(labels), np.array(primal), np.array(dual), residuals), np.array(imbalances)
+        signs.append(answer.signs)
+    return Comparison(list(labels), np.array(primal), np.array(dual), residuals), signs
 
 
 def largest_errors(full, reduction, answer: History, exact: History, floor: float) -> tuple[float, float]:
@@ -75,3 +74,39 @@ def residuals_of(full, reduction, point) -> Residuals:
     equilibrium = float(np.linalg.norm(residual) / (np.linalg.norm(sizes) or 1.0))
     homogeneous = reduction.displacement_everywhere(point) - full.problem.lifts @ theta
     return Residuals(equilibrium, *slack_residuals(full.problem, homogeneous, forces, theta))
+
+
+def largest_motion(full, histories: list[History]) -> float:
+    """Largest gap or relative motion of contact surfaces in some histories."""
+    problem, largest = full.problem, 0.0
+    for history in histories:
+        for point in history.points:
+            gaps = problem.gaps @ full.amplitudes(point.parameter)
+            motion = problem.contact @ point.unknown
+            largest = max(largest, float(np.abs(gaps).max()), float(np.abs(motion).max()))
+    return largest
+
+
+def checked_histories(full, histories) -> list[History]:
+    """Histories of a list or a generator, which can be gone through once only.
+
+    Raises:
+        ReductionError: for what is no history, one without a step, or one of another model.
+    """
+    if isinstance(histories, History):
+        raise ReductionError("give a list of histories, [history], not a single one")
+    histories, parameters = list(histories), len(full.parameters.names)
+    for number, history in enumerate(histories):
+        if not isinstance(history, History):
+            raise ReductionError(f"history {number} is {history!r}: give what march returns")
+        if not history.points:
+            raise ReductionError(f"history {number} has no step: it needs at least one")
+        last, shape = history.points[-1], (full.operator.points, full.material.components)
+        sizes = last.unknown.size, last.forces.size, last.parameter.size
+        if sizes != (full.size, full.conditions, parameters) or last.stress.shape != shape:
+            raise ReductionError(
+                f"history {number} has {sizes[0]} dofs, {sizes[1]} contacts, {sizes[2]} parameters and stresses of "
+                f"shape {last.stress.shape}, the model {full.size}, {full.conditions}, {parameters} and {shape}: it "
+                "belongs to another mesh or scene"
+            )
+    return histories

@@ -142,6 +142,8 @@ def zone_of_interest(problem: ContactProblem, zone: Callable[[ContactProblem], n
     The node is the one where the load acts most on free dofs; among equals that with the smallest coordinates, so that
     it does not depend on node numbers.
     """
+    if zone is not None and not callable(zone):
+        raise ReductionError("a zone is a function of the problem that returns node numbers: lambda problem: nodes")
     if zone is not None:
         return _checked_nodes(np.asarray(zone(problem)), len(problem.points))
     loaded = []
@@ -165,6 +167,8 @@ def _checked_nodes(nodes, count) -> np.ndarray:
         return np.flatnonzero(nodes)
     if nodes.size and not np.issubdtype(nodes.dtype, np.integer):
         raise ReductionError(f"the zone holds {nodes.dtype}: it must return node numbers, or a mask of all nodes")
+    if nodes.size == count and count > 2 and set(nodes.ravel().tolist()) <= {0, 1}:
+        raise ReductionError("the zone holds a 0 or 1 for each node: make it a mask of bool, or return node numbers")
     outside = nodes[(nodes < 0) | (nodes >= count)]
     if outside.size:
         raise ReductionError(f"node {outside[0]} of the zone is not in the mesh, whose nodes are 0 to {count - 1}")

@@ -9,7 +9,7 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from numbers import Integral
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -109,7 +109,7 @@ def check_tolerances(settings, names: Sequence[str]) -> None:
     """
     for name in names:
         value = getattr(settings, name)
-        if value is not None and not 0 < value < 1:
+        if value is not None and not (isinstance(value, Real) and 0 < value < 1):
             raise ReductionError(f"{name} = {value} must lie in (0, 1): it is the part of the snapshots left out")
 
 

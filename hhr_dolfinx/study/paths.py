@@ -55,6 +55,7 @@ def try_path(full, reduction, case: PathCase, floor: float, settings: MarchSetti
     displacement, forces = largest_errors(full, reduction, answer, exact, floor)
     here, there = answer.points[-1], exact.points[-1]
     trained = reduction.model.trained.imbalance
+    imbalance = max(sign.imbalance for sign in answer.signs)
     return {
         **row,
         "warned": warned,
@@ -62,7 +63,7 @@ def try_path(full, reduction, case: PathCase, floor: float, settings: MarchSetti
         "forces": forces,
         "stress_rr": relative_error(reduction.stress_everywhere(here)[:, 0], there.stress[:, 0]),
         "plastic_strain": relative_error(reduction.plastic_strain_everywhere(here), there.state.cumulated),
-        "imbalance": max(answer.imbalances) / trained,
+        "imbalance": imbalance / trained,
     }
 
 
