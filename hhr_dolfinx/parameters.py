@@ -120,7 +120,7 @@ class ParameterSpace:
             mu = [mu[name] for name in self.names]
         try:
             point = np.array(mu, dtype=float, ndmin=1)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise ParameterError(f"expected {len(self.names)} numbers for {self.names}, got {mu!r}") from None
         if point.shape != (len(self.names),):
             raise ParameterError(f"expected {len(self.names)} parameters {self.names}, got shape {point.shape}")

@@ -40,6 +40,8 @@ class FullOrderModel:
     """
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
+        if not isinstance(scene, Scene):
+            raise SceneError(f"{scene!r} is no scene: give a Scene")
         if any(body.law is not None for body in scene.bodies):
             raise SceneError(
                 f"bodies of scene '{scene.name}' flow: use PlasticFullOrder, and march along a path in time"

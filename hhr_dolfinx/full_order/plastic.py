@@ -45,6 +45,8 @@ class PlasticFullOrder:
     trained = None
 
     def __init__(self, scene: Scene):
+        if not isinstance(scene, Scene):
+            raise SceneError(f"{scene!r} is no scene: give a Scene")
         self.scene = scene
         if scene.hypothesis == "plane_stress":
             raise SceneError("flow in plane stress needs the thickness strain solved for: not built in")

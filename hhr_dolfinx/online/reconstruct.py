@@ -58,7 +58,7 @@ class Reconstruction:
         target = np.concatenate([inside, np.zeros(open_gap.size)])
         try:
             weights, _ = nnls(matrix, target)
-        except RuntimeError as error:  # scipy's iteration limit
+        except (RuntimeError, ValueError) as error:  # scipy's iteration limit, numbers that overflow
             raise ConvergenceError(f"the forces outside the RID could not be fitted: {error}") from error
         forces = self.force_snapshots @ weights
         forces[self.A_lambda] = inside

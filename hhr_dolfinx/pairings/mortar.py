@@ -31,6 +31,7 @@ from hhr_dolfinx.pairings.surface import (
     warn,
     warn_of_overlap,
     warn_of_sag,
+    warn_of_tilt,
 )
 
 COVERED = 0.1
@@ -108,6 +109,8 @@ class Mortar:
         else:
             normal, cosine = unit(self.normal, dim), GRAZING
             check_facing(slave, normal, along=True)
+            for surface in (slave, master):
+                warn_of_tilt(surface, normal)
             normals, directions = np.tile(normal, (len(slave.nodes), 1)), np.tile(normal, (len(slave.facets), 1))
             # seen along the normal the surfaces are flat, and what faces each other meets
             flat = np.eye(dim) - np.outer(normal, normal)

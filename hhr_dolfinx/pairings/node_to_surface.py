@@ -24,6 +24,7 @@ from hhr_dolfinx.pairings.surface import (
     warn,
     warn_of_overlap,
     warn_of_sag,
+    warn_of_tilt,
 )
 
 BEYOND = 1e-6
@@ -156,6 +157,8 @@ class DoublePass:
 def _along(slave, master, normal):
     """Project the slave nodes along a given normal; kept slave nodes, and the feet and normals of all."""
     check_facing(slave, normal, along=True)
+    for surface in (slave, master):
+        warn_of_tilt(surface, normal)
     facing = master.outward @ normal < -GRAZING
     if not facing.any():
         raise SceneError(never_facing(slave, master, f"no facet of {master.tag} looks against {normal.tolist()}"))

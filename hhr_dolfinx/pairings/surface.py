@@ -14,6 +14,10 @@ from hhr_dolfinx.errors import PairingWarning, SceneError
 CREASE = np.cos(np.deg2rad(40.0))
 """Facets that meet at more than 40 degrees form an edge; normals are not averaged across it."""
 
+FLAT = 0.95
+"""Length of the mean of unit normals above which a surface is flat: an arc of 60 degrees has 0.955."""
+TILT = 30.0
+"""Degrees between a given normal and that of a flat surface worth a word."""
 FACING = 0.1
 """Cosine between two directions found from the meshes below which surfaces do not face each other."""
 GRAZING = 1e-3
@@ -224,6 +228,27 @@ def check_facing(surface: Surface, normal: np.ndarray, along: bool) -> None:
             f"{normal.tolist()} and does not at {int(away.sum())} of {away.size} nodes, e.g. at "
             f"{surface.points[away][0].tolist()}: the surfaces do not face each other. "
             "Swap the surfaces or the sign of the normal, which points away from the first surface"
+        )
+
+
+def warn_of_tilt(surface: Surface, normal: np.ndarray) -> None:
+    """Warn of a given normal that a flat surface does not look along, or against: forces would act along it.
+
+    Args:
+        surface: slave or master.
+        normal: unit vector given by the user.
+
+    Warns:
+        PairingWarning: with the angle.
+    """
+    mean = surface.sizes @ surface.outward / surface.sizes.sum()
+    length = np.linalg.norm(mean)
+    cosine = abs(mean @ normal) / length if length > 0 else 1.0
+    if length > FLAT and cosine < np.cos(np.deg2rad(TILT)):
+        warn(
+            f"the contact normal {normal.tolist()} is {np.rad2deg(np.arccos(cosine)):.0f} degrees off that of the flat "
+            f"surface {surface.tag}, {np.round(mean / length, 3).tolist()}: gaps and forces are along the normal that "
+            "is given. Leave it out to take that of the surface"
         )
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactProblem, FullOrder
+from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.online.reconstruct import OnlineModel
 from hhr_dolfinx.online.reduced import ReducedModel
 from hhr_dolfinx.reduction.completion import prepare_reconstruction
@@ -21,6 +22,7 @@ from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.rid import IndexSets, contact_nodes, reduced_domain, zone_of_interest
 from hhr_dolfinx.reduction.stability import Stability, assess
 from hhr_dolfinx.reduction.trust import (
+    FEW,
     Comparison,
     TrustLimits,
     check_comparison,
@@ -31,6 +33,7 @@ from hhr_dolfinx.reduction.trust import (
     check_tolerances,
     compare,
     first_trusted,
+    warn_of_gaps_in_training,
     warn_unchecked,
     warn_untouched,
 )
@@ -136,7 +139,10 @@ def build_reduced_model(
         StabilityWarning: if the trust check doubts it, or no training solution has contact.
         UncheckedWarning: if it was not compared with solutions kept out of training.
     """
+    _check_given(full_order.problem, snapshots, settings, held_out)
     log = StageLog()
+    if settings.limits is not None:
+        warn_of_gaps_in_training(snapshots.points)
     if settings.limits is None:
         log.skip("validation", "no limits were given: the model is as it is")
     elif not _any_contact(full_order.problem, snapshots):
@@ -144,12 +150,45 @@ def build_reduced_model(
     if held_out is None and settings.limits is not None:
         warn_unchecked()
         log.skip("held_out", "no solutions were kept out of training: training solutions were compared")
+    elif settings.limits is not None and len(held_out.points) < FEW:
+        warn_unchecked(len(held_out.points))
     selected = _select(full_order.problem, snapshots, settings, log)
 
     def attempt(layers):
         return _build(full_order, snapshots, selected, replace(settings, layers=layers), held_out, log)
 
     return first_trusted(attempt, settings.layers, settings.most_layers, log)
+
+
+def _check_given(problem, snapshots, settings, held_out) -> None:
+    """Refuse what is no recipe, and solutions of another problem.
+
+    Raises:
+        ReductionError: with what was given.
+    """
+    if not isinstance(settings, ReductionSettings):
+        raise ReductionError(f"{settings!r} is no recipe: give ReductionSettings")
+    if not isinstance(settings.limits, TrustLimits | None):
+        raise ReductionError(f"limits = {settings.limits!r} must be TrustLimits, or None for no check")
+    rows = {"displacements": problem.free.size, "forces": len(problem.gaps), "active": len(problem.gaps)}
+    for name, solutions in (("snapshots", snapshots), ("held_out", held_out)):
+        if solutions is None and name == "held_out":
+            continue
+        if not isinstance(solutions, SnapshotSet):
+            raise ReductionError(f"{name} = {solutions!r} must be a SnapshotSet, what compute_snapshots returns")
+        points = np.shape(solutions.points)
+        if len(points) != 2 or points[0] == 0 or points[1] != len(problem.parameters.names):
+            raise ReductionError(
+                f"the points of {name} have the shape {points}: one row for each solution, and columns "
+                f"{problem.parameters.names}, are needed"
+            )
+        for field, size in rows.items():
+            array = getattr(solutions, field)
+            if np.shape(array) != (size, points[0]) or np.iscomplexobj(array) or not np.isfinite(array).all():
+                raise ReductionError(
+                    f"{field} of {name} have the shape {np.shape(array)}: {size} finite real numbers for each of "
+                    f"{points[0]} points are needed; are they of another mesh?"
+                )
 
 
 def _select(problem, snapshots, settings, log) -> tuple[np.ndarray, np.ndarray]:

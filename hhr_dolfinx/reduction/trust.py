@@ -13,6 +13,7 @@ from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import (
@@ -30,6 +31,14 @@ from hhr_dolfinx.snapshots.accuracy import Residuals, contact_residuals, relativ
 from hhr_dolfinx.snapshots.solutions import SnapshotSet
 from hhr_dolfinx.timing import StageLog
 
+MOST_LAYERS = 1000
+"""Layers of cells beyond which any mesh of ours is covered."""
+EMPTY = 1.5
+"""Distance from the training, over that between training points, at which a place counts as empty."""
+EMPTY_SHARE = 0.1
+"""Part of the box that may be empty; points drawn at random leave some per cent."""
+FEW = 20
+"""Solutions held out below which a region of a twentieth of the box is likely missed."""
 ONE_ANSWER = 1e-6
 """Relative difference of forces from two starts above which a parameter has two answers."""
 
@@ -121,9 +130,9 @@ def check_growth(settings) -> None:
     """
     for name in ("layers", "most_layers"):
         value = getattr(settings, name)
-        if not isinstance(value, Integral) or value < 0:
-            raise ReductionError(f"{name} = {value} must be a whole number of layers of cells, at least 0")
-    if not settings.kappa_max >= 1:
+        if not isinstance(value, Integral) or not 0 <= value <= MOST_LAYERS:
+            raise ReductionError(f"{name} = {value} must be a whole number of layers of cells, 0 to {MOST_LAYERS}")
+    if not (isinstance(settings.kappa_max, Real) and settings.kappa_max >= 1):
         raise ReductionError(f"kappa_max = {settings.kappa_max} must be at least 1: no condition number is smaller")
 
 
@@ -288,18 +297,51 @@ def check_comparison(comparison: Comparison, limits: TrustLimits) -> None:
             _warn(message)
 
 
-def warn_unchecked() -> None:
-    """Warn that nothing was kept out of training.
+def warn_unchecked(count: int = 0) -> None:
+    """Warn that nothing, or little, was kept out of training.
+
+    Args:
+        count: solutions held out.
 
     Warns:
         UncheckedWarning: always.
     """
-    warnings.warn(
-        "no solutions were kept out of training: the model is compared with its own training only, and its error "
-        "elsewhere is unknown. Give held_out, as train does",
-        UncheckedWarning,
-        stacklevel=4,
+    told = (
+        f"only {count} solutions were kept out of training: errors between them are hardly known"
+        if count
+        else "no solutions were kept out of training: the model is compared with its own training only, and its error "
+        "elsewhere is unknown"
     )
+    warnings.warn(f"{told}. Give at least {FEW} as held_out, as train does", UncheckedWarning, stacklevel=4)
+
+
+def warn_of_gaps_in_training(points: np.ndarray) -> None:
+    """Warn of training points that leave much of their box empty, like those of a diagonal.
+
+    Lengths count in steps between the different values of each parameter. On a grid, and for points drawn at random,
+    nothing of the box is farther from the training than training points are from each other.
+
+    Args:
+        points: training parameters, (S, P).
+
+    Warns:
+        StabilityWarning: with the part of the box that is empty.
+    """
+    counts = np.array([np.unique(column).size for column in points.T])
+    spread = np.ptp(points, axis=0)
+    kept = spread > 0
+    if len(points) < 3 or not kept.any():
+        return
+    scaled = (points[:, kept] - points[:, kept].min(axis=0)) / spread[kept] * (counts[kept] - 1)
+    tree = cKDTree(scaled)
+    apart = tree.query(scaled, k=2)[0][:, 1].max()
+    anywhere = np.random.default_rng(0).uniform(0.0, counts[kept] - 1, (500, int(kept.sum())))
+    empty = float(np.mean(tree.query(anywhere)[0] > EMPTY * apart))
+    if empty > EMPTY_SHARE:
+        _warn(
+            f"the training points leave {empty:.0%} of their box empty: answers there are outside what was trained, "
+            "and no check of the box sees it. Train on a grid or on points drawn at random"
+        )
 
 
 def warn_untouched() -> None:

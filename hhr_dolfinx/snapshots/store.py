@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import warnings
-from dataclasses import fields, is_dataclass
+from dataclasses import astuple, fields, is_dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from scipy.sparse import issparse
 from hhr_dolfinx.contact.problem import ContactProblem, ContactSolution, Status
 from hhr_dolfinx.errors import FileContentError, SnapshotFileWarning
 from hhr_dolfinx.files import check_layout, clear_leftovers, make_folder, read_arrays, write_arrays
+from hhr_dolfinx.snapshots.accuracy import contact_residuals
 from hhr_dolfinx.version import __version__
 
 FORMAT, VERSION = "hhr_dolfinx snapshot", 3
@@ -26,6 +27,10 @@ _LAYOUT = {
     "forces": ("float", "N_lambda"),
     "active": ("bool", "N_lambda"),
 }
+
+
+SOLVED = 1e-2
+"""Largest relative residual of a solution: round-off reaches 1e-4 where bodies are carried by 1e8 times their size."""
 
 
 class SnapshotStore:
@@ -46,7 +51,7 @@ class SnapshotStore:
     def __init__(self, folder: str | Path, problem: ContactProblem):
         self._folder = make_folder(folder)
         clear_leftovers(self._folder)
-        self._fingerprint = _digest_of(problem)
+        self._problem, self._fingerprint = problem, _digest_of(problem)
         conditions, dofs = problem.contact.shape
         self._sizes = {"N": dofs, "N_lambda": conditions}
         self.found = 0
@@ -59,6 +64,7 @@ class SnapshotStore:
             if header != self._header(point):
                 raise FileContentError(f"{path} belongs to another problem or parameter")
             check_layout(arrays, _LAYOUT, self._sizes)
+            self._check_solution(path, point, arrays)
         except FileNotFoundError:
             return None
         except FileContentError as error:
@@ -70,6 +76,17 @@ class SnapshotStore:
             return None
         self.found += 1
         return ContactSolution(**arrays, iterations=0, status=Status.CONVERGED, cycled=False)
+
+    def _check_solution(self, path, point, arrays) -> None:
+        """Refuse what does not solve the problem, whatever its checksum says.
+
+        Raises:
+            FileContentError: with the largest residual.
+        """
+        theta = self._problem.theta(point)
+        found = astuple(contact_residuals(self._problem, arrays["primal"], arrays["forces"], theta))
+        if not max(found) <= SOLVED:
+            raise FileContentError(f"{path} holds no solution, residuals of {max(found):.1g}")
 
     def save(self, point: np.ndarray, solution: ContactSolution) -> None:
         """Keep a solution.

@@ -83,10 +83,13 @@ def train(
     Raises:
         StudyError: for counts, a number of solutions, a seed or a folder that are none, before anything is computed.
     """
-    check_counts(held_out=(held_out, 0), seed=(seed, 0))
-    grid = training_grid(scene, counts)
-    folder = None if folder is None else checked_folder(folder)
     log = StageLog()
+    with ranks.each_for_itself(comm, "checking what was asked for"):
+        if not isinstance(scene, Scene):
+            raise StudyError(f"{scene!r} is no scene: give a Scene")
+        check_counts(held_out=(held_out, 0), seed=(seed, 0))
+        grid = training_grid(scene, counts)
+        folder = None if folder is None else checked_folder(folder)
     with ranks.each_for_itself(comm, f"building the full model of scene '{scene.name}'"):
         with log.stage("full_order"):
             full_order = FullOrderModel(scene, MPI.COMM_SELF)
@@ -145,6 +148,10 @@ def checked_folder(folder: str | Path) -> Path:
     if not isinstance(folder, str | os.PathLike):
         raise StudyError(f"the folder {folder!r} must be a path")
     path = Path(folder)
+    try:
+        path.exists()
+    except (OSError, ValueError) as error:
+        raise StudyError(f"the folder {str(path)[:80]!r} cannot be made: {error}. Choose another name") from None
     for part in (path, *path.parents):
         if part.exists():
             if not part.is_dir():
