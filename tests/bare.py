@@ -11,17 +11,17 @@ from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
 
 
 def bare_problem(dofs=6, conditions=2):
-    """A contact problem as far as a store looks at it."""
+    """A contact problem as far as a store looks at it; there is no stiffness, no load and no contact: all solve it."""
     return ContactProblem(
-        stiffness=csr_matrix(np.eye(2)),
-        mass=csr_matrix(np.eye(2)),
-        free=np.ones(2, bool),
-        loads=np.ones((2, 1)),
-        lifts=np.zeros((2, 1)),
+        stiffness=csr_matrix((dofs, dofs)),
+        mass=csr_matrix((dofs, dofs)),
+        free=np.ones(dofs, bool),
+        loads=np.zeros((dofs, 1)),
+        lifts=np.zeros((dofs, 1)),
         contact=csr_matrix((conditions, dofs)),
-        gaps=np.ones((2, 1)),
+        gaps=np.ones((conditions, 1)),
         contact_slaves=np.arange(2),
-        contact_pairs=np.zeros(2, int),
+        contact_pairs=np.zeros(conditions, int),
         contact_points=np.zeros((2, 2)),
         contact_areas=np.ones(2),
         cell_nodes=np.zeros((1, 3), int),

@@ -13,15 +13,17 @@ from hhr_dolfinx.errors import (
     OutsideTrainingWarning,
     ParameterError,
     ReductionError,
+    SceneError,
     StabilityWarning,
     UncheckedWarning,
     UnstableModelError,
 )
 from hhr_dolfinx.flow.quasi_static import History
+from hhr_dolfinx.geometries import block
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.reduction import plastic_offline
 from hhr_dolfinx.reduction.plastic_trust import largest_errors
-from hhr_dolfinx.trained import Signs, TrainedPaths
+from hhr_dolfinx.trained import Signs, TrainedPaths, Watch
 
 MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}
 SETTINGS = hhr.PlasticSettings(zone=demo.pressed_nodes)
@@ -239,3 +241,138 @@ def test_units_of_stress_do_not_matter():
     for iterations, displacement in displacements[1:]:
         assert iterations == displacements[0][0]
         assert displacement == pytest.approx(displacements[0][1], abs=1e-9 * np.abs(displacement).max())
+
+
+@pytest.fixture(scope="module")
+def cantilever():
+    """A block held on its left over a floor, pressed on its lid by A and pulled to its right by B."""
+    left, right = block.side(0, False), block.side(0, True)
+    return hhr.PlasticFullOrder(
+        hhr.Scene(
+            name="cantilever",
+            geometry=lambda comm: block.block(comm, lower=(0, 0), upper=(3, 2), cells=(15, 6)),
+            hypothesis="plane_strain",
+            bodies=(hhr.Body(block.SOLID, 200.0, 0.3, hhr.Plasticity(1.0, 5.0)),),
+            contacts=(hhr.Obstacle(block.side(1, False), (0, -1), 0.002),),
+            parameters=hhr.ParameterSpace(("A", "B"), (0.0, -1.0), (2.0, 1.0)),
+            displacements=(hhr.Displacement(left, 0), hhr.Displacement(left, 1)),
+            loads=(
+                hhr.Pressure(block.side(1, True), hhr.Amplitude(slopes={"A": 1.0})),
+                hhr.Traction(right, (0.0, 1.0), hhr.Amplitude(slopes={"B": 1.0})),
+            ),
+        )
+    )
+
+
+def legs(*corners, steps=10):
+    """Piecewise linear through corners (A, B), a second for each leg."""
+    times = np.linspace(0, len(corners) - 1, (len(corners) - 1) * steps + 1)
+    values = [np.interp(times, np.arange(len(corners)), [corner[k] for corner in corners]) for k in (0, 1)]
+    return list(zip(times, np.stack(values, axis=1), strict=True))
+
+
+def test_contact_that_training_never_saw_is_said_and_found(cantilever):
+    """Lifted first, then pressed: never touching in training, 178 % wrong without a word where it touches."""
+    histories = [hhr.march(cantilever, legs((0, 0), (0, b), (a, b))) for b, a in ((0.15, 0.12), (0.2, 0.18))]
+    assert not any(point.forces.any() for history in histories for point in history.points)
+    with pytest.warns(StabilityWarning, match="no training solution has contact"):
+        reduction = hhr.build_plastic_reduction(cantilever, histories)
+    pressed = legs((0, 0), (0.08, 0))
+    assert hhr.march(cantilever, pressed).points[-1].forces.any()
+    with pytest.warns(OutsideTrainingWarning):
+        answer = hhr.march(reduction.model, pressed)
+    # gaps of conditions that the RID does not hold are looked at too
+    assert len(reduction.sets.A_lambda) < cantilever.conditions
+    deeper = answer.points[-1]._replace(unknown=50 * answer.points[-1].unknown)
+    field = reduction.displacement_everywhere(deeper)
+    depth = (cantilever.problem.contact @ field - 0.002).max()
+    assert depth > 0 and reduction.model.signs(deeper).depth == pytest.approx(depth)
+
+
+def test_an_overlap_outside_of_the_reduced_domain_is_said():
+    space = ParameterSpace(("load",), (0.0,), (10.0,))
+    trained = TrainedPaths.of([[(0.0, np.zeros(1)), (1.0, np.ones(1))]], space, [[Signs(1.0, 10.0, 1e-4)]], 1.0)
+    watch = Watch(trained, "warn")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", OutsideTrainingWarning)
+        watch.after(1, 0.5, Signs(1.0, 10.0, 2e-3))  # a thousandth of the length is round-off, three times it allowed
+    with pytest.warns(OutsideTrainingWarning, match="overlap by 0.01 where the reduced domain does not look"):
+        watch.after(2, 1.0, Signs(1.0, 10.0, 1e-2))
+
+
+def test_histories_held_out_may_come_from_a_generator(pellet):
+    full, histories = pellet
+    reduction = hhr.build_plastic_reduction(full, iter(histories), SETTINGS, (history for history in histories[:1]))
+    assert reduction.comparison.labels == ["trained history 0", "trained history 1", "held-out history 0"]
+    with pytest.raises(ReductionError, match="not a single one"):
+        hhr.build_plastic_reduction(full, histories[0], SETTINGS)
+    with pytest.raises(ReductionError, match="what march returns"):
+        hhr.build_plastic_reduction(full, [None], SETTINGS)
+
+
+def test_a_step_refused_by_its_imbalance_is_not_kept(reduction):
+    held = demo.history(np.concatenate([RAMP, 1 + np.arange(1, 11)]), np.append(RAMP, np.ones(10)), 10.0)
+    model, before = reduction.model, reduction.model.trained
+    model.trained = dataclasses.replace(before, slowest=np.full(3, -1e9), fastest=np.full(3, 1e9))
+    try:
+        with pytest.raises(OutsideTrainingError, match=r"step (\d+)") as caught:
+            hhr.march(model, held, hhr.MarchSettings(outside="refuse"))
+    finally:
+        model.trained = before
+    number = int(str(caught.value).split()[1].rstrip(","))
+    assert len(caught.value.history.points) == number - 1
+
+
+class Breaks:
+    """A law that fails at its fifth call."""
+
+    def __init__(self):
+        self.calls = 0
+
+    def flow(self, trial, plastic_strain, shear, dt):
+        self.calls += 1
+        if self.calls == 5:
+            raise KeyError("table")
+        return np.zeros_like(trial), np.zeros_like(trial)
+
+
+def test_a_law_that_fails_is_named_and_leaves_its_history():
+    scene = demo.scene(**MESH)
+    bodies = (dataclasses.replace(scene.bodies[0], law=Breaks()), scene.bodies[1])
+    full = hhr.PlasticFullOrder(dataclasses.replace(scene, bodies=bodies))
+    with pytest.raises(SceneError, match=r"the law .*Breaks.* failed with KeyError") as caught:
+        hhr.march(full, demo.path(10.0, 20))
+    assert isinstance(caught.value.history, History)
+
+
+@pytest.mark.parametrize("path", [[(0.0, 1.0, 2.0)], [1.0, 2.0], [("soon", [0.0] * 3)]])
+def test_a_path_is_a_list_of_pairs(pellet, path):
+    with pytest.raises(ParameterError, match="a list of pairs"):
+        hhr.march(pellet[0], path)
+
+
+def test_a_model_without_laws_does_not_march(pellet):
+    with pytest.raises(ParameterError, match="no laws to march with"):
+        hhr.march(None, demo.path(10.0, 2))
+
+
+@pytest.mark.parametrize("law", [hhr.Plasticity(1.0, 5.0), hhr.Plasticity(1.0), hhr.Norton(2.0, 4.0)])
+def test_a_rigid_motion_is_one_step(law):
+    """The boundary moves by 20 times the yield strain: points behind it must not flow on the way."""
+    up, down = block.side(1, True), block.side(1, False)
+    moved = hhr.Amplitude(slopes={"move": 1.0})
+    scene = hhr.Scene(
+        name="rigid",
+        geometry=lambda comm: block.block(comm, lower=(0, 0), upper=(1, 1), cells=(6, 6)),
+        hypothesis="plane_strain",
+        bodies=(hhr.Body(block.SOLID, 200.0, 0.3, law),),
+        contacts=(hhr.Obstacle(block.side(0, True), (1, 0), 5.0),),
+        parameters=hhr.ParameterSpace(("move",), (-10.0,), (10.0,)),
+        displacements=(
+            hhr.Displacement(block.side(0, False), 0),
+            hhr.Displacement(down, 1, moved),
+            hhr.Displacement(up, 1, moved),
+        ),
+    )
+    history = hhr.march(hhr.PlasticFullOrder(scene), [(0.0, [0.0]), (1.0, [1.0])])
+    assert history.cuts == 0 and np.abs(history.points[-1].stress).max() < 1e-8

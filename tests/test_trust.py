@@ -7,6 +7,7 @@ import hertz_half_discs as hertz_demo
 import numpy as np
 import pellet_cladding as demo
 import pytest
+from bare import rewrite_signed
 from mpi4py import MPI
 from scipy.optimize import nnls
 from scipy.sparse import csr_matrix
@@ -17,13 +18,14 @@ from hhr_dolfinx.errors import (
     OutsideTrainingWarning,
     ParameterError,
     ReductionError,
+    SnapshotFileWarning,
     StabilityWarning,
     UncheckedWarning,
     UnstableModelError,
 )
 from hhr_dolfinx.reduction.completion import prepare_reconstruction, spanning_rays
 from hhr_dolfinx.reduction.rid import reduced_domain, zone_of_interest
-from hhr_dolfinx.reduction.trust import TrustLimits, check_comparison, compare
+from hhr_dolfinx.reduction.trust import TrustLimits, check_comparison, compare, warn_of_gaps_in_training
 from hhr_dolfinx.snapshots.accuracy import contact_residuals, force_floor, round_off_force
 from hhr_dolfinx.study.yardstick import Yardstick
 
@@ -293,3 +295,79 @@ def test_of_random_recipes_none_is_accepted_in_silence_and_wrong():
         errors = yardstick.errors(reduction).values["dual_full_floored"]
         assert errors.max() < 0.3 and np.percentile(errors, 95) < 0.1, recipe
     assert accepted, "the check must not refuse everything"
+
+
+@pytest.mark.parametrize(
+    "points, empty",
+    [
+        (np.stack([np.linspace(0, 1, 12)] * 2, axis=1), True),
+        (np.array([[t, 0.0] for t in np.linspace(0, 1, 8)] + [[0.0, t] for t in np.linspace(0, 1, 8)]), True),
+        (hhr.ParameterSpace(("a", "b"), (0.0, 0.0), (1.0, 9.0)).grid([2, 20]), False),
+        (hhr.ParameterSpace(("a", "b"), (0.0, 0.0), (1.0, 9.0)).grid([25, 20]), False),
+        (hhr.ParameterSpace(("a", "b", "c"), (0.0,) * 3, (1.0,) * 3).random(60, 1), False),
+        (np.linspace(0, 1, 9)[:, None], False),
+    ],
+)
+def test_training_points_that_leave_their_box_empty(points, empty):
+    """On a diagonal, or one parameter at a time, the box of the training says nothing: 28 % were wrong inside."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        warn_of_gaps_in_training(points)
+    assert bool(caught) is empty
+    assert not caught or "of their box empty" in str(caught[0].message)
+
+
+def test_few_held_out_are_said(half_discs_coarse):
+    full_order, snapshots = half_discs_coarse
+    held_out = hhr.compute_snapshots(full_order, full_order.problem.parameters.random(5, 3))
+    with pytest.warns(UncheckedWarning, match="only 5 solutions were kept out"):
+        hhr.build_reduced_model(full_order, snapshots, held_out=held_out)
+
+
+@pytest.fixture(scope="module")
+def half_discs_coarse():
+    full_order = hhr.FullOrderModel(hertz_demo.scene(**COARSE))
+    return full_order, hhr.compute_snapshots(full_order, full_order.problem.parameters.grid([15]))
+
+
+@pytest.mark.parametrize(
+    "spoil, words",
+    [
+        (lambda s: dataclasses.replace(s, forces=s.forces[:-1]), "forces of snapshots have the shape"),
+        (lambda s: dataclasses.replace(s, displacements=s.displacements.T), "displacements of snapshots"),
+        (lambda s: dataclasses.replace(s, points=s.points.ravel()), "points of snapshots"),
+        (lambda s: s.take([]), "points of snapshots"),
+        (lambda s: dataclasses.replace(s, forces=s.forces + 1j), "finite real numbers"),
+        (lambda s: None, "must be a SnapshotSet"),
+    ],
+)
+def test_snapshots_of_something_else(half_discs_coarse, spoil, words):
+    full_order, snapshots = half_discs_coarse
+    with pytest.raises(ReductionError, match=words):
+        hhr.build_reduced_model(full_order, spoil(snapshots))
+
+
+@pytest.mark.parametrize("recipe", [None, {"layers": 1}, 5])
+def test_what_is_no_recipe(half_discs_coarse, recipe):
+    with pytest.raises(ReductionError, match="is no recipe"):
+        hhr.build_reduced_model(*half_discs_coarse, recipe)
+
+
+@pytest.mark.parametrize("changes", [{"layers": 10**9}, {"most_layers": 10**9}, {"kappa_max": "3"}, {"limits": 5}])
+def test_recipes_of_another_kind(half_discs_coarse, changes):
+    (name,) = changes
+    with pytest.raises(ReductionError, match=name):
+        hhr.build_reduced_model(*half_discs_coarse, hhr.ReductionSettings(**changes))
+
+
+@pytest.mark.parametrize("name", ["primal", "forces"])
+def test_a_signed_snapshot_that_solves_nothing_is_solved_anew(half_discs_coarse, tmp_path, name):
+    """Its checksum is right, its numbers are not: the equations tell."""
+    full_order, _ = half_discs_coarse
+    store, point = hhr.SnapshotStore(tmp_path, full_order.problem), np.array([0.3])
+    store.save(point, full_order.solve(point))
+    assert store.load(point) is not None
+    (path,) = tmp_path.glob("*.npz")
+    rewrite_signed(path, lambda header, arrays: arrays.update({name: 1.1 * arrays[name]}))
+    with pytest.warns(SnapshotFileWarning, match="holds no solution"):
+        assert store.load(point) is None

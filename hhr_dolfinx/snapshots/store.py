@@ -83,7 +83,7 @@ class SnapshotStore:
         Raises:
             FileContentError: with the largest residual.
         """
-        theta = self._problem.theta(point)
+        theta = self._problem.amplitudes(np.atleast_1d(point))
         found = astuple(contact_residuals(self._problem, arrays["primal"], arrays["forces"], theta))
         if not max(found) <= SOLVED:
             raise FileContentError(f"{path} holds no solution, residuals of {max(found):.1g}")
