@@ -358,6 +358,8 @@ def _elastic_start(model, here, theta):
     """
     x, before = here.unknown, model.amplitudes(here.parameter)
     change = model.strain(x, theta) - model.strain(x, before)
+    if not change.any():
+        return x
     stress = here.stress + np.einsum("nij,nj->ni", model.material.elastic, change)
     residual, _ = model.residual(stress, theta)
     try:
