@@ -35,6 +35,12 @@ class Reconstruction:
     force_snapshots: np.ndarray
     gap_scale: np.ndarray
 
+    def __post_init__(self):
+        """Cut the snapshots once into what is fitted, inside the RID, and what is penalised, outside."""
+        outside = np.setdiff1d(np.arange(len(self.gaps)), self.A_lambda)
+        parts = outside, self.force_snapshots[self.A_lambda], self.force_snapshots[outside]
+        object.__setattr__(self, "_parts", parts)
+
     def displacement(self, gamma: np.ndarray, theta: Theta) -> np.ndarray:
         """Displacement V gamma + lift, thesis (1.69), (N,)."""
         return self.basis @ gamma + self.lifts @ theta
@@ -42,8 +48,8 @@ class Reconstruction:
     def forces(self, gamma: np.ndarray, inside: np.ndarray, theta: Theta) -> np.ndarray:
         """Contact forces on all conditions, (N_lambda,): the model's own inside the RID, (1.70)-(1.71) outside.
 
-        Non-negative combinations of training forces are fitted to the forces inside the RID, and
-        penalised where the reconstructed gap is open.
+        Non-negative combinations of training forces are fitted to the forces inside the RID, and penalised outside
+        where the reconstructed gap is open; inside, forces at open gaps are 0 already.
 
         Args:
             gamma: coordinates of the displacement, (ell,).
@@ -53,8 +59,10 @@ class Reconstruction:
         Raises:
             ConvergenceError: if the fit does not end.
         """
-        open_gap = np.maximum(self.gaps @ theta - self.contact_basis @ gamma, 0.0) / self.gap_scale
-        matrix = np.vstack([self.force_snapshots[self.A_lambda], open_gap[:, None] * self.force_snapshots])
+        outside, fitted, penalised = self._parts
+        slack = self.gaps[outside] @ theta - self.contact_basis[outside] @ gamma
+        open_gap = np.maximum(slack, 0.0) / self.gap_scale[outside]
+        matrix = np.vstack([fitted, open_gap[:, None] * penalised])
         target = np.concatenate([inside, np.zeros(open_gap.size)])
         try:
             weights, _ = nnls(matrix, target)

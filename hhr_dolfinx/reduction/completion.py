@@ -12,9 +12,9 @@ from hhr_dolfinx.online.reconstruct import Reconstruction
 from hhr_dolfinx.reduction.rid import IndexSets
 from hhr_dolfinx.snapshots.solutions import SnapshotSet
 
-IN_THE_CONE = 1e-4
-"""Relative distance from the cone of the other snapshots below which a force snapshot is left out: a tenth of the
-fraction of the largest force below which a relative force error means nothing."""
+IN_THE_CONE = 1e-3
+"""Relative distance from the cone of the other snapshots below which a force snapshot is left out: the fraction of the
+largest force below which a relative force error means nothing."""
 
 
 def prepare_reconstruction(
