@@ -23,6 +23,7 @@ PATIENCE = 3.0
 """Seconds for which a rank that failed in common work waits for the others to fail as well."""
 
 _POLL = 0.02
+_FORWARDED = 1.0
 
 
 @contextmanager
@@ -70,13 +71,13 @@ def together(comm: Comm, task: str) -> Iterator[None]:
         yield
     except BaseException as error:
         if not _all_arrive(votes):
-            traceback.print_exc()
-            print(
+            reason = (
                 f"{task} failed on rank {comm.rank} of {comm.size}, and the others wait for it: the run is ended "
-                f"on all ranks. {type(error).__name__}: {_text(error)}",
-                file=sys.stderr,
-                flush=True,
+                f"on all ranks. {type(error).__name__}: {_text(error)}"
             )
+            print(f"{reason}\n{traceback.format_exc()}{reason}", file=sys.stderr, flush=True)
+            # a launcher forwards what is printed a little later, and forgets it once the run is ended
+            Event().wait(_FORWARDED)
             comm.Abort(1)
         votes.Free()
         raise
