@@ -81,8 +81,10 @@ def test_snapshots_span_the_cone_of_all():
         assert kept.shape[1] < 35
         for column in columns.T:
             assert nnls(kept, column)[1] <= 1e-6 * np.linalg.norm(column) + 1e-300
+    # independence keeps two of these; their cone holds the third only if it lies between them
     plane = np.array([[1.0, 1.0, 0.5], [0.0, 1.0, 1.0]])
-    assert spanning_rays(plane, 1e-6).shape[1] == 3 or nnls(spanning_rays(plane, 1e-6), plane[:, 2])[1] < 1e-6
+    kept = spanning_rays(plane, 1e-6)
+    assert all(nnls(kept, column)[1] < 1e-6 for column in plane.T)
     assert spanning_rays(np.zeros((3, 2)), 1e-6).shape == (3, 0)
 
 
@@ -112,7 +114,7 @@ def test_a_point_without_one_answer_is_never_passed_over(hertz, hertz_snapshots)
     check_comparison(good, TrustLimits())
     spoiled = dataclasses.replace(good, dual=np.append(good.dual[:-1], np.inf))
     with pytest.warns(StabilityWarning, match="there is no one answer"):
-        check_comparison(dataclasses.replace(spoiled, dual=np.tile(spoiled.dual, 1)), TrustLimits(refuse_dual=np.inf))
+        check_comparison(spoiled, TrustLimits(refuse_dual=np.inf))
 
 
 def test_nothing_held_out_is_said(hertz, hertz_snapshots):
