@@ -141,23 +141,28 @@ def build_reduced_model(
     """
     _check_given(full_order.problem, snapshots, settings, held_out)
     log = StageLog()
-    if settings.limits is not None:
-        warn_of_gaps_in_training(snapshots.points)
     if settings.limits is None:
         log.skip("validation", "no limits were given: the model is as it is")
-    elif not _any_contact(full_order.problem, snapshots):
-        warn_untouched()
-    if held_out is None and settings.limits is not None:
-        warn_unchecked()
-        log.skip("held_out", "no solutions were kept out of training: training solutions were compared")
-    elif settings.limits is not None and len(held_out.points) < FEW:
-        warn_unchecked(len(held_out.points))
+    else:
+        _warn_of_training(full_order.problem, snapshots, held_out, log)
     selected = _select(full_order.problem, snapshots, settings, log)
 
     def attempt(layers):
         return _build(full_order, snapshots, selected, replace(settings, layers=layers), held_out, log)
 
     return first_trusted(attempt, settings.layers, settings.most_layers, log)
+
+
+def _warn_of_training(problem, snapshots, held_out, log) -> None:
+    """Say beforehand what no check of the model can make good: where it is trained, and what it is compared with."""
+    warn_of_gaps_in_training(snapshots.points)
+    if not _any_contact(problem, snapshots):
+        warn_untouched()
+    if held_out is None:
+        warn_unchecked()
+        log.skip("held_out", "no solutions were kept out of training: training solutions were compared")
+    elif len(held_out.points) < FEW:
+        warn_unchecked(len(held_out.points))
 
 
 def _check_given(problem, snapshots, settings, held_out) -> None:
