@@ -14,8 +14,8 @@ import dataclasses
 import pellet_cladding as matching
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.geometries import pellet_cladding as geometry
-from hhr_dolfinx.snapshots.accuracy import relative_error
 from hhr_dolfinx.study import cli, report
 
 POINT = (190.0, 5.2)

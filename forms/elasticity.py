@@ -13,12 +13,9 @@ from __future__ import annotations
 
 import ufl
 
+from hhr_dolfinx.materials.elasticity import lame_parameters
+
 HYPOTHESES = ("plane_strain", "plane_stress", "axisymmetric", "solid")
-
-
-def lame_parameters(young, poisson):
-    """Return (λ, μ) of Young's modulus E and Poisson's ratio ν, in the unit of E."""
-    return young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson))
 
 
 def strain(u, hypothesis: str, poisson=0.0):

@@ -15,7 +15,7 @@ from hhr_dolfinx.pairings import Pairing
 from hhr_dolfinx.parameters import Amplitude, ParameterSpace, is_number, is_whole
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.forms.plasticity import Flow
+    from hhr_dolfinx.materials.laws import Flow
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Body:
         tag: cell tag.
         young: Young's modulus E, in the unit of stress of the scene.
         poisson: Poisson's ratio.
-        law: how it flows, a :class:`~hhr_dolfinx.forms.plasticity.Flow`; None for an elastic body.
+        law: how it flows, a :class:`~hhr_dolfinx.materials.laws.Flow`; None for an elastic body.
     """
 
     tag: int

@@ -13,12 +13,12 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
-from hhr_dolfinx.contact.condensed import CondensedContact, KnownStatuses, Responses
-from hhr_dolfinx.contact.dense import LapackLU, PetscLU
 from hhr_dolfinx.contact.problem import Status, joined, outcome
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, SingularError
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.online.reduced import ReducedModel, ReducedProblem
+from hhr_dolfinx.linear.dense import LapackLU, PetscLU
+from hhr_dolfinx.models.condensed import CondensedContact, KnownStatuses, Responses
+from hhr_dolfinx.models.reduced import ReducedModel, ReducedProblem
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
 from hhr_dolfinx.reduction.plastic import PlasticReduced
 from hhr_dolfinx.reduction.projection import project

@@ -18,8 +18,8 @@ from hhr_dolfinx.errors import (
     UncheckedWarning,
     UnstableModelError,
 )
-from hhr_dolfinx.flow.quasi_static import History
 from hhr_dolfinx.geometries import block
+from hhr_dolfinx.models.march import History
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.reduction import plastic_offline
 from hhr_dolfinx.reduction.plastic_trust import largest_errors

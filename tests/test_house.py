@@ -121,7 +121,7 @@ def test_one_clock():
 
 # numba is not among them: DOLFINx loads it by itself
 UNNEEDED = {
-    "flow": ["hhr_dolfinx.flow", "hhr_dolfinx.forms.plasticity", "hhr_dolfinx.full_order.plastic",
+    "flow": ["hhr_dolfinx.materials.laws", "hhr_dolfinx.models.march", "hhr_dolfinx.full_order.plastic",
              "hhr_dolfinx.full_order.gauss_points", "hhr_dolfinx.reduction.plastic",
              "hhr_dolfinx.reduction.plastic_offline", "hhr_dolfinx.study.study_histories"],
     "meshes that do not match": ["hhr_dolfinx.pairings.node_to_surface", "hhr_dolfinx.pairings.mortar",

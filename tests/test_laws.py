@@ -8,7 +8,7 @@ from test_plastic import LAWS, POISSON, YOUNG, bar, some_states
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ConvergenceError, LawWarning, SceneError
-from hhr_dolfinx.flow.material import Group, Material
+from hhr_dolfinx.materials.update import Group, Material
 
 
 def update(law, strain, old, dt=0.1):

@@ -14,8 +14,8 @@ from test_plastic import YOUNG, tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ConvergenceError, LockingWarning
-from hhr_dolfinx.full_order import cholesky
 from hhr_dolfinx.geometries import block
+from hhr_dolfinx.linear import sparse as cholesky
 
 FAR = hhr.Obstacle(block.side(0, upper=True), (1.0, 0.0), 1e6)
 """A tube beyond its limit load moves by whatever the last iterate says: nothing must hold it."""

@@ -17,19 +17,19 @@ from scenes import node_dofs, whole_domain
 from scipy import linalg
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.certify.accuracy import force_floor
+from hhr_dolfinx.certify.constants import assess
+from hhr_dolfinx.certify.trust import TrustLimits, check_solvable, check_stability, compare
 from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
-from hhr_dolfinx.contact.condensed import KnownStatuses
 from hhr_dolfinx.contact.problem import Status
 from hhr_dolfinx.errors import NotSolvableError, ReductionError, StabilityWarning, UnstableModelError
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.online.reduced import ReducedModel
+from hhr_dolfinx.models.condensed import KnownStatuses
+from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.enrichment import enrich
 from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.rid import open_conditions, reduced_domain, zone_of_interest
-from hhr_dolfinx.reduction.stability import assess
-from hhr_dolfinx.reduction.trust import TrustLimits, check_solvable, check_stability, compare
-from hhr_dolfinx.snapshots.accuracy import force_floor
 from hhr_dolfinx.study.yardstick import Yardstick
 
 ROOT = Path(__file__).parent.parent

@@ -10,9 +10,9 @@ import sphere_on_block as sphere
 from scenes import check_contact_conditions
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.certify.accuracy import energy_minimum
 from hhr_dolfinx.geometries import hertz_half_discs as discs
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.snapshots.accuracy import energy_minimum
 
 STANDARD = patch.PAIRINGS["mortar, standard"]
 MESHES = [

@@ -10,8 +10,8 @@ from hhr_dolfinx.baselines.coarser import CoarserMesh
 from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.baselines.peers import DualBasisModel, cone_projected_greedy, nonnegative_factors
-from hhr_dolfinx.contact.dense import LapackLU, PetscLU
 from hhr_dolfinx.errors import NotSolvableError
+from hhr_dolfinx.linear.dense import LapackLU, PetscLU
 
 
 @pytest.mark.parametrize("mu", [0.15, 0.2345, 0.45])

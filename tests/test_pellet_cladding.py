@@ -14,6 +14,7 @@ from mpi4py import MPI
 from scenes import check_contact_conditions
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.certify.trust import TrustLimits
 from hhr_dolfinx.errors import (
     ParameterError,
     SceneError,
@@ -23,7 +24,6 @@ from hhr_dolfinx.errors import (
     UnstableModelError,
 )
 from hhr_dolfinx.geometries import pellet_cladding as geometry
-from hhr_dolfinx.reduction.trust import TrustLimits
 from hhr_dolfinx.study.yardstick import Yardstick
 
 ROOT = Path(__file__).parent.parent

@@ -27,10 +27,10 @@ from hhr_dolfinx.errors import (
     SceneError,
     UnstableModelError,
 )
-from hhr_dolfinx.flow.material import Group, Material, State
-from hhr_dolfinx.flow.quasi_static import History
-from hhr_dolfinx.forms.plasticity import return_mapping
+from hhr_dolfinx.forms.return_mapping import return_mapping
 from hhr_dolfinx.geometries import block, two_blocks
+from hhr_dolfinx.materials.update import Group, Material, State
+from hhr_dolfinx.models.march import History
 from hhr_dolfinx.reduction.plastic import PlasticReduced
 from hhr_dolfinx.reduction.plastic_offline import tangent_margin
 from hhr_dolfinx.study.study_histories import history_errors

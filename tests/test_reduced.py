@@ -9,8 +9,8 @@ from hertz_half_discs import THESIS
 from scenes import as_it_is, check_contact_conditions, node_dofs, whole_domain
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.contact.condensed import KnownStatuses
 from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.models.condensed import KnownStatuses
 from hhr_dolfinx.reduction.deim import deim
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.rid import reduced_domain

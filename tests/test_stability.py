@@ -10,9 +10,9 @@ from scenes import as_it_is
 from scipy import linalg
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.certify.constants import inf_sup, singular_range
+from hhr_dolfinx.certify.trust import TrustLimits, check_solvable, check_stability
 from hhr_dolfinx.errors import NotSolvableError, StabilityWarning, UnstableModelError
-from hhr_dolfinx.reduction.stability import inf_sup, singular_range
-from hhr_dolfinx.reduction.trust import TrustLimits, check_solvable, check_stability
 
 
 def spd(size, rng):

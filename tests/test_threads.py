@@ -19,9 +19,9 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.contact.active_set import SchurEqualities
-from hhr_dolfinx.contact.dense import LapackLU, PetscLU
 from hhr_dolfinx.errors import HHRError
-from hhr_dolfinx.online.reconstruct import OnlineModel
+from hhr_dolfinx.linear.dense import LapackLU, PetscLU
+from hhr_dolfinx.models.reconstruct import OnlineModel
 from hhr_dolfinx.reduction.plastic import PlasticReduced
 
 THREADS = 8
@@ -276,6 +276,6 @@ def test_a_machine_without_petsc_answers(tmp_path, pellet, reduced):
 
 
 def test_petsc_asked_for_where_it_is_missing(monkeypatch):
-    monkeypatch.setattr("hhr_dolfinx.contact.dense.PETSc", None)
+    monkeypatch.setattr("hhr_dolfinx.linear.dense.PETSc", None)
     with pytest.raises(HHRError, match="LapackLU"):
         PetscLU(np.eye(2))

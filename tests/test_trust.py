@@ -13,6 +13,8 @@ from scipy.optimize import nnls
 from scipy.sparse import csr_matrix
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.certify.accuracy import contact_residuals, force_floor, round_off_force
+from hhr_dolfinx.certify.trust import TrustLimits, check_comparison, compare, warn_of_gaps_in_training
 from hhr_dolfinx.errors import (
     OutsideTrainingError,
     OutsideTrainingWarning,
@@ -25,8 +27,6 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.reduction.completion import prepare_reconstruction, spanning_rays
 from hhr_dolfinx.reduction.rid import reduced_domain, zone_of_interest
-from hhr_dolfinx.reduction.trust import TrustLimits, check_comparison, compare, warn_of_gaps_in_training
-from hhr_dolfinx.snapshots.accuracy import contact_residuals, force_floor, round_off_force
 from hhr_dolfinx.study.yardstick import Yardstick
 
 COARSE = {"arc_segments": 28, "flat_segments": 7}

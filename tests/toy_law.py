@@ -23,7 +23,7 @@ class Bingham:
             raise ValueError(f"yield stress {self.yield_stress} and viscosity {self.viscosity} must not be negative")
 
     def flow(self, trial, plastic_strain, shear, dt):
-        """Closed form of η Δp = dt (q_tr - 3 mu Δp - σ0); see :class:`hhr_dolfinx.forms.plasticity.Flow`."""
+        """Closed form of η Δp = dt (q_tr - 3 mu Δp - σ0); see :class:`hhr_dolfinx.materials.laws.Flow`."""
         slope = dt / (self.viscosity + 3 * shear * dt)
         over = trial - self.yield_stress
         return np.maximum(over, 0.0) * slope, np.where(over > 0, slope, 0.0)

@@ -6,7 +6,7 @@ from mpi4py import MPI
 import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.coarser import CoarserMesh
 from hhr_dolfinx.baselines.peers import DualBasisModel, cone_projected_greedy, nonnegative_factors
-from hhr_dolfinx.snapshots.accuracy import relative_error
+from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.study.yardstick import Yardstick
 from hhr_dolfinx.timing import time_queries
 from parts.pellet_cladding_tables import POINTS

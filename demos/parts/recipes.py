@@ -8,8 +8,8 @@ from dataclasses import asdict
 import numpy as np
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.errors import HHRError, StabilityWarning
-from hhr_dolfinx.snapshots.accuracy import summary
 from hhr_dolfinx.study.training import Training
 from hhr_dolfinx.study.yardstick import Yardstick
 

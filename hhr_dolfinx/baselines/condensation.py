@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from hhr_dolfinx.contact.condensed import CondensedContact, KnownStatuses, Responses
 from hhr_dolfinx.full_order.elastic import FullOrderModel
+from hhr_dolfinx.models.condensed import CondensedContact, KnownStatuses, Responses
 
 
 def exact_condensation(full_order: FullOrderModel, known: KnownStatuses, *, field: bool = True) -> CondensedContact:

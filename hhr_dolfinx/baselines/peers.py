@@ -15,9 +15,9 @@ import numpy as np
 from scipy import linalg
 from scipy.optimize import nnls
 
-from hhr_dolfinx.contact.condensed import CondensedContact, KnownStatuses, Responses
-from hhr_dolfinx.contact.dense import PetscLU
 from hhr_dolfinx.full_order.elastic import FullOrderModel
+from hhr_dolfinx.linear.dense import PetscLU
+from hhr_dolfinx.models.condensed import CondensedContact, KnownStatuses, Responses
 from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.snapshots.solutions import SnapshotSet
 

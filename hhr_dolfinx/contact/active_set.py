@@ -19,9 +19,9 @@ from threading import Lock
 
 import numpy as np
 
-from hhr_dolfinx.contact.dense import Factor, Factorise, dense_factors
 from hhr_dolfinx.contact.problem import Status, Statuses
 from hhr_dolfinx.errors import SingularError
+from hhr_dolfinx.linear.dense import Factor, Factorise, dense_factors
 
 TOLERANCE = 1e-11
 """Negative forces and slacks below this fraction of the largest of their pair are round-off (measured 1e-13)."""

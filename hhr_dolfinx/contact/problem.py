@@ -137,6 +137,27 @@ class ContactProblem:
         return largest / smallest if smallest > DEPENDENT * max(largest, self.contact_norm) else math.inf
 
 
+@dataclass(frozen=True)
+class IndexSets:
+    """Index sets of a RID, named as in the thesis.
+
+    Attributes:
+        cells: cells of Omega_A, (1.55).
+        A: free dofs not connected to the rest of the domain, (1.35), less the nodes taken out to close the RID.
+        A_lambda: contact conditions whose slave node lies inside and which act on A, (1.36), (5.6).
+        A_c: dofs of A connected to A_lambda through B, (1.58), (5.20): where contact forces act.
+        A_c_tilde: all dofs connected to A_lambda through B, (5.20): where gaps are read.
+        I: dofs of the interface, connected to A through K but not in A, (1.59).
+    """
+
+    cells: np.ndarray
+    A: np.ndarray
+    A_lambda: np.ndarray
+    A_c: np.ndarray
+    A_c_tilde: np.ndarray
+    I: np.ndarray
+
+
 class FullOrder(Protocol):
     """What a reduction needs of a full-order model.
 

@@ -10,11 +10,12 @@ from petsc4py import PETSc
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
-from hhr_dolfinx.contact.dense import factorised
 from hhr_dolfinx.contact.problem import ContactSolution, Status, outcome
 from hhr_dolfinx.errors import NotSolvableError, SceneError
-from hhr_dolfinx.full_order.cholesky import check_regular, cholesky_solver, singular_stiffness, solve_columns
+from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.linear.dense import factorised
+from hhr_dolfinx.linear.sparse import cholesky_solver, singular_stiffness, solve_columns
 from hhr_dolfinx.scene import Scene
 
 FULL_ORDER_ADVICE = {Status.SINGULAR: "list each contact pair once, and let no two conditions hold the same dofs"}

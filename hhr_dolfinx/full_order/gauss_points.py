@@ -11,11 +11,11 @@ from petsc4py import PETSc
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.flow.gauss import StrainOperator
-from hhr_dolfinx.flow.material import Group, Material
 from hhr_dolfinx.forms.elasticity import volume_weight
-from hhr_dolfinx.forms.plasticity import strain_vector
+from hhr_dolfinx.forms.return_mapping import strain_vector
 from hhr_dolfinx.full_order.locking import QUADRATURE
+from hhr_dolfinx.materials.strain import StrainOperator
+from hhr_dolfinx.materials.update import Group, Material
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:

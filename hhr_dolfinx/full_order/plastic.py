@@ -13,17 +13,18 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.flow.equilibrium import Correction
-from hhr_dolfinx.flow.gauss import ElasticPart
-from hhr_dolfinx.full_order.cholesky import FreeCholesky, check_regular, ordering_of
+from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.gauss_points import material_at, strain_operator
+from hhr_dolfinx.linear.sparse import FreeCholesky, ordering_of
+from hhr_dolfinx.materials.strain import ElasticPart
+from hhr_dolfinx.models.equilibrium import Correction
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.trained import Signs
 
 
 class PlasticFullOrder:
-    """Equilibrium of the full mesh for :func:`hhr_dolfinx.flow.quasi_static.march`; serial.
+    """Equilibrium of the full mesh for :func:`hhr_dolfinx.models.march.march`; serial.
 
     Args:
         scene: the scene; bodies without a law are elastic.
@@ -140,7 +141,7 @@ class PlasticFullOrder:
 
 @dataclass(frozen=True)
 class _Operator:
-    """A linearisation, see :class:`hhr_dolfinx.flow.equilibrium.Operator`.
+    """A linearisation, see :class:`hhr_dolfinx.models.equilibrium.Operator`.
 
     Attributes:
         problem: the full problem.

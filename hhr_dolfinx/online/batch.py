@@ -14,7 +14,7 @@ from rich.console import Console
 from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import HHRError, ParameterError
 from hhr_dolfinx.files import replacing
-from hhr_dolfinx.online.reconstruct import OnlineModel
+from hhr_dolfinx.models.reconstruct import OnlineModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.timing import timed
 

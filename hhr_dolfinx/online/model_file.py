@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from hhr_dolfinx.contact.condensed import KnownStatuses
 from hhr_dolfinx.errors import FileContentError, HHRError, ModelFileError
 from hhr_dolfinx.files import check_layout, read_arrays, write_arrays
-from hhr_dolfinx.online.reconstruct import OnlineModel, Reconstruction
-from hhr_dolfinx.online.reduced import ReducedModel, ReducedProblem
+from hhr_dolfinx.models.condensed import KnownStatuses
+from hhr_dolfinx.models.reconstruct import OnlineModel, Reconstruction
+from hhr_dolfinx.models.reduced import ReducedModel, ReducedProblem
 from hhr_dolfinx.parameters import Amplitudes, Coverage, ParameterSpace
 from hhr_dolfinx.trained import TrainedRange
 

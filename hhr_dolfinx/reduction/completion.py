@@ -7,9 +7,8 @@ from scipy import linalg
 from scipy.optimize import nnls
 from scipy.sparse import csr_matrix
 
-from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.online.reconstruct import Reconstruction
-from hhr_dolfinx.reduction.rid import IndexSets
+from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
+from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.snapshots.solutions import SnapshotSet
 
 IN_THE_CONE = 1e-3

@@ -16,8 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.reduction.rid import IndexSets
+from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.timing import StageLog
 
 

@@ -10,18 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hhr_dolfinx.contact.problem import ContactProblem, FullOrder
-from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.online.reconstruct import OnlineModel
-from hhr_dolfinx.online.reduced import ReducedModel
-from hhr_dolfinx.reduction.completion import prepare_reconstruction
-from hhr_dolfinx.reduction.deim import deim
-from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
-from hhr_dolfinx.reduction.pod import pod
-from hhr_dolfinx.reduction.projection import project
-from hhr_dolfinx.reduction.rid import IndexSets, contact_nodes, reduced_domain, zone_of_interest
-from hhr_dolfinx.reduction.stability import Stability, assess
-from hhr_dolfinx.reduction.trust import (
+from hhr_dolfinx.certify.accuracy import force_floor, round_off_force
+from hhr_dolfinx.certify.constants import Stability, assess
+from hhr_dolfinx.certify.trust import (
     FEW,
     Comparison,
     TrustLimits,
@@ -37,7 +28,16 @@ from hhr_dolfinx.reduction.trust import (
     warn_unchecked,
     warn_untouched,
 )
-from hhr_dolfinx.snapshots.accuracy import force_floor, round_off_force
+from hhr_dolfinx.contact.problem import ContactProblem, FullOrder, IndexSets
+from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.models.reconstruct import OnlineModel
+from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.reduction.completion import prepare_reconstruction
+from hhr_dolfinx.reduction.deim import deim
+from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
+from hhr_dolfinx.reduction.pod import pod
+from hhr_dolfinx.reduction.projection import project
+from hhr_dolfinx.reduction.rid import contact_nodes, reduced_domain, zone_of_interest
 from hhr_dolfinx.snapshots.solutions import SnapshotSet
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedRange

@@ -8,16 +8,16 @@ import numpy as np
 
 from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
-from hhr_dolfinx.contact.dense import LapackLU
-from hhr_dolfinx.flow.equilibrium import Correction
-from hhr_dolfinx.flow.gauss import ElasticPart
+from hhr_dolfinx.contact.problem import IndexSets
+from hhr_dolfinx.linear.dense import LapackLU
+from hhr_dolfinx.materials.strain import ElasticPart
+from hhr_dolfinx.models.equilibrium import Correction
 from hhr_dolfinx.reduction.projection import project
-from hhr_dolfinx.reduction.rid import IndexSets
 from hhr_dolfinx.trained import Signs, TrainedPaths
 
 
 class PlasticReduced:
-    """Equilibrium of the reduced unknown gamma for :func:`hhr_dolfinx.flow.quasi_static.march`.
+    """Equilibrium of the reduced unknown gamma for :func:`hhr_dolfinx.models.march.march`.
 
     Args:
         full: the full model, of which only arrays are kept.
@@ -132,7 +132,7 @@ def _rows_times(indptr, indices, data, rows, dense, out):
 
 
 class _Operator:
-    """A linearisation on dense blocks, see :class:`hhr_dolfinx.flow.equilibrium.Operator`."""
+    """A linearisation on dense blocks, see :class:`hhr_dolfinx.models.equilibrium.Operator`."""
 
     def __init__(self, reduced, stiffness, moduli):
         self.moduli, self._reduced, self._factor = moduli, reduced, LapackLU(stiffness)

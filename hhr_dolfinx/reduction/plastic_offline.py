@@ -9,25 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy import linalg
 
-from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.errors import ReductionError, UnstableModelError
-from hhr_dolfinx.flow.quasi_static import History, Point
-from hhr_dolfinx.online.reconstruct import Reconstruction
-from hhr_dolfinx.parameters import is_whole
-from hhr_dolfinx.reduction.completion import prepare_reconstruction
-from hhr_dolfinx.reduction.deim import deim
-from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
-from hhr_dolfinx.reduction.plastic import PlasticReduced
-from hhr_dolfinx.reduction.plastic_trust import (
-    checked_histories,
-    compare_histories,
-    force_floor_of,
-    largest_motion,
-)
-from hhr_dolfinx.reduction.pod import pod
-from hhr_dolfinx.reduction.rid import IndexSets, contact_nodes, reduced_domain, zone_of_interest
-from hhr_dolfinx.reduction.stability import Stability, assess
-from hhr_dolfinx.reduction.trust import (
+from hhr_dolfinx.certify.constants import Stability, assess
+from hhr_dolfinx.certify.trust import (
     Comparison,
     TrustLimits,
     check_comparison,
@@ -41,6 +24,23 @@ from hhr_dolfinx.reduction.trust import (
     warn_unchecked,
     warn_untouched,
 )
+from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
+from hhr_dolfinx.errors import ReductionError, UnstableModelError
+from hhr_dolfinx.models.march import History, Point
+from hhr_dolfinx.models.reconstruct import Reconstruction
+from hhr_dolfinx.parameters import is_whole
+from hhr_dolfinx.reduction.completion import prepare_reconstruction
+from hhr_dolfinx.reduction.deim import deim
+from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
+from hhr_dolfinx.reduction.plastic import PlasticReduced
+from hhr_dolfinx.reduction.plastic_trust import (
+    checked_histories,
+    compare_histories,
+    force_floor_of,
+    largest_motion,
+)
+from hhr_dolfinx.reduction.pod import pod
+from hhr_dolfinx.reduction.rid import contact_nodes, reduced_domain, zone_of_interest
 from hhr_dolfinx.snapshots.solutions import SnapshotSet
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedPaths
@@ -111,7 +111,7 @@ class PlasticReduction:
     """A reduced model of a scene that flows, with what completes it.
 
     Attributes:
-        model: equilibrium of gamma, for :func:`hhr_dolfinx.flow.quasi_static.march`.
+        model: equilibrium of gamma, for :func:`hhr_dolfinx.models.march.march`.
         reconstruction: displacement everywhere, contact forces outside the RID, (1.70)-(1.71).
         stress: how the stress is completed.
         cumulated: how the cumulated plastic strain is completed; None where nothing flowed in training.

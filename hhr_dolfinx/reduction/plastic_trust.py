@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
+from hhr_dolfinx.certify.accuracy import FORCE_FLOOR, Residuals, norm, slack_residuals
+from hhr_dolfinx.certify.trust import Comparison
 from hhr_dolfinx.errors import HHRError, ReductionError
-from hhr_dolfinx.flow.quasi_static import History, MarchSettings, march
-from hhr_dolfinx.reduction.trust import Comparison
-from hhr_dolfinx.snapshots.accuracy import FORCE_FLOOR, Residuals, norm, slack_residuals
+from hhr_dolfinx.models.march import History, MarchSettings, march
 
 
 def force_floor_of(histories: list[History]) -> float:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.online.reduced import ReducedProblem
-from hhr_dolfinx.reduction.rid import IndexSets, open_conditions
+from hhr_dolfinx.models.reduced import ReducedProblem
+from hhr_dolfinx.reduction.rid import open_conditions
 
 
 def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> ReducedProblem:

@@ -9,36 +9,14 @@ in A even so are taken out of A and become part of the interface (figure 5.3a).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.reduction.deim import deim
 from hhr_dolfinx.reduction.pod import pod
-
-
-@dataclass(frozen=True)
-class IndexSets:
-    """Index sets of a RID, named as in the thesis.
-
-    Attributes:
-        cells: cells of Omega_A, (1.55).
-        A: free dofs not connected to the rest of the domain, (1.35), less the nodes taken out to close the RID.
-        A_lambda: contact conditions whose slave node lies inside and which act on A, (1.36), (5.6).
-        A_c: dofs of A connected to A_lambda through B, (1.58), (5.20): where contact forces act.
-        A_c_tilde: all dofs connected to A_lambda through B, (5.20): where gaps are read.
-        I: dofs of the interface, connected to A through K but not in A, (1.59).
-    """
-
-    cells: np.ndarray
-    A: np.ndarray
-    A_lambda: np.ndarray
-    A_c: np.ndarray
-    A_c_tilde: np.ndarray
-    I: np.ndarray
 
 
 def reduced_domain(problem: ContactProblem, nodes: np.ndarray, layers: int = 0) -> IndexSets:

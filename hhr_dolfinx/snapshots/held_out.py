@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.snapshots.accuracy import force_floor
 from hhr_dolfinx.snapshots.solutions import SnapshotSet
 
 GRAZING_SHARE = 0.2

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hhr_dolfinx import ranks
-from hhr_dolfinx.contact.condensed import KnownStatuses
+from hhr_dolfinx.models.condensed import KnownStatuses
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 from scipy.sparse import issparse
 
+from hhr_dolfinx.certify.accuracy import contact_residuals
 from hhr_dolfinx.contact.problem import ContactProblem, ContactSolution, Status
 from hhr_dolfinx.errors import FileContentError, SnapshotFileWarning
 from hhr_dolfinx.files import check_layout, clear_leftovers, make_folder, read_arrays, write_arrays
-from hhr_dolfinx.snapshots.accuracy import contact_residuals
 from hhr_dolfinx.version import __version__
 
 FORMAT, VERSION = "hhr_dolfinx snapshot", 3

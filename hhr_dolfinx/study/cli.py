@@ -10,8 +10,8 @@ from pathlib import Path
 from mpi4py import MPI
 
 from hhr_dolfinx.errors import ParameterError
+from hhr_dolfinx.models.reconstruct import OnlineModel
 from hhr_dolfinx.online.batch import TableRow, answer_table, read_points
-from hhr_dolfinx.online.reconstruct import OnlineModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.study.console import make_console, progress_on
 

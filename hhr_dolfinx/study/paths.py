@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hhr_dolfinx.certify.accuracy import relative_error, summary
 from hhr_dolfinx.errors import HHRError, OutsideTrainingWarning
-from hhr_dolfinx.flow.quasi_static import MarchSettings, march
+from hhr_dolfinx.models.march import MarchSettings, march
 from hhr_dolfinx.reduction.plastic_trust import largest_errors
-from hhr_dolfinx.snapshots.accuracy import relative_error, summary
 
 
 @dataclass(frozen=True)

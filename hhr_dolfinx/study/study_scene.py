@@ -14,15 +14,15 @@ from rich.console import Console
 
 from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
-from hhr_dolfinx.contact.condensed import CondensedContact
-from hhr_dolfinx.contact.dense import LapackLU, PetscLU
+from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.errors import HHRError, StabilityWarning, StudyError
 from hhr_dolfinx.full_order.elastic import FullOrderModel
+from hhr_dolfinx.linear.dense import LapackLU, PetscLU
+from hhr_dolfinx.models.condensed import CondensedContact
+from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.online.model_file import save_model
-from hhr_dolfinx.online.reduced import ReducedModel
 from hhr_dolfinx.reduction.offline import HyperReduction, ReductionSettings
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.snapshots.accuracy import summary
 from hhr_dolfinx.study.console import make_console
 from hhr_dolfinx.study.report import make_report, model_report, print_report, write_report
 from hhr_dolfinx.study.training import Progress, Training, check_counts, checked_folder, silent, train

@@ -19,10 +19,10 @@ from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx import errors
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
+from hhr_dolfinx.certify.accuracy import contact_residuals, relative_error
 from hhr_dolfinx.full_order.elastic import FullOrderModel
 from hhr_dolfinx.reduction.offline import ReductionSettings, build_reduced_model
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.snapshots.accuracy import contact_residuals, relative_error
 from hhr_dolfinx.snapshots.solutions import SnapshotSet, compute_snapshots
 from hhr_dolfinx.study.yardstick import Yardstick
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
+from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.errors import HHRError
-from hhr_dolfinx.flow.quasi_static import MarchSettings, march
 from hhr_dolfinx.full_order.plastic import PlasticFullOrder
+from hhr_dolfinx.models.march import MarchSettings, march
 from hhr_dolfinx.reduction.plastic_offline import PlasticSettings, build_plastic_reduction
 from hhr_dolfinx.reduction.plastic_trust import force_floor_of, largest_errors
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.snapshots.accuracy import relative_error
 from hhr_dolfinx.study.verify import Known, answer, refusal, said
 
 FULL_TOLERANCE = 2e-3

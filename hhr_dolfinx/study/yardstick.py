@@ -7,9 +7,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from hhr_dolfinx.contact.problem import ContactProblem, Solvable
-from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, OutsideTrainingWarning
-from hhr_dolfinx.snapshots.accuracy import (
+from hhr_dolfinx.certify.accuracy import (
     Residuals,
     contact_residuals,
     energy_minimum,
@@ -17,6 +15,8 @@ from hhr_dolfinx.snapshots.accuracy import (
     relative_error,
     summary,
 )
+from hhr_dolfinx.contact.problem import ContactProblem, Solvable
+from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, OutsideTrainingWarning
 from hhr_dolfinx.snapshots.solutions import SnapshotSet, compute_snapshots
 
 NAMES = ("primal_l2", "primal_energy", "primal_euclid", "energy_minimum",

@@ -17,9 +17,8 @@ from scipy import linalg
 from scipy.sparse import identity
 from slepc4py import SLEPc
 
-from hhr_dolfinx.contact.problem import FullOrder
-from hhr_dolfinx.online.reduced import ReducedProblem
-from hhr_dolfinx.reduction.rid import IndexSets
+from hhr_dolfinx.contact.problem import FullOrder, IndexSets
+from hhr_dolfinx.models.reduced import ReducedProblem
 
 
 @dataclass(frozen=True)

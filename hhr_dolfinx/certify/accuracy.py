@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.parameters import Theta
-from hhr_dolfinx.snapshots.solutions import SnapshotSet
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.snapshots.solutions import SnapshotSet
 
 FORCE_FLOOR = 1e-3
 """Fraction of the largest training force below which a relative dual error means nothing."""

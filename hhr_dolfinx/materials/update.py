@@ -9,7 +9,7 @@ import numpy as np
 
 from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.errors import ConvergenceError, SceneError
-from hhr_dolfinx.forms.elasticity import lame_parameters
+from hhr_dolfinx.materials.elasticity import lame_parameters
 
 
 class State(NamedTuple):

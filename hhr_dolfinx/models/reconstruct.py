@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from hhr_dolfinx.errors import ConvergenceError
-from hhr_dolfinx.online.reduced import ReducedModel
+from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import Theta
 
 

@@ -17,9 +17,9 @@ from typing import ClassVar
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
-from hhr_dolfinx.contact.dense import Factor, Factorise, dense_factors, solve_columns
 from hhr_dolfinx.contact.problem import ContactSolution, Status, outcome
 from hhr_dolfinx.errors import SingularError
+from hhr_dolfinx.linear.dense import Factor, Factorise, dense_factors, solve_columns
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace, Theta
 from hhr_dolfinx.trained import TrainedRange
 

@@ -8,8 +8,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from hhr_dolfinx.contact.problem import Status
-from hhr_dolfinx.flow.gauss import StrainOperator
-from hhr_dolfinx.flow.material import Material
+from hhr_dolfinx.materials.strain import StrainOperator
+from hhr_dolfinx.materials.update import Material
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs, TrainedPaths
 

@@ -10,12 +10,14 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from numbers import Integral, Real
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.certify.accuracy import Residuals, contact_residuals, relative_error
+from hhr_dolfinx.certify.constants import Stability
+from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import (
     HHRError,
     NotSolvableError,
@@ -24,12 +26,11 @@ from hhr_dolfinx.errors import (
     UncheckedWarning,
     UnstableModelError,
 )
-from hhr_dolfinx.online.reconstruct import OnlineModel
-from hhr_dolfinx.reduction.rid import IndexSets
-from hhr_dolfinx.reduction.stability import Stability
-from hhr_dolfinx.snapshots.accuracy import Residuals, contact_residuals, relative_error
-from hhr_dolfinx.snapshots.solutions import SnapshotSet
+from hhr_dolfinx.models.reconstruct import OnlineModel
 from hhr_dolfinx.timing import StageLog
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.snapshots.solutions import SnapshotSet
 
 MOST_LAYERS = 1000
 """Layers of cells beyond which any mesh of ours is covered."""

@@ -11,10 +11,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from hhr_dolfinx.contact.condensed import CondensedContact, KnownStatuses, Responses
-from hhr_dolfinx.contact.dense import Factorise, dense_factors
 from hhr_dolfinx.contact.problem import Status
 from hhr_dolfinx.errors import SingularError
+from hhr_dolfinx.linear.dense import Factorise, dense_factors
+from hhr_dolfinx.models.condensed import CondensedContact, KnownStatuses, Responses
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
 from hhr_dolfinx.trained import TrainedRange
 

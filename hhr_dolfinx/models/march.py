@@ -20,9 +20,9 @@ from threadpoolctl import threadpool_limits
 
 from hhr_dolfinx.contact.problem import Status
 from hhr_dolfinx.errors import ConvergenceError, LawWarning, NotSolvableError, ParameterError
-from hhr_dolfinx.flow.anderson import Anderson
-from hhr_dolfinx.flow.equilibrium import Equilibrium, Operator
-from hhr_dolfinx.flow.material import State
+from hhr_dolfinx.linear.anderson import Anderson
+from hhr_dolfinx.materials.update import State
+from hhr_dolfinx.models.equilibrium import Equilibrium, Operator
 from hhr_dolfinx.parameters import is_whole
 from hhr_dolfinx.trained import OUTSIDE, Signs, Watch
 

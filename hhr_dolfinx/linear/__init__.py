@@ -1,0 +1,1 @@
+"""Linear systems: dense blocks by PETSc or LAPACK, sparse stiffness by PETSc, and how to speed up iterations."""

@@ -1,0 +1,1 @@
+"""What answers: models of arrays with `solve` and `march`, and the answers they give. Needs no DOLFINx."""
