@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.elastic import FullOrderModel
-from hhr_dolfinx.snapshots.solutions import compute_snapshots
+from hhr_dolfinx.snapshots.records import compute_snapshots
 
 
 class CoarserMesh:

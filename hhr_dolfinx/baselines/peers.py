@@ -19,7 +19,7 @@ from hhr_dolfinx.full_order.elastic import FullOrderModel
 from hhr_dolfinx.linear.dense import PetscLU
 from hhr_dolfinx.models.condensed import CondensedContact, KnownStatuses, Responses
 from hhr_dolfinx.reduction.pod import pod
-from hhr_dolfinx.snapshots.solutions import SnapshotSet
+from hhr_dolfinx.snapshots.records import SnapshotSet
 
 
 class DualBasisModel:

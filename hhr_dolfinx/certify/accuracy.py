@@ -11,7 +11,7 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.parameters import Theta
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.snapshots.solutions import SnapshotSet
+    from hhr_dolfinx.snapshots.records import SnapshotSet
 
 FORCE_FLOOR = 1e-3
 """Fraction of the largest training force below which a relative dual error means nothing."""

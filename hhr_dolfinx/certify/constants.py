@@ -1,4 +1,4 @@
-"""Stability of full and reduced models: inf-sup constants by SLEPc and condition numbers.
+"""Stability of full and reduced models: inf-sup constants and condition numbers, sparse by SLEPc, dense by LAPACK.
 
 An inf-sup constant inf_q sup_v b(v, q) / (|v| |q|) over v = Phi gamma and q is the smallest singular
 value of L_q^-1 B~ L_v^-T, where the Gram matrices of the two norms are L_v L_v^T and L_q L_q^T. Two pairs
@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
-from petsc4py import PETSc
 from scipy import linalg
-from scipy.sparse import identity
-from slepc4py import SLEPc
+from scipy.sparse import csr_matrix, identity
 
-from hhr_dolfinx.contact.problem import FullOrder, IndexSets
+from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem, IndexSets
+from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.models.reduced import ReducedProblem
 
 
@@ -79,19 +79,63 @@ class Stability:
         return {**report, **report["euclidean"]}
 
 
+@dataclass(frozen=True)
+class FullConstants:
+    """Inf-sup constants beta_h of the full model, computed once for all reduced models of it.
+
+    Attributes:
+        euclidean: smallest singular value of B.
+        energy: in the energy norm of displacements and the L2 norm of pressures.
+    """
+
+    euclidean: float
+    energy: float
+
+    @classmethod
+    def of(cls, problem: ContactProblem, schur: np.ndarray) -> FullConstants:
+        """Constants of a problem with S = B K^-1 B^T, (N_lambda, N_lambda).
+
+        B is sparse and as large as the mesh: SLEPc finds its smallest singular value. S is dense: LAPACK.
+        """
+        root = np.sqrt(problem.contact_areas)
+        whole = root[:, None] * schur * root
+        return cls(smallest_singular_value(problem.contact), math.sqrt(max(float(linalg.eigvalsh(whole)[0]), 0.0)))
+
+
+def smallest_singular_value(rows: csr_matrix) -> float:
+    """Smallest singular value of a sparse matrix with fewer rows than columns, by SLEPc; 0 if rows are dependent.
+
+    The eigenvalue of B B^T nearest to zero, by shift and invert.
+    """
+    from petsc4py import PETSc
+    from slepc4py import SLEPc
+
+    square = csr_matrix(rows @ rows.T)
+    scale = float(abs(square.diagonal()).max())
+    matrix = PETSc.Mat().createAIJ(
+        square.shape, csr=(square.indptr, square.indices, square.data / scale), comm=PETSc.COMM_SELF
+    )
+    solver = SLEPc.EPS().create(PETSc.COMM_SELF)
+    solver.setOptionsPrefix("hhr_stability_")
+    solver.setOperators(matrix)
+    solver.setProblemType(SLEPc.EPS.ProblemType.HEP)
+    solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+    # beside zero, where the matrix may be singular
+    solver.setTarget(-DEPENDENT)
+    solver.getST().setType(SLEPc.ST.Type.SINVERT)
+    solver.setTolerances(1e-12)
+    solver.setFromOptions()
+    solver.solve()
+    if solver.getConverged() == 0:
+        raise NotSolvableError("SLEPc found no eigenvalue of B B^T: look for contact rows that are not finite")
+    value = solver.getEigenvalue(0).real
+    return math.sqrt(scale * value) if value > DEPENDENT else 0.0
+
+
 def singular_range(matrix: np.ndarray) -> tuple[float, float]:
-    """Smallest and largest of the min(m, n) singular values of a dense matrix, by SLEPc."""
-    mat = PETSc.Mat().createDense(matrix.shape, array=np.array(matrix, float, order="F"), comm=PETSc.COMM_SELF)
-    mat.assemble()
-    svd = SLEPc.SVD().create(PETSc.COMM_SELF)
-    svd.setOptionsPrefix("hhr_stability_")
-    svd.setOperators(mat)
-    svd.setType(SLEPc.SVD.Type.LAPACK)
-    svd.setDimensions(min(matrix.shape))
-    svd.setFromOptions()
-    svd.solve()
-    values = [svd.getValue(k) for k in range(svd.getConverged())]
-    return min(values), max(values)
+    """Smallest and largest of the min(m, n) singular values of a small dense matrix, by LAPACK."""
+    values = np.linalg.svd(matrix, compute_uv=False)
+    return float(values[-1]), float(values[0])
 
 
 def inf_sup(rows: np.ndarray, primal_gram: np.ndarray | None = None, dual_gram: np.ndarray | None = None) -> float:
@@ -100,7 +144,7 @@ def inf_sup(rows: np.ndarray, primal_gram: np.ndarray | None = None, dual_gram: 
     Args:
         rows: (m, ell), for example B~.
         primal_gram: (ell, ell), symmetric positive definite, or None.
-        dual_gram: (m, m), symmetric positive definite, or None.
+        dual_gram: likewise (m, m), or its diagonal (m,), or None.
 
     Returns:
         The constant; 0 if there are more rows than columns, since then some q sees no v; NaN if a Gram
@@ -115,21 +159,22 @@ def inf_sup(rows: np.ndarray, primal_gram: np.ndarray | None = None, dual_gram: 
     return singular_range(whitened)[0]
 
 
-def assess(full_order: FullOrder, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem) -> Stability:
-    """Compute all constants of a reduced model and of the full model behind it.
+def assess(
+    problem: ContactProblem, full: FullConstants, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem
+) -> Stability:
+    """Compute all constants of a reduced model.
 
     Args:
-        full_order: the full model, of which only arrays are used.
+        problem: the full problem.
+        full: its constants.
         basis: V, (N, ell).
         sets: index sets of the RID.
         reduced: the projected arrays.
     """
-    problem, schur = full_order.problem, full_order.schur
     smallest, largest = row_range(reduced.contact_test)
     low, high = singular_range(reduced.stiffness)
     whole_low, whole_high = singular_range(basis.T @ (problem.stiffness @ basis))
-    pressure = 1.0 / problem.contact_areas
-    energy_beta_h = math.sqrt(singular_range(_whiten(_whiten(schur, np.diag(pressure)).T, np.diag(pressure)))[0])
+    pressure = 1.0 / problem.contact_areas[sets.A_lambda]
     return Stability(
         kappa_B=problem.condition_number(smallest, largest),
         kappa_B_2=problem.condition_number(*row_range(reduced.contact_trial)),
@@ -139,15 +184,8 @@ def assess(full_order: FullOrder, basis: np.ndarray, sets: IndexSets, reduced: R
         cond_K=high / low if low > 0 else math.inf,
         cond_whole=whole_high / whole_low if whole_low > 0 else math.inf,
         norm_K=high,
-        euclidean=_constants(
-            identity(problem.free.size, format="csr"),
-            np.ones(len(sets.A_lambda)),
-            basis,
-            sets,
-            reduced,
-            _full_beta(problem),
-        ),
-        energy=_constants(problem.stiffness, pressure[sets.A_lambda], basis, sets, reduced, energy_beta_h),
+        euclidean=_constants(identity(problem.free.size, format="csr"), None, (basis, sets, reduced), full.euclidean),
+        energy=_constants(problem.stiffness, pressure, (basis, sets, reduced), full.energy),
     )
 
 
@@ -157,25 +195,19 @@ def row_range(rows: np.ndarray) -> tuple[float, float]:
     return (0.0 if rows.shape[0] > rows.shape[1] else smallest), largest
 
 
-def _contact_definite(reduced):
+def _contact_definite(reduced: ReducedProblem) -> float:
     """Smallest eigenvalue of the symmetric part of the contact Schur complement over its norm."""
     schur = reduced.contact_trial @ np.linalg.solve(reduced.stiffness, reduced.contact_test.T)
     size = np.linalg.norm(schur, 2)
     return float(linalg.eigvalsh((schur + schur.T) / 2)[0] / size) if size > 0 else math.nan
 
 
-def _full_beta(problem):
-    """Smallest singular value of B; only the few columns of contact nodes are not zero."""
-    touched = np.unique(problem.contact.nonzero()[1])
-    return inf_sup(problem.contact[:, touched].toarray())
-
-
-def _constants(gram, dual_diagonal, basis, sets, reduced, beta_h) -> Constants:
+def _constants(gram: Any, dual_gram: np.ndarray | None, model: tuple, beta_h: float) -> Constants:
     """Constants of a reduced model for the norm of ``gram`` on displacements, cut off outside A or whole."""
+    basis, sets, reduced = model
     test = basis[sets.A]
     test_gram = test.T @ (gram[sets.A][:, sets.A] @ test)
     trial_gram = basis.T @ (gram @ basis)
-    dual_gram = np.diag(dual_diagonal)
     return Constants(
         beta_h,
         inf_sup(reduced.contact_test, test_gram, dual_gram),
@@ -184,7 +216,7 @@ def _constants(gram, dual_diagonal, basis, sets, reduced, beta_h) -> Constants:
     )
 
 
-def _alpha_prime(reduced, test_gram, trial_gram):
+def _alpha_prime(reduced: ReducedProblem, test_gram: np.ndarray, trial_gram: np.ndarray) -> float | None:
     """Inf-sup constant of a on the kernels of b, thesis (2.46)."""
     test, trial = (linalg.null_space(rows) for rows in (reduced.contact_test, reduced.contact_trial))
     if test.shape[1] != trial.shape[1]:  # dependent rows in one of the two: some direction has no equation
@@ -195,8 +227,10 @@ def _alpha_prime(reduced, test_gram, trial_gram):
     return inf_sup(square, test.T @ test_gram @ test, trial.T @ trial_gram @ trial)
 
 
-def _whiten(matrix, gram):
-    """L^-1 matrix for gram = L L^T."""
+def _whiten(matrix: np.ndarray, gram: np.ndarray | None) -> np.ndarray:
+    """L^-1 matrix for gram = L L^T, given whole or as its diagonal."""
     if gram is None:
         return matrix
+    if gram.ndim == 1:
+        return matrix / np.sqrt(gram)[:, None]
     return linalg.solve_triangular(linalg.cholesky(gram, lower=True), matrix, lower=True)

@@ -7,41 +7,34 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from numbers import Integral, Real
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from hhr_dolfinx.certify.accuracy import Residuals, contact_residuals, relative_error
+from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.constants import Stability
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import (
-    HHRError,
     NotSolvableError,
     ReductionError,
     StabilityWarning,
     UncheckedWarning,
     UnstableModelError,
 )
-from hhr_dolfinx.models.reconstruct import OnlineModel
 from hhr_dolfinx.timing import StageLog
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.snapshots.solutions import SnapshotSet
+    from hhr_dolfinx.snapshots.records import SnapshotSet
 
-MOST_LAYERS = 1000
-"""Layers of cells beyond which any mesh of ours is covered."""
 EMPTY = 1.5
 """Distance from the training, over that between training points, at which a place counts as empty."""
 EMPTY_SHARE = 0.1
 """Part of the box that may be empty; points drawn at random leave some per cent."""
 FEW = 20
 """Solutions held out below which a region of a twentieth of the box is likely missed."""
-ONE_ANSWER = 1e-6
-"""Relative difference of forces from two starts above which a parameter has two answers."""
 
 
 @dataclass(frozen=True)
@@ -78,63 +71,6 @@ class TrustLimits:
     def of_histories(cls, **changes) -> TrustLimits:
         """Limits for histories, whose forces vary more from node to node; measured 0.2 and 4 % where all is well."""
         return cls(**{"warn_primal": 0.03, "warn_dual": 0.1, "warn_worst": 0.1} | changes)
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """What users would get beside the full order, one entry per point or history.
-
-    Attributes:
-        labels: where, in words.
-        primal: relative L2 errors of the displacement everywhere.
-        dual: relative floored errors of the forces on the whole contact surface.
-        residuals: of the answers themselves; None where there is none.
-    """
-
-    labels: list[str]
-    primal: np.ndarray
-    dual: np.ndarray
-    residuals: list[Residuals | None]
-
-    def worst(self) -> dict[str, float]:
-        """The ``kkt`` part of a report."""
-        known = [asdict(item) for item in self.residuals if item is not None]
-        return {name: max((item[name] for item in known), default=math.inf) for name in Residuals.__dataclass_fields__}
-
-    def joined(self, other: Comparison) -> Comparison:
-        """Both, one after the other."""
-        return Comparison(
-            self.labels + other.labels,
-            np.concatenate([self.primal, other.primal]),
-            np.concatenate([self.dual, other.dual]),
-            self.residuals + other.residuals,
-        )
-
-
-def check_tolerances(settings, names: Sequence[str]) -> None:
-    """Refuse POD tolerances outside (0, 1); None leaves a stage out.
-
-    Raises:
-        ReductionError: with the name and the value.
-    """
-    for name in names:
-        value = getattr(settings, name)
-        if value is not None and not (isinstance(value, Real) and 0 < value < 1):
-            raise ReductionError(f"{name} = {value} must lie in (0, 1): it is the part of the snapshots left out")
-
-
-def check_growth(settings) -> None:
-    """Refuse layers and condition numbers that no RID can have.
-
-    Raises:
-        ReductionError: with the name and the value.
-    """
-    for name in ("layers", "most_layers"):
-        value = getattr(settings, name)
-        if not isinstance(value, Integral) or not 0 <= value <= MOST_LAYERS:
-            raise ReductionError(f"{name} = {value} must be a whole number of layers of cells, 0 to {MOST_LAYERS}")
-    if not (isinstance(settings.kappa_max, Real) and settings.kappa_max >= 1):
-        raise ReductionError(f"kappa_max = {settings.kappa_max} must be at least 1: no condition number is smaller")
 
 
 def check_loads_seen(problem: ContactProblem, sets: IndexSets, points: np.ndarray) -> None:
@@ -239,37 +175,6 @@ def check_stability(stability: Stability, limits: TrustLimits) -> None:
         )
 
 
-def compare(problem: ContactProblem, answering: OnlineModel, solutions: SnapshotSet, floor: float) -> Comparison:
-    """Errors of fields and forces everywhere on known solutions.
-
-    A point that fails has infinite errors, and so has the force where two starts lead to two answers.
-
-    Args:
-        problem: the full problem.
-        answering: the model, with what completes its answers.
-        solutions: of the full order.
-        floor: force norm below which a relative error means nothing.
-    """
-    labels, primal, dual, residuals = [], [], [], []
-    for point, homogeneous, forces in zip(solutions.points, solutions.displacements.T, solutions.forces.T, strict=True):
-        theta = problem.amplitudes(point)
-        labels.append(problem.parameters.described(point))
-        try:
-            displacement, found = answering.solve_everywhere(point, outside="ignore")
-            unaided = answering.model.solve(point, warm=False, outside="ignore").forces
-        except HHRError:
-            primal.append(math.inf)
-            dual.append(math.inf)
-            residuals.append(None)
-            continue
-        primal.append(relative_error(displacement, homogeneous + problem.lifts @ theta, problem.mass))
-        inside = found[answering.reconstruction.A_lambda]
-        one_answer = relative_error(unaided, inside, floor=floor) <= ONE_ANSWER
-        dual.append(relative_error(found, forces, floor=floor) if one_answer else math.inf)
-        residuals.append(contact_residuals(problem, displacement, found, theta))
-    return Comparison(labels, np.array(primal), np.array(dual), residuals)
-
-
 def check_comparison(comparison: Comparison, limits: TrustLimits) -> None:
     """Refuse or warn of a model by what users would get; the worst point is named.
 
@@ -298,22 +203,22 @@ def check_comparison(comparison: Comparison, limits: TrustLimits) -> None:
             _warn(message)
 
 
-def warn_unchecked(count: int = 0) -> None:
-    """Warn that nothing, or little, was kept out of training.
-
-    Args:
-        count: solutions held out.
+def warn_of_held_out(held_out: SnapshotSet | None) -> None:
+    """Warn that nothing, or little, was kept out of training; one history holds many steps.
 
     Warns:
-        UncheckedWarning: always.
+        UncheckedWarning: if it was too little.
     """
+    if held_out is not None and (held_out.histories or len(held_out.points) >= FEW):
+        return
     told = (
-        f"only {count} solutions were kept out of training: errors between them are hardly known"
-        if count
-        else "no solutions were kept out of training: the model is compared with its own training only, and its error "
+        "no solutions were kept out of training: the model is compared with its own training only, and its error "
         "elsewhere is unknown"
+        if held_out is None
+        else f"only {len(held_out.points)} solutions were kept out of training: errors between them are hardly known"
     )
-    warnings.warn(f"{told}. Give at least {FEW} as held_out, as train does", UncheckedWarning, stacklevel=4)
+    advice = f"Give at least {FEW}, or a history, as held_out, as train does"
+    warnings.warn(f"{told}. {advice}", UncheckedWarning, stacklevel=4)
 
 
 def warn_of_gaps_in_training(points: np.ndarray) -> None:

@@ -15,11 +15,12 @@ is never singular, and passes over statuses that would make the set singular.
 from __future__ import annotations
 
 from collections.abc import Callable
+from enum import Enum
 from threading import Lock
+from typing import NamedTuple
 
 import numpy as np
 
-from hhr_dolfinx.contact.problem import Status, Statuses
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.linear.dense import Factor, Factorise, dense_factors
 
@@ -32,6 +33,34 @@ ROUND_OFF = 1e-15
 MAX_ITERATIONS = 1000
 
 Equalities = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+class Status(Enum):
+    """Why the active set stopped; each value is a sentence for the user, whatever the model."""
+
+    CONVERGED = "the statuses satisfy all contact conditions"
+    ITERATION_LIMIT = "the statuses still changed at the iteration limit: start from statuses nearer to the answer"
+    SINGULAR = "the contact conditions that touch are linearly dependent, thesis (1.67), so their forces are not unique"
+    NOT_FINITE = "the contact problem is not finite: check loads, gaps and materials for NaN and infinite numbers"
+    CYCLING = "the statuses repeat even one at a time, so the contact Schur complement is no P-matrix"
+
+
+class Statuses(NamedTuple):
+    """Outcome of the active set.
+
+    Attributes:
+        forces: multiplier of each condition, (m,).
+        active: status of each condition, (m,) bool.
+        iterations: equality problems solved.
+        status: why it stopped.
+        cycled: the plain rule of Alg. 1.1 cycled, or met a singular set, and the terminating rule took over.
+    """
+
+    forces: np.ndarray
+    active: np.ndarray
+    iterations: int
+    status: Status
+    cycled: bool
 
 
 class Pairs:

@@ -6,21 +6,15 @@ What reduces and answers (basis, RID, reduced model, stability, reconstruction) 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
 from functools import cached_property
-from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from scipy.sparse import csr_matrix, issparse, vstack
 
-from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, SceneError
+from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace, Theta
-
-if TYPE_CHECKING:
-    from mpi4py.MPI import Comm
 
 DEPENDENT = 1e-13
 """Singular value of B V over the norm of B below which its rows are dependent to round-off."""
@@ -156,101 +150,3 @@ class IndexSets:
     A_c: np.ndarray
     A_c_tilde: np.ndarray
     I: np.ndarray
-
-
-class FullOrder(Protocol):
-    """What a reduction needs of a full-order model.
-
-    Attributes:
-        problem: the full problem.
-        schur: S = B K^-1 B^T, (N_lambda, N_lambda).
-    """
-
-    problem: ContactProblem
-    schur: np.ndarray
-
-
-class Solvable(FullOrder, Protocol):
-    """What snapshots need besides.
-
-    Attributes:
-        comm: communicator on which it is solved.
-    """
-
-    comm: Comm
-
-    def solve(self, mu, *, start=None) -> ContactSolution:
-        """Solve for one parameter."""
-
-
-class Status(Enum):
-    """Why the active set stopped; each value is a sentence for the user, whatever the model."""
-
-    CONVERGED = "the statuses satisfy all contact conditions"
-    ITERATION_LIMIT = "the statuses still changed at the iteration limit: start from statuses nearer to the answer"
-    SINGULAR = "the contact conditions that touch are linearly dependent, thesis (1.67), so their forces are not unique"
-    NOT_FINITE = "the contact problem is not finite: check loads, gaps and materials for NaN and infinite numbers"
-    CYCLING = "the statuses repeat even one at a time, so the contact Schur complement is no P-matrix"
-
-
-class Statuses(NamedTuple):
-    """Outcome of the active set; see :class:`ContactSolution`."""
-
-    forces: np.ndarray
-    active: np.ndarray
-    iterations: int
-    status: Status
-    cycled: bool
-
-
-class ContactSolution(NamedTuple):
-    """Answer of any contact model for one parameter.
-
-    Attributes:
-        primal: displacement (N,) of a full model, or coordinates gamma (ell,) of a reduced one;
-            NaN where the active set did not converge.
-        forces: nodal contact forces lambda >= 0, one per condition of the model; NaN likewise.
-        active: status of each condition.
-        iterations: number of equality problems solved.
-        status: why the active set stopped.
-        cycled: the plain rule of Alg. 1.1 cycled, or met a singular set, and the terminating rule took over.
-    """
-
-    primal: np.ndarray
-    forces: np.ndarray
-    active: np.ndarray
-    iterations: int
-    status: Status
-    cycled: bool
-
-    @property
-    def converged(self) -> bool:
-        """Whether this is a solution."""
-        return self.status is Status.CONVERGED
-
-
-def outcome(
-    primal: np.ndarray, found: Statuses, mu, raise_on_failure: bool, advice: Mapping[Status, str] = MappingProxyType({})
-) -> ContactSolution:
-    """A solution, or the iterate emptied, so that nobody mistakes it for one.
-
-    Args:
-        primal: that belongs to the forces found.
-        found: what the active set found.
-        mu: parameter, for the message.
-        raise_on_failure: raise instead of returning NaN with a status.
-        advice: what helps against a status in the model that was asked.
-
-    Raises:
-        NotSolvableError: if a set of statuses was singular, or numbers were not finite.
-        ConvergenceError: if the statuses did not settle.
-    """
-    solution = ContactSolution(primal, *found)
-    if solution.converged:
-        return solution
-    if raise_on_failure:
-        unsolvable = found.status in (Status.SINGULAR, Status.NOT_FINITE)
-        kind = NotSolvableError if unsolvable else ConvergenceError
-        why = ": ".join([found.status.value, *([advice[found.status]] if found.status in advice else [])])
-        raise kind(f"no solution at {np.ravel(mu).tolist()} after {found.iterations} iterations: {why}")
-    return solution._replace(primal=np.full_like(primal, np.nan), forces=np.full_like(found.forces, np.nan))

@@ -190,9 +190,10 @@ class Discretisation:
         return bodies
 
     def stress(self, displacement: np.ndarray) -> np.ndarray:
-        """Stress at the middle of each cell, (cells, 3, 3), in the order of ``ContactProblem.cell_nodes``.
+        """Stress at the middle of each cell in Kelvin's notation, (cells, 4), in space (cells, 6).
 
-        Bodies with a mean dilatation have the pressure that belongs to it.
+        Cells come in the order of ``ContactProblem.cell_nodes``. Bodies with a mean dilatation have the pressure that
+        belongs to it.
 
         Args:
             displacement: on all dofs, (N,).
@@ -210,7 +211,7 @@ class Discretisation:
             stress.interpolate(fem.Expression(sigma, points), self._cell_tags.find(body.tag))
         owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
         values = stress.x.array.reshape(-1, 3, 3)[constants.dofmap.list[:owned].ravel()]
-        return np.concatenate(self.comm.allgather(values))
+        return _kelvin(np.concatenate(self.comm.allgather(values)), self.mesh.geometry.dim)
 
     def _mean_dilatation_of(self, field) -> fem.Function:
         """Mean of tr(ε) over the volume of each cell, by the rule of the stiffness; on the cells of this rank."""
@@ -223,12 +224,6 @@ class Discretisation:
         own = dilatation.function_space.dofmap.index_map.size_local
         dilatation.x.array[:own] = change[:own] / size[:own]
         return dilatation
-
-    def von_mises(self, displacement: np.ndarray) -> np.ndarray:
-        """Von Mises stress at the middle of each cell, (cells,); see :meth:`stress`."""
-        sigma = self.stress(displacement)
-        deviator = sigma - np.trace(sigma, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
-        return np.sqrt(1.5 * np.einsum("cij,cij->c", deviator, deviator))
 
     def _displacements(self) -> tuple[list[Term], np.ndarray]:
         """Terms of the displacements that move, and the dofs that none holds or moves, (N,)."""
@@ -365,3 +360,10 @@ def _without_columns(matrix, columns):
     kept = matrix.tocoo()
     keep = ~columns[kept.col]
     return csr_matrix((kept.data[keep], (kept.row[keep], kept.col[keep])), shape=matrix.shape)
+
+
+def _kelvin(tensors: np.ndarray, dim: int) -> np.ndarray:
+    """Symmetric tensors (n, 3, 3) as vectors whose product is that of the tensors, (n, 4), in space (n, 6)."""
+    pairs = [(0, 1)] if dim == 2 else [(0, 1), (0, 2), (1, 2)]
+    shear = [np.sqrt(2) * tensors[:, i, j] for i, j in pairs]
+    return np.stack([*(tensors[:, k, k] for k in range(3)), *shear], axis=1)

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from threading import RLock
+from typing import TYPE_CHECKING
 
 import numpy as np
 from petsc4py import PETSc
+from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.linear.dense import factorised
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
 
 
 def cholesky_solver(matrix: PETSc.Mat, ordering: str, prefix: str) -> PETSc.KSP:
@@ -83,15 +88,18 @@ def singular_stiffness(scene: str) -> str:
 
 
 class FreeCholesky:
-    """Factors of a stiffness on its free dofs, made for many refactorisations; serial.
+    """Factors of a stiffness on its free dofs, on any number of ranks, each with its own rows.
 
-    Who solves with factors that others may replace meanwhile holds ``lock`` and calls :meth:`refactor` before.
+    On one rank they can be made anew for other values; who solves with factors that others may replace meanwhile holds
+    ``lock`` and calls :meth:`refactor` before.
 
     Args:
-        stiffness: K, CSR, (N, N).
+        stiffness: own rows of K, CSR, (own dofs, N).
         free: dofs that are not imposed, (N,) bool.
-        scene: its name, for messages and the prefix of PETSc options.
+        rows: range of the dofs that this rank owns.
+        scene: its name, for messages and the prefix of PETSc options, ``hhr_<scene>_``.
         ordering: see :func:`cholesky_solver`.
+        comm: ranks that share the rows.
 
     Attributes:
         lock: held while the factors are replaced or used; a thread may take it twice.
@@ -100,21 +108,24 @@ class FreeCholesky:
         NotSolvableError: if K is singular.
     """
 
-    def __init__(self, stiffness, free: np.ndarray, scene: str, ordering: str):
-        self._free, self._scene = np.flatnonzero(free), scene
-        self._inside = stiffness[self._free][:, self._free]
+    def __init__(self, stiffness: csr_matrix, free: np.ndarray, rows: slice, scene: str, ordering: str, comm: Comm):
+        self._free, self._own, self._scene = np.flatnonzero(free[rows]), rows.stop - rows.start, scene
+        columns = np.flatnonzero(free)
+        self._inside = stiffness[self._free][:, columns]
         # place of each kept entry in the data of the whole matrix
         marks = stiffness.copy()
         marks.data = np.arange(1.0, marks.nnz + 1)
-        self._places = (marks[self._free][:, self._free].data - 1).astype(np.int64)
-        self._matrix = _petsc_matrix(self._inside)
-        self._ksp = cholesky_solver(self._matrix, ordering, f"hhr_{scene}_plastic_")
+        self._places = (marks[self._free][:, columns].data - 1).astype(np.int64)
+        sizes = (self._free.size, columns.size)
+        entries = self._inside.indptr, self._inside.indices, self._inside.data
+        self._matrix = PETSc.Mat().createAIJ((sizes, sizes), csr=entries, comm=comm)
+        self._ksp = cholesky_solver(self._matrix, ordering, f"hhr_{scene}_")
         if not factorised(self._ksp):
             raise NotSolvableError(singular_stiffness(scene))
         self._rhs, self._x = self._matrix.createVecs()
-        self._size, self._factored, self.lock = free.size, stiffness, RLock()
+        self._factored, self.lock = stiffness, RLock()
 
-    def refactor(self, stiffness) -> None:
+    def refactor(self, stiffness: csr_matrix) -> None:
         """Take the values of another matrix with the same pattern; no work if its factors are those at hand."""
         with self.lock:
             if stiffness is self._factored:
@@ -133,22 +144,17 @@ class FreeCholesky:
             self._factored = stiffness
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
-        """Solution on all dofs, zero on imposed ones."""
-        solution = np.zeros(self._size)
+        """Solution on own dofs, zero on imposed ones, for own rows of a right-hand side, (own dofs,)."""
+        solution = np.zeros(self._own)
         with self.lock:
             self._rhs.array[:] = rhs[self._free]
             self._ksp.solve(self._rhs, self._x)
             solution[self._free] = self._x.array_r
         return solution
 
-    def solve_columns(self, columns) -> np.ndarray:
-        """Solutions for the columns of a sparse matrix (N, m) on all dofs, zero on imposed ones, (N, m)."""
+    def solve_columns(self, columns: csr_matrix) -> np.ndarray:
+        """Solutions for the columns of a sparse matrix of own rows, zero on imposed dofs, (own dofs, m)."""
         found = np.zeros(columns.shape, order="F")
         with self.lock:
             found[self._free] = solve_columns(self._ksp, columns.tocsr()[self._free])
         return found
-
-
-def _petsc_matrix(matrix) -> PETSc.Mat:
-    """Copy of a CSR matrix on one rank."""
-    return PETSc.Mat().createAIJ(matrix.shape, csr=(matrix.indptr, matrix.indices, matrix.data), comm=PETSc.COMM_SELF)

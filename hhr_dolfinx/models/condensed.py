@@ -12,15 +12,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
-from hhr_dolfinx.contact.problem import ContactSolution, Status, outcome
-from hhr_dolfinx.errors import SingularError
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
+from hhr_dolfinx.errors import ParameterError, SingularError
 from hhr_dolfinx.linear.dense import Factor, Factorise, dense_factors, solve_columns
-from hhr_dolfinx.parameters import Amplitudes, ParameterSpace, Theta
+from hhr_dolfinx.models.answer import Answer, Fields, History, Path, found_as, outcome
+from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
+from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
 from hhr_dolfinx.trained import TrainedRange
 
 
@@ -89,7 +91,17 @@ class KnownStatuses:
         return (self._offsets - self._directions @ point).argmin()
 
 
-class CondensedContact:
+def check_start(start: str) -> None:
+    """Refuse words that name no statuses.
+
+    Raises:
+        ParameterError: for anything but ``nearest``.
+    """
+    if start != "nearest":
+        raise ParameterError(f"start = '{start}' is unknown: 'nearest', None for a cold start, or statuses (m,) bool")
+
+
+class CondensedModel:
     """Answers parameters with the primal unknown eliminated.
 
     With fixed statuses the solution is affine in the parameters. These affine maps, the critical
@@ -104,13 +116,12 @@ class CondensedContact:
         amplitudes: θ as a function of the parameters.
         responses: what the primal unknown leaves behind.
         known: statuses of solved parameters.
+        fields: what completes the answers.
         factorise: what factors a dense block.
         pairs: number of the contact pair of each condition, (m,); None takes all for one pair.
         trained: parameters outside of which answers are not to be trusted; None where there are none.
+        advice: what helps against a status, for the messages.
     """
-
-    advice: ClassVar[Mapping[Status, str]] = {}
-    """What helps against a status, for the messages."""
 
     def __init__(
         self,
@@ -118,11 +129,14 @@ class CondensedContact:
         amplitudes: Amplitudes,
         responses: Responses,
         known: KnownStatuses,
+        fields: Fields,
         factorise: Factorise = dense_factors,
         pairs: np.ndarray | None = None,
         trained: TrainedRange | None = None,
+        advice: Mapping[Status, str] = MappingProxyType({}),
     ):
         self.parameters, self.amplitudes, self.known, self.trained = parameters, amplitudes, known, trained
+        self.fields, self._advice = fields, advice
         # where the whole box was trained, its own check is enough
         self._door = None if trained is None or trained.covers(parameters) else trained
         self._schur, self._factorise, self._pair_numbers = responses.schur, factorise, pairs
@@ -133,23 +147,20 @@ class CondensedContact:
         self._equalities = SchurEqualities.of(responses.schur, factorise)
         self._regions = self._tabulate_regions()
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple:
         """Copy and pickle by the arrays that it was made of: factors and locks belong to one process."""
         free_slack, free_primal = np.split(self._response, [self._m])
         responses = Responses(free_primal, self._per_force, free_slack, self._schur)
-        how = self._factorise, self._pair_numbers, self.trained
-        return type(self), (self.parameters, self.amplitudes, responses, self.known, *how)
+        how = self._factorise, self._pair_numbers, self.trained, dict(self._advice)
+        return type(self), (self.parameters, self.amplitudes, responses, self.known, self.fields, *how)
 
-    def theta(self, mu) -> Theta:
-        """θ at a parameter; see :meth:`ParameterSpace.point`."""
-        return self.amplitudes(self.parameters.point(mu))
-
-    def solve(self, mu, *, warm: bool = True, raise_on_failure: bool = True, outside: str = "warn") -> ContactSolution:
+    def solve(self, mu: Any, *, start: Any = "nearest", raise_on_failure: bool = True, outside: str = "warn") -> Answer:
         """Solve for one parameter.
 
         Args:
             mu: number, sequence or mapping by name.
-            warm: start from the statuses of the nearest known parameter, not from the free slack.
+            start: statuses to start from, (m,) bool; ``nearest`` for those of the nearest known parameter, None for
+                those of the free slack.
             raise_on_failure: raise instead of returning an answer with NaN and a status.
             outside: what happens to a parameter of the box that lies outside what was trained: ``warn``, ``refuse`` or
                 ``ignore``.
@@ -166,8 +177,8 @@ class CondensedContact:
         point = self.parameters.point(mu)
         if self._door is not None:
             self._door.check(point, outside)
-        start = None
-        if warm:
+        if isinstance(start, str):
+            check_start(start)
             nearest = self.known.nearest(point)
             start = self.known.active[nearest]
             region = self._regions[nearest]
@@ -175,13 +186,17 @@ class CondensedContact:
                 constant, slopes = region
                 m, values = self._m, constant + slopes @ point
                 if values[: 2 * m].min() >= 0:
-                    return ContactSolution(values[2 * m :], values[:m], start, 1, Status.CONVERGED, False)
+                    return Answer(point, values[2 * m :], values[:m], start, 1, Status.CONVERGED, False, self.fields)
         response = self._response @ self.amplitudes(point)
         free_slack = response[: self._m]
         start = free_slack < 0 if start is None else start
         found = active_set(self._equalities, free_slack, start, pairs=self._pairs)
-        primal = response[self._m :] - self._per_force @ found.forces
-        return outcome(primal, found, point, raise_on_failure, self.advice)
+        unknown = response[self._m :] - self._per_force @ found.forces
+        return outcome(found_as(found, point, unknown, self.fields), raise_on_failure, self._advice)
+
+    def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
+        """Solve along a path; see :func:`solve_along`."""
+        return solve_along(self, checked_path(self.parameters, path), settings)
 
     def _tabulate_regions(self):
         """For each known status the affine map mu -> (forces, slacks, primal).

@@ -9,121 +9,28 @@ nothing unconverged is ever kept.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from numbers import Real
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from hhr_dolfinx.contact.problem import Status
-from hhr_dolfinx.errors import ConvergenceError, LawWarning, NotSolvableError, ParameterError
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.errors import ConvergenceError, LawWarning, NotSolvableError
 from hhr_dolfinx.linear.anderson import Anderson
-from hhr_dolfinx.materials.update import State
-from hhr_dolfinx.models.equilibrium import Equilibrium, Operator
-from hhr_dolfinx.parameters import is_whole
-from hhr_dolfinx.trained import OUTSIDE, Signs, Watch
+from hhr_dolfinx.models.answer import Answer, GaussState, History, Path, found_as
+from hhr_dolfinx.models.equilibrium import Equilibrium, Linearisation
+from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings
+from hhr_dolfinx.trained import Watch
 
-SEARCHES = ("tangent", "frozen", "elastic")
 ROUND_OFF_STRAIN = 1e-13
 """A strain this small is round-off of displacements that strain nothing, as where a gap closes without stress."""
 MOST_STRAIN = 100.0
 """A strain this large is a runaway, whatever the residual. At the corner of a punch single points reach a few units."""
 PATIENCE = 5
 """A frozen tangent is kept for the next step if this one took no more iterations."""
-
-
-@dataclass(frozen=True)
-class MarchSettings:
-    """How histories are solved.
-
-    Attributes:
-        search: operator of the linearisation: ``tangent``, renewed in each iteration; ``frozen``, the tangent at the
-            start of each step; ``elastic``. The latter two with Anderson's acceleration.
-        relative_stress: ε_r of (6.19). In the place of R_σ (6.18), by which a prediction was wrong, stands what the
-            next one still moves, H : ε(δ).
-        floor_stress: ε_a of (6.19) as a fraction of the largest root mean square of the stress so far, without a unit.
-        relative_force: residual over the size of the forces; the stress criterion alone sees only how much
-            iterates still change.
-        iterations: most iterations of a step before it is cut.
-        cuts: how often a step may be halved.
-        outside: what happens to a step outside what a reduced model was trained on: ``warn``, ``refuse`` or ``ignore``.
-    """
-
-    search: str = "frozen"
-    relative_stress: float = 1e-5
-    floor_stress: float = 5e-3
-    relative_force: float = 1e-5
-    iterations: int = 60
-    cuts: int = 6
-    outside: str = "warn"
-
-    def __post_init__(self):
-        """Refuse what would be taken for something else, or would never end a step.
-
-        Raises:
-            ParameterError: with the value and what is possible.
-        """
-        for name, choices in (("search", SEARCHES), ("outside", OUTSIDE)):
-            if getattr(self, name) not in choices:
-                raise ParameterError(f"{name} '{getattr(self, name)}' is unknown, one of {', '.join(choices)}")
-        for name in ("relative_stress", "floor_stress", "relative_force"):
-            if not (isinstance(getattr(self, name), Real) and 0 < getattr(self, name) < 1):
-                raise ParameterError(f"{name} = {getattr(self, name)} must be a fraction in (0, 1)")
-        if not (is_whole(self.iterations, 1) and is_whole(self.cuts, 0)):
-            raise ParameterError(
-                f"iterations = {self.iterations} must be a whole number from 1, and cuts = {self.cuts} one from 0"
-            )
-
-
-class Point(NamedTuple):
-    """The model at one time.
-
-    Attributes:
-        time: in seconds.
-        parameter: mu, (P,).
-        unknown: U0 or gamma.
-        forces: contact forces.
-        active: statuses.
-        stress: at the Gauss points, (points, components).
-        state: of the material.
-    """
-
-    time: float
-    parameter: np.ndarray
-    unknown: np.ndarray
-    forces: np.ndarray
-    active: np.ndarray
-    stress: np.ndarray
-    state: State
-
-
-@dataclass
-class History:
-    """A solved history; what converged before a failure is kept in the error's ``history``.
-
-    Attributes:
-        start: time at rest, in seconds.
-        parameter: the parameter there, (P,).
-        points: one per step asked for, the start not among them.
-        signs: of each step, by which a reduced model tells that it left what it was trained on.
-        iterations: of each step, those of its parts summed; a failed attempt counts as the most allowed.
-        cuts: steps that were solved in parts.
-    """
-
-    start: float
-    parameter: np.ndarray
-    points: list[Point] = field(default_factory=list)
-    signs: list[Signs] = field(default_factory=list)
-    iterations: list[int] = field(default_factory=list)
-    cuts: int = 0
-
-    @property
-    def path(self) -> list[tuple[float, np.ndarray]]:
-        """Times and parameters, the start first: what :func:`march` was given."""
-        return [(self.start, self.parameter), *((point.time, point.parameter) for point in self.points)]
 
 
 class _Diverged(Exception):
@@ -137,17 +44,23 @@ class _Diverged(Exception):
 # threads of BLAS slow small blocks down: a projected tangent of 70 modes took 7.8 ms on two of them, 3.1 ms on one
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def march(
-    model: Equilibrium, path: Iterable[tuple[float, np.ndarray]], settings: MarchSettings = MarchSettings()
+    model: Equilibrium,
+    path: Path,
+    settings: MarchSettings = DEFAULT_MARCH,
+    *,
+    known: Sequence[Answer] = (),
+    keep: Callable[[Answer], None] = lambda answer: None,
 ) -> History:
     """Solve a history from rest.
 
     Args:
-        model: full or reduced.
-        path: times and parameters, the first ones at rest; parameters are linear between them.
+        model: equilibrium of a full or a reduced model.
+        path: times and parameters, as :func:`checked_path` returns them; parameters are linear between them.
         settings: how.
+        known: answers to the first steps, solved before; the history goes on behind them.
+        keep: told of each answer as soon as it is there.
 
     Raises:
-        ParameterError: if the path is empty, a parameter is not finite or outside the box, or times do not increase.
         OutsideTrainingError: if a step is outside what was trained, and ``settings`` say to refuse that.
         ConvergenceError: with the step, the time and the worst point.
         Whatever ends a history, an interrupt from the keyboard too, has an attribute ``history`` with the steps before.
@@ -156,14 +69,12 @@ def march(
         OutsideTrainingWarning: if a step is outside what was trained, and ``settings`` do not say otherwise.
         LawWarning: if the slope of a law is not the derivative of its flow.
     """
-    path = _checked(model, path)
-    time, start = path[0]
-    history = History(time, start)
+    history = History(*path[0])
     try:
         with model.lock:
-            _march(model, path, settings, history)
+            _march(model, path, settings, history, known, keep)
     except _Diverged as failure:
-        step = len(history.points) + 1
+        step = len(history.answers) + 1
         error = ConvergenceError(
             f"step {step} to t = {path[step][0]:g} s did not converge: {failure}{_place(model, failure.worst)}. "
             f"Take smaller steps; the {step - 1} steps before are kept"
@@ -177,51 +88,35 @@ def march(
     return history
 
 
-def _checked(model, path) -> list[tuple[float, np.ndarray]]:
-    """The whole path, before any of it is solved."""
-    if not hasattr(model, "material"):
-        raise ParameterError(f"{model} has no laws to march with: give a PlasticFullOrder, or the model of a reduction")
-    try:
-        pairs = [(float(time), target) for time, target in path]
-    except (TypeError, ValueError):
-        raise ParameterError("a path is a list of pairs: a time in seconds and the parameters there") from None
-    path = [(time, model.parameters.point(target)) for time, target in pairs]
-    if not path:
-        raise ParameterError("the path is empty: its first time and parameter are where the model is at rest")
-    times = np.array([time for time, _ in path])
-    if not np.isfinite(times).all():
-        raise ParameterError(f"times must be finite, and number {int(np.argmin(np.isfinite(times)))} is not")
-    late = np.flatnonzero(np.diff(times) <= 0)
-    if late.size:
-        before, after = times[late[0] : late[0] + 2]
-        raise ParameterError(f"times must increase: {after:g} s comes after {before:g} s")
-    return path
-
-
-def _march(model, path, settings, history) -> None:
+def _march(model, path, settings, history, known, keep) -> None:
     """Solve the steps of a checked path into a history."""
     trail, slopes_seen = (_at_rest(model, *path[0]),), False
-    kept, watch = _Kept(), Watch(model.trained, settings.outside)
+    memory, watch = _Memory(), Watch(model.trained, settings.outside)
     for number, (time, target) in enumerate(path[1:], start=1):
         watch.before(number, trail[-1].time, time, trail[-1].parameter, target)
-        after, iterations, cut = _advance(model, trail, _Goal(time, target), settings, kept)
-        slopes_seen = slopes_seen or _check_slopes(model, trail[-1], after)
+        if number <= len(known):
+            after, cut = known[number - 1], False
+            memory.learn(model, after)
+        else:
+            after, cut = _advance(model, trail, _Goal(time, target), settings, memory)
+            slopes_seen = slopes_seen or _check_slopes(model, trail[-1], after)
         signs = model.signs(after)
         # a step that is refused is not kept
         watch.after(number, time, signs)
-        history.points.append(after)
+        history.answers.append(after)
         history.signs.append(signs)
-        history.iterations.append(iterations)
         history.cuts += cut
+        if number > len(known):
+            keep(after)
         trail = (*trail[-2:], after)
 
 
 def _check_slopes(model, before, after) -> bool:
     """Warn of laws with a wrong slope; whether the step flowed enough to tell."""
-    if not after.state.cumulated.max(initial=0.0) > 0:
+    if not after.gauss.state.cumulated.max(initial=0.0) > 0:
         return False
     strain = model.strain(after.unknown, model.amplitudes(after.parameter))
-    complaints = model.material.wrong_slopes(strain, before.state, after.time - before.time)
+    complaints = model.material.wrong_slopes(strain, before.gauss.state, after.time - before.time)
     for complaint in complaints or ():
         warnings.warn(complaint, LawWarning, stacklevel=4)
     return complaints is not None
@@ -234,10 +129,11 @@ class _Goal(NamedTuple):
     parameter: np.ndarray
 
 
-def _at_rest(model, time, parameter) -> Point:
+def _at_rest(model, time, parameter) -> Answer:
     active, material = np.zeros(model.conditions, dtype=bool), model.material
-    stress = np.zeros((material.size, material.components))
-    return Point(time, parameter, np.zeros(model.size), np.zeros(active.size), active, stress, material.at_rest())
+    gauss = GaussState(np.zeros((material.size, material.components)), material.at_rest())
+    nothing = np.zeros(model.size), np.zeros(active.size), active
+    return Answer(parameter, *nothing, 0, Status.CONVERGED, False, model.fields, time, gauss)
 
 
 def _place(model, worst):
@@ -248,18 +144,18 @@ def _place(model, worst):
     return f"; worst at Gauss point {number}, in cell {number // model.operator.per_cell}"
 
 
-def _advance(model, trail, goal, settings, kept):
+def _advance(model, trail, goal, settings, memory) -> tuple[Answer, bool]:
     """One step as asked for, then in 2, 4, ... parts, each of which is tried like a step of its own.
 
     Args:
         model: full or reduced.
-        trail: the last points, at most three, the present one at the end.
+        trail: the last answers, at most three, the present one at the end.
         goal: where to.
         settings: how.
-        kept: what one step leaves to the next.
+        memory: what one step leaves to the next.
 
     Returns:
-        The point reached, the iterations of all attempts, and whether the step was cut.
+        The answer there, with the iterations of all attempts, and whether the step was cut.
     """
     here, spent = trail[-1], 0
     for parts in (2**halvings for halvings in range(settings.cuts + 1)):
@@ -268,84 +164,99 @@ def _advance(model, trail, goal, settings, kept):
             for share in np.arange(1, parts + 1) / parts:
                 time = here.time + share * (goal.time - here.time)
                 part = _Goal(time, (1 - share) * here.parameter + share * goal.parameter)
-                after, iterations = _tried(model, last, part, settings, kept)
-                spent += iterations
+                after = _tried(model, last, part, settings, memory)
+                spent += after.iterations
                 last = (*last[-2:], after)
-            return after, spent, parts > 1
+            return after._replace(iterations=spent), parts > 1
         except _Diverged as error:
             failure = error
             spent += settings.iterations
     raise failure
 
 
-def _tried(model, trail, goal, settings, kept) -> tuple[Point, int]:
-    """A step from the extrapolation of the points before; if that fails, with new tangents from an elastic start."""
+def _tried(model, trail, goal, settings, memory) -> Answer:
+    """A step from the extrapolation of the answers before; if that fails, with new tangents from an elastic start."""
     careful = replace(settings, search="tangent") if settings.search == "frozen" else settings
     try:
-        return _step(model, trail, goal, settings, kept)
+        return _step(model, trail, goal, settings, memory)
     except (_Diverged, ConvergenceError):
-        kept.operator = None
+        memory.linearisation = None
     try:
-        after, iterations = _step(model, trail[-1:], goal, careful, kept)
+        after = _step(model, trail[-1:], goal, careful, memory)
     except ConvergenceError as error:
-        kept.operator = None
+        memory.linearisation = None
         raise _Diverged(str(error)) from error
     except _Diverged:
-        kept.operator = None
+        memory.linearisation = None
         raise
-    return after, settings.iterations + iterations
+    return after._replace(iterations=settings.iterations + after.iterations)
 
 
 @dataclass
-class _Kept:
-    """The operator of the last step, if it served well, and the largest forces and stress (mean square) so far."""
+class _Memory:
+    """The linearisation of the last step, if it served well, and the largest forces and stress (mean square) so far."""
 
-    operator: Operator | None = None
+    linearisation: Linearisation | None = None
     forces: np.ndarray | float = 0.0
     stress: float = 0.0
 
+    def learn(self, model: Equilibrium, answer: Answer) -> None:
+        """Take in a step that was solved before, by what it left behind."""
+        _, scale = model.residual(answer.gauss.stress, model.amplitudes(answer.parameter))
+        self.grow(scale, _root_mean_square(answer.gauss.stress))
 
-def _step(model, trail, goal, settings, kept) -> tuple[Point, int]:
-    """One step from the end of ``trail``: from the extrapolation of its points, or an elastic start from one point."""
+    def grow(self, forces: np.ndarray, stress: float) -> None:
+        """Take in the forces and the stress of one more step."""
+        self.forces, self.stress = np.maximum(forces, self.forces), max(self.stress, stress)
+
+
+def _root_mean_square(stress) -> float:
+    return float(np.sqrt(np.mean(stress**2)))
+
+
+def _step(model, trail, goal, settings, memory) -> Answer:
+    """One step from the end of ``trail``: from the extrapolation of its answers, or an elastic start from one alone."""
     here, dt = trail[-1], goal.time - trail[-1].time
     theta = model.amplitudes(goal.parameter)
     x = _extrapolated(trail, goal.time) if len(trail) > 1 else _elastic_start(model, here, theta)
     flows = model.material.flows and settings.search != "elastic"
     mixing = Anderson() if model.material.flows and settings.search != "tangent" else None
-    active, operator, noise = here.active, kept.operator if flows else model.elastic, model.round_off(x, theta)
+    active, noise = here.active, model.round_off(x, theta)
+    linear = memory.linearisation if flows else model.elastic
     for iteration in range(1, settings.iterations + 1):
-        renew = flows and (operator is None or settings.search == "tangent")
+        renew = flows and (linear is None or settings.search == "tangent")
         strain = model.strain(x, theta)
-        update = model.material.update(strain, here.state, dt, tangent=renew)
+        update = model.material.update(strain, here.gauss.state, dt, tangent=renew)
         if not np.isfinite(update.stress).all():
             raise _Diverged("the stress is not finite", int(np.argmin(np.isfinite(update.stress).all(axis=1))))
         residual, scale = model.residual(update.stress, theta)
-        flowing = int((update.state.cumulated - here.state.cumulated).argmax())
+        flowing = int((update.state.cumulated - here.gauss.state.cumulated).argmax())
         try:
-            operator = model.linearised(update.tangents) if renew else operator
-            correction = operator.correct(residual, x, theta, active)
+            linear = model.linearised(update.tangents) if renew else linear
+            change, found = linear.correct(residual, x, theta, active)
         except (NotSolvableError, np.linalg.LinAlgError) as error:
             raise _Diverged(f"{error}, a singular tangent", flowing) from None
-        if correction.status is not Status.CONVERGED:
-            why = f"of the linearised contact problem, {correction.status.value}, or the load is more than is borne"
+        if found.status is not Status.CONVERGED:
+            why = f"of the linearised contact problem, {found.status.value}, or the load is more than is borne"
             raise _Diverged(why, flowing)
-        left = model.norms(residual - model.contact_load(correction.forces))
+        left = model.norms(residual - model.contact_load(found.forces))
         # each body by its own forces, and where it is unloaded by those it bore before
-        if (left <= settings.relative_force * np.maximum(scale, kept.forces) + noise).all():
+        if (left <= settings.relative_force * np.maximum(scale, memory.forces) + noise).all():
             # the dearer of the two criteria is asked last
-            moved = _moves(operator, model.strain_of(correction.change))
-            largest = max(kept.stress, float(np.sqrt(np.mean(update.stress**2))))
-            floor = max(settings.floor_stress * largest, ROUND_OFF_STRAIN * operator.moduli.max())
+            moved = _moves(linear, model.strain_of(change))
+            largest = max(memory.stress, _root_mean_square(update.stress))
+            floor = max(settings.floor_stress * largest, ROUND_OFF_STRAIN * linear.moduli.max())
             if (moved - settings.relative_stress * np.abs(update.stress)).max() <= floor:
                 _check_small(strain)
                 slow = settings.search == "tangent" or iteration > PATIENCE
-                kept.operator = None if slow else operator
-                kept.forces, kept.stress = np.maximum(scale, kept.forces), largest
-                answer = correction.forces, correction.active, update.stress, update.state
-                return Point(*goal, x, *answer), iteration
-        active = correction.active
-        x = x + correction.change if mixing is None else mixing(x, correction.change)
-    moved = _moves(operator, model.strain_of(correction.change)).max(axis=1)
+                memory.linearisation = None if slow else linear
+                memory.grow(scale, largest)
+                gauss = GaussState(update.stress, update.state)
+                found = found._replace(iterations=iteration)
+                return found_as(found, goal.parameter, x, model.fields)._replace(time=goal.time, gauss=gauss)
+        active = found.active
+        x = x + change if mixing is None else mixing(x, change)
+    moved = _moves(linear, model.strain_of(change)).max(axis=1)
     why = f"after {settings.iterations} iterations the stress still moves by {moved.max():.3g}"
     raise _Diverged(why, int(moved.argmax()))
 
@@ -360,13 +271,13 @@ def _elastic_start(model, here, theta):
     change = model.strain(x, theta) - model.strain(x, before)
     if not change.any():
         return x
-    stress = here.stress + np.einsum("nij,nj->ni", model.material.elastic, change)
+    stress = here.gauss.stress + np.einsum("nij,nj->ni", model.material.elastic, change)
     residual, _ = model.residual(stress, theta)
     try:
-        correction = model.elastic.correct(residual, x, theta, here.active)
+        change, found = model.elastic.correct(residual, x, theta, here.active)
     except NotSolvableError:
         return x
-    return x + correction.change if correction.status is Status.CONVERGED else x
+    return x + change if found.status is Status.CONVERGED else x
 
 
 def _check_small(strain):
@@ -377,16 +288,16 @@ def _check_small(strain):
         raise _Diverged(why, int(sizes.argmax()))
 
 
-def _moves(operator, strain):
+def _moves(linear, strain) -> np.ndarray:
     """By how much the linearisation still moves the stress, |H : ε(δ)|, in the place of R_σ in (6.19)."""
-    return np.abs(np.einsum("nij,nj->ni", operator.moduli, strain))
+    return np.abs(np.einsum("nij,nj->ni", linear.moduli, strain))
 
 
-def _extrapolated(points, time):
-    """The polynomial through the unknowns of the given points, at a later time."""
-    times = np.array([point.time for point in points])
-    x = np.zeros_like(points[0].unknown)
-    for k, point in enumerate(points):
+def _extrapolated(trail, time) -> np.ndarray:
+    """The polynomial through the unknowns of some answers, at a later time."""
+    times = np.array([answer.time for answer in trail])
+    x = np.zeros_like(trail[0].unknown)
+    for k, answer in enumerate(trail):
         others = np.delete(times, k)
-        x += np.prod((time - others) / (times[k] - others)) * point.unknown
+        x += np.prod((time - others) / (times[k] - others)) * answer.unknown
     return x

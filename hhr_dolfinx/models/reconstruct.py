@@ -1,102 +1,164 @@
-"""From the reduced answer to fields everywhere, thesis section 1.4.6."""
+"""From the reduced answer to fields everywhere, thesis sections 1.4.6 and 6.2.3."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import nnls
+from scipy.sparse import csc_matrix
 
-from hhr_dolfinx.errors import ConvergenceError
-from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.parameters import Theta
+from hhr_dolfinx.errors import ConvergenceError, HHRError
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.parameters import Amplitudes
+
+
+class GappyField(NamedTuple):
+    """A field of the Gauss points from its values in the RID (gappy POD, section 6.2.3).
+
+    Attributes:
+        modes: POD modes of training states, (values everywhere, modes).
+        fit: amplitudes of the modes per value in the RID, (modes, values in the RID).
+    """
+
+    modes: np.ndarray
+    fit: np.ndarray
+
+    @classmethod
+    def fitted(cls, modes: np.ndarray, inside: np.ndarray) -> GappyField:
+        """From modes and the numbers of the values that lie in the RID."""
+        return cls(modes, np.linalg.pinv(modes[inside]))
+
+    def everywhere(self, inside: np.ndarray) -> np.ndarray:
+        """The field everywhere, fitted to its values in the RID by least squares."""
+        return self.modes @ (self.fit @ inside)
+
+
+@dataclass(frozen=True)
+class FlowFields:
+    """What completes stress and plastic strain of bodies that flow.
+
+    Attributes:
+        points: numbers of the Gauss points of the RID in the full model.
+        stress: how the stress is completed, components of a point side by side.
+        cumulated: how the cumulated plastic strain is completed; None where nothing flowed in training.
+        gauss_points: number of Gauss points of the full model.
+    """
+
+    points: np.ndarray
+    stress: GappyField
+    cumulated: GappyField | None
+    gauss_points: int
+
+    def stress_everywhere(self, inside: np.ndarray) -> np.ndarray:
+        """Stress at all Gauss points: that of the laws in the RID, gappy POD outside, (Gauss points, components)."""
+        field = self.stress.everywhere(inside.ravel()).reshape(self.gauss_points, inside.shape[1])
+        field[self.points] = inside
+        return field
+
+    def plastic_strain_everywhere(self, inside: np.ndarray) -> np.ndarray:
+        """Cumulated plastic strain at all Gauss points, never negative, (Gauss points,)."""
+        field = np.zeros(self.gauss_points)
+        if self.cumulated is not None:
+            field = np.maximum(self.cumulated.everywhere(inside), 0.0)
+        field[self.points] = inside
+        return field
 
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """Displacement on the whole mesh and contact forces on the whole contact surface.
+    """Fields on the whole mesh and contact forces on the whole contact surface; see :class:`models.answer.Fields`.
 
     Attributes:
+        amplitudes: θ as a function of the parameters.
         basis: V, (N, ell).
-        lifts: imposed displacements, (N, 1 + T).
+        lifts: imposed displacements, sparse, (N, 1 + T).
         contact_basis: B V, (N_lambda, ell).
         gaps: D as terms of θ, (N_lambda, 1 + T).
         A_lambda: contact conditions of the RID.
         force_snapshots: columns of S_lambda whose cone holds all of them, (N_lambda, S').
         gap_scale: length by which the gap of each condition is measured, so that (1.70) does not depend on units,
             (N_lambda,).
+        dimension: components of the displacement at a node.
+        flow: what completes stress and plastic strain where bodies flow.
+        stress_of: stress of a displacement where nothing flows; None for a model from a file, which has no mesh.
+        indicator: estimates the error of an answer; None for none.
     """
 
+    amplitudes: Amplitudes
     basis: np.ndarray
-    lifts: np.ndarray
+    lifts: csc_matrix
     contact_basis: np.ndarray
     gaps: np.ndarray
     A_lambda: np.ndarray
     force_snapshots: np.ndarray
     gap_scale: np.ndarray
+    dimension: int
+    flow: FlowFields | None = None
+    stress_of: Callable[[np.ndarray], np.ndarray] | None = None
+    indicator: Callable[[Answer], float] | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Cut the snapshots once into what is fitted, inside the RID, and what is penalised, outside."""
         outside = np.setdiff1d(np.arange(len(self.gaps)), self.A_lambda)
         parts = outside, self.force_snapshots[self.A_lambda], self.force_snapshots[outside]
         object.__setattr__(self, "_parts", parts)
 
-    def displacement(self, gamma: np.ndarray, theta: Theta) -> np.ndarray:
-        """Displacement V gamma + lift, thesis (1.69), (N,)."""
-        return self.basis @ gamma + self.lifts @ theta
+    def __reduce__(self) -> tuple:
+        """Copy and pickle by the arrays: a mesh, on which stress needs to be computed, belongs to one process."""
+        given = {name: getattr(self, name) for name in self.__dataclass_fields__} | {"stress_of": None}
+        return Reconstruction, tuple(given.values())
 
-    def forces(self, gamma: np.ndarray, inside: np.ndarray, theta: Theta) -> np.ndarray:
+    def displacement(self, answer: Answer) -> np.ndarray:
+        """Displacement V gamma + lift, thesis (1.69), (N,)."""
+        return self.basis @ answer.unknown + self.lifts @ self.amplitudes(answer.parameter)
+
+    def forces(self, answer: Answer) -> np.ndarray:
         """Contact forces on all conditions, (N_lambda,): the model's own inside the RID, (1.70)-(1.71) outside.
 
         Non-negative combinations of training forces are fitted to the forces inside the RID, and penalised outside
         where the reconstructed gap is open; inside, forces at open gaps are 0 already.
 
-        Args:
-            gamma: coordinates of the displacement, (ell,).
-            inside: forces of the model, (N_lambda_C,).
-            theta: θ.
-
         Raises:
             ConvergenceError: if the fit does not end.
         """
         outside, fitted, penalised = self._parts
-        slack = self.gaps[outside] @ theta - self.contact_basis[outside] @ gamma
+        theta = self.amplitudes(answer.parameter)
+        slack = self.gaps[outside] @ theta - self.contact_basis[outside] @ answer.unknown
         open_gap = np.maximum(slack, 0.0) / self.gap_scale[outside]
         matrix = np.vstack([fitted, open_gap[:, None] * penalised])
-        target = np.concatenate([inside, np.zeros(open_gap.size)])
+        target = np.concatenate([answer.multipliers, np.zeros(open_gap.size)])
         try:
             weights, _ = nnls(matrix, target)
         except (RuntimeError, ValueError) as error:  # scipy's iteration limit, numbers that overflow
             raise ConvergenceError(f"the forces outside the RID could not be fitted: {error}") from error
         forces = self.force_snapshots @ weights
-        forces[self.A_lambda] = inside
+        forces[self.A_lambda] = answer.multipliers
         return forces
 
-
-@dataclass(frozen=True)
-class OnlineModel:
-    """What answers parameters: small arrays and the way back to whole fields; this is what a file holds.
-
-    Attributes:
-        model: from a parameter to (gamma, lambda on A_lambda).
-        reconstruction: fields and forces everywhere.
-        dimension: components of the displacement at a node.
-    """
-
-    model: ReducedModel
-    reconstruction: Reconstruction
-    dimension: int
-
-    def solve_everywhere(self, mu, *, outside: str = "warn") -> tuple[np.ndarray, np.ndarray]:
-        """Displacement (N,) and contact forces (N_lambda,) on the whole mesh, for one parameter.
-
-        Args:
-            mu: number, sequence or mapping by name.
-            outside: what happens outside what was trained, see :meth:`CondensedContact.solve`.
+    def stress(self, answer: Answer) -> np.ndarray:
+        """Stress in Kelvin's notation, at Gauss points where bodies flow, else in cell middles.
 
         Raises:
-            ParameterError, ConvergenceError, NotSolvableError: see :meth:`CondensedContact.solve`.
+            HHRError: for an elastic model from a file, whose stress needs the mesh.
         """
-        solution, theta, fields = self.model.solve(mu, outside=outside), self.model.theta(mu), self.reconstruction
-        displacement = fields.displacement(solution.primal, theta)
-        return displacement, fields.forces(solution.primal, solution.forces, theta)
+        if answer.gauss is not None and self.flow is not None:
+            return self.flow.stress_everywhere(answer.gauss.stress)
+        if self.stress_of is None:
+            raise HHRError(
+                "a model file of elastic bodies keeps no mesh, and stress needs one: ask the full model of the scene, "
+                "full.stress_of(answer.displacement())"
+            )
+        return self.stress_of(self.displacement(answer))
+
+    def plastic_strain(self, answer: Answer) -> np.ndarray:
+        """Cumulated plastic strain at all Gauss points; empty where nothing flows."""
+        if answer.gauss is None or self.flow is None:
+            return np.zeros(0)
+        return self.flow.plastic_strain_everywhere(answer.gauss.state.cumulated)
+
+    def estimate(self, answer: Answer) -> float | None:
+        """What the indicator says; None without one."""
+        return None if self.indicator is None else self.indicator(answer)

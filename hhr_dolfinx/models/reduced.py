@@ -1,22 +1,37 @@
-"""The hybrid hyper-reduced (HHR) model (1.61), (5.23): small arrays, one call per parameter.
+"""The hybrid hyper-reduced (HHR) model (1.61), (5.23), (6.17): small arrays, of elastic bodies and of bodies that flow.
 
-Needs neither DOLFINx nor gmsh nor PETSc: a model read from a file answers on any machine with NumPy and SciPy.
+Needs neither DOLFINx nor gmsh nor PETSc: a model read from a file answers on any machine with NumPy and SciPy (and
+numba, where bodies flow).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhr_dolfinx.contact.problem import Status
+from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.linear.dense import Factorise, dense_factors
-from hhr_dolfinx.models.condensed import CondensedContact, KnownStatuses, Responses
-from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
-from hhr_dolfinx.trained import TrainedRange
+from hhr_dolfinx.models.answer import Answer, History, Path
+from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses
+from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step
+from hhr_dolfinx.models.reconstruct import Reconstruction
+from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.trained import TrainedPaths, TrainedRange
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.reduced_flow import ReducedEquilibrium, ReducedFlow
+
+ADVICE: Mapping[Status, str] = MappingProxyType(
+    {
+        Status.SINGULAR: "add modes or use fewer contact points in the RID",
+        Status.CYCLING: "the reduced model is not trustworthy here, add RID layers or change the basis",
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -43,44 +58,107 @@ class ReducedProblem:
     pairs: np.ndarray
 
 
-class ReducedModel(CondensedContact):
-    """HHR model: from a parameter to (gamma, lambda on A_lambda), (5.23) with gamma eliminated.
+class ReducedModel:
+    """HHR model: from a parameter or a path to answers, by the projected equations on the RID.
+
+    Where nothing flows gamma is eliminated, (5.23), and an answer costs one small contact problem. Where bodies flow
+    the laws are evaluated on the Gauss points of the RID, (6.17) and Alg. 6.2.
 
     Args:
         problem: the projected arrays.
         parameters: the box of the parameters.
-        amplitudes: θ as a function of the parameters.
-        known: statuses of the training points on A_lambda.
+        fields: what completes the answers.
+        trained: what it was trained on: the range of points, or of paths where bodies flow.
+        known: statuses of the training points on A_lambda; None where bodies flow.
+        flow: Gauss points and laws of the RID; None where nothing flows.
+        offline: how it was made, an ``OfflineRecord`` of the build; None for a model from a file.
         factorise: what factors K~ and the active blocks.
-        trained: the trained parameters.
 
     Raises:
         SingularError: if K~ is singular.
     """
 
-    advice: ClassVar[Mapping[Status, str]] = {
-        Status.SINGULAR: "add modes or use fewer contact points in the RID",
-        Status.CYCLING: "the reduced model is not trustworthy here, add RID layers or change the basis",
-    }
-
     def __init__(
         self,
         problem: ReducedProblem,
         parameters: ParameterSpace,
-        amplitudes: Amplitudes,
-        known: KnownStatuses,
+        fields: Reconstruction,
+        trained: TrainedRange | TrainedPaths | None = None,
+        *,
+        known: KnownStatuses | None = None,
+        flow: ReducedFlow | None = None,
+        offline: Any = None,
         factorise: Factorise = dense_factors,
-        trained: TrainedRange | None = None,
     ):
-        self.problem = problem
+        self.problem, self.parameters, self.fields, self.trained = problem, parameters, fields, trained
+        self.known, self.flow, self.offline, self._factorise = known, flow, offline, factorise
+        self.equilibrium: ReducedEquilibrium | None = None
+        self._condensed: CondensedModel | None = None
         try:
-            factor = factorise(problem.stiffness)
+            if flow is None:
+                self._condensed = self._eliminated(factorise)
+            else:
+                from hhr_dolfinx.models.reduced_flow import ReducedEquilibrium
+
+                self.equilibrium = ReducedEquilibrium(problem, flow, parameters, fields, trained)
         except SingularError as error:
             raise SingularError(f"K~ cannot be eliminated, {error}: add RID layers or use fewer modes") from error
-        contact = problem.contact_test, problem.contact_trial
-        responses = Responses.eliminate(factor, problem.loads, problem.gaps, *contact)
-        super().__init__(parameters, amplitudes, responses, known, factorise, problem.pairs, trained)
 
-    def __reduce__(self):
-        """Copy and pickle by the projected arrays."""
-        return type(self), (self.problem, self.parameters, self.amplitudes, self.known, self._factorise, self.trained)
+    def __reduce__(self) -> tuple:
+        """Copy and pickle by the projected arrays; how the model was made stays behind."""
+        return _restored, (self.problem, self.parameters, self.fields, self.trained, self.known, self.flow)
+
+    @property
+    def dimension(self) -> int:
+        """Components of the displacement at a node."""
+        return self.fields.dimension
+
+    def learn(self, trained: TrainedPaths) -> None:
+        """Tell a model of bodies that flow what it was trained on, once its own histories are known."""
+        self.trained = trained
+        self.equilibrium.trained = trained
+
+    def solve(
+        self, mu: Any, *, start: Any = "nearest", raise_on_failure: bool = True, outside: str = "warn", **step: Any
+    ) -> Answer:
+        """Solve for one parameter; where bodies flow, in one step from rest.
+
+        Args:
+            mu, start, raise_on_failure, outside: see :meth:`CondensedModel.solve`; a step knows no ``start``.
+            step: ``duration`` of a step of bodies that flow, see :func:`one_step`.
+
+        Raises:
+            ParameterError, OutsideTrainingError, ConvergenceError, NotSolvableError: see there.
+        """
+        if self._condensed is not None:
+            return self._condensed.solve(mu, start=start, raise_on_failure=raise_on_failure, outside=outside, **step)
+        return one_step(self, mu, raise_on_failure, outside, **step)
+
+    def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
+        """Solve a history from rest.
+
+        Args:
+            path: times in seconds and parameters, the first ones at rest; parameters are linear between them.
+            settings: how.
+
+        Raises:
+            ParameterError: if the path is none, or leaves the box.
+            ConvergenceError, OutsideTrainingError: with an attribute ``history``, see :func:`models.march.march`.
+        """
+        if self._condensed is not None:
+            return self._condensed.march(path, settings)
+        from hhr_dolfinx.models.march import march
+
+        return march(self.equilibrium, checked_path(self.parameters, path), settings)
+
+    def _eliminated(self, factorise: Factorise) -> CondensedModel:
+        """The model with gamma eliminated."""
+        problem, contact = self.problem, (self.problem.contact_test, self.problem.contact_trial)
+        responses = Responses.eliminate(factorise(problem.stiffness), problem.loads, problem.gaps, *contact)
+        how = factorise, problem.pairs, self.trained, ADVICE
+        return CondensedModel(self.parameters, self.fields.amplitudes, responses, self.known, self.fields, *how)
+
+
+def _restored(problem, parameters, fields, trained, known, flow) -> ReducedModel:
+    """A model from its arrays."""
+    return ReducedModel(problem, parameters, fields, trained, known=known, flow=flow)

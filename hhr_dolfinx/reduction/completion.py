@@ -2,25 +2,38 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy import linalg
 from scipy.optimize import nnls
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.models.reconstruct import Reconstruction
-from hhr_dolfinx.snapshots.solutions import SnapshotSet
+from hhr_dolfinx.models.reconstruct import FlowFields, GappyField, Reconstruction
+from hhr_dolfinx.reduction.pod import pod
+from hhr_dolfinx.snapshots.records import SnapshotSet
 
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.reduced_flow import ReducedFlow
+
+STRESS, PLASTIC_STRAIN = 1e-9, 1e-6
+"""Part of the squared training fields that the modes for stress and for cumulated plastic strain leave out."""
 IN_THE_CONE = 1e-3
 """Relative distance from the cone of the other snapshots below which a force snapshot is left out: the fraction of the
 largest force below which a relative force error means nothing."""
 
 
 def prepare_reconstruction(
-    problem: ContactProblem, basis: np.ndarray, sets: IndexSets, snapshots: SnapshotSet
+    problem: ContactProblem,
+    basis: np.ndarray,
+    sets: IndexSets,
+    snapshots: SnapshotSet,
+    flow: ReducedFlow | None = None,
 ) -> Reconstruction:
     """Collect what :class:`Reconstruction` needs; snapshots inside the cone of the others are left out, see (1.70)."""
     return Reconstruction(
+        amplitudes=problem.amplitudes,
         basis=basis,
         lifts=problem.lifts,
         contact_basis=csr_matrix(problem.contact) @ basis,
@@ -28,7 +41,20 @@ def prepare_reconstruction(
         A_lambda=sets.A_lambda,
         force_snapshots=spanning_rays(snapshots.forces, IN_THE_CONE),
         gap_scale=_gap_scale(problem, snapshots),
+        dimension=problem.block_size,
+        flow=None if flow is None else _flow_fields(flow, snapshots),
     )
+
+
+def _flow_fields(flow: ReducedFlow, snapshots: SnapshotSet) -> FlowFields:
+    """How stress and cumulated plastic strain are completed, from POD modes of training states (section 6.2.3)."""
+    components, points = flow.material.components, flow.points
+    values = (points[:, None] * components + np.arange(components)).ravel()
+    stress = GappyField.fitted(pod(snapshots.stress, STRESS)[0], values)
+    cumulated = None
+    if np.any(snapshots.cumulated):
+        cumulated = GappyField.fitted(pod(snapshots.cumulated, PLASTIC_STRAIN)[0], points)
+    return FlowFields(points, stress, cumulated, len(snapshots.cumulated))
 
 
 def spanning_rays(columns: np.ndarray, tolerance: float) -> np.ndarray:

@@ -113,17 +113,22 @@ def contact_nodes(problem: ContactProblem, forces: np.ndarray, tolerance: float)
     return problem.contact_slaves[deim(pod(forces, tolerance)[0])]
 
 
-def zone_of_interest(problem: ContactProblem, zone: Callable[[ContactProblem], np.ndarray] | None) -> np.ndarray:
-    """Nodes that a user wants in the RID; None takes one for each term of θ that loads the problem.
+def zone_of_interest(problem: ContactProblem, zone: Callable[[ContactProblem], np.ndarray]) -> np.ndarray:
+    """Nodes that a user wants in the RID.
+
+    Raises:
+        ReductionError: for numbers that are none of a node.
+    """
+    return _checked_nodes(np.asarray(zone(problem)), len(problem.points))
+
+
+def load_nodes(problem: ContactProblem) -> np.ndarray:
+    """One node for each term of θ that loads the problem.
 
     A RID that no load reaches would answer zero to every parameter. A partial pressure has terms all along its line.
     The node is the one where the load acts most on free dofs; among equals that with the smallest coordinates, so that
     it does not depend on node numbers.
     """
-    if zone is not None and not callable(zone):
-        raise ReductionError("a zone is a function of the problem that returns node numbers: lambda problem: nodes")
-    if zone is not None:
-        return _checked_nodes(np.asarray(zone(problem)), len(problem.points))
     loaded = []
     for column in problem.loads.T:
         size = np.abs(column).reshape(-1, problem.block_size).max(axis=1)

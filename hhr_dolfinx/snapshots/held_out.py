@@ -8,7 +8,7 @@ import numpy as np
 
 from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.snapshots.solutions import SnapshotSet
+from hhr_dolfinx.snapshots.records import SnapshotSet
 
 GRAZING_SHARE = 0.2
 """Part of the points that is drawn where contact grazes, and part of the training solutions that counts as grazing.

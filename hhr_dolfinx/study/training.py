@@ -16,7 +16,7 @@ from hhr_dolfinx.parameters import is_whole
 from hhr_dolfinx.reduction.offline import HyperReduction, ReductionSettings, build_reduced_model
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.held_out import held_out_points
-from hhr_dolfinx.snapshots.solutions import SnapshotSet, spread_snapshots
+from hhr_dolfinx.snapshots.records import SnapshotSet, spread_snapshots
 from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.timing import StageLog
 

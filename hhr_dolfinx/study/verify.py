@@ -23,7 +23,7 @@ from hhr_dolfinx.certify.accuracy import contact_residuals, relative_error
 from hhr_dolfinx.full_order.elastic import FullOrderModel
 from hhr_dolfinx.reduction.offline import ReductionSettings, build_reduced_model
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.snapshots.solutions import SnapshotSet, compute_snapshots
+from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
 from hhr_dolfinx.study.yardstick import Yardstick
 
 FULL_TOLERANCE = 1e-6

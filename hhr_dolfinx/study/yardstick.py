@@ -17,7 +17,7 @@ from hhr_dolfinx.certify.accuracy import (
 )
 from hhr_dolfinx.contact.problem import ContactProblem, Solvable
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, OutsideTrainingWarning
-from hhr_dolfinx.snapshots.solutions import SnapshotSet, compute_snapshots
+from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
 
 NAMES = ("primal_l2", "primal_energy", "primal_euclid", "energy_minimum",
          "dual_rid", "dual_rid_floored", "dual_full", "dual_full_floored")  # fmt: skip

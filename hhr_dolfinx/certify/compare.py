@@ -1,0 +1,173 @@
+"""What users would get from a model beside answers that are known: at single parameters, or along histories."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hhr_dolfinx.certify.accuracy import (
+    FORCE_FLOOR,
+    Residuals,
+    contact_residuals,
+    force_floor,
+    norm,
+    relative_error,
+    slack_residuals,
+)
+from hhr_dolfinx.errors import HHRError
+from hhr_dolfinx.models.answer import Answer, History, Model
+from hhr_dolfinx.models.path import MarchSettings
+from hhr_dolfinx.trained import Signs
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.snapshots.records import SnapshotSet
+
+ONE_ANSWER = 1e-6
+"""Relative difference of forces from two starts above which a parameter has two answers."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What users would get beside the full order, one entry per point or history.
+
+    Attributes:
+        labels: where, in words.
+        primal: relative L2 errors of the displacement everywhere.
+        dual: relative floored errors of the forces on the whole contact surface.
+        residuals: of the answers themselves; None where there is none.
+    """
+
+    labels: list[str]
+    primal: np.ndarray
+    dual: np.ndarray
+    residuals: list[Residuals | None]
+
+    @classmethod
+    def of(cls, rows: Sequence[tuple[str, float, float, Residuals | None]]) -> Comparison:
+        """From one row per point or history."""
+        labels, primal, dual, residuals = (list(column) for column in zip(*rows, strict=True))
+        return cls(labels, np.array(primal), np.array(dual), residuals)
+
+    def worst(self) -> dict[str, float]:
+        """The ``kkt`` part of a report."""
+        known = [asdict(item) for item in self.residuals if item is not None]
+        return {name: max((item[name] for item in known), default=math.inf) for name in Residuals.__dataclass_fields__}
+
+    def joined(self, other: Comparison) -> Comparison:
+        """Both, one after the other."""
+        return Comparison(
+            self.labels + other.labels,
+            np.concatenate([self.primal, other.primal]),
+            np.concatenate([self.dual, other.dual]),
+            self.residuals + other.residuals,
+        )
+
+
+def floor_of(full: Any, training: SnapshotSet) -> float:
+    """Force norm below which a relative error means nothing."""
+    if training.histories:
+        return FORCE_FLOOR * float(np.linalg.norm(training.forces, axis=0).max())
+    return force_floor(full.problem, training)
+
+
+def compare_points(full: Any, model: Model, solutions: SnapshotSet, floor: float) -> Comparison:
+    """Errors of fields and forces everywhere at known solutions.
+
+    A point that fails has infinite errors, and so has the force where two starts lead to two answers.
+
+    Args:
+        full: the full model.
+        model: what is tried.
+        solutions: of the full model.
+        floor: force norm below which a relative error means nothing.
+    """
+    problem, rows = full.problem, []
+    for point, homogeneous, forces in zip(solutions.points, solutions.displacements.T, solutions.forces.T, strict=True):
+        label, theta = problem.parameters.described(point), problem.amplitudes(point)
+        try:
+            answer = model.solve(point, outside="ignore")
+            displacement, found = answer.displacement(), answer.forces()
+            unaided = model.solve(point, start=None, outside="ignore").multipliers
+        except HHRError:
+            rows.append((label, math.inf, math.inf, None))
+            continue
+        primal = relative_error(displacement, homogeneous + problem.lifts @ theta, problem.mass)
+        one_answer = relative_error(unaided, answer.multipliers, floor=floor) <= ONE_ANSWER
+        dual = relative_error(found, forces, floor=floor) if one_answer else math.inf
+        rows.append((label, primal, dual, contact_residuals(problem, displacement, found, theta)))
+    return Comparison.of(rows)
+
+
+def compare_histories(
+    full: Any, model: Model, histories: dict[str, History], floor: float
+) -> tuple[Comparison, list[list[Signs]]]:
+    """Errors of known histories solved by a model, and the signs that its steps show.
+
+    The error of a history is the largest of its steps over the largest displacement or force of the history: the
+    first touch, with forces of a twentieth of the last ones, would otherwise decide. A history that fails has infinite
+    errors.
+
+    Args:
+        full: the full model.
+        model: what is tried.
+        histories: of the full model, by label.
+        floor: force norm below which a relative error means nothing.
+
+    Returns:
+        The errors, and the signs along each history that did not fail.
+    """
+    rows, signs = [], []
+    for label, exact in histories.items():
+        try:
+            found = model.march(exact.path, MarchSettings(outside="ignore"))
+        except HHRError:
+            rows.append((label, math.inf, math.inf, None))
+            continue
+        rows.append((label, *largest_errors(full, found, exact, floor), flow_residuals(full, found.answers[-1])))
+        signs.append(found.signs)
+    return Comparison.of(rows), signs
+
+
+def largest_errors(full: Any, found: History, exact: History, floor: float) -> tuple[float, float]:
+    """Largest errors of the displacement (L2) and of the forces everywhere over their largest size in the history."""
+    mass, pairs = full.problem.mass, list(zip(found.answers, exact.answers, strict=True))
+    fields = [there.displacement() for _, there in pairs]
+    wrong = [here.displacement() - field for (here, _), field in zip(pairs, fields, strict=True)]
+    forces = [np.linalg.norm(here.forces() - there.forces()) for here, there in pairs]
+    largest = max(max(float(np.linalg.norm(there.forces())) for _, there in pairs), floor)
+    length = max(norm(field, mass) for field in fields)
+    return (
+        max(norm(field, mass) for field in wrong) / length if length > 0 else 0.0,
+        float(max(forces)) / largest if largest > 0 else 0.0,
+    )
+
+
+def residuals_of(full: Any, answer: Answer) -> Residuals:
+    """Residuals of what is handed out: equilibrium, gaps, signs."""
+    if answer.gauss is not None:
+        return flow_residuals(full, answer)
+    theta = full.problem.amplitudes(answer.parameter)
+    return contact_residuals(full.problem, answer.displacement(), answer.forces(), theta)
+
+
+def flow_residuals(full: Any, answer: Answer) -> Residuals:
+    """The same of bodies that flow: equilibrium of the stress everywhere."""
+    problem, equilibrium = full.problem, full.equilibrium
+    theta, forces = problem.amplitudes(answer.parameter), answer.forces()
+    left, sizes = equilibrium.residual(answer.stress(), theta)
+    residual = (left - equilibrium.contact_load(forces)) * problem.free
+    imbalance = float(np.linalg.norm(residual) / (np.linalg.norm(sizes) or 1.0))
+    homogeneous = answer.displacement() - problem.lifts @ theta
+    return Residuals(imbalance, *slack_residuals(problem, homogeneous, forces, theta))
+
+
+def largest_motion(full: Any, training: SnapshotSet) -> float:
+    """Largest gap or relative motion of contact surfaces in training."""
+    problem = full.problem
+    gaps = problem.amplitudes.sum_columns(problem.gaps, training.points)
+    motion = problem.contact @ training.displacements
+    return max(float(np.abs(gaps).max()), float(np.abs(motion).max()))

@@ -1,0 +1,172 @@
+"""What every model hands out: one kind of answer, one kind of history, whatever the model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+
+from hhr_dolfinx.contact.active_set import Status, Statuses
+from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
+from hhr_dolfinx.trained import Signs
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.materials.update import State
+
+Path = list[tuple[float, np.ndarray]]
+"""Times in seconds and parameters, (P,), the first ones at rest."""
+
+
+class Fields(Protocol):
+    """What turns the unknown of a model into fields on the whole mesh."""
+
+    def displacement(self, answer: Answer) -> np.ndarray:
+        """Displacement, lift included, (N,)."""
+
+    def forces(self, answer: Answer) -> np.ndarray:
+        """Contact forces on the whole contact surface, (N_lambda,)."""
+
+    def stress(self, answer: Answer) -> np.ndarray:
+        """Stress in Kelvin's notation, (places, components)."""
+
+    def plastic_strain(self, answer: Answer) -> np.ndarray:
+        """Cumulated plastic strain, (Gauss points,)."""
+
+    def estimate(self, answer: Answer) -> float | None:
+        """Estimate of the error, None where the model has none."""
+
+
+class GaussState(NamedTuple):
+    """Stress and memory of the material at the Gauss points where a model evaluates its laws.
+
+    Attributes:
+        stress: Kelvin's notation, (Gauss points, components).
+        state: plastic strain and cumulated plastic strain.
+    """
+
+    stress: np.ndarray
+    state: State
+
+
+class Answer(NamedTuple):
+    """Answer of any model for one parameter; fields on the whole mesh are made when they are asked for.
+
+    Attributes:
+        parameter: mu, (P,).
+        unknown: the model's own unknown: U0 (N,) of a full model, gamma (ell,) of a reduced one; NaN without an answer.
+        multipliers: forces on the model's own contact conditions, those of the RID of a reduced model; NaN likewise.
+        active: status of each of these conditions.
+        iterations: equality problems solved, or iterations of a step with all its attempts.
+        status: why the search stopped.
+        cycled: the plain rule of Alg. 1.1 cycled, or met a singular set, and the terminating rule took over.
+        fields: what completes the answer.
+        time: in seconds; None of an answer that belongs to no history.
+        gauss: stress and state where the model evaluates its laws; None where nothing flows.
+    """
+
+    parameter: np.ndarray
+    unknown: np.ndarray
+    multipliers: np.ndarray
+    active: np.ndarray
+    iterations: int
+    status: Status
+    cycled: bool
+    fields: Fields
+    time: float | None = None
+    gauss: GaussState | None = None
+
+    @property
+    def converged(self) -> bool:
+        """Whether this is a solution."""
+        return self.status is Status.CONVERGED
+
+    def displacement(self) -> np.ndarray:
+        """Displacement on the whole mesh, lift included, (N,)."""
+        return self.fields.displacement(self)
+
+    def forces(self) -> np.ndarray:
+        """Nodal contact forces on the whole contact surface, (N_lambda,)."""
+        return self.fields.forces(self)
+
+    def stress(self) -> np.ndarray:
+        """Stress on the whole mesh in Kelvin's notation: at Gauss points where bodies flow, else in cell middles."""
+        return self.fields.stress(self)
+
+    def plastic_strain(self) -> np.ndarray:
+        """Cumulated plastic strain at all Gauss points of the mesh; zero where nothing flows."""
+        return self.fields.plastic_strain(self)
+
+    def estimate(self) -> float | None:
+        """Estimate of the error of this answer; None of a model that has no indicator."""
+        return self.fields.estimate(self)
+
+
+@dataclass
+class History:
+    """A solved history; what converged before a failure is kept in the error's ``history``.
+
+    Attributes:
+        start: time at rest, in seconds.
+        parameter: the parameter there, (P,).
+        answers: one per step asked for, the start not among them.
+        signs: of each step, by which a reduced model tells that it left what it was trained on.
+        cuts: steps that were solved in parts.
+    """
+
+    start: float
+    parameter: np.ndarray
+    answers: list[Answer] = field(default_factory=list)
+    signs: list[Signs] = field(default_factory=list)
+    cuts: int = 0
+
+    @property
+    def path(self) -> Path:
+        """Times and parameters, the start first: what was asked for."""
+        return [(self.start, self.parameter), *((answer.time, answer.parameter) for answer in self.answers)]
+
+    @property
+    def iterations(self) -> list[int]:
+        """Iterations of each step, those of its parts summed; a failed attempt counts as the most allowed."""
+        return [answer.iterations for answer in self.answers]
+
+
+class Model(Protocol):
+    """What a study, a check or a user asks of any model: full, reduced, condensed, or a rival."""
+
+    def solve(self, mu: Any, *, start: Any = "nearest", raise_on_failure: bool = True) -> Answer:
+        """Answer one parameter."""
+
+    def march(self, path: Any, settings: Any = ...) -> History:
+        """Answer a history from rest."""
+
+
+def outcome(answer: Answer, raise_on_failure: bool, advice: Mapping[Status, str] = MappingProxyType({})) -> Answer:
+    """An answer, or one that is emptied, so that nobody mistakes an iterate for a solution.
+
+    Args:
+        answer: what was found.
+        raise_on_failure: raise instead of returning NaN with a status.
+        advice: what helps against a status in the model that was asked.
+
+    Raises:
+        NotSolvableError: if a set of statuses was singular, or numbers were not finite.
+        ConvergenceError: if the statuses did not settle.
+    """
+    if answer.status is Status.CONVERGED:
+        return answer
+    if raise_on_failure:
+        unsolvable = answer.status in (Status.SINGULAR, Status.NOT_FINITE)
+        kind = NotSolvableError if unsolvable else ConvergenceError
+        why = ": ".join([answer.status.value, *([advice[answer.status]] if answer.status in advice else [])])
+        place = np.ravel(answer.parameter).tolist()
+        raise kind(f"no solution at {place} after {answer.iterations} iterations: {why}")
+    nothing = np.full_like(answer.unknown, np.nan), np.full_like(answer.multipliers, np.nan)
+    return answer._replace(unknown=nothing[0], multipliers=nothing[1])
+
+
+def found_as(found: Statuses, parameter: np.ndarray, unknown: np.ndarray, fields: Fields) -> Answer:
+    """What the active set found, with the unknown that belongs to its forces."""
+    return Answer(parameter, unknown, found.forces, found.active, found.iterations, found.status, found.cycled, fields)

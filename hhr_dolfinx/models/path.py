@@ -1,0 +1,160 @@
+"""Histories as they are asked for: a checked path and settings; and how models in which nothing flows answer one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from numbers import Real
+
+import numpy as np
+
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.errors import ConvergenceError, ParameterError
+from hhr_dolfinx.models.answer import Answer, GaussState, History, Model, Path
+from hhr_dolfinx.models.equilibrium import Equilibrium
+from hhr_dolfinx.parameters import ParameterSpace, is_whole
+from hhr_dolfinx.trained import OUTSIDE
+
+SEARCHES = ("tangent", "frozen", "elastic")
+
+
+@dataclass(frozen=True)
+class MarchSettings:
+    """How histories are solved.
+
+    Attributes:
+        search: operator of the linearisation: ``tangent``, renewed in each iteration; ``frozen``, the tangent at the
+            start of each step; ``elastic``. The latter two with Anderson's acceleration.
+        relative_stress: ε_r of (6.19). In the place of R_σ (6.18), by which a prediction was wrong, stands what the
+            next one still moves, H : ε(δ).
+        floor_stress: ε_a of (6.19) as a fraction of the largest root mean square of the stress so far, without a unit.
+        relative_force: residual over the size of the forces; the stress criterion alone sees only how much
+            iterates still change.
+        iterations: most iterations of a step before it is cut.
+        cuts: how often a step may be halved.
+        outside: what happens to a step outside what a reduced model was trained on: ``warn``, ``refuse`` or ``ignore``.
+    """
+
+    search: str = "frozen"
+    relative_stress: float = 1e-5
+    floor_stress: float = 5e-3
+    relative_force: float = 1e-5
+    iterations: int = 60
+    cuts: int = 6
+    outside: str = "warn"
+
+    def __post_init__(self):
+        """Refuse what would be taken for something else, or would never end a step.
+
+        Raises:
+            ParameterError: with the value and what is possible.
+        """
+        for name, choices in (("search", SEARCHES), ("outside", OUTSIDE)):
+            if getattr(self, name) not in choices:
+                raise ParameterError(f"{name} '{getattr(self, name)}' is unknown, one of {', '.join(choices)}")
+        for name in ("relative_stress", "floor_stress", "relative_force"):
+            if not (isinstance(getattr(self, name), Real) and 0 < getattr(self, name) < 1):
+                raise ParameterError(f"{name} = {getattr(self, name)} must be a fraction in (0, 1)")
+        if not (is_whole(self.iterations, 1) and is_whole(self.cuts, 0)):
+            raise ParameterError(
+                f"iterations = {self.iterations} must be a whole number from 1, and cuts = {self.cuts} one from 0"
+            )
+
+
+DEFAULT_MARCH = MarchSettings()
+
+
+def checked_path(parameters: ParameterSpace, path: Iterable[tuple[float, object]]) -> Path:
+    """A whole path, before any of it is solved.
+
+    Raises:
+        ParameterError: if it is empty, a parameter is not finite or outside the box, or times do not increase.
+    """
+    try:
+        pairs = [(float(time), target) for time, target in path]
+    except (TypeError, ValueError):
+        raise ParameterError("a path is a list of pairs: a time in seconds and the parameters there") from None
+    checked = [(time, parameters.point(target)) for time, target in pairs]
+    if not checked:
+        raise ParameterError("the path is empty: its first time and parameter are where the model is at rest")
+    times = np.array([time for time, _ in checked])
+    if not np.isfinite(times).all():
+        raise ParameterError(f"times must be finite, and number {int(np.argmin(np.isfinite(times)))} is not")
+    late = np.flatnonzero(np.diff(times) <= 0)
+    if late.size:
+        before, after = times[late[0] : late[0] + 2]
+        raise ParameterError(f"times must increase: {after:g} s comes after {before:g} s")
+    return checked
+
+
+def solve_along(
+    model: Model,
+    path: Path,
+    settings: MarchSettings,
+    *,
+    known: Sequence[Answer] = (),
+    keep: Callable[[Answer], None] = lambda answer: None,
+) -> History:
+    """A history of a model in which nothing flows: every point is solved from the statuses of the one before.
+
+    Args:
+        model: full, reduced or condensed.
+        path: as :func:`checked_path` returns it.
+        settings: of which ``outside`` counts.
+        known: answers to the first steps, solved before.
+        keep: told of each answer as soon as it is there.
+
+    Raises:
+        Whatever the model raises, with an attribute ``history`` that holds the steps before.
+    """
+    history, start = History(*path[0]), "nearest"
+    try:
+        for number, (time, point) in enumerate(path[1:]):
+            if number < len(known):
+                answer = known[number]
+            else:
+                answer = model.solve(point, start=start, outside=settings.outside)._replace(time=time)
+                keep(answer)
+            history.answers.append(answer)
+            start = answer.active
+    except BaseException as stop:
+        with suppress(AttributeError):
+            stop.history = history
+        raise
+    return history
+
+
+def one_step(
+    model: Model, mu: object, raise_on_failure: bool = True, outside: str = "warn", duration: float = 1.0
+) -> Answer:
+    """Answer of a model of bodies that flow: one step from rest at the lower end of the box.
+
+    Args:
+        model: full or reduced.
+        mu: parameter.
+        raise_on_failure: raise instead of returning an answer with NaN and a status.
+        outside: see :class:`MarchSettings`.
+        duration: of the step, in seconds; it counts for laws with rates.
+
+    Raises:
+        ParameterError: if ``mu`` is none, or outside the box.
+        ConvergenceError: if the step does not converge; how bodies flow depends on the path, for which there is
+            ``march``.
+    """
+    space = model.parameters
+    target, start = space.point(mu), np.array(space.lower, dtype=float)
+    try:
+        return model.march([(0.0, start), (duration, target)], MarchSettings(outside=outside)).answers[-1]
+    except ConvergenceError:
+        if raise_on_failure:
+            raise
+        return _unanswered(model.equilibrium, target)
+
+
+def _unanswered(model: Equilibrium, parameter: np.ndarray) -> Answer:
+    """An answer that is none."""
+    nothing = np.full(model.size, np.nan), np.full(model.conditions, np.nan), np.zeros(model.conditions, dtype=bool)
+    stress = np.full((model.material.size, model.material.components), np.nan)
+    gauss = GaussState(stress, model.material.at_rest())
+    return Answer(parameter, *nothing, 0, Status.ITERATION_LIMIT, False, model.fields, gauss=gauss)

@@ -1,0 +1,169 @@
+"""Equilibrium of bodies that flow on a RID, thesis (6.17), Alg. 6.2: laws on the Gauss points of the RID only."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csc_matrix, csr_matrix
+
+from hhr_dolfinx.compat import compiled
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
+from hhr_dolfinx.linear.dense import LapackLU
+from hhr_dolfinx.materials.strain import ElasticPart, StrainOperator
+from hhr_dolfinx.materials.update import Material
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.equilibrium import Correction
+from hhr_dolfinx.models.reconstruct import Reconstruction
+from hhr_dolfinx.models.reduced import ReducedProblem
+from hhr_dolfinx.parameters import ParameterSpace, Theta
+from hhr_dolfinx.trained import Signs, TrainedPaths
+
+
+@dataclass(frozen=True)
+class ReducedFlow:
+    """What a RID knows of flow, as arrays (n dofs of its cells, a of them in A).
+
+    Attributes:
+        operator: strain at the Gauss points of the cells that act on A, in their own numbers of dofs.
+        material: laws at these points.
+        cells: numbers of these cells in the full model.
+        modes: V on these dofs, (n, ell).
+        lifts: imposed displacements there, sparse, (n, 1 + T).
+        inner: which of the dofs belong to A, (a,).
+        loads: external loads on A, sparse, (a, 1 + T).
+        contact: how the forces of the RID act on A, sparse, (a, N_lambda_C).
+    """
+
+    operator: StrainOperator
+    material: Material
+    cells: np.ndarray
+    modes: np.ndarray
+    lifts: csc_matrix
+    inner: np.ndarray
+    loads: csc_matrix
+    contact: csr_matrix
+
+    @property
+    def points(self) -> np.ndarray:
+        """Numbers of the Gauss points in the full model."""
+        return (self.cells[:, None] * self.operator.per_cell + np.arange(self.operator.per_cell)).ravel()
+
+
+class ReducedEquilibrium:
+    """Equilibrium of gamma, see :class:`hhr_dolfinx.models.equilibrium.Equilibrium`.
+
+    Args:
+        problem: the elastic projection, (5.23).
+        flow: Gauss points and laws of the RID.
+        parameters: the box of the parameters.
+        fields: what completes its answers.
+        trained: what the model was trained on, None until that is known.
+    """
+
+    def __init__(
+        self,
+        problem: ReducedProblem,
+        flow: ReducedFlow,
+        parameters: ParameterSpace,
+        fields: Reconstruction,
+        trained: TrainedPaths | None,
+    ):
+        self.problem, self.flow, self.parameters, self.fields, self.trained = problem, flow, parameters, fields, trained
+        self.lock = nullcontext()  # histories share no factors here
+        self.operator, self.material, self.points = flow.operator, flow.material, flow.points
+        self.conditions, self.size = problem.contact_test.shape
+        self.amplitudes = fields.amplitudes
+        self._lifted = bool(flow.lifts.nnz)
+        self._pattern = self.operator.pattern()
+        self._sizes = abs(self.operator.stiffness(self.material.elastic, self._pattern))
+        self._test = np.ascontiguousarray(flow.modes[flow.inner].T)
+        self._external = np.asfortranarray((flow.loads.T @ self._test.T).T)
+        self.elastic = _DenseLinearisation(problem, problem.stiffness, self.material.elastic)
+        # the elastic part of K~ is known: online only what flow changes is projected
+        self._unchanged = ElasticPart(self.material.elastic, np.zeros(self._pattern.indices.size))
+
+    def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """Strain at the Gauss points of the RID, lift included."""
+        field = self.flow.modes @ x
+        return self.operator.strain(field + self.flow.lifts @ theta if self._lifted else field)
+
+    def strain_of(self, change: np.ndarray) -> np.ndarray:
+        """Strain of a change of gamma at the Gauss points of the RID."""
+        return self.operator.strain(self.flow.modes @ change)
+
+    def residual(self, stress: np.ndarray, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
+        """V[A]^T of loads less internal forces, and the norm of what they are made of on A, (1,)."""
+        loads, (internal, size) = self._external @ theta, self.operator.internal(stress)
+        inner = self.flow.inner
+        return loads - self._test @ internal[inner], self.norms(loads) + self.norms(size[inner])
+
+    def norms(self, residual: np.ndarray) -> np.ndarray:
+        """Norm of a residual; modes span all bodies, (1,)."""
+        return np.array([np.sqrt(residual @ residual)])
+
+    def round_off(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """Residual that comes of adding stiffness times displacement in double precision, (1,)."""
+        return 1e-13 * self.norms(self._sizes @ np.abs(self.flow.modes @ x + self.flow.lifts @ theta))
+
+    def contact_load(self, forces: np.ndarray) -> np.ndarray:
+        """B~1^T λ."""
+        return forces @ self.problem.contact_test
+
+    def signs(self, answer: Answer) -> Signs:
+        """Residual on A before it is projected, and gaps on the whole contact surface.
+
+        In the reduced space the residual vanishes whatever the path, and no gap of the RID is violated; on A, and
+        outside, it shows what the modes cannot do.
+        """
+        theta, inner = self.amplitudes(answer.parameter), self.flow.inner
+        loads, (internal, sizes) = self.flow.loads @ theta, self.operator.internal(answer.gauss.stress)
+        contact = self.flow.contact @ answer.multipliers
+        size = np.linalg.norm(loads) + np.linalg.norm(sizes[inner]) + np.linalg.norm(contact)
+        depth = (self.fields.contact_basis @ answer.unknown - self.fields.gaps @ theta).max()
+        return Signs(float(np.linalg.norm(loads - internal[inner] - contact)), float(size), max(float(depth), 0.0))
+
+    def tangent(self, tangents: np.ndarray) -> np.ndarray:
+        """Projected consistent tangent V[A]^T K_T V, (ell, ell)."""
+        change = self.operator.stiffness(tangents, self._pattern, self._unchanged)
+        return self.problem.stiffness + self._test @ _product(change, self.flow.inner, self.flow.modes)
+
+    def linearised(self, tangents: np.ndarray) -> _DenseLinearisation:
+        """Project and factor the tangent."""
+        return _DenseLinearisation(self.problem, self.tangent(tangents), tangents)
+
+
+class _DenseLinearisation:
+    """A linearisation on dense blocks, see :class:`hhr_dolfinx.models.equilibrium.Linearisation`."""
+
+    def __init__(self, problem: ReducedProblem, stiffness: np.ndarray, moduli: np.ndarray):
+        self.moduli, self._problem, self._factor = moduli, problem, LapackLU(stiffness)
+        self._pairs = Pairs.of(problem.pairs)
+        self._per_force = self._factor.solve(problem.contact_test.T)
+        self._equalities = SchurEqualities.of(problem.contact_trial @ self._per_force, LapackLU)
+
+    def correct(self, residual: np.ndarray, x: np.ndarray, theta: Theta, active: np.ndarray) -> Correction:
+        """Solve K~ δ + B~1^T λ = residual, B~2 (x + δ) <= gaps."""
+        free, problem = self._factor.solve(residual), self._problem
+        slack = problem.gaps @ theta - problem.contact_trial @ (x + free)
+        found = active_set(self._equalities, slack, active, pairs=self._pairs)
+        return Correction(free - self._per_force @ found.forces, found)
+
+
+def _product(matrix: csr_matrix, rows: np.ndarray, dense: np.ndarray) -> np.ndarray:
+    """Some rows of a sparse matrix, many of which are zero, times a dense one."""
+    out = np.zeros((rows.size, dense.shape[1]))
+    _rows_times(matrix.indptr, matrix.indices, matrix.data, rows, dense, out)
+    return out
+
+
+@compiled()
+def _rows_times(indptr, indices, data, rows, dense, out):
+    for r in range(rows.size):
+        for position in range(indptr[rows[r]], indptr[rows[r] + 1]):
+            value = data[position]
+            if value != 0.0:
+                column = indices[position]
+                for k in range(dense.shape[1]):
+                    out[r, k] += value * dense[column, k]

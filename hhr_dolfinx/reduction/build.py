@@ -1,0 +1,275 @@
+"""From snapshots to a reduced model that can be trusted: one list of stages, whatever the bodies do.
+
+Stages that a scene does not need are left out and listed with the reason.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.certify.compare import Comparison, compare_histories, compare_points, floor_of, largest_motion
+from hhr_dolfinx.certify.constants import FullConstants, Stability, assess
+from hhr_dolfinx.certify.trust import (
+    check_comparison,
+    check_loads_seen,
+    check_solvable,
+    check_stability,
+    first_trusted,
+    warn_no_flow,
+    warn_of_gaps_in_training,
+    warn_of_held_out,
+    warn_untouched,
+)
+from hhr_dolfinx.contact.problem import IndexSets
+from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.reduction.completion import prepare_reconstruction
+from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
+from hhr_dolfinx.reduction.projection import project
+from hhr_dolfinx.reduction.recipe import Recipe
+from hhr_dolfinx.reduction.rid import reduced_domain
+from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
+from hhr_dolfinx.timing import StageLog
+from hhr_dolfinx.trained import TrainedPaths, TrainedRange
+
+MOST_TRAINING_COMPARED = 50
+"""Training solutions compared where none were held out, about."""
+
+
+@dataclass(frozen=True)
+class OfflineRecord:
+    """How a reduced model was made, and what was found out about it.
+
+    Attributes:
+        recipe: what was asked for.
+        layers: layers of cells of the RID, by which it may have grown.
+        basis: V, (N, ell).
+        sets: index sets of the RID.
+        stability: constants of the elastic projection.
+        enrichment: how the basis was enriched.
+        tangent_margin: smallest real part of the eigenvalues of the projected tangents; None where they were not
+            looked at.
+        comparison: what users get beside answers that are known; None if the check was left out.
+        log: times of the stages, what was left out, attempts that were refused.
+    """
+
+    recipe: Recipe
+    layers: int
+    basis: np.ndarray
+    sets: IndexSets
+    stability: Stability
+    enrichment: Enrichment
+    tangent_margin: float | None
+    comparison: Comparison | None
+    log: StageLog
+
+
+@dataclass(frozen=True)
+class _Offline:
+    """What all attempts share.
+
+    Attributes:
+        full: the full model.
+        snapshots, held_out: its answers, trained on and kept out of training.
+        recipe: how to reduce.
+        basis: before enrichment, (N, ell).
+        nodes: that make the RID.
+        constants: of the full model.
+        states: tangents at training states and the stiffness they make.
+        log: told of every stage.
+    """
+
+    full: Any
+    snapshots: SnapshotSet
+    held_out: SnapshotSet | None
+    recipe: Recipe
+    basis: np.ndarray
+    nodes: np.ndarray
+    constants: FullConstants
+    states: list[tuple[np.ndarray, Any]]
+    log: StageLog
+
+
+def build(
+    full: Any, snapshots: SnapshotSet, recipe: Recipe | None = None, held_out: SnapshotSet | None = None
+) -> ReducedModel:
+    """Build an HHR model that passes the trust check, thesis sections 1.4.2-1.4.6 and 6.2.3.
+
+    A model that fails is built again with one more layer of cells, up to ``recipe.domain.most_layers``. Under flow a
+    RID that is too small for its modes makes the projected consistent tangent indefinite: steps then fail, or converge
+    to a wrong path with the smallest residuals, and the elastic operator shows nothing of it.
+
+    Args:
+        full: the full model, of which only arrays are used.
+        snapshots: what to train on: answers at single parameters, or histories.
+        recipe: how to reduce; None takes the usual one, :class:`Recipe` or, where bodies flow, ``Recipe.flowing()``.
+        held_out: answers kept out of training, for the trust check; without them training answers are compared, and a
+            warning says so.
+
+    Raises:
+        ReductionError: for snapshots or recipes no model can be built from.
+        NotSolvableError: if K~ is singular or the contact rows are dependent, (1.67).
+        UnstableModelError: if the trust check still refuses the model at ``most_layers``.
+
+    Warns:
+        StabilityWarning: if the trust check doubts it, or no training answer has contact or flow.
+        UncheckedWarning: if it was not compared with answers kept out of training.
+    """
+    if recipe is None:
+        recipe = Recipe() if full.equilibrium is None else Recipe.flowing()
+    _check_given(full, snapshots, recipe, held_out)
+    log = StageLog()
+    if recipe.trust is None:
+        log.skip("validation", "no limits were given: the model is as it is")
+    else:
+        _warn_of_training(full, snapshots, held_out, log)
+    with log.stage("basis"):
+        basis = recipe.basis.modes(full.problem, snapshots)
+    with log.stage("rid"):
+        nodes = np.unique(np.concatenate([step.nodes(full.problem, snapshots, basis) for step in recipe.nodes]))
+    with log.stage("full_constants"):
+        constants = FullConstants.of(full.problem, full.schur)
+    states = []
+    if full.equilibrium is None or recipe.tangents is None:
+        log.skip(
+            "tangents",
+            "nothing flows: the elastic operator is the tangent" if full.equilibrium is None else "not asked for",
+        )
+    else:
+        from hhr_dolfinx.reduction.flow import training_tangents
+
+        with log.stage("training_tangents"):
+            states = training_tangents(full.equilibrium, snapshots.histories, recipe.tangents.states)
+    if recipe.indicator is None:
+        log.skip("indicator", "no estimate of the error of each answer was asked for")
+    shared = _Offline(full, snapshots, held_out, recipe, basis, nodes, constants, states, log)
+    return first_trusted(lambda layers: _attempt(shared, layers), recipe.domain.layers, recipe.domain.most_layers, log)
+
+
+def _check_given(full, snapshots, recipe, held_out) -> None:
+    """Refuse what is no recipe, and solutions of another problem.
+
+    Raises:
+        ReductionError: with what was given.
+    """
+    if not isinstance(recipe, Recipe):
+        raise ReductionError(f"{recipe!r} is no recipe: give a Recipe")
+    for name, solutions in (("snapshots", snapshots), ("held_out", held_out)):
+        if solutions is None and name == "held_out":
+            continue
+        check_of_problem(name, solutions, full.problem)
+        if full.equilibrium is None:
+            continue
+        if not solutions.histories:
+            raise ReductionError(f"{name} of a scene whose bodies flow must be histories: SnapshotSet.of_histories")
+        size = full.equilibrium.material.size
+        if len(solutions.cumulated) != size:
+            raise ReductionError(
+                f"{name} have {len(solutions.cumulated)} Gauss points, the model {size}: they belong to another mesh"
+            )
+
+
+def _warn_of_training(full, snapshots, held_out, log) -> None:
+    """Say beforehand what no check of the model can make good: where it is trained, and what it is compared with."""
+    if not snapshots.histories:
+        warn_of_gaps_in_training(snapshots.points)
+    if not snapshots.any_contact(full.problem):
+        warn_untouched()
+    if full.equilibrium is not None and full.equilibrium.material.flows and not np.any(snapshots.cumulated):
+        warn_no_flow()
+    warn_of_held_out(held_out)
+    if held_out is None:
+        log.skip("held_out", "nothing was kept out of training: training answers were compared")
+
+
+def _attempt(shared: _Offline, layers: int) -> ReducedModel:
+    """One attempt with a fixed number of layers."""
+    full, recipe, log, problem = shared.full, shared.recipe, shared.log, shared.full.problem
+    with log.stage("rid"):
+        sets = reduced_domain(problem, shared.nodes, layers)
+        check_loads_seen(problem, sets, shared.snapshots.points)
+    with log.stage("enrichment"):
+        enrichment = _enriched(shared, sets)
+    basis = enrichment.basis
+    with log.stage("projection"):
+        reduced = project(problem, basis, sets)
+        flow = None
+        if full.equilibrium is not None:
+            from hhr_dolfinx.reduction.flow import project_flow
+
+            flow = project_flow(full.equilibrium, basis, sets)
+    with log.stage("stability"):
+        stability = assess(problem, shared.constants, basis, sets, reduced)
+        check_solvable(stability)
+        if recipe.trust is not None:
+            check_stability(stability, recipe.trust)
+    with log.stage("reconstruction"):
+        fields = prepare_reconstruction(problem, basis, sets, shared.snapshots, flow)
+        fields = replace(fields, stress_of=full.stress_of)
+        if recipe.indicator is not None:
+            fields = replace(fields, indicator=recipe.indicator.prepared(problem, basis, sets))
+    known = shared.snapshots.known_statuses(sets.A_lambda) if flow is None else None
+    with log.stage("online_arrays"):
+        range_ = TrainedRange.of(shared.snapshots.points, problem.parameters) if flow is None else None
+        model = ReducedModel(reduced, full.parameters, fields, range_, known=known, flow=flow)
+    margin = _checked_margin(shared, model, layers)
+    with log.stage("validation"):
+        comparison = _compared(shared, model)
+    model.offline = OfflineRecord(recipe, layers, basis, sets, stability, enrichment, margin, comparison, log)
+    return model
+
+
+def _enriched(shared: _Offline, sets: IndexSets) -> Enrichment:
+    """The enriched basis, or the basis as it is where no enrichment was asked for."""
+    step = shared.recipe.enrichment
+    enrichment = enrich(shared.full.problem, shared.basis, sets, np.inf if step is None else step.kappa_max)
+    if step is None:
+        shared.log.skip("enrichment", "not asked for")
+    else:
+        record_enrichment(enrichment, step.kappa_max, shared.log)
+    return enrichment
+
+
+def _checked_margin(shared: _Offline, model: ReducedModel, layers: int) -> float | None:
+    """Smallest tangent margin at training states; 1, that of the elastic operator, where nothing flowed.
+
+    Raises:
+        UnstableModelError: if it is below its limit.
+    """
+    if model.equilibrium is None or shared.recipe.tangents is None:
+        return None
+    from hhr_dolfinx.reduction.flow import check_margin
+
+    with shared.log.stage("stability"):
+        return check_margin(model, shared.states, shared.recipe.tangents.least, layers)
+
+
+def _compared(shared: _Offline, model: ReducedModel) -> Comparison | None:
+    """What users get beside answers held out, or else beside training; a model of histories learns what it knows.
+
+    Raises:
+        UnstableModelError: if errors are beyond their limits.
+    """
+    full, snapshots, held_out, limits = shared.full, shared.snapshots, shared.held_out, shared.recipe.trust
+    floor, comparison = floor_of(full, snapshots), None
+    if model.equilibrium is not None:
+        kept = () if held_out is None else held_out.histories
+        histories = {f"trained history {k}": history for k, history in enumerate(snapshots.histories)}
+        histories |= {f"held-out history {k}": history for k, history in enumerate(kept)}
+        comparison, signs = compare_histories(full, model, histories, floor)
+        if signs:  # without limits all of them may have failed
+            paths = [history.path for history in snapshots.histories]
+            length = largest_motion(full, snapshots)
+            model.learn(TrainedPaths.of(paths, full.parameters, signs, length))
+    elif limits is not None:
+        if held_out is None:
+            every = max(1, len(snapshots.points) // MOST_TRAINING_COMPARED)
+            held_out = snapshots.take(np.arange(0, len(snapshots.points), every))
+        comparison = compare_points(full, model, held_out, floor)
+    if limits is None:
+        return None
+    check_comparison(comparison, limits)
+    return comparison

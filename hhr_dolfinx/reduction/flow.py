@@ -1,0 +1,104 @@
+"""What the reduction of bodies that flow needs besides: Gauss points of the RID, tangents at training states."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import linalg
+from scipy.sparse import csr_matrix
+
+from hhr_dolfinx.contact.problem import IndexSets
+from hhr_dolfinx.errors import UnstableModelError
+from hhr_dolfinx.models.answer import History
+from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.models.reduced_flow import ReducedFlow
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.flow import FullEquilibrium
+
+
+def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> ReducedFlow:
+    """Gauss points, laws and modes of the cells that act on A, (6.17).
+
+    Args:
+        full: the full equilibrium, of which only arrays are kept.
+        basis: V, (N, ell).
+        sets: index sets of the RID.
+    """
+    problem, operator = full.problem, full.operator
+    inside = np.zeros(problem.free.size, dtype=bool)
+    inside[sets.A] = True
+    # cells of the RID without a dof of A act on no test function
+    cells = np.flatnonzero(inside[operator.dofs].any(axis=1))
+    restricted, columns = operator.restricted(cells)
+    points = (cells[:, None] * operator.per_cell + np.arange(operator.per_cell)).ravel()
+    inner = np.flatnonzero(inside[columns])
+    acting = columns[inner]
+    return ReducedFlow(
+        operator=restricted,
+        material=full.material.restricted(points),
+        cells=cells,
+        modes=np.ascontiguousarray(basis[columns]),
+        lifts=problem.lifts[columns],
+        inner=inner,
+        loads=problem.external[acting],
+        contact=csr_matrix(problem.contact[sets.A_lambda][:, acting].T),
+    )
+
+
+def training_tangents(
+    full: FullEquilibrium, histories: Sequence[History], count: int
+) -> list[tuple[np.ndarray, csr_matrix]]:
+    """Tangents and stiffness of the full model at some states of each history, the last one among them."""
+    states = []
+    for history in histories if full.material.flows else ():
+        steps = np.unique(np.linspace(0, len(history.answers), count + 1).astype(int)[1:]) - 1
+        for step in steps:
+            here = history.answers[step]
+            time, state = history.start, full.material.at_rest()
+            if step > 0:
+                time, state = history.answers[step - 1].time, history.answers[step - 1].gauss.state
+            strain = full.strain(here.unknown, full.amplitudes(here.parameter))
+            tangents = full.material.update(strain, state, here.time - time, tangent=True).tangents
+            states.append((tangents, full.stiffness(tangents)))
+    return states
+
+
+def check_margin(
+    model: ReducedModel, states: Sequence[tuple[np.ndarray, csr_matrix]], least: float, layers: int
+) -> float:
+    """Smallest tangent margin at training states; 1, that of the elastic operator, where nothing flowed.
+
+    Raises:
+        UnstableModelError: if it is below its limit.
+    """
+    margin = min((tangent_margin(model, *state) for state in states), default=1.0)
+    if not margin > least:
+        raise UnstableModelError(
+            f"with {layers} layers a projected tangent at a training state has an eigenvalue of real part "
+            f"{margin:.2g}: steps would fail or follow a wrong path. Allow more layers or keep fewer modes"
+        )
+    return margin
+
+
+def tangent_margin(model: ReducedModel, tangents: np.ndarray, stiffness: csr_matrix) -> float:
+    """Smallest real part of the eigenvalues of V[A]^T K_T V relative to V^T K_T V, 1 where the RID is everything.
+
+    Args:
+        model: the reduced model.
+        tangents: consistent tangents at all Gauss points of the full model.
+        stiffness: K_T of the full model.
+
+    Raises:
+        UnstableModelError: if the tangent of the full model is singular or not finite on the basis.
+    """
+    reduced, basis = model.equilibrium, model.fields.basis
+    whole = basis.T @ (stiffness @ basis)
+    try:
+        return float(linalg.eigvals(np.linalg.solve(whole, reduced.tangent(tangents[reduced.points]))).real.min())
+    except (np.linalg.LinAlgError, ValueError) as error:
+        raise UnstableModelError(
+            f"the tangent at a training state is singular or not finite on the basis ({error}): keep fewer modes"
+        ) from error

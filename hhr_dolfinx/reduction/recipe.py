@@ -1,0 +1,332 @@
+"""A recipe: how to reduce a scene, as typed steps. A step that is not there is what a scene leaves out.
+
+A basis of your own is an object with ``modes(problem, snapshots)``, a choice of nodes one with ``nodes(problem,
+snapshots, basis)``, an indicator one with ``prepared(problem, basis, sets)``; each is listed where the ones below are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from numbers import Integral, Real
+from typing import Any, Protocol
+
+import numpy as np
+
+from hhr_dolfinx.certify.trust import TrustLimits
+from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
+from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.parameters import is_whole
+from hhr_dolfinx.reduction.deim import deim
+from hhr_dolfinx.reduction.pod import pod
+from hhr_dolfinx.reduction.rid import contact_nodes, load_nodes, zone_of_interest
+from hhr_dolfinx.snapshots.records import SnapshotSet
+
+MOST_LAYERS = 1000
+"""Layers of cells beyond which any mesh of ours is covered."""
+
+
+def _check_tolerance(step: str, value: Any) -> None:
+    if not (isinstance(value, Real) and 0 < value < 1):
+        raise ReductionError(
+            f"tolerance = {value} of {step} must lie in (0, 1): it is the part of the snapshots left out"
+        )
+
+
+def _weights(columns: np.ndarray) -> np.ndarray:
+    """One over the norm of each column, 1 for columns of zeros."""
+    sizes = np.linalg.norm(columns, axis=0)
+    return np.where(sizes > 0, 1 / np.where(sizes > 0, sizes, 1), 1)
+
+
+class Basis(Protocol):
+    """A choice of the basis of displacements."""
+
+    def modes(self, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
+        """V with orthonormal columns, most important first, zero on imposed dofs, (N, ell)."""
+
+
+class Nodes(Protocol):
+    """A choice of nodes, around which the RID is built."""
+
+    def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
+        """Numbers of nodes, (n,)."""
+
+
+class Indicator(Protocol):
+    """An estimate of the error of an answer."""
+
+    def prepared(self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Callable[[Answer], float]:
+        """What maps an answer to its estimate, with all that can be computed beforehand."""
+
+
+@dataclass(frozen=True)
+class Pod:
+    """Proper orthogonal decomposition of the displacements, thesis (1.49)-(1.54).
+
+    Attributes:
+        tolerance: epsilon of (1.53), in (0, 1).
+        relative: divide each snapshot by its norm first, so that grazing contact counts as much as strong contact; the
+            thesis does not.
+        norm: ``euclidean`` as in the thesis, ``energy`` or ``l2``.
+    """
+
+    tolerance: float
+    relative: bool = False
+    norm: str = "euclidean"
+
+    def __post_init__(self) -> None:
+        """Refuse what no decomposition can do."""
+        _check_tolerance("Pod", self.tolerance)
+        if self.norm not in ("euclidean", "energy", "l2"):
+            raise ReductionError(f"norm = '{self.norm}' of a Pod is unknown: 'euclidean', 'energy' or 'l2'")
+
+    def modes(self, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
+        """The leading modes, (N, ell)."""
+        gram = {"euclidean": None, "energy": problem.stiffness, "l2": problem.mass}[self.norm]
+        columns = snapshots.displacements
+        return pod(columns * _weights(columns) if self.relative else columns, self.tolerance, gram)[0]
+
+
+@dataclass(frozen=True)
+class Deim:
+    """Nodes of the DEIM points of the basis, thesis Alg. 1.2.
+
+    Attributes:
+        pod: another POD of which the points are taken; None takes the basis itself. A larger basis on the nodes of a
+            smaller one is the POD + FE enrichment of section 3.4.2.
+    """
+
+    pod: Pod | None = None
+
+    def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
+        """See :class:`Nodes`."""
+        return deim(basis if self.pod is None else self.pod.modes(problem, snapshots)) // problem.block_size
+
+
+@dataclass(frozen=True)
+class ForceDeim:
+    """Slave nodes of the contact conditions that DEIM picks on a POD of the contact forces, section 1.4.3.
+
+    Attributes:
+        tolerance: epsilon of (1.53).
+        relative: divide the forces of each snapshot by the norm of its displacement first.
+    """
+
+    tolerance: float
+    relative: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse a tolerance that is none."""
+        _check_tolerance("ForceDeim", self.tolerance)
+
+    def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
+        """See :class:`Nodes`; without contact in training one node, since a RID needs at least one condition."""
+        if not snapshots.any_contact(problem):
+            return problem.contact_slaves[:1]
+        weights = _weights(snapshots.displacements) if self.relative else 1.0
+        return contact_nodes(problem, snapshots.forces * weights, self.tolerance)
+
+
+@dataclass(frozen=True)
+class StressDeim:
+    """Nodes of the cells in which DEIM picks Gauss points on a POD of the stress, section 6.2.3.
+
+    Attributes:
+        tolerance: epsilon of (1.53).
+    """
+
+    tolerance: float
+
+    def __post_init__(self) -> None:
+        """Refuse a tolerance that is none."""
+        _check_tolerance("StressDeim", self.tolerance)
+
+    def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
+        """See :class:`Nodes`; none where nothing can flow."""
+        if snapshots.stress is None:
+            return np.zeros(0, dtype=np.int64)
+        picked = deim(pod(snapshots.stress, self.tolerance)[0])
+        return problem.cell_nodes[picked // (len(snapshots.stress) // len(problem.cell_nodes))].ravel()
+
+
+@dataclass(frozen=True)
+class FlowDeim:
+    """Nodes of the cells in which DEIM picks Gauss points on a POD of the cumulated plastic strain, section 6.2.3.
+
+    Attributes:
+        tolerance: epsilon of (1.53).
+    """
+
+    tolerance: float
+
+    def __post_init__(self) -> None:
+        """Refuse a tolerance that is none."""
+        _check_tolerance("FlowDeim", self.tolerance)
+
+    def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
+        """See :class:`Nodes`; none where nothing flowed in training."""
+        cumulated = snapshots.cumulated
+        if cumulated is None or not np.any(cumulated):
+            return np.zeros(0, dtype=np.int64)
+        picked = deim(pod(cumulated, self.tolerance)[0])
+        return problem.cell_nodes[picked // (len(cumulated) // len(problem.cell_nodes))].ravel()
+
+
+@dataclass(frozen=True)
+class LoadNodes:
+    """One node for each load: a RID that no load reaches would answer zero to every parameter."""
+
+    def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
+        """See :func:`load_nodes`."""
+        return load_nodes(problem)
+
+
+@dataclass(frozen=True)
+class Zone:
+    """A zone of interest.
+
+    Attributes:
+        choose: maps the problem to node numbers, or to a mask of all nodes.
+    """
+
+    choose: Callable[[ContactProblem], np.ndarray]
+
+    def __post_init__(self) -> None:
+        """Refuse what is no function."""
+        if not callable(self.choose):
+            raise ReductionError("a zone is a function of the problem that returns node numbers: lambda problem: nodes")
+
+    def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
+        """See :class:`Nodes`."""
+        return zone_of_interest(problem, self.choose)
+
+
+@dataclass(frozen=True)
+class Rid:
+    """The reduced integration domain around the nodes, thesis (1.55), section 5.2.3.
+
+    Attributes:
+        layers: layers of cells added around it.
+        most_layers: layers up to which it may grow if the trust check fails.
+    """
+
+    layers: int = 2
+    most_layers: int = 4
+
+    def __post_init__(self) -> None:
+        """Refuse what no RID can have."""
+        for name in ("layers", "most_layers"):
+            value = getattr(self, name)
+            if not isinstance(value, Integral) or not 0 <= value <= MOST_LAYERS:
+                raise ReductionError(f"{name} = {value} must be a whole number of layers of cells, 0 to {MOST_LAYERS}")
+
+
+@dataclass(frozen=True)
+class Enrich:
+    """Enrichment by finite element functions of contact nodes, thesis Alg. 3.1.
+
+    Attributes:
+        kappa_max: kappa(B~) down to which functions are added.
+    """
+
+    kappa_max: float = 3.0
+
+    def __post_init__(self) -> None:
+        """Refuse what no condition number can be."""
+        if not (isinstance(self.kappa_max, Real) and self.kappa_max >= 1):
+            raise ReductionError(f"kappa_max = {self.kappa_max} must be at least 1: no condition number is smaller")
+
+
+@dataclass(frozen=True)
+class Tangents:
+    """Check of the projected tangents at training states, where bodies flow.
+
+    Attributes:
+        least: smallest real part wanted of the eigenvalues of V[A]^T K_T V beside V^T K_T V. Of twenty recipes for the
+            pellet all above 0.1 kept within 5 % of the displacement at every step; all below -0.2 left it at some
+            step, by up to 26 %, or failed.
+        states: training states of each history that are checked.
+    """
+
+    least: float = 0.1
+    states: int = 4
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that mean nothing."""
+        if not is_whole(self.states, 1):
+            raise ReductionError(f"states = {self.states} of Tangents must be a whole number from 1")
+        if not 0 <= self.least < 1:
+            raise ReductionError(f"least = {self.least} of Tangents must lie in [0, 1): 1 is an RID of all cells")
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How to reduce a scene; the defaults gave the best errors for their time on the elastic pellet-cladding scene.
+
+    Attributes:
+        basis: of the displacements.
+        nodes: choices of nodes that make the RID, all of which count.
+        domain: the RID around them.
+        enrichment: how the basis is enriched; None for not at all.
+        trust: what the trust check refuses or warns of; None leaves it out, to measure a model as it is.
+        tangents: how tangents are checked where bodies flow; None for not at all.
+        indicator: what estimates the error of each answer; None for none.
+    """
+
+    basis: Basis = Pod(1e-11, relative=True)
+    nodes: tuple[Nodes, ...] = (Deim(), ForceDeim(1e-6, relative=True), LoadNodes())
+    domain: Rid = Rid()
+    enrichment: Enrich | None = Enrich()
+    trust: TrustLimits | None = TrustLimits()
+    tangents: Tangents | None = Tangents()
+    indicator: Indicator | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse steps that are none."""
+        object.__setattr__(self, "nodes", tuple(self.nodes))
+        if not callable(getattr(self.basis, "modes", None)):
+            raise ReductionError(f"basis = {self.basis!r} must have modes(problem, snapshots), as Pod has")
+        for step in self.nodes:
+            if isinstance(step, type) or not callable(getattr(step, "nodes", None)):
+                raise ReductionError(f"{step!r} must have nodes(problem, snapshots, basis), as Deim() has")
+        if self.indicator is not None and not callable(getattr(self.indicator, "prepared", None)):
+            raise ReductionError(f"indicator = {self.indicator!r} must have prepared(problem, basis, sets)")
+        kinds = {"domain": Rid, "enrichment": Enrich | None, "trust": TrustLimits | None, "tangents": Tangents | None}
+        for name, kind in kinds.items():
+            if not isinstance(getattr(self, name), kind):
+                raise ReductionError(f"{name} = {getattr(self, name)!r} of a recipe must be {kind}")
+
+    @classmethod
+    def thesis(cls, tolerance: float, **changes: Any) -> Recipe:
+        """The recipe of the thesis: plain snapshots, no DEIM of forces, no layers, no growth, kappa_max 10."""
+        plain = {"nodes": (Deim(), LoadNodes()), "domain": Rid(0, 0), "enrichment": Enrich(10.0)}
+        return cls(Pod(tolerance), **(plain | changes))
+
+    @classmethod
+    def flowing(cls, **changes: Any) -> Recipe:
+        """For scenes whose bodies flow, section 6.2.3: DEIM of stress and plastic strain too, a larger RID."""
+        nodes = (Deim(), ForceDeim(1e-8), StressDeim(1e-9), FlowDeim(1e-6), LoadNodes())
+        usual = {"nodes": nodes, "domain": Rid(3, 8), "enrichment": Enrich(1.0), "trust": TrustLimits.of_histories()}
+        return cls(**({"basis": Pod(3e-10)} | usual | changes))
+
+    def as_it_is(self) -> Recipe:
+        """The same without a trust check and without growth, to measure what it gives."""
+        return replace(self, trust=None, domain=replace(self.domain, most_layers=self.domain.layers))
+
+    def described(self) -> dict[str, Any]:
+        """Steps and their numbers as plain values, for a report; a function by its name."""
+        return {item.name: _plain(getattr(self, item.name)) for item in fields(self)}
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "__dataclass_fields__"):
+        return {"step": type(value).__name__} | {
+            name: _plain(getattr(value, name)) for name in value.__dataclass_fields__
+        }
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return value.item()
+    return value if isinstance(value, bool | int | float | str | None) else getattr(value, "__name__", repr(value))

@@ -1,0 +1,243 @@
+"""Snapshots: full-order answers at training parameters or along training paths, thesis sections 1.4.2 and 6.2.3."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hhr_dolfinx import ranks
+from hhr_dolfinx.certify.accuracy import round_off_force
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.models.answer import Answer, History, Path
+from hhr_dolfinx.models.condensed import KnownStatuses
+from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
+
+    from hhr_dolfinx.snapshots.store import SnapshotStore
+
+Progress = Callable[[Iterable], Iterable]
+"""Wraps an iteration, for a progress bar."""
+
+
+@dataclass(frozen=True)
+class SnapshotSet:
+    """Answers of the full model, one column each: at single parameters, or of all steps of some histories.
+
+    Attributes:
+        points: parameters, (S, P).
+        displacements: homogeneous parts U0, that is displacements less their lift, (N, S).
+        forces: contact forces, (N_lambda, S).
+        active: statuses, (N_lambda, S) bool.
+        stress: at all Gauss points, (points * components, S); None where nothing flows.
+        cumulated: cumulated plastic strain, (points, S); None where nothing flows.
+        histories: whose steps the columns are; empty for answers at single parameters.
+    """
+
+    points: np.ndarray
+    displacements: np.ndarray
+    forces: np.ndarray
+    active: np.ndarray
+    stress: np.ndarray | None = None
+    cumulated: np.ndarray | None = None
+    histories: tuple[History, ...] = ()
+
+    @classmethod
+    def of_answers(cls, answers: Sequence[Answer], histories: Sequence[History] = ()) -> SnapshotSet:
+        """Answers of a full model side by side."""
+        parts = (np.stack(item, axis=1) for item in zip(*(a[1:4] for a in answers), strict=True))
+        flow: dict[str, np.ndarray] = {}
+        if answers[0].gauss is not None:
+            flow["stress"] = np.stack([answer.gauss.stress.ravel() for answer in answers], axis=1)
+            flow["cumulated"] = np.stack([answer.gauss.state.cumulated for answer in answers], axis=1)
+        return cls(np.array([answer.parameter for answer in answers]), *parts, **flow, histories=tuple(histories))
+
+    @classmethod
+    def of_histories(cls, histories: Iterable[History]) -> SnapshotSet:
+        """All steps of some histories.
+
+        Raises:
+            ReductionError: if there is no history, or one is none or has no step.
+        """
+        if isinstance(histories, History):
+            raise ReductionError("give a list of histories, [history], not a single one")
+        histories = list(histories)
+        for number, history in enumerate(histories):
+            if not isinstance(history, History):
+                raise ReductionError(f"history {number} is {history!r}: give what march returns")
+            if not history.answers:
+                raise ReductionError(f"history {number} has no step: it needs at least one")
+        if not histories:
+            raise ReductionError("a reduced model needs at least one training history, with at least one step")
+        return cls.of_answers([answer for history in histories for answer in history.answers], histories)
+
+    def take(self, columns: Any) -> SnapshotSet:
+        """Some of the columns, possibly several times, as answers at single parameters."""
+        parts = (None if part is None else part[:, columns] for part in self._columns())
+        return SnapshotSet(self.points[columns], *parts)
+
+    def known_statuses(self, conditions: Any = slice(None)) -> KnownStatuses:
+        """The statuses of some conditions as starting points for further queries."""
+        return KnownStatuses(self.points, np.ascontiguousarray(self.active[conditions].T))
+
+    def any_contact(self, problem: ContactProblem) -> bool:
+        """Whether bodies touch anywhere, by more than round-off."""
+        if self.histories:
+            return bool(np.any(self.forces))
+        return bool(np.linalg.norm(self.forces, axis=0).max() > round_off_force(problem, self))
+
+    def _columns(self) -> tuple[np.ndarray | None, ...]:
+        return self.displacements, self.forces, self.active, self.stress, self.cumulated
+
+
+def compute_snapshots(
+    full: Any, points: np.ndarray, progress: Progress = iter, store: SnapshotStore | None = None
+) -> SnapshotSet:
+    """Solve the full model at every point, each from the statuses of the one before.
+
+    Args:
+        full: the full model.
+        points: training parameters, (S, P).
+        progress: wraps the iteration, for a progress bar.
+        store: answers found there are not computed, the others are added to it.
+
+    Raises:
+        ParameterError: if a point is not finite or outside the box.
+        ConvergenceError: if a training point does not converge.
+    """
+    answers, start = [], "nearest"
+    with ranks.together(full.comm, "solving for snapshots"):
+        for point in progress(full.parameters.points(points)):
+            answer = _stored(full, store, point)
+            if answer is None:
+                answer = full.solve(point, start=start)
+                if store is not None and full.comm.rank == 0:
+                    store.save(answer)
+            start = answer.active
+            answers.append(answer)
+    return SnapshotSet.of_answers(answers)
+
+
+def _stored(full, store, point) -> Answer | None:
+    """The answer kept at a point; one rank decides what is known, since solving takes all of them."""
+    if store is None:
+        return None
+    answer = store.load(point) if full.comm.rank == 0 else None
+    answer = full.comm.bcast(None if answer is None else answer._replace(fields=None))
+    return None if answer is None else answer._replace(fields=full)
+
+
+def compute_histories(
+    full: Any,
+    paths: Sequence[Path],
+    progress: Progress = iter,
+    store: SnapshotStore | None = None,
+    settings: MarchSettings = DEFAULT_MARCH,
+) -> list[History]:
+    """Solve the full model along every path; with a store, steps that were solved before are not solved again.
+
+    Args:
+        full: the full model.
+        paths: times and parameters, each with the ones at rest first.
+        progress: wraps the iteration over the paths.
+        store: each step is kept there as soon as it is solved, so that nothing is lost that was computed.
+        settings: how histories are solved.
+
+    Raises:
+        ParameterError: if a path is none.
+        ConvergenceError: if a step does not converge.
+    """
+    histories = []
+    for path in progress(paths):
+        if store is None:
+            histories.append(full.march(path, settings))
+        else:
+            kept = store.steps(path, settings)
+            histories.append(full.march(path, settings, known=kept.load(), keep=kept.save))
+    return histories
+
+
+def spread(full: Any, queries: Any, comm: Comm, compute: Callable[[Any], Any]) -> list:
+    """Share queries out over the ranks of ``comm``, each with a full model of its own; every rank gets all results.
+
+    Args:
+        full: a full model of its own on each rank (communicator of one).
+        queries: the same on all ranks.
+        comm: communicator over which they are spread.
+        compute: what a rank does with its part of them.
+
+    Returns:
+        Results of the ranks that had a part, in their order.
+
+    Raises:
+        ConvergenceError: on all ranks, if a query does not converge on any.
+        RankError: where another rank failed with an error that is none of this package's.
+    """
+    own = None
+    with ranks.each_for_itself(comm, "solving for snapshots"):
+        # neighbours stay together, so that each start is a good one
+        mine = np.array_split(np.arange(len(queries)), comm.size)[comm.rank]
+        if mine.size:
+            own = compute([queries[k] for k in mine])
+    return [part for part in comm.allgather(own) if part is not None]
+
+
+def spread_snapshots(
+    full: Any, points: np.ndarray, comm: Comm, progress: Progress = iter, store: SnapshotStore | None = None
+) -> SnapshotSet:
+    """As :func:`compute_snapshots`, shared out over the ranks of ``comm``; see :func:`spread`."""
+    points = full.parameters.points(points)
+    parts = spread(full, points, comm, lambda mine: compute_snapshots(full, np.array(mine), progress, store))
+    columns = zip(*(part._columns() for part in parts), strict=True)
+    return SnapshotSet(points, *(None if item[0] is None else np.concatenate(item, axis=1) for item in columns))
+
+
+def spread_histories(
+    full: Any,
+    paths: Sequence[Path],
+    comm: Comm,
+    progress: Progress = iter,
+    store: SnapshotStore | None = None,
+    settings: MarchSettings = DEFAULT_MARCH,
+) -> list[History]:
+    """As :func:`compute_histories`, shared out over the ranks of ``comm``; see :func:`spread`."""
+
+    def compute(mine):
+        # an answer knows its model, which belongs to one rank
+        return [_with_fields(history, None) for history in compute_histories(full, mine, progress, store, settings)]
+
+    parts = spread(full, paths, comm, compute)
+    return [_with_fields(history, full) for part in parts for history in part]
+
+
+def _with_fields(history: History, fields: Any) -> History:
+    return replace(history, answers=[answer._replace(fields=fields) for answer in history.answers])
+
+
+def check_of_problem(name: str, solutions: Any, problem: ContactProblem) -> None:
+    """Refuse solutions that are none, or are those of another problem.
+
+    Raises:
+        ReductionError: with what was given.
+    """
+    if not isinstance(solutions, SnapshotSet):
+        raise ReductionError(f"{name} = {solutions!r} must be a SnapshotSet, what compute_snapshots returns")
+    points = np.shape(solutions.points)
+    if len(points) != 2 or points[0] == 0 or points[1] != len(problem.parameters.names):
+        raise ReductionError(
+            f"the points of {name} have the shape {points}: one row for each solution, and columns "
+            f"{problem.parameters.names}, are needed"
+        )
+    rows = {"displacements": problem.free.size, "forces": len(problem.gaps), "active": len(problem.gaps)}
+    for field, size in rows.items():
+        array = getattr(solutions, field)
+        if np.shape(array) != (size, points[0]) or np.iscomplexobj(array) or not np.isfinite(array).all():
+            raise ReductionError(
+                f"{field} of {name} have the shape {np.shape(array)}: {size} finite real numbers for each of "
+                f"{points[0]} points are needed; are they of another mesh?"
+            )
