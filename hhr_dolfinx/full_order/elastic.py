@@ -66,7 +66,7 @@ class FullOrderModel:
         ]
         check_regular(self.problem, lambda rhs: self._gather(self.solve_stiffness(rhs[self._own])), scene.name)
         self._contact = self.problem.contact[:, self._own]
-        self._own_loads = np.asfortranarray(self.problem.loads[self._own])
+        self._own_loads = self.problem.loads[self._own]
         self.per_force = solve_columns(self._ksp, self._contact.T)
         self.schur = comm.allreduce(self._contact @ self.per_force)
         self._equalities, self._pairs = SchurEqualities.of(self.schur), Pairs.of(self.problem.contact_pairs)

@@ -75,7 +75,7 @@ class PlasticFullOrder:
         self._body[self.operator.dofs] = bodies[:, None]
         self._sizes = abs(stiffness)
         self.points = np.arange(self.operator.points)
-        self._transposed, self._lifted = problem.contact.T.tocsr(), bool(np.any(problem.lifts))
+        self._transposed, self._lifted = problem.contact.T.tocsr(), problem.lifts.nnz > 0
 
     def strain(self, x, theta):
         """Strain of U0 + lift at all Gauss points."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import nnls
+from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.errors import ConvergenceError
 from hhr_dolfinx.models.reduced import ReducedModel
@@ -18,7 +19,7 @@ class Reconstruction:
 
     Attributes:
         basis: V, (N, ell).
-        lifts: imposed displacements, (N, 1 + T).
+        lifts: imposed displacements, sparse, (N, 1 + T).
         contact_basis: B V, (N_lambda, ell).
         gaps: D as terms of θ, (N_lambda, 1 + T).
         A_lambda: contact conditions of the RID.
@@ -28,7 +29,7 @@ class Reconstruction:
     """
 
     basis: np.ndarray
-    lifts: np.ndarray
+    lifts: csc_matrix
     contact_basis: np.ndarray
     gaps: np.ndarray
     A_lambda: np.ndarray

@@ -51,11 +51,11 @@ class PlasticReduced:
         self.material = full.material.restricted(self.points)
         self._pattern = self.operator.pattern()
         self._trial, self._lifts = np.ascontiguousarray(basis[columns]), problem.lifts[columns]
-        self._lifted = bool(np.any(self._lifts))
+        self._lifted = self._lifts.nnz > 0
         self._sizes = abs(self.operator.stiffness(self.material.elastic, self._pattern))
         self._rows = np.flatnonzero(inside[columns])
         self._test = np.ascontiguousarray(self._trial[self._rows].T)
-        self._loads = np.asfortranarray(problem.external[columns[self._rows]])
+        self._loads = problem.external[columns[self._rows]]
         self._external = self._test @ self._loads
         self._motion, self._gaps = problem.contact @ basis, problem.gaps
         self._contact = problem.contact[sets.A_lambda][:, columns[self._rows]].T.tocsr()

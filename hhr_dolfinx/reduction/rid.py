@@ -126,7 +126,7 @@ def zone_of_interest(problem: ContactProblem, zone: Callable[[ContactProblem], n
         return _checked_nodes(np.asarray(zone(problem)), len(problem.points))
     loaded = []
     for column in problem.loads.T:
-        size = np.abs(column).reshape(-1, problem.block_size).max(axis=1)
+        size = np.abs(column.toarray()).reshape(-1, problem.block_size).max(axis=1)
         if size.max() > 0:
             equals = np.flatnonzero(size > (1 - 1e-6) * size.max())
             loaded.append(equals[np.lexsort(problem.points[equals].T[::-1])[0]])

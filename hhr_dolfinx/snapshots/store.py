@@ -122,6 +122,7 @@ def _digest_of(problem) -> bytes:
             add(value.indices)
             add(value.data)
         elif is_dataclass(value):
+            add(type(value).__qualname__)
             for item in fields(value):
                 add(getattr(value, item.name))
         elif isinstance(value, tuple):
