@@ -11,7 +11,8 @@ from hhr_dolfinx import compat as _compat  # noqa: F401  (before any import of d
 _MODULES = {
     "version": ["__version__"],
     "parameters": ["Amplitude", "ParameterSpace"],
-    "scene": ["Body", "Displacement", "Opening", "PartialPressure", "Pressure", "Scene", "Traction"],
+    "loads": ["PartialPressure", "Pressure", "Term", "Traction"],
+    "scene": ["Body", "Displacement", "Opening", "Scene"],
     "pairings.node_to_node": ["NodeToNode"],
     "pairings.obstacle": ["Obstacle"],
     "pairings.node_to_surface": ["NodeToSurface", "DoublePass"],

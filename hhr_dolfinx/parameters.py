@@ -1,19 +1,24 @@
 """Parameters of a scene and the amplitudes of its loads, as plain data.
 
 Every load of a scene is a sum of terms, each an amplitude times a fixed shape. The amplitudes
-theta(mu) = (1, theta_1(mu), ..., theta_T(mu)) are affine or piecewise polynomial in the parameters and
-are given by numbers, so a model on disk is data only and nothing that is loaded is ever executed.
+theta(mu) = (1, theta_1(mu), ..., theta_T(mu)) are affine in the parameters, or values that say by numbers what they
+are, so a model on disk is data only and nothing that is loaded is ever executed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from numbers import Integral, Real
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from hhr_dolfinx.errors import ParameterError, SceneError
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_matrix
 
 
 def is_number(value) -> bool:
@@ -29,6 +34,42 @@ def is_number(value) -> bool:
 def is_whole(value, least: int) -> bool:
     """Whether a value is an integer of at least ``least``; 2.0 and True are none."""
     return isinstance(value, Integral) and not isinstance(value, bool) and value >= least
+
+
+def as_tuple(name: str, value: Any) -> tuple:
+    """A tuple of a list or an array; a single item is refused.
+
+    Raises:
+        SceneError: for what is no sequence.
+    """
+    if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
+        raise SceneError(f"{name} must be a tuple, and is {value!r}: write ({type(value).__name__}(...),) for one item")
+    return tuple(value.tolist() if isinstance(value, np.ndarray) else value)
+
+
+def check_tag(what: str, tag: Any) -> None:
+    """Refuse what is no tag of a mesh.
+
+    Raises:
+        SceneError: if it is not an integer of at least 0.
+    """
+    if not is_whole(tag, 0):
+        raise SceneError(f"the tag {tag!r} of a {what} must be an integer, as in the mesh")
+
+
+def check_amplitude(item: Any, what: str) -> None:
+    """Turn a number that is the amplitude of a frozen item into a constant amplitude, and refuse what is neither.
+
+    Raises:
+        SceneError: with what would do.
+    """
+    if is_number(item.amplitude):
+        object.__setattr__(item, "amplitude", Amplitude(item.amplitude))
+    if not isinstance(item.amplitude, Amplitude):
+        raise SceneError(
+            f"the amplitude {item.amplitude!r} of {what} must be a finite number or an Amplitude, for instance "
+            "Amplitude(slopes={'name of a parameter': 1.0})"
+        )
 
 
 @dataclass(frozen=True)
@@ -193,39 +234,66 @@ class ParameterSpace:
 class Theta:
     """Amplitudes of all terms at one parameter, of which most may be zero.
 
-    ``matrix @ theta`` sums the columns of a matrix with one column per term; it touches only the columns
-    of non-zero terms and is fastest on matrices in Fortran order.
+    ``matrix @ theta`` sums the columns of a matrix with one column per term, dense or sparse; it touches only the
+    columns of non-zero terms and is fastest on dense matrices in Fortran order and on sparse ones by columns (csc).
+
+    Attributes:
+        terms: numbers of the terms that are given, each once; a slice for all.
+        values: their amplitudes.
     """
 
     __slots__ = ("terms", "values")
-    __array_ufunc__ = None  # lets ndarray @ Theta come here
+    __array_ufunc__ = None  # lets ndarray @ Theta come here; sparse matrices leave to it what they do not know
 
     def __init__(self, terms: slice | np.ndarray, values: np.ndarray):
         self.terms, self.values = terms, values
 
-    def __rmatmul__(self, matrix: np.ndarray) -> np.ndarray:
+    def __rmatmul__(self, matrix: np.ndarray | csc_matrix) -> np.ndarray:
         """Sum the columns of ``matrix``, (n, 1 + T) -> (n,)."""
-        return matrix[:, self.terms] @ self.values
+        if isinstance(matrix, np.ndarray):
+            return matrix[:, self.terms] @ self.values
+        if isinstance(self.terms, slice):
+            return matrix @ self.values
+        matrix = matrix.tocsc()
+        total, starts = np.zeros(matrix.shape[0]), matrix.indptr
+        for term, value in zip(self.terms.tolist(), self.values.tolist(), strict=True):
+            entries = slice(starts[term], starts[term + 1])
+            # the rows of one column are distinct
+            total[matrix.indices[entries]] += matrix.data[entries] * value
+        return total
+
+
+class NonAffine(Protocol):
+    """Amplitudes of several columns of a load that are not affine in the parameters; a frozen dataclass of numbers.
+
+    Files and fingerprints of problems know it by its class and its fields.
+
+    Attributes:
+        count: number of its columns.
+    """
+
+    count: int
+
+    def __call__(self, point: np.ndarray) -> tuple[Sequence[int], Sequence[float]]:
+        """Numbers among its own columns, each once, and the amplitudes of those that act at a point (P,)."""
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """Terms of a pressure on the part of a straight line up to a parameter, exact for linear elements.
+    """Amplitudes of a pressure on the part of a straight line up to a parameter, exact for linear elements.
 
-    A line of n nodes at increasing positions has n - 1 terms for whole edges from its start (term e is the
-    load on all edges before edge e) and n terms for its nodes. With the end of the pressure in edge e, at
-    the fraction s of its length L, the load is term e, plus L (s - s^2/2) on its first and L s^2/2 on its
+    A line of n nodes at increasing positions has n - 1 columns for whole edges from its start (column e is the
+    load on all edges before edge e) and n columns for its nodes. With the end of the pressure in edge e, at
+    the fraction s of its length L, the load is column e, plus L (s - s^2/2) on its first and L s^2/2 on its
     second node.
 
     Attributes:
-        first: number of the first term.
         positions: coordinates of the nodes along the line, increasing, (n,).
         extent: index of the parameter up to which the pressure acts.
         constant: amplitude at mu = 0.
         slopes: slopes of the amplitude, (P,).
     """
 
-    first: int
     positions: np.ndarray
     extent: int
     constant: float
@@ -233,58 +301,79 @@ class Coverage:
 
     @property
     def count(self) -> int:
-        """Number of terms."""
+        """Number of columns."""
         return 2 * len(self.positions) - 1
 
     def __call__(self, point: np.ndarray) -> tuple[list[int], list[float]]:
-        """Numbers and amplitudes of the three terms that act at a point."""
+        """Numbers and amplitudes of the three columns that act at a point."""
         positions, edges = self.positions, len(self.positions) - 1
         edge = min(max(int(positions.searchsorted(point[self.extent])) - 1, 0), edges - 1)
         length = positions[edge + 1] - positions[edge]
         s = min(max((point[self.extent] - positions[edge]) / length, 0.0), 1.0)
         amplitude = self.constant + self.slopes @ point
-        node = self.first + edges + edge
         weights = [amplitude, amplitude * length * (s - s * s / 2), amplitude * length * s * s / 2]
-        return [self.first + edge, node, node + 1], weights
+        return [edge, edges + edge, edges + edge + 1], weights
 
 
 @dataclass(frozen=True)
 class Amplitudes:
-    """All amplitudes of a scene: affine ones, constant + slopes @ mu, then those of partial pressures.
+    """All amplitudes of a scene: affine ones, constant + slopes @ mu, then those that are not.
 
     Attributes:
         constant: (1 + T0,), whose first entry is the 1 of the parameter-free part.
         slopes: (1 + T0, P).
-        coverages: pressures on a part of a line that depends on the parameters.
+        nonaffine: amplitudes of several terms each, one after another.
     """
 
     constant: np.ndarray
     slopes: np.ndarray
-    coverages: tuple[Coverage, ...] = ()
+    nonaffine: tuple[NonAffine, ...] = ()
 
     @classmethod
-    def collect(cls, amplitudes: Sequence[Amplitude], space: ParameterSpace) -> Amplitudes:
-        """Stack single affine amplitudes behind the leading constant 1.
+    def collect(
+        cls, amplitudes: Sequence[Amplitude], space: ParameterSpace, nonaffine: Sequence[NonAffine] = ()
+    ) -> Amplitudes:
+        """Stack single affine amplitudes behind the leading constant 1, and the others behind these.
 
         Raises:
             SceneError: if a slope names an unknown parameter.
         """
         rows = [amplitude.row(space) for amplitude in amplitudes]
         constant = np.array([1.0] + [amplitude.constant for amplitude in amplitudes])
-        return cls(constant, np.array([np.zeros(len(space.names)), *rows]))
+        return cls(constant, np.array([np.zeros(len(space.names)), *rows]), tuple(nonaffine))
+
+    @cached_property
+    def firsts(self) -> list[int]:
+        """Number of the first term of each amplitude that is not affine, and behind them that of all terms."""
+        return np.cumsum([self.constant.size, *(amplitude.count for amplitude in self.nonaffine)]).tolist()
 
     def __call__(self, point: np.ndarray) -> Theta:
         """Evaluate theta at a checked point."""
         affine = self.constant + self.slopes @ point
-        if not self.coverages:
+        if not self.nonaffine:
             return Theta(slice(None), affine)
         terms, values = list(range(affine.size)), affine.tolist()
-        for coverage in self.coverages:
-            more_terms, more_values = coverage(point)
-            terms += more_terms
-            values += more_values
-        return Theta(np.array(terms), np.array(values))
+        for first, amplitude in zip(self.firsts, self.nonaffine):  # noqa: B905 (hot path; the last is their end)
+            columns, weights = amplitude(point)
+            terms.extend([first + column for column in columns])
+            values.extend(weights)
+        return Theta(np.array(terms), np.array(values, dtype=float))
 
-    def sum_columns(self, matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
+    def sum_columns(self, matrix: np.ndarray | csc_matrix, points: np.ndarray) -> np.ndarray:
         """``matrix @ theta`` at every point, (n, len(points))."""
         return np.stack([matrix @ self(point) for point in points], axis=1)
+
+    def idle(self, space: ParameterSpace) -> tuple[str, ...]:
+        """Names of parameters on which no amplitude depends; those that are not affine are tried at random points."""
+        used = self.slopes.any(axis=0)
+        points = space.random(64, seed=0)
+        for place in np.flatnonzero(~used):
+            changed = points.copy()
+            changed[:, place] = np.roll(points[:, place], 1)
+            used[place] = any(
+                not np.array_equal(one, two)
+                for amplitude in self.nonaffine
+                for pair in zip(points, changed, strict=True)
+                for one, two in zip(*map(amplitude, pair), strict=True)
+            )
+        return tuple(name for name, known in zip(space.names, used, strict=True) if not known)

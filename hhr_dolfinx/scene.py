@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any
@@ -11,8 +11,17 @@ import numpy as np
 
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
+from hhr_dolfinx.loads import Load
 from hhr_dolfinx.pairings import Pairing
-from hhr_dolfinx.parameters import Amplitude, ParameterSpace, is_number, is_whole
+from hhr_dolfinx.parameters import (
+    Amplitude,
+    ParameterSpace,
+    as_tuple,
+    check_amplitude,
+    check_tag,
+    is_number,
+    is_whole,
+)
 
 if TYPE_CHECKING:
     from hhr_dolfinx.materials.laws import Flow
@@ -36,7 +45,7 @@ class Body:
 
     def __post_init__(self):
         """Refuse constants for which the elastic energy is not positive, and laws that are none."""
-        _check_tag("body", self.tag)
+        check_tag("body", self.tag)
         for name, value in (("young", self.young), ("poisson", self.poisson)):
             if not isinstance(value, Real):
                 raise SceneError(
@@ -64,77 +73,13 @@ class Displacement:
 
     def __post_init__(self):
         """Refuse what is no component."""
-        _check_tag("displacement", self.tag)
+        check_tag("displacement", self.tag)
         if not is_whole(self.component, 0):
             raise SceneError(
                 f"component {self.component!r} of the displacement on tag {self.tag} must be 0, 1 or 2: "
                 "give each component that is imposed a Displacement of its own"
             )
-        _check_amplitude(self, f"the displacement on tag {self.tag}")
-
-
-@dataclass(frozen=True)
-class Traction:
-    """Surface force ``amplitude(mu) * direction`` per area on tagged facets."""
-
-    tag: int
-    direction: tuple[float, ...]
-    amplitude: Amplitude
-
-    def __post_init__(self):
-        """Refuse a direction that is none."""
-        _check_tag("traction", self.tag)
-        object.__setattr__(self, "direction", _as_tuple("the direction of a traction", self.direction))
-        if not all(is_number(value) for value in self.direction) or not any(self.direction):
-            raise SceneError(f"the traction {self.direction} on tag {self.tag} must be finite and not zero")
-        _check_amplitude(self, f"the traction on tag {self.tag}")
-
-    def form(self, v, hypothesis: str, ds):
-        """Its linear form for the amplitude 1."""
-        return elasticity.traction(v, self.direction, hypothesis, ds)
-
-
-@dataclass(frozen=True)
-class Pressure:
-    """Pressure ``amplitude(mu)`` against the outer normal of tagged facets."""
-
-    tag: int
-    amplitude: Amplitude
-
-    def __post_init__(self):
-        """Refuse what is no amplitude."""
-        _check_tag("pressure", self.tag)
-        _check_amplitude(self, f"the pressure on tag {self.tag}")
-
-    def form(self, v, hypothesis: str, ds):
-        """Its linear form for the amplitude 1."""
-        return elasticity.pressure(v, hypothesis, ds)
-
-
-@dataclass(frozen=True)
-class PartialPressure:
-    """Pressure on the part of a straight line with coordinate up to a parameter, in two dimensions.
-
-    Integrated exactly over the partly covered edge, and evaluated online from three terms.
-
-    Attributes:
-        tag: facet tag of the line, which runs along an axis.
-        amplitude: the pressure.
-        extent: name of the parameter up to which it acts.
-        axis: coordinate along the line.
-    """
-
-    tag: int
-    amplitude: Amplitude
-    extent: str
-    axis: int = 1
-
-    def __post_init__(self):
-        """Refuse what is no amplitude or no axis of the plane."""
-        _check_tag("partial pressure", self.tag)
-        _check_amplitude(self, f"the partial pressure on tag {self.tag}")
-        if self.axis not in (0, 1):
-            raise SceneError(f"the axis {self.axis!r} of the partial pressure on tag {self.tag} must be 0 or 1")
+        check_amplitude(self, f"the displacement on tag {self.tag}")
 
 
 @dataclass(frozen=True)
@@ -155,7 +100,7 @@ class Opening:
             raise SceneError(
                 f"contact {self.contact!r} of an opening must be the place of a pair in Scene.contacts, 0 for the first"
             )
-        _check_amplitude(self, f"the opening of contact {self.contact}")
+        check_amplitude(self, f"the opening of contact {self.contact}")
 
 
 @dataclass(frozen=True)
@@ -169,8 +114,7 @@ class Scene:
         bodies: one per cell tag.
         contacts: contact pairs, each a :class:`~hhr_dolfinx.pairings.Pairing`.
         displacements: imposed displacements.
-        loads: surface loads, :class:`Traction`, :class:`Pressure`, :class:`PartialPressure`, or your own with a
-            ``tag``, an ``amplitude`` and its linear ``form(v, hypothesis, ds)``.
+        loads: each a :class:`~hhr_dolfinx.loads.Load`, such as a pressure, or your own.
         parameters: the box of the parameters.
         openings: initial gaps that depend on parameters.
     """
@@ -182,7 +126,7 @@ class Scene:
     contacts: tuple[Pairing, ...]
     parameters: ParameterSpace
     displacements: tuple[Displacement, ...] = ()
-    loads: tuple[Any, ...] = ()
+    loads: tuple[Load, ...] = ()
     openings: tuple[Opening, ...] = ()
 
     def __post_init__(self):
@@ -196,7 +140,7 @@ class Scene:
         if not isinstance(self.parameters, ParameterSpace):
             raise SceneError(f"parameters = {self.parameters!r} must be a ParameterSpace")
         for name, what, fits in _PARTS:
-            items = _as_tuple(f"Scene.{name}", getattr(self, name))
+            items = as_tuple(f"Scene.{name}", getattr(self, name))
             object.__setattr__(self, name, items)
             for place, item in enumerate(items):
                 if not fits(item):
@@ -219,7 +163,7 @@ class Scene:
                 )
         for place, item in enumerate(self.contacts):
             for tag in item.tags:
-                _check_tag(f"surface of contact {place}", tag)
+                check_tag(f"surface of contact {place}", tag)
             if len(set(item.tags)) < len(item.tags):
                 raise SceneError(f"contact {place} pairs surface {item.tags[0]} with itself: each side needs a tag")
             for before, other in enumerate(self.contacts[:place]):
@@ -234,23 +178,11 @@ class Scene:
 
     def _check_names(self):
         """Refuse names of parameters that the box does not have."""
-        for item in (*self.displacements, *self.loads, *self.openings):
-            if not isinstance(item.amplitude, Amplitude):
-                raise SceneError(f"the amplitude {item.amplitude!r} of {item!r} must be an Amplitude")
+        for item in (*self.displacements, *self.openings):
             item.amplitude.row(self.parameters)
         for load in self.loads:
-            if isinstance(load, PartialPressure) and load.extent not in self.parameters.names:
-                raise SceneError(
-                    f"the partial pressure on tag {load.tag} extends up to '{load.extent}': it must be one of the "
-                    f"parameters {self.parameters.names}"
-                )
-
-    def idle_parameters(self) -> tuple[str, ...]:
-        """Parameters that neither a displacement, a load, an opening nor the extent of a pressure depends on."""
-        used = {load.extent for load in self.loads if isinstance(load, PartialPressure)}
-        for item in (*self.displacements, *self.loads, *self.openings):
-            used |= {name for name, slope in item.amplitude.slopes.items() if slope}
-        return tuple(name for name in self.parameters.names if name not in used)
+            if hasattr(load, "check"):
+                load.check(self.parameters)
 
 
 def _has(*names):
@@ -258,43 +190,14 @@ def _has(*names):
     return lambda item: not isinstance(item, type) and all(hasattr(item, name) for name in names)
 
 
-def _is_load(item):
-    """A load of this module or of a user: a tag, an amplitude, and a form unless it is a partial pressure."""
-    return isinstance(item, PartialPressure) or _has("tag", "amplitude", "form")(item)
-
-
 _PARTS = (
     ("bodies", "a Body", lambda item: isinstance(item, Body)),
     ("contacts", "a contact pair with tags and rows, such as Obstacle or NodeToNode", _has("tags", "rows")),
     ("displacements", "a Displacement", lambda item: isinstance(item, Displacement)),
-    ("loads", "a load with a tag, an amplitude and a form, such as Pressure", _is_load),
+    ("loads", "a load with terms, such as Pressure", _has("terms")),
     ("openings", "an Opening", lambda item: isinstance(item, Opening)),
 )
 """Fields of a scene that hold several items, what each item must be, and how that is seen."""
-
-
-def _as_tuple(name, value) -> tuple:
-    """A tuple of a list or an array; a single item is refused."""
-    if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
-        raise SceneError(f"{name} must be a tuple, and is {value!r}: write ({type(value).__name__}(...),) for one item")
-    return tuple(value.tolist() if isinstance(value, np.ndarray) else value)
-
-
-def _check_tag(what, tag):
-    """Refuse what is no tag of a mesh."""
-    if not is_whole(tag, 0):
-        raise SceneError(f"the tag {tag!r} of a {what} must be an integer, as in the mesh")
-
-
-def _check_amplitude(item, what):
-    """Turn a number into a constant amplitude, and refuse what is neither."""
-    if is_number(item.amplitude):
-        object.__setattr__(item, "amplitude", Amplitude(item.amplitude))
-    if not isinstance(item.amplitude, Amplitude):
-        raise SceneError(
-            f"the amplitude {item.amplitude!r} of {what} must be a finite number or an Amplitude, for instance "
-            "Amplitude(slopes={'name of a parameter': 1.0})"
-        )
 
 
 def _same_pair(one, other) -> bool:

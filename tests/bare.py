@@ -3,7 +3,7 @@
 import json
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx import files
 from hhr_dolfinx.contact.problem import ContactProblem, ContactSolution, Status
@@ -13,11 +13,11 @@ from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
 def bare_problem(dofs=6, conditions=2):
     """A contact problem as far as a store looks at it; there is no stiffness, no load and no contact: all solve it."""
     return ContactProblem(
-        stiffness=csr_matrix((dofs, dofs)),
+        stiffness_terms=(csr_matrix((dofs, dofs)),),
         mass=csr_matrix((dofs, dofs)),
         free=np.ones(dofs, bool),
-        loads=np.zeros((dofs, 1)),
-        lifts=np.zeros((dofs, 1)),
+        loads=csc_matrix((dofs, 1)),
+        lifts=csc_matrix((dofs, 1)),
         contact=csr_matrix((conditions, dofs)),
         gaps=np.ones((conditions, 1)),
         contact_slaves=np.arange(2),

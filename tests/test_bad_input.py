@@ -1,6 +1,7 @@
 """Bad input gets a clear error at the door, with what to do."""
 
 import dataclasses
+import typing
 
 import hertz_half_discs as demo
 import numpy as np
@@ -8,7 +9,6 @@ import pytest
 import ufl
 from hertz_half_discs import THESIS
 from scenes import pressed_block
-from test_newcomer import WaterLevel
 from toy_pairing import RoundPunch
 
 import hhr_dolfinx as hhr
@@ -179,7 +179,7 @@ def test_a_parameter_named_twice():
         ("bodies", hhr.Body(1, 1.0, 0.3), "a Body"),
         ("contacts", FLOOR, "a contact pair with tags and rows"),
         ("displacements", hhr.Displacement(1, 0), "a Displacement"),
-        ("loads", hhr.Pressure(1, 1.0), "a load with a tag, an amplitude and a form"),
+        ("loads", hhr.Pressure(1, 1.0), "a load with terms, such as Pressure"),
         ("openings", hhr.Opening(0, 1.0), "an Opening"),
     ],
 )
@@ -272,14 +272,35 @@ def test_values_of_another_kind(make, message):
         make()
 
 
-class Nothing(WaterLevel):
-    def form(self, v, hypothesis, ds):
-        return None
+@dataclasses.dataclass(frozen=True)
+class Made:
+    """A load whose terms are made by a function of the assembler."""
+
+    make: typing.Callable
+
+    def terms(self, assembler):
+        return self.make(assembler)
 
 
-class Bilinear(WaterLevel):
-    def form(self, v, hypothesis, ds):
-        return ufl.inner(ufl.TrialFunction(v.ufl_function_space()), v) * ds
+def of_form(form):
+    """A load with a form that is a function of v and ds of the right side."""
+    return {"loads": (Made(lambda ask: [hhr.Term(hhr.Amplitude(1.0), ask.vector(form(ask.test, ask.ds(21))))]),)}
+
+
+def of_term(amplitude, columns=None):
+    """A load with a term on all dofs."""
+    return {"loads": (Made(lambda ask: [hhr.Term(amplitude, np.ones(ask.size) if columns is None else columns)]),)}
+
+
+@dataclasses.dataclass(frozen=True)
+class Curve:
+    """An amplitude that returns what it is told to."""
+
+    count: int = 1
+    found: tuple = ((0,), (1.0,))
+
+    def __call__(self, point):
+        return self.found
 
 
 class NoRows(RoundPunch):
@@ -290,9 +311,27 @@ class NoRows(RoundPunch):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"loads": (Nothing(21, hhr.Amplitude(1.0)),)}, "the form of Nothing.* must be linear in v .*, and is None"),
-        ({"loads": (Bilinear(21, hhr.Amplitude(1.0)),)}, "the form of Bilinear.* must be linear in v"),
-        ({"loads": (WaterLevel(21, 1.0),)}, r"the amplitude 1\.0 of WaterLevel.* must be an Amplitude"),
+        (of_form(lambda v, ds: None), "the form of Made.* must be linear in v .*, and is None"),
+        (
+            of_form(lambda v, ds: ufl.inner(ufl.TrialFunction(v.ufl_function_space()), v) * ds),
+            "the form of Made.* must be linear in v",
+        ),
+        (of_form(lambda v, ds: ufl.inner(v, v) * ds), "the form of Made.* must be linear in v"),
+        (of_term(hhr.Amplitude(1.0), np.full(50, np.nan)), "the nodal forces of Made.* are not finite"),
+        ({"loads": (Made(lambda ask: ask.ds(77)),)}, r"facet tags \[77\] are not in the mesh, which has \[.*21"),
+        ({"loads": (Made(lambda ask: ask.dx(77)),)}, r"cell tags \[77\] are not in the mesh, which has \[1\]"),
+        ({"loads": (Made(lambda ask: None),)}, "the terms of Made.* must be a list of Term, and are None"),
+        ({"loads": (Made(lambda ask: [1.0]),)}, r"the terms of Made.* must be a list of Term, and are \[1\.0\]"),
+        (of_term(1.0), r"the amplitude 1\.0 of Made.* must be an Amplitude, or a frozen dataclass with a count"),
+        (of_term(lambda point: 1.0), "must be an Amplitude, or a frozen dataclass"),
+        (of_term(hhr.Amplitude(slopes={"pull": 1.0})), r"an amplitude names \['pull'\], the scene's parameters"),
+        (of_term(hhr.Amplitude(1.0), np.ones(3)), r"has 1 amplitudes: its columns must be .* of shape \(50, 1\)"),
+        (of_term(Curve(2)), r"has 2 amplitudes: its columns must be .* of shape \(50, 2\)"),
+        (of_term(Curve(0)), "the count 0 of Curve.* must be its number of columns"),
+        (of_term(Curve(1, ((1,), (1.0,)))), r"Curve.* must return columns, each once and below its count 1"),
+        (of_term(Curve(2, ((0, 0), (1.0, 1.0)))), "must return columns, each once"),
+        (of_term(Curve(1, ((0,), (np.nan,)))), "must return columns"),
+        (of_term(Curve(1, 1.0)), "must return columns"),
         ({"contacts": (NoRows(20, (0.3, -9.0), 1.0),)}, "the rows of NoRows.* must be ContactRows, and are None"),
         ({"contacts": (RoundPunch(20, (0.3, -9.0), 1.0),) * 2}, "contacts 0 and 1 are the same pair"),
     ],

@@ -131,36 +131,37 @@ def test_a_partial_pressure_comes_back_to_the_last_bit(pellet_path, pellet_reduc
             assert mine.tobytes() == theirs.tobytes()
     mine, theirs = stored.reconstruction, pellet_reduction.reconstruction
     for item in fields(theirs):
-        assert np.array_equal(getattr(mine, item.name), getattr(theirs, item.name)), item.name
-    assert mine.lifts.flags.f_contiguous == theirs.lifts.flags.f_contiguous
-    assert stored.model.amplitudes.coverages[0].first == pellet_reduction.model.amplitudes.coverages[0].first
+        one, two = (getattr(part, item.name) for part in (mine, theirs))
+        if item.name == "lifts":
+            one, two = one.toarray(), two.toarray()
+        assert np.array_equal(one, two), item.name
+    assert stored.model.amplitudes.firsts == pellet_reduction.model.amplitudes.firsts
 
 
 def test_zeros_are_not_stored(pellet_path, pellet_reduction):
-    """Without the (N, 1 + T) lifts, of which no entry is not zero, the basis is the largest array."""
+    """Of the (N, 1 + T) lifts no entry is not zero: the basis is the largest array."""
     with np.load(pellet_path) as file:
         sizes = {name: file[name].nbytes for name in file.files}
     assert max(sizes, key=sizes.get) == "reconstruction.basis"
-    assert pellet_reduction.reconstruction.lifts.nbytes > 0.5 * sizes["reconstruction.basis"]
     assert sum(size for name, size in sizes.items() if "lifts" in name) < 1000
 
 
 def test_more_than_ten_partial_pressures_keep_their_order(pellet_reduction, tmp_path):
     """Named by numbers, coverage10 comes behind coverage9, not behind coverage1."""
     model = pellet_reduction.model
-    line = model.amplitudes.coverages[0]
-    lines = tuple(replace(line, positions=line.positions[:2], first=1 + 3 * k, constant=float(k)) for k in range(12))
-    amplitudes = replace(model.amplitudes, coverages=lines)
+    line = model.amplitudes.nonaffine[0]
+    lines = tuple(replace(line, positions=line.positions[:2], constant=float(k)) for k in range(12))
+    amplitudes = replace(model.amplitudes, nonaffine=lines)
 
     def cut(part):
         """As many terms as twelve lines of two nodes have; no answer is asked for."""
-        wide = {name: np.asarray(getattr(part, name)) for name in ("loads", "gaps", "lifts") if hasattr(part, name)}
-        return replace(part, **{name: np.asfortranarray(array[:, :37]) for name, array in wide.items()})
+        wide = {name: getattr(part, name) for name in ("loads", "gaps", "lifts") if hasattr(part, name)}
+        return replace(part, **{name: array[:, :37] for name, array in wide.items()})
 
     changed = hhr.ReducedModel(cut(model.problem), model.parameters, amplitudes, model.known)
     reconstruction = cut(pellet_reduction.reconstruction)
     hhr.save_model(tmp_path / "lines.npz", model_file.OnlineModel(changed, reconstruction, 2))
-    stored = hhr.load_model(tmp_path / "lines.npz").model.amplitudes.coverages
+    stored = hhr.load_model(tmp_path / "lines.npz").model.amplitudes.nonaffine
     assert [coverage.constant for coverage in stored] == [float(k) for k in range(12)]
 
 
@@ -169,7 +170,7 @@ def test_the_table_has_a_line_for_every_field():
     names = {f"{part}.{item.name}" for part, kind in model_file._PARTS.items() for item in fields(kind)}
     names |= {"trained.lower", "trained.upper"}  # its names are those of the parameters
     lines = {".".join(name.split(".")[:2]) for name in model_file.LAYOUT}
-    assert names - lines == {"amplitudes.coverages"} and lines <= names
+    assert names - lines == {"amplitudes.nonaffine"} and lines <= names
     assert set(model_file.INDICES) <= set(model_file.LAYOUT)
 
 
@@ -208,7 +209,6 @@ SIGNED = {
     "are dependent": entry("reconstruction.A_lambda", 0, 1),
     "singular": entry("reduced.stiffness", slice(None), 0.0),
     "first amplitude must be": entry("amplitudes.constant", 0, 2.0),
-    "coverage0 starts at": array("coverage0.first", lambda a: a + 1),
     "extent has indices outside": array("coverage0.extent", lambda a: a + 9),
     "positions must .* increase": array("coverage0.positions", lambda a: a[::-1].copy()),
     "positions has shape": array("coverage0.positions", lambda a: a[:-1]),

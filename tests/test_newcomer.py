@@ -12,6 +12,7 @@ from toy_pairing import RoundPunch
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.geometries import block
+from hhr_dolfinx.loads import Assembler
 
 RADIUS, CENTRE = 1.5, {"plane_strain": (0.3, 2.51), "solid": (0.3, 0.3, 2.51)}
 """The lid is at 1, so that the punch hangs 0.01 above it."""
@@ -250,10 +251,12 @@ class WaterLevel:
     tag: int
     amplitude: hhr.Amplitude
 
-    def form(self, v, hypothesis, ds):
-        """Its linear form for the amplitude 1."""
+    def terms(self, assembler: Assembler) -> list[hhr.Term]:
+        """One vector."""
+        ds = assembler.ds(self.tag)
         domain = ds.ufl_domain()
-        return -(2 - ufl.SpatialCoordinate(domain)[1]) * ufl.dot(ufl.FacetNormal(domain), v) * ds
+        form = -(2 - ufl.SpatialCoordinate(domain)[1]) * ufl.dot(ufl.FacetNormal(domain), assembler.test) * ds
+        return [hhr.Term(self.amplitude, assembler.vector(form))]
 
 
 def test_a_load_of_a_users_own():
@@ -261,7 +264,7 @@ def test_a_load_of_a_users_own():
     base = pressed_block("plane_strain")
     water = WaterLevel(block.side(0, True), hhr.Amplitude(slopes={"push": 1.0}))
     problem = hhr.FullOrderModel(dataclasses.replace(base, loads=(water,))).problem
-    forces = (problem.external[:, 2] * problem.free).reshape(-1, 2)
+    forces = (problem.external.toarray()[:, 2] * problem.free).reshape(-1, 2)
     held = problem.points[:, 1] > 2 - 1e-9  # the lid is moved: its nodes take 1/12 of the top cell's share
     assert forces[~held, 0].sum() == pytest.approx(-2.0 + 0.5**2 / 6, rel=1e-12)
     assert not forces[:, 1].any()

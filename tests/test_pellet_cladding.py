@@ -210,7 +210,7 @@ def test_damaged_and_foreign_snapshots_are_not_used(small, store, tmp_path):
     with pytest.warns(SnapshotFileWarning, match="solved anew"):
         again = hhr.compute_snapshots(small, points, store=store)
     assert np.array_equal(exact.forces, again.forces)
-    softer = dataclasses.replace(small.problem, stiffness=0.5 * small.problem.stiffness)
+    softer = dataclasses.replace(small.problem, stiffness_terms=(0.5 * small.problem.stiffness,))
     assert hhr.SnapshotStore(tmp_path, softer).load(points[0]) is None
 
 

@@ -162,7 +162,7 @@ def renumbered(problem: ContactProblem, seed: int) -> tuple[ContactProblem, np.n
     return (
         dataclasses.replace(
             problem,
-            stiffness=problem.stiffness[dofs][:, dofs],
+            stiffness_terms=(problem.stiffness[dofs][:, dofs],),
             mass=problem.mass[dofs][:, dofs],
             free=problem.free[dofs],
             loads=problem.loads[dofs],

@@ -22,7 +22,7 @@ def exact_condensation(full_order: FullOrderModel, known: KnownStatuses, *, fiel
     if full_order.comm.size > 1:
         raise ValueError("exact condensation is serial: run it on one rank")
     problem = full_order.problem
-    free = np.stack([full_order.solve_stiffness(column) for column in problem.loads.T], axis=1)
+    free = np.stack([full_order.solve_stiffness(column) for column in problem.loads.toarray().T], axis=1)
     responses = Responses(
         free_primal=free if field else free[:0],
         primal_per_force=full_order.per_force if field else full_order.per_force[:0],

@@ -89,7 +89,7 @@ def check_loads_seen(problem: ContactProblem, sets: IndexSets, points: np.ndarra
         theta = problem.amplitudes(point)
         acting[theta.terms] |= np.asarray(theta.values) != 0
     for term in np.flatnonzero(acting):
-        column = problem.loads[:, term]
+        column = problem.loads[:, [term]].toarray()
         if np.any(column) and not np.any(column[sets.A]):
             raise ReductionError(
                 f"load term {term} of the scene does not reach the RID: add nodes next to where it acts to the zone"

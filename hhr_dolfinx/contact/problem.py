@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_matrix, issparse, vstack
+from scipy.sparse import csc_matrix, csr_matrix, diags, issparse, vstack
 
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace, Theta
@@ -62,6 +62,14 @@ def joined(parts: Sequence[ContactRows]) -> ContactRows:
     return ContactRows(csr_matrix(vstack(matrix)), *(np.concatenate(item) for item in others))
 
 
+def masked(matrix: csc_matrix, rows: np.ndarray) -> csc_matrix:
+    """A sparse matrix with only some of its rows, the others zero, by a mask; in the format csc without zeros."""
+    kept = csc_matrix(diags(rows.astype(float)) @ matrix)
+    kept.eliminate_zeros()
+    kept.sort_indices()
+    return kept
+
+
 @dataclass(frozen=True)
 class ContactProblem:
     """Find U = U0 + lifts θ and Λ >= 0 with K U0 + B^T Λ = loads θ, B U0 <= gaps θ, thesis (1.21).
@@ -70,11 +78,11 @@ class ContactProblem:
     θ(mu) carry all dependence on the parameters (N dofs, N_lambda conditions, 1 + T terms).
 
     Attributes:
-        stiffness: K of all dofs, without boundary conditions, (N, N).
+        stiffness_terms: parts of K of all dofs, without boundary conditions, (N, N) each.
         mass: Gram matrix of the L2 product, (N, N).
         free: dofs that are not imposed, (N,) bool.
-        loads: F - K lift with zeros on imposed dofs, thesis (1.22), (N, 1 + T).
-        lifts: imposed displacements, carried by the imposed dofs alone (section 2.6), (N, 1 + T).
+        loads: F - K lift without imposed dofs, thesis (1.22), sparse, (N, 1 + T).
+        lifts: imposed displacements, carried by the imposed dofs alone (section 2.6), sparse, (N, 1 + T).
         contact: B with zero columns at imposed dofs, (N_lambda, N).
         gaps: D - B lift, (N_lambda, 1 + T).
         contact_slaves: node that carries each condition and its multiplier, (N_lambda,).
@@ -87,11 +95,11 @@ class ContactProblem:
         parameters: the box of the parameters.
     """
 
-    stiffness: csr_matrix
+    stiffness_terms: tuple[csr_matrix, ...]
     mass: csr_matrix
     free: np.ndarray
-    loads: np.ndarray
-    lifts: np.ndarray
+    loads: csc_matrix
+    lifts: csc_matrix
     contact: csr_matrix
     gaps: np.ndarray
     contact_slaves: np.ndarray
@@ -117,9 +125,15 @@ class ContactProblem:
         return self.lifts @ self.theta(mu)
 
     @cached_property
-    def external(self) -> np.ndarray:
-        """F on free dofs, that is loads + K lift, (N, 1 + T)."""
-        return self.loads + (self.stiffness @ self.lifts) * self.free[:, None]
+    def stiffness(self) -> csr_matrix:
+        """K of all dofs, without boundary conditions, (N, N)."""
+        first, *others = self.stiffness_terms
+        return sum(others, start=first)
+
+    @cached_property
+    def external(self) -> csc_matrix:
+        """F on free dofs, that is loads + K lift, sparse, (N, 1 + T)."""
+        return self.loads + masked(self.stiffness @ self.lifts, self.free)
 
     @cached_property
     def contact_norm(self) -> float:

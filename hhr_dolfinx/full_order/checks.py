@@ -6,7 +6,7 @@ Every check is collective: all ranks come to the same verdict, so that none wait
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from dolfinx import mesh as dmesh
@@ -18,7 +18,7 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import NotSolvableError, SceneError, SceneWarning
 from hhr_dolfinx.linear.sparse import singular_stiffness
 from hhr_dolfinx.parameters import Amplitudes
-from hhr_dolfinx.scene import PartialPressure, Scene, Traction
+from hhr_dolfinx.scene import Scene
 
 CORNERS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
 """Cells that are supported, with their number of corners."""
@@ -55,17 +55,16 @@ def build_geometry(scene: Scene, comm):
     if scene.hypothesis == "axisymmetric":
         _check_radius(mesh, comm)
     check_tags(scene, mesh, tags, comm)
-    _check_loads(scene, mesh, tags[1], comm)
     return result
 
 
-def warn_of_idle_parameters(scene: Scene) -> None:
-    """Warn of parameters that nothing depends on.
+def warn_of_idle_parameters(scene: Scene, amplitudes: Amplitudes) -> None:
+    """Warn of parameters that no amplitude of a scene depends on.
 
     Warns:
         SceneWarning: with their names.
     """
-    idle = scene.idle_parameters()
+    idle = amplitudes.idle(scene.parameters)
     if idle:
         warnings.warn(
             f"parameters {idle} of scene '{scene.name}' have no effect: no displacement, load, opening or extent "
@@ -194,68 +193,58 @@ def check_tags(scene: Scene, mesh, tags, comm) -> None:
         tags: of cells and of facets.
         comm: MPI communicator.
     """
-    used = [item.tag for item in (*scene.displacements, *scene.loads)]
+    used = [item.tag for item in scene.displacements]
     for item in scene.contacts:
         used += item.tags
-    for kind, given, wanted in (("facet", tags[1], used), ("cell", tags[0], [body.tag for body in scene.bodies])):
-        there = set().union(*comm.allgather(set(given.values.tolist())))
-        missing = sorted(set(wanted) - there)
-        if missing:
-            raise SceneError(f"{kind} tags {missing} are not in the mesh, which has {sorted(there)}")
-        if kind == "cell" and there - set(wanted):
-            raise SceneError(f"cells tagged {sorted(there - set(wanted))} belong to no body of the scene")
+    check_present("facet", tags[1], used, comm)
+    bodies = [body.tag for body in scene.bodies]
+    others = check_present("cell", tags[0], bodies, comm) - set(bodies)
+    if others:
+        raise SceneError(f"cells tagged {sorted(others)} belong to no body of the scene")
     count = mesh.topology.index_map(mesh.topology.dim).size_local
     untagged = comm.allreduce(count - int((tags[0].indices < count).sum()))
     if untagged:
         raise SceneError(f"{untagged} cells have no tag: every cell must belong to a body")
 
 
-def _check_loads(scene, mesh, facet_tags, comm):
-    """Refuse loads on facets inside the mesh, where a surface integral is zero, and tractions of another dimension."""
+def check_present(kind: str, tags, wanted: Iterable[int], comm) -> set[int]:
+    """Refuse tags that a mesh lacks; returns all that it has.
+
+    Args:
+        kind: of entity, for the message.
+        tags: of these entities.
+        wanted: tags that are named somewhere.
+        comm: MPI communicator.
+    """
+    there = set().union(*comm.allgather(set(tags.values.tolist())))
+    missing = sorted(set(wanted) - there)
+    if missing:
+        raise SceneError(f"{kind} tags {missing} are not in the mesh, which has {sorted(there)}")
+    return there
+
+
+def check_outer(load: str, tag: int, mesh, facet_tags, comm) -> None:
+    """Refuse loads on facets that are not there or lie inside the mesh, where a surface integral is zero.
+
+    Args:
+        load: its class, for the message.
+        tag: of the facets.
+        mesh: the mesh.
+        facet_tags: of its facets.
+        comm: MPI communicator.
+    """
+    check_present("facet", facet_tags, [tag], comm)
     fdim = mesh.topology.dim - 1
     mesh.topology.create_connectivity(fdim, fdim + 1)
     outer, owned = dmesh.exterior_facet_indices(mesh.topology), mesh.topology.index_map(fdim).size_local
-    for load in scene.loads:
-        if isinstance(load, Traction) and len(load.direction) != mesh.geometry.dim:
-            raise SceneError(
-                f"the traction {load.direction} on tag {load.tag} must have {mesh.geometry.dim} components, as the mesh"
-            )
-        facets = facet_tags.find(load.tag)
-        inner = np.setdiff1d(facets[facets < owned], outer)
-        _refuse(
-            comm,
-            f"{{count}} facets tagged {load.tag} under a {type(load).__name__} lie inside the mesh, e.g. at {{place}}: "
-            "loads act on outer facets only. Tag the surface, or give the bodies nodes of their own",
-            dmesh.compute_midpoints(mesh, fdim, inner)[:, : fdim + 1],
-        )
-
-
-def check_line(load: PartialPressure, points: np.ndarray, hypothesis: str) -> None:
-    """Refuse a partial pressure on what is no straight line along its axis in the plane.
-
-    Args:
-        load: the pressure.
-        points: nodes of its line, (n, dim).
-        hypothesis: of the scene.
-
-    Raises:
-        SceneError: with the extents of the line.
-    """
-    what = f"the partial pressure on tag {load.tag}"
-    if points.shape[1] != 2:
-        raise SceneError(f"{what} needs a mesh in the plane: in space, write a load of your own with a form")
-    extents = np.ptp(points, axis=0)
-    if extents[1 - load.axis] > 1e-9 * extents[load.axis]:
-        raise SceneError(
-            f"{what} acts along axis {load.axis}, and its line is not straight along it: it extends over "
-            f"{extents[0]:.6g} along axis 0 and {extents[1]:.6g} along axis 1. Set its axis to {extents.argmax()}, or "
-            "tag a straight line"
-        )
-    if hypothesis == "axisymmetric" and load.axis == 0:
-        raise SceneError(
-            f"{what} acts along the radius of an axisymmetric scene, where its area is not linear in its extent: only "
-            "lines along axis 1 are supported"
-        )
+    facets = facet_tags.find(tag)
+    inner = np.setdiff1d(facets[facets < owned], outer)
+    _refuse(
+        comm,
+        f"{{count}} facets tagged {tag} under a {load} lie inside the mesh, e.g. at {{place}}: "
+        "loads act on outer facets only. Tag the surface, or give the bodies nodes of their own",
+        dmesh.compute_midpoints(mesh, fdim, inner)[:, : fdim + 1],
+    )
 
 
 def _refuse(comm, text, places):
@@ -339,8 +328,8 @@ def conditions_with_unknowns(scene: Scene, rows, gaps, amplitudes: Amplitudes, f
     Args:
         scene: the scene.
         rows: all contact rows.
-        gaps: D - B lift of all of them by affine term, (rows, 1 + T0).
-        amplitudes: affine ones.
+        gaps: D - B lift of all of them by term, (rows, 1 + T), zero beyond the affine ones.
+        amplitudes: of all terms.
         free: dofs that are not imposed, (N,) bool.
 
     Raises:
@@ -353,7 +342,8 @@ def conditions_with_unknowns(scene: Scene, rows, gaps, amplitudes: Amplitudes, f
     if not unknown.any():
         raise SceneError("the contact pairs are empty: all of their nodes have imposed displacements")
     space, imposed = scene.parameters, np.flatnonzero(~unknown)
-    start, slopes = gaps[imposed] @ amplitudes.constant, gaps[imposed] @ amplitudes.slopes
+    affine = gaps[imposed, : amplitudes.constant.size]
+    start, slopes = affine @ amplitudes.constant, affine @ amplitudes.slopes
     # an affine function is smallest at a corner of the box
     corner = np.where(slopes > 0, space.lower, space.upper)
     least = start + np.einsum("mp,mp->m", slopes, corner)

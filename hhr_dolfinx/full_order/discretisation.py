@@ -7,9 +7,7 @@ other scenes do not load.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import cached_property
-from typing import NamedTuple
+from functools import cached_property, partial
 
 import numpy as np
 import ufl
@@ -17,39 +15,27 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csr_matrix
+from scipy.sparse import csc_matrix, csr_matrix, hstack
+from ufl.algorithms import compute_form_data
+from ufl.algorithms.check_arities import ArityMismatch
 
 from hhr_dolfinx import compat, ranks
-from hhr_dolfinx.contact.problem import ContactProblem, ContactRows, joined
+from hhr_dolfinx.contact.problem import ContactProblem, ContactRows, joined, masked
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import contact, elasticity
 from hhr_dolfinx.full_order.checks import (
     build_geometry,
     check_held,
-    check_line,
+    check_outer,
+    check_present,
     conditions_with_unknowns,
     warn_of_idle_parameters,
 )
 from hhr_dolfinx.full_order.locking import QUADRATURE, mean_dilatation
+from hhr_dolfinx.loads import Assembler, Load, Term, checked_terms
 from hhr_dolfinx.pairings.surface import Surface, make_surface
-from hhr_dolfinx.parameters import Amplitude, Amplitudes, Coverage
-from hhr_dolfinx.scene import PartialPressure, Pressure, Scene
-
-
-class Term(NamedTuple):
-    """An amplitude of θ and what it multiplies; what is None is not its business.
-
-    Attributes:
-        amplitude: function of the parameters.
-        lift: imposed displacement, (N,).
-        load: surface load, (N,).
-        opened: contact pair whose gaps grow.
-    """
-
-    amplitude: Amplitude
-    lift: np.ndarray | None = None
-    load: np.ndarray | None = None
-    opened: int | None = None
+from hhr_dolfinx.parameters import Amplitude, Amplitudes
+from hhr_dolfinx.scene import Scene
 
 
 class Discretisation:
@@ -134,28 +120,29 @@ class Discretisation:
         scene = self.scene
         mass = fem_petsc.assemble_matrix(self._mass_form)
         mass.assemble()
-        terms, free = self._displacements()
-        terms += [Term(item.amplitude, opened=item.contact) for item in scene.openings]
-        partial = [load for load in scene.loads if isinstance(load, PartialPressure)]
-        terms += [Term(load.amplitude, load=self._load_vector(load)) for load in scene.loads if load not in partial]
-        amplitudes = Amplitudes.collect([term.amplitude for term in terms], scene.parameters)
-        coverages, pressures = self._partial_pressures(partial, first=1 + len(terms))
-        loads = np.hstack([self._stacked(term.load for term in terms), *pressures])
-        lifts = np.zeros(loads.shape)
-        lifts[:, : 1 + len(terms)] = self._stacked(term.lift for term in terms)
+        moved, free = self._displacements()
+        terms = [term for load in scene.loads for term in checked_terms(load, self._assembler(load))]
+        # θ counts those that are affine first
+        terms.sort(key=lambda term: not isinstance(term.amplitude, Amplitude))
+        fixed = [*(term.amplitude for term in moved), *(item.amplitude for item in scene.openings)]
+        affine = sum(isinstance(term.amplitude, Amplitude) for term in terms)
+        driven = [term.amplitude for term in terms]
+        amplitudes = Amplitudes.collect([*fixed, *driven[:affine]], scene.parameters, driven[affine:])
+        shape = self.size, amplitudes.firsts[-1]
+        lifts, forces = _placed(moved, 1, shape), _placed(terms, 1 + len(fixed), shape)
         rows, pairs = self._contact_rows()
-        gaps = -(rows.matrix @ lifts)
+        gaps = -(rows.matrix @ lifts).toarray()
         gaps[:, 0] += rows.gap
-        for k, term in enumerate(terms, start=1):
-            gaps[pairs == term.opened, k] += 1.0
-        kept = conditions_with_unknowns(scene, rows, gaps[:, : 1 + len(terms)], amplitudes, free)
+        for k, item in enumerate(scene.openings, start=1 + len(moved)):
+            gaps[pairs == item.contact, k] += 1.0
+        kept = conditions_with_unknowns(scene, rows, gaps, amplitudes, free)
         rows, pairs, gaps = rows.take(kept), pairs[kept], gaps[kept]
         return ContactProblem(
-            stiffness=stiffness,
+            stiffness_terms=(stiffness,),
             mass=self.gathered(mass),
             free=free,
-            loads=np.asfortranarray((loads - stiffness @ lifts) * free[:, None]),
-            lifts=np.asfortranarray(lifts),
+            loads=masked(forces - stiffness @ lifts, free),
+            lifts=lifts,
             contact=_without_columns(rows.matrix, ~free),
             gaps=np.asfortranarray(gaps),
             contact_slaves=rows.slaves,
@@ -164,7 +151,7 @@ class Discretisation:
             contact_areas=rows.areas,
             cell_nodes=self._cell_nodes(),
             points=self._points(),
-            amplitudes=replace(amplitudes, coverages=coverages),
+            amplitudes=amplitudes,
             parameters=scene.parameters,
         )
 
@@ -179,7 +166,7 @@ class Discretisation:
         """
         bodies = np.concatenate(self.comm.allgather(self.cell_bodies()))
         check_held(self.scene, problem.points, problem.cell_nodes, bodies, problem.free)
-        warn_of_idle_parameters(self.scene)
+        warn_of_idle_parameters(self.scene, problem.amplitudes)
 
     def cell_bodies(self) -> np.ndarray:
         """Body of each cell of this rank as its place in the scene, (cells,)."""
@@ -226,7 +213,7 @@ class Discretisation:
         return dilatation
 
     def _displacements(self) -> tuple[list[Term], np.ndarray]:
-        """Terms of the displacements that move, and the dofs that none holds or moves, (N,)."""
+        """Lifts of the displacements that move, and the dofs that none holds or moves, (N,)."""
         terms, owner = [], np.full(self.size, -1)
         for number, item in enumerate(self.scene.displacements):
             dofs = self._tagged_dofs(item.tag, item.component)
@@ -236,25 +223,32 @@ class Discretisation:
             dofs = np.setdiff1d(dofs, clash)
             owner[dofs] = number
             if item.amplitude != Amplitude():
-                lift = np.zeros(self.size)
-                lift[dofs] = 1.0
-                terms.append(Term(item.amplitude, lift=lift))
+                entries = np.ones(dofs.size), (dofs, np.zeros_like(dofs))
+                terms.append(Term(item.amplitude, csc_matrix(entries, shape=(self.size, 1))))
         return terms, owner < 0
 
-    def _stacked(self, vectors) -> np.ndarray:
-        """Columns of the terms behind that of the leading 1, zero where a term has none, (N, 1 + terms)."""
-        zero = np.zeros(self.size)
-        return np.column_stack([zero, *(zero if vector is None else vector for vector in vectors)])
+    def _assembler(self, load: Load) -> Assembler:
+        """What a load may ask for."""
+        return Assembler(
+            test=self._test,
+            hypothesis=self.scene.hypothesis,
+            parameters=self.scene.parameters,
+            size=self.size,
+            ds=partial(self._outer_facets, type(load).__name__),
+            dx=self._cells,
+            vector=partial(self._load_vector, load),
+            surface=self._surface,
+        )
 
-    def _partial_pressures(self, loads, first: int) -> tuple[tuple[Coverage, ...], list[np.ndarray]]:
-        """Coverages of partial pressures, whose terms are counted from ``first``, and their columns."""
-        coverages, columns = [], []
-        for load in loads:
-            coverage, own = self._coverage(load, first)
-            coverages.append(coverage)
-            columns.append(own)
-            first += coverage.count
-        return tuple(coverages), columns
+    def _outer_facets(self, load: str, tag: int) -> ufl.Measure:
+        """Measure of the facets with a tag, under a load of this class."""
+        check_outer(load, tag, self.mesh, self._facet_tags, self.comm)
+        return self._ds(tag)
+
+    def _cells(self, tag: int) -> ufl.Measure:
+        """Measure of the cells with a tag."""
+        check_present("cell", self._cell_tags, [tag], self.comm)
+        return self._dx(tag)
 
     def _tagged_dofs(self, tag, component):
         fdim = self.mesh.topology.dim - 1
@@ -265,36 +259,16 @@ class Discretisation:
         owned = local[local < dim * self.space.dofmap.index_map.size_local]
         return np.concatenate(self.comm.allgather(owned + self.rows.start))
 
-    def _load_vector(self, load):
-        form = load.form(self._test, self.scene.hypothesis, self._ds(load.tag))
-        if not isinstance(form, ufl.Form) or len(form.arguments()) != 1:
-            raise SceneError(f"the form of {load!r} must be linear in v and integrated over ds, and is {form!r}")
+    def _load_vector(self, load: Load, form: ufl.Form) -> np.ndarray:
+        """Assemble a form that is linear in v, (N,)."""
+        arguments = form.arguments() if isinstance(form, ufl.Form) else ()
+        try:
+            linear = arguments == (self._test,) and compute_form_data(form)
+        except ArityMismatch:
+            linear = False
+        if not linear:
+            raise SceneError(f"the form of {load!r} must be linear in v and integrated over ds or dx, and is {form!r}")
         return self._assemble_vector(form)
-
-    def _coverage(self, load: PartialPressure, first: int):
-        """Coverage of a partial pressure and its terms as columns, see :class:`Coverage`."""
-        line, names = self._surface(load.tag), self.scene.parameters.names
-        check_line(load, line.points, self.scene.hypothesis)
-        order = np.argsort(line.points[:, load.axis])
-        nodes, positions = line.nodes[order], line.points[order, load.axis]
-        lengths = np.diff(positions)
-        nodal = (np.append(lengths, 0.0) + np.append(0.0, lengths)) / 2
-        whole = self._load_vector(Pressure(load.tag, load.amplitude)).reshape(-1, 2)[nodes]
-        # force of a unit pressure per unit length: the same at every node of a straight line along an axis
-        force = whole.sum(axis=0) / nodal.sum()
-        if np.abs(whole - nodal[:, None] * force).max() > 1e-9 * np.abs(whole).max():
-            raise SceneError(
-                f"the line tagged {load.tag} under a partial pressure is not in one piece from {positions[0]} to "
-                f"{positions[-1]} along axis {load.axis}: give each piece a tag and a pressure of its own"
-            )
-        at_nodes = np.zeros((self.size, len(nodes)))
-        for component in (0, 1):
-            at_nodes[2 * nodes + component, np.arange(len(nodes))] = force[component]
-        edges = (at_nodes[:, :-1] + at_nodes[:, 1:]) * lengths / 2
-        before = np.hstack([np.zeros((self.size, 1)), np.cumsum(edges, axis=1)[:, :-1]])
-        slopes = load.amplitude.row(self.scene.parameters)
-        coverage = Coverage(first, positions, names.index(load.extent), load.amplitude.constant, slopes)
-        return coverage, np.hstack([before, at_nodes])
 
     def _contact_rows(self) -> tuple[ContactRows, np.ndarray]:
         """Rows of all pairs and the pair of each."""
@@ -353,6 +327,13 @@ class Discretisation:
         vector = fem_petsc.assemble_vector(fem.form(form))
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         return np.concatenate(self.comm.allgather(vector.array))
+
+
+def _placed(terms: list[Term], first: int, shape: tuple[int, int]) -> csc_matrix:
+    """Columns of terms one after another from the place ``first`` on, zero elsewhere, in the format csc."""
+    parts = [csc_matrix((shape[0], first)), *(term.columns for term in terms)]
+    parts.append(csc_matrix((shape[0], shape[1] - sum(part.shape[1] for part in parts))))
+    return csc_matrix(hstack(parts))
 
 
 def _without_columns(matrix, columns):

@@ -205,7 +205,7 @@ class CondensedModel:
         """
         distinct, which = np.unique(self.known.active, axis=0, return_inverse=True)
         size = len(distinct) * (self._m + len(self._response)) * (1 + len(self.parameters.names))
-        if self.amplitudes.coverages or size > REGION_ENTRIES:
+        if self.amplitudes.nonaffine or size > REGION_ENTRIES:
             return [None] * len(self.known.active)
         # columns: the value at mu = 0, then the slope along each parameter
         response = self._response @ np.column_stack([self.amplitudes.constant, self.amplitudes.slopes])

@@ -11,6 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.errors import FileContentError, HHRError, ModelFileError
 from hhr_dolfinx.files import check_layout, read_arrays, write_arrays
@@ -20,7 +21,7 @@ from hhr_dolfinx.models.reduced import ReducedModel, ReducedProblem
 from hhr_dolfinx.parameters import Amplitudes, Coverage, ParameterSpace
 from hhr_dolfinx.trained import TrainedRange
 
-FORMAT, VERSION = "hhr_dolfinx reduced model", 5
+FORMAT, VERSION = "hhr_dolfinx reduced model", 6
 
 LAYOUT = {
     "reduced.stiffness": ("float", "ell", "ell"),
@@ -59,7 +60,6 @@ INDICES = {
 """Arrays of indices: each must be at least 0 and below the size of this name."""
 
 _COVERAGE = {
-    "first": ("int",),
     "positions": ("float", "nodes"),
     "extent": ("int",),
     "constant": ("float",),
@@ -96,9 +96,11 @@ def save_model(path: str | Path, reduction: OnlineModel) -> None:
     }
     fields = {f"{part}.{name}": getattr(value, name) for part, value in parts.items() for name in vars(value)}
     fields |= {f"reconstruction.lifts.{name}": value for name, value in _packed(fields["reconstruction.lifts"]).items()}
-    for k, coverage in enumerate(model.amplitudes.coverages):
+    for k, coverage in enumerate(model.amplitudes.nonaffine):
+        if not isinstance(coverage, Coverage):
+            raise ModelFileError(f"the amplitude {coverage!r} has no place in a file")
         fields |= {f"coverage{k}.{name}": value for name, value in vars(coverage).items()}
-    layout = _layout(len(model.amplitudes.coverages))
+    layout = _layout(len(model.amplitudes.nonaffine))
     arrays = {name: np.asarray(fields[name], dtype=_TYPES[kind[0]]) for name, kind in layout.items()}
     space = model.parameters
     header = {
@@ -155,7 +157,7 @@ def _check(header: dict, arrays: dict[str, np.ndarray]) -> dict[str, int]:
         FileContentError: with what is wrong.
     """
     _check_header(header)
-    coverages = sum(name.startswith("coverage") and name.endswith(".first") for name in arrays)
+    coverages = sum(name.startswith("coverage") and name.endswith(".extent") for name in arrays)
     layout = _layout(coverages)
     sizes = check_layout(arrays, layout, header["sizes"])
     named = {label for _, *dimensions in layout.values() for label in dimensions}
@@ -199,18 +201,16 @@ def _check_header(header):
 
 
 def _check_coverages(arrays, sizes, coverages):
-    """Terms of partial pressures follow the affine ones without a gap, each on a line that goes up."""
-    first = sizes["affine terms"]
+    """Terms of partial pressures follow the affine ones, each on a line that goes up."""
+    terms = sizes["affine terms"]
     for k in range(coverages):
-        if arrays[f"coverage{k}.first"] != first:
-            raise FileContentError(f"coverage{k} starts at term {arrays[f'coverage{k}.first']}, not at {first}")
         _check_indices(f"coverage{k}.extent", arrays[f"coverage{k}.extent"], sizes["P"])
         positions = arrays[f"coverage{k}.positions"]
         if positions.size < 2 or not all(low < high for low, high in pairwise(positions.tolist())):
             raise FileContentError(f"coverage{k}.positions must be at least two and increase")
-        first += 2 * positions.size - 1
-    if first != sizes["terms"]:
-        raise FileContentError(f"the amplitudes are {first}, the terms of the loads {sizes['terms']}")
+        terms += 2 * positions.size - 1
+    if terms != sizes["terms"]:
+        raise FileContentError(f"the amplitudes are {terms}, the terms of the loads {sizes['terms']}")
 
 
 def _check_indices(name, array, size):
@@ -225,11 +225,11 @@ def _model(header: dict, arrays: dict[str, np.ndarray], sizes: dict[str, int]) -
         part, name = key.split(".", 1)
         groups.setdefault(part, {})[name] = array.item() if array.ndim == 0 else array
     fields = groups["reconstruction"]
-    packed = (fields.pop(f"lifts.{name}") for name in ("rows", "columns", "values"))
-    fields["lifts"] = _unpacked(*packed, (sizes["N"], sizes["terms"]))
+    rows, columns, values = (fields.pop(f"lifts.{name}") for name in ("rows", "columns", "values"))
+    fields["lifts"] = csc_matrix((values, (rows, columns)), shape=(sizes["N"], sizes["terms"]))
     count = sum(part.startswith("coverage") for part in groups)
     coverages = tuple(Coverage(**groups[f"coverage{k}"]) for k in range(count))
-    groups["amplitudes"]["coverages"] = coverages
+    groups["amplitudes"]["nonaffine"] = coverages
     parts = {part: kind(**groups[part]) for part, kind in _PARTS.items()}
     space = ParameterSpace(**{key: tuple(values) for key, values in header["parameters"].items()})
     trained = TrainedRange(space.names, **groups["trained"])
@@ -237,14 +237,7 @@ def _model(header: dict, arrays: dict[str, np.ndarray], sizes: dict[str, int]) -
     return OnlineModel(model, parts["reconstruction"], header["dimension"])
 
 
-def _packed(dense: np.ndarray) -> dict[str, np.ndarray]:
-    """Entries of a matrix that are not zero."""
-    rows, columns = np.nonzero(dense)
-    return {"rows": rows, "columns": columns, "values": dense[rows, columns]}
-
-
-def _unpacked(rows, columns, values, shape) -> np.ndarray:
-    """A matrix from its entries, in Fortran order: columns of zeros, which nobody reads, take no memory."""
-    dense = np.zeros(shape, order="F")
-    dense[rows, columns] = values
-    return dense
+def _packed(matrix: csc_matrix) -> dict[str, np.ndarray]:
+    """Entries of a sparse matrix."""
+    entries = matrix.tocoo()
+    return {"rows": entries.row, "columns": entries.col, "values": entries.data}

@@ -131,7 +131,7 @@ def load_nodes(problem: ContactProblem) -> np.ndarray:
     """
     loaded = []
     for column in problem.loads.T:
-        size = np.abs(column).reshape(-1, problem.block_size).max(axis=1)
+        size = np.abs(column.toarray()).reshape(-1, problem.block_size).max(axis=1)
         if size.max() > 0:
             equals = np.flatnonzero(size > (1 - 1e-6) * size.max())
             loaded.append(equals[np.lexsort(problem.points[equals].T[::-1])[0]])

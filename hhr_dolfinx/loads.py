@@ -1,0 +1,279 @@
+"""Loads: what drives a scene from outside; each says which vectors it adds to F, and with which amplitudes.
+
+A load of a user's own is one class with a method ``terms``, see :class:`Load`; nothing behind it knows which it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, is_dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from scipy.sparse import csc_matrix, hstack, issparse
+
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.forms import elasticity
+from hhr_dolfinx.parameters import (
+    Amplitude,
+    Coverage,
+    NonAffine,
+    ParameterSpace,
+    as_tuple,
+    check_amplitude,
+    check_tag,
+    is_number,
+    is_whole,
+)
+
+if TYPE_CHECKING:
+    import ufl
+
+    from hhr_dolfinx.pairings.surface import Surface
+
+
+@dataclass(frozen=True)
+class Term:
+    """Columns of F and the amplitudes they are multiplied by.
+
+    Attributes:
+        amplitude: affine, of a single column, or a :class:`~hhr_dolfinx.parameters.NonAffine` of several.
+        columns: nodal forces for the amplitude 1, (N,), or sparse (N, k).
+    """
+
+    amplitude: Amplitude | NonAffine
+    columns: np.ndarray | csc_matrix
+
+
+@dataclass(frozen=True)
+class Assembler:
+    """What a load may ask of the finite element model; on several ranks all of them ask together.
+
+    Attributes:
+        test: UFL test function v, a vector.
+        hypothesis: ``plane_strain``, ``plane_stress``, ``axisymmetric`` or ``solid``: forms in axisymmetry need the
+            weight :func:`hhr_dolfinx.forms.elasticity.volume_weight`.
+        parameters: the box of the parameters.
+        size: N, number of dofs; those of node n are ``dim n`` to ``dim n + dim - 1``.
+        ds: measure of the outer facets with a tag; refuses tags that are not there and facets inside the mesh.
+        dx: measure of the cells with a tag.
+        vector: assembles a UFL form that is linear in v, (N,); refuses any other.
+        surface: nodes of the facets with a tag, their coordinates and measures.
+    """
+
+    test: ufl.Argument
+    hypothesis: str
+    parameters: ParameterSpace
+    size: int
+    ds: Callable[[int], ufl.Measure]
+    dx: Callable[[int], ufl.Measure]
+    vector: Callable[[ufl.Form], np.ndarray]
+    surface: Callable[[int], Surface]
+
+
+class Load(Protocol):
+    """A load; a method ``check(parameters)``, if it has one, refuses what the box of a scene does not have."""
+
+    def terms(self, assembler: Assembler) -> Sequence[Term]:
+        """What it adds to F."""
+
+
+@dataclass(frozen=True)
+class Traction:
+    """Surface force ``amplitude(mu) * direction`` per area on tagged facets."""
+
+    tag: int
+    direction: tuple[float, ...]
+    amplitude: Amplitude
+
+    def __post_init__(self):
+        """Refuse a direction that is none."""
+        check_tag("traction", self.tag)
+        object.__setattr__(self, "direction", as_tuple("the direction of a traction", self.direction))
+        if not all(is_number(value) for value in self.direction) or not any(self.direction):
+            raise SceneError(f"the traction {self.direction} on tag {self.tag} must be finite and not zero")
+        check_amplitude(self, f"the traction on tag {self.tag}")
+
+    def check(self, parameters: ParameterSpace) -> None:
+        """Refuse slopes along unknown parameters."""
+        self.amplitude.row(parameters)
+
+    def terms(self, assembler: Assembler) -> list[Term]:
+        """One vector.
+
+        Raises:
+            SceneError: for a direction of another dimension than the mesh.
+        """
+        (dim,) = assembler.test.ufl_shape
+        if len(self.direction) != dim:
+            raise SceneError(f"the traction {self.direction} on tag {self.tag} must have {dim} components, as the mesh")
+        form = elasticity.traction(assembler.test, self.direction, assembler.hypothesis, assembler.ds(self.tag))
+        return [Term(self.amplitude, assembler.vector(form))]
+
+
+@dataclass(frozen=True)
+class Pressure:
+    """Pressure ``amplitude(mu)`` against the outer normal of tagged facets."""
+
+    tag: int
+    amplitude: Amplitude
+
+    def __post_init__(self):
+        """Refuse what is no amplitude."""
+        check_tag("pressure", self.tag)
+        check_amplitude(self, f"the pressure on tag {self.tag}")
+
+    def check(self, parameters: ParameterSpace) -> None:
+        """Refuse slopes along unknown parameters."""
+        self.amplitude.row(parameters)
+
+    def terms(self, assembler: Assembler) -> list[Term]:
+        """One vector."""
+        return [Term(self.amplitude, _unit_pressure(assembler, self.tag))]
+
+
+@dataclass(frozen=True)
+class PartialPressure:
+    """Pressure on the part of a straight line with coordinate up to a parameter, in two dimensions.
+
+    Integrated exactly over the partly covered edge, and evaluated online from three columns. A line of n nodes takes
+    about n^2 / 2 numbers.
+
+    Attributes:
+        tag: facet tag of the line, which runs along an axis.
+        amplitude: the pressure.
+        extent: name of the parameter up to which it acts.
+        axis: coordinate along the line.
+    """
+
+    tag: int
+    amplitude: Amplitude
+    extent: str
+    axis: int = 1
+
+    def __post_init__(self):
+        """Refuse what is no amplitude or no axis of the plane."""
+        check_tag("partial pressure", self.tag)
+        check_amplitude(self, f"the partial pressure on tag {self.tag}")
+        if self.axis not in (0, 1):
+            raise SceneError(f"the axis {self.axis!r} of the partial pressure on tag {self.tag} must be 0 or 1")
+
+    def check(self, parameters: ParameterSpace) -> None:
+        """Refuse slopes along unknown parameters, and an extent that is none.
+
+        Raises:
+            SceneError: with the parameters that are there.
+        """
+        self.amplitude.row(parameters)
+        if self.extent not in parameters.names:
+            raise SceneError(
+                f"the partial pressure on tag {self.tag} extends up to '{self.extent}': it must be one of the "
+                f"parameters {parameters.names}"
+            )
+
+    def terms(self, assembler: Assembler) -> list[Term]:
+        """Columns as :class:`~hhr_dolfinx.parameters.Coverage` counts them.
+
+        Raises:
+            SceneError: for what is no straight line in one piece along the axis.
+        """
+        whole, line = _unit_pressure(assembler, self.tag), assembler.surface(self.tag)
+        self._check_line(line.points, assembler.hypothesis)
+        order = np.argsort(line.points[:, self.axis])
+        nodes, positions = line.nodes[order], line.points[order, self.axis]
+        lengths = np.diff(positions)
+        nodal = (np.append(lengths, 0.0) + np.append(0.0, lengths)) / 2
+        whole = whole.reshape(-1, 2)[nodes]
+        # force of a unit pressure per unit length: the same at every node of a straight line along an axis
+        force = whole.sum(axis=0) / nodal.sum()
+        if np.abs(whole - nodal[:, None] * force).max() > 1e-9 * np.abs(whole).max():
+            raise SceneError(
+                f"the line tagged {self.tag} under a partial pressure is not in one piece from {positions[0]} to "
+                f"{positions[-1]} along axis {self.axis}: give each piece a tag and a pressure of its own"
+            )
+        rows = (2 * nodes[:, None] + [0, 1]).ravel()
+        entries = np.tile(force, nodes.size), (rows, np.repeat(np.arange(nodes.size), 2))
+        at_nodes = csc_matrix(entries, shape=(assembler.size, nodes.size))
+        edges = (at_nodes[:, :-1] + at_nodes[:, 1:]).multiply(lengths / 2)
+        before = edges @ csc_matrix(np.triu(np.ones((lengths.size,) * 2), 1))
+        space, amplitude = assembler.parameters, self.amplitude
+        extent = space.names.index(self.extent)
+        coverage = Coverage(positions, extent, amplitude.constant, amplitude.row(space))
+        return [Term(coverage, hstack([before, at_nodes]))]
+
+    def _check_line(self, points: np.ndarray, hypothesis: str) -> None:
+        """Refuse what is no straight line along the axis in the plane, by its nodes, (n, dim)."""
+        what = f"the partial pressure on tag {self.tag}"
+        if points.shape[1] != 2:
+            raise SceneError(f"{what} needs a mesh in the plane: in space, write a load of your own with terms")
+        extents = np.ptp(points, axis=0)
+        if extents[1 - self.axis] > 1e-9 * extents[self.axis]:
+            raise SceneError(
+                f"{what} acts along axis {self.axis}, and its line is not straight along it: it extends over "
+                f"{extents[0]:.6g} along axis 0 and {extents[1]:.6g} along axis 1. Set its axis to {extents.argmax()}, "
+                "or tag a straight line"
+            )
+        if hypothesis == "axisymmetric" and self.axis == 0:
+            raise SceneError(
+                f"{what} acts along the radius of an axisymmetric scene, where its area is not linear in its extent: "
+                "only lines along axis 1 are supported"
+            )
+
+
+def _unit_pressure(assembler: Assembler, tag: int) -> np.ndarray:
+    """Nodal forces of the pressure 1, (N,)."""
+    return assembler.vector(elasticity.pressure(assembler.test, assembler.hypothesis, assembler.ds(tag)))
+
+
+def checked_terms(load: Load, assembler: Assembler) -> list[Term]:
+    """Terms of a load with columns in the format csc, without zeros.
+
+    Raises:
+        SceneError: for terms that are none: what is wrong, and of which load.
+    """
+    terms = load.terms(assembler)
+    if not isinstance(terms, Sequence) or not all(isinstance(term, Term) for term in terms):
+        raise SceneError(f"the terms of {load!r} must be a list of Term, and are {terms!r}")
+    return [Term(term.amplitude, _checked_columns(load, term, assembler)) for term in terms]
+
+
+def _checked_columns(load, term, assembler) -> csc_matrix:
+    """Columns of a term whose amplitude and sizes are as they must be."""
+    amplitude, columns = term.amplitude, term.columns
+    count = 1 if isinstance(amplitude, Amplitude) else _checked_count(load, amplitude, assembler.parameters)
+    if isinstance(columns, np.ndarray) and columns.ndim == 1:
+        columns = columns[:, None]
+    shape = getattr(columns, "shape", None)
+    if not (isinstance(columns, np.ndarray) or issparse(columns)) or shape != (assembler.size, count):
+        raise SceneError(
+            f"a term of {load!r} has {count} amplitudes: its columns must be an array or a sparse matrix of shape "
+            f"{(assembler.size, count)}, not {columns!r}"
+        )
+    columns = csc_matrix(columns, dtype=float)
+    columns.sum_duplicates()
+    columns.eliminate_zeros()
+    if not np.isfinite(columns.data).all():
+        raise SceneError(f"the nodal forces of {load!r} are not finite: check its form")
+    return columns
+
+
+def _checked_count(load, amplitude, space: ParameterSpace) -> int:
+    """Number of columns of an amplitude that is not affine, tried in the middle of the box."""
+    if isinstance(amplitude, type) or not callable(amplitude) or not is_dataclass(amplitude):
+        raise SceneError(
+            f"the amplitude {amplitude!r} of {load!r} must be an Amplitude, or a frozen dataclass with a count that "
+            "returns (columns, values) for a point"
+        )
+    count = getattr(amplitude, "count", None)
+    if not is_whole(count, 1):
+        raise SceneError(f"the count {count!r} of {amplitude!r} of {load!r} must be its number of columns")
+    try:
+        columns, values = amplitude(np.mean([space.lower, space.upper], axis=0))
+        fits = len(columns) == len(values) == len(set(columns)) and all(is_number(value) for value in values)
+    except (TypeError, ValueError):
+        fits, columns = False, ()
+    if not fits or not all(is_whole(column, 0) and column < count for column in columns):
+        raise SceneError(
+            f"{amplitude!r} of {load!r} must return columns, each once and below its count {count}, and as many values"
+        )
+    return count

@@ -1,0 +1,136 @@
+"""Loads of a user's own against closed forms, in the full order and reduced, and sums of sparse columns."""
+
+import dataclasses
+import warnings
+
+import numpy as np
+import pytest
+from scenes import check_contact_conditions, pressed_block
+from scipy.sparse import csc_matrix, csr_matrix
+from toy_nonaffine_load import Square, WindLoad
+from toy_volume_load import Weight
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import SceneWarning
+from hhr_dolfinx.geometries import block
+from hhr_dolfinx.parameters import Amplitudes, Coverage, Theta
+
+YOUNG, HEIGHT, WIDTH, GAP = 3.0, 2.0, 1.5, 0.01
+
+
+def column(load, names, lower, upper, top, hypothesis="plane_strain"):
+    """A column without lateral strain above a floor, under a load, whose top goes down by an amplitude."""
+    scene = pressed_block(hypothesis, young=YOUNG, poisson=0.0, gap=GAP, cells=6)
+    *fixed, lid = scene.displacements
+    return dataclasses.replace(
+        scene,
+        parameters=hhr.ParameterSpace(names, lower, upper),
+        displacements=(*fixed, dataclasses.replace(lid, amplitude=top)),
+        loads=(load,),
+    )
+
+
+def heavy_column():
+    """The top goes down by ``drop``: the floor carries weight HEIGHT / 2 + E (drop - GAP) / HEIGHT per area."""
+    weight = Weight(block.SOLID, (0.0, -1.0), hhr.Amplitude(slopes={"weight": 1.0}))
+    drop = hhr.Amplitude(slopes={"drop": -1.0})
+    return column(weight, ("weight", "drop"), (0.0, 0.0), (0.1, 0.1), drop)
+
+
+def windy_column():
+    """The top is held, the lower end blown down: the floor carries 0.05 speed^2 - E GAP / HEIGHT per area."""
+    wind = WindLoad(block.side(1, False), (0.0, -1.0), 0.05, "speed")
+    return column(wind, ("speed",), (0.0,), (2.0,), hhr.Amplitude())
+
+
+def pressure_of(scene, mu):
+    """Closed form of the pressure on the floor."""
+    if scene.parameters.names == ("speed",):
+        return max(0.05 * mu[0] ** 2 - YOUNG * GAP / HEIGHT, 0.0)
+    return max(mu[0] * HEIGHT / 2 + YOUNG * (mu[1] - GAP) / HEIGHT, 0.0)
+
+
+SCENES = [(heavy_column(), [5, 5]), (windy_column(), [9])]
+
+
+@pytest.mark.parametrize(("scene", "counts"), SCENES, ids=["weight", "wind"])
+def test_loads_of_a_users_own(scene, counts):
+    """Full order and reduced against the closed form and each other, at points between those of the training."""
+    training = hhr.train(scene, counts)
+    full, reduced = training.full_order, training.build()
+    for mu in scene.parameters.random(6, seed=2):
+        exact = full.solve(mu)
+        check_contact_conditions(full.problem, exact.primal, exact.forces, mu)
+        assert exact.forces.sum() == pytest.approx(WIDTH * pressure_of(scene, mu), rel=1e-10, abs=1e-14)
+        displacement, forces = reduced.solve_everywhere(mu)
+        assert displacement == pytest.approx(exact.primal, abs=1e-9 * np.abs(exact.primal).max())
+        assert forces == pytest.approx(exact.forces, abs=1e-9)
+
+
+def test_a_column_stands_on_all_of_its_weight():
+    """Let down by as much as it is shortened by its weight, its top carries nothing."""
+    full, weight = hhr.FullOrderModel(heavy_column()), 0.05
+    found = full.solve((weight, GAP + weight * HEIGHT**2 / (2 * YOUNG)))
+    assert found.forces.sum() == pytest.approx(weight * HEIGHT * WIDTH, rel=1e-10)
+
+
+def test_weight_in_axisymmetry():
+    """The forms carry the weight of the hypothesis: a cylinder of radius 1.5 weighs pi 1.5^2 HEIGHT."""
+    weight = Weight(block.SOLID, (0.0, -1.0), hhr.Amplitude(slopes={"weight": 1.0}))
+    scene = column(weight, ("weight",), (0.0,), (0.1,), hhr.Amplitude(), "axisymmetric")
+    held = dataclasses.replace(scene, displacements=(hhr.Displacement(block.side(0, False), 1),))
+    assert hhr.FullOrderModel(held).problem.external.sum() == pytest.approx(-np.pi * WIDTH**2 * HEIGHT, rel=0.05)
+    assert hhr.FullOrderModel(scene).problem.stiffness_terms[0].shape == (98, 98)
+
+
+def test_a_body_that_flows_carries_its_weight():
+    """Below its yield stress, in one step of a history, as in the elastic model."""
+    scene = heavy_column()
+    law = dataclasses.replace(scene.bodies[0], law=hhr.Plasticity(1e3))
+    flowing = hhr.PlasticFullOrder(dataclasses.replace(scene, bodies=(law,)))
+    mu = np.array([0.05, 0.03])
+    history = hhr.march(flowing, [(0.0, np.zeros(2)), (1.0, mu)])
+    assert history.points[-1].forces.sum() == pytest.approx(WIDTH * pressure_of(scene, mu), rel=1e-6)
+
+
+def test_a_parameter_of_an_amplitude_that_is_not_affine_is_not_idle():
+    scene = windy_column()
+    space = hhr.ParameterSpace(("idle", "speed"), (0.0, 0.0), (1.0, 2.0))
+    with pytest.warns(SceneWarning, match=r"parameters \('idle',\) of scene"):
+        hhr.FullOrderModel(dataclasses.replace(scene, parameters=space))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        hhr.FullOrderModel(scene)
+
+
+def test_amplitudes_are_counted_one_after_another():
+    """Affine terms first, then the columns of each that is not."""
+    line = Coverage(np.array([0.0, 1.0, 3.0]), 0, 1.0, np.array([0.0, 0.0]))
+    space = hhr.ParameterSpace(("a", "b"), (0.0, 0.0), (3.0, 3.0))
+    pushed = hhr.Amplitude(2.0, {"b": 1.0})
+    amplitudes = Amplitudes.collect([pushed], space, [Square(1, 5.0), line])
+    assert amplitudes.firsts == [2, 3, 8]
+    theta = amplitudes(np.array([2.0, 3.0]))
+    full = np.zeros(8)
+    full[theta.terms] = theta.values
+    # up to the middle of the edge from 1 to 3: the whole first edge, 3/4 on its first and 1/4 on its second node
+    assert full == pytest.approx(np.array([1.0, 5.0, 45.0, 0.0, 1.0, 0.0, 0.75, 0.25]))
+    assert amplitudes.idle(space) == ()
+
+
+@pytest.mark.parametrize("kind", [csc_matrix, csr_matrix, np.asarray, np.asfortranarray])
+@pytest.mark.parametrize("terms", [slice(None), np.array([5, 0, 2])])
+def test_sums_of_columns(kind, terms):
+    """Sparse and dense matrices, all terms and some of them, in any order."""
+    dense = np.random.default_rng(0).standard_normal((7, 6)) * (np.arange(42).reshape(7, 6) % 3 == 0)
+    values = np.arange(1.0, 7.0)[terms]
+    found = kind(dense) @ Theta(terms, values)
+    assert type(found) is np.ndarray and found == pytest.approx(dense[:, terms] @ values)
+    assert kind(np.zeros((7, 6))) @ Theta(terms, values) == pytest.approx(np.zeros(7))
+
+
+def test_the_stiffness_is_the_sum_of_its_terms(hertz):
+    problem = hertz.problem
+    parts = dataclasses.replace(problem, stiffness_terms=(0.25 * problem.stiffness, 0.75 * problem.stiffness))
+    assert abs(parts.stiffness - problem.stiffness).max() < 1e-12 * abs(problem.stiffness).max()
+    assert problem.stiffness is problem.stiffness_terms[0] and len(problem.stiffness_terms) == 1
