@@ -74,7 +74,7 @@ class PlasticFullOrder:
         self._body = np.zeros(self.size, dtype=int)
         self._body[self.operator.dofs] = bodies[:, None]
         self._sizes = abs(stiffness)
-        self.points = np.arange(self.operator.points)
+        self.points = np.arange(self.operator.gauss_points)
         self._transposed, self._lifted = problem.contact.T.tocsr(), bool(np.any(problem.lifts))
 
     def strain(self, x, theta):

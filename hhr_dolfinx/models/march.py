@@ -236,7 +236,7 @@ class _Goal(NamedTuple):
 
 def _at_rest(model, time, parameter) -> Point:
     active, material = np.zeros(model.conditions, dtype=bool), model.material
-    stress = np.zeros((material.size, material.components))
+    stress = np.zeros((material.gauss_points, material.components))
     return Point(time, parameter, np.zeros(model.size), np.zeros(active.size), active, stress, material.at_rest())
 
 

@@ -250,7 +250,7 @@ def _build(full, selected, known, settings, log) -> PlasticReduction:
     record_enrichment(enrichment, settings.kappa_max, log)
     if not full.material.flows:
         log.skip("tangents", "no body flows: the elastic operator is the tangent")
-    counts = settings.layers, full.operator.points
+    counts = settings.layers, full.operator.gauss_points
     built = PlasticReduction(model, *completion, stability, enrichment, *counts, margin, None, log)
     with log.stage("validation"):
         comparison = _compared(full, built, known, settings.limits)

@@ -101,7 +101,7 @@ def checked_histories(full, histories) -> list[History]:
             raise ReductionError(f"history {number} is {history!r}: give what march returns")
         if not history.points:
             raise ReductionError(f"history {number} has no step: it needs at least one")
-        last, shape = history.points[-1], (full.operator.points, full.material.components)
+        last, shape = history.points[-1], (full.operator.gauss_points, full.material.components)
         sizes = last.unknown.size, last.forces.size, last.parameter.size
         if sizes != (full.size, full.conditions, parameters) or last.stress.shape != shape:
             raise ReductionError(
