@@ -1,15 +1,24 @@
 """Trace forms on a contact surface.
 
-The contact matrix B of thesis (1.27) is nodal, without weights. Surface integrals are
-needed for the tributary area of a node only, which turns a nodal force into a pressure;
-it is read from the first component of a vector test function.
+The contact matrix B of thesis (1.27) is nodal, without weights: a row divides ∫ λ n·v by the area that belongs to its
+multiplier. That area turns a nodal force into a pressure too; it is read from the first component of a vector test
+function.
 """
 
 from __future__ import annotations
 
+import ufl
+from ufl.core.expr import Expr
+
 from hhr_dolfinx.forms.elasticity import volume_weight
 
 
-def tributary_area(v, hypothesis: str, ds):
+def tributary_area(v: Expr, hypothesis: str, ds: ufl.Measure) -> ufl.Form:
     """Form ∫ v_0 w ds: the area that belongs to each node of the surface."""
     return volume_weight(ds.ufl_domain(), hypothesis) * v[0] * ds
+
+
+def coupling(v: Expr, multiplier: Expr, hypothesis: str, ds: ufl.Measure) -> ufl.Form:
+    """Slave side of the contact coupling, b(v, λ) = ∫ λ n·v w ds with the outer normal n of the surface."""
+    weight = volume_weight(ds.ufl_domain(), hypothesis)
+    return weight * multiplier * ufl.dot(ufl.FacetNormal(ds.ufl_domain()), v) * ds

@@ -11,18 +11,23 @@ Every hypothesis works with the full 3x3 strain, so that one contraction
 
 from __future__ import annotations
 
-import ufl
+from collections.abc import Sequence
 
+import numpy as np
+import ufl
+from ufl.core.expr import Expr
+
+from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.materials.elasticity import lame_parameters
 
 HYPOTHESES = ("plane_strain", "plane_stress", "axisymmetric", "solid")
 
 
-def strain(u, hypothesis: str, poisson=0.0):
+def strain(u: Expr, hypothesis: str, poisson: float = 0.0) -> Expr:
     """Strain ε(u), a 3x3 tensor whose third axis is z in the plane and θ in axisymmetry."""
-    if hypothesis == "solid":
-        return ufl.sym(ufl.grad(u))
     e = ufl.sym(ufl.grad(u))
+    if hypothesis == "solid":
+        return e
     if hypothesis == "plane_strain":
         third = 0.0
     elif hypothesis == "plane_stress":
@@ -30,11 +35,11 @@ def strain(u, hypothesis: str, poisson=0.0):
     elif hypothesis == "axisymmetric":
         third = u[0] / ufl.SpatialCoordinate(ufl.domain.extract_unique_domain(u))[0]
     else:
-        raise ValueError(f"unknown hypothesis '{hypothesis}', one of {', '.join(HYPOTHESES)}")
+        raise SceneError(f"unknown hypothesis '{hypothesis}', one of {', '.join(HYPOTHESES)}")
     return ufl.as_tensor([[e[0, 0], e[0, 1], 0], [e[1, 0], e[1, 1], 0], [0, 0, third]])
 
 
-def stress(u, young, poisson, hypothesis: str, dilatation=None):
+def stress(u: Expr, young: float, poisson: float, hypothesis: str, dilatation: Expr | None = None) -> Expr:
     """Stress σ(u) = λ tr(ε) I + 2μ ε, thesis (1.6), a 3x3 tensor in the unit of E.
 
     A ``dilatation`` that is given takes the place of tr(ε), a third of it on each axis.
@@ -46,33 +51,33 @@ def stress(u, young, poisson, hypothesis: str, dilatation=None):
     return lam * ufl.tr(e) * ufl.Identity(3) + 2 * mu * e
 
 
-def volume_weight(mesh, hypothesis: str):
+def volume_weight(mesh: ufl.Mesh, hypothesis: str) -> Expr:
     """Weight of the volume and surface measures: 2πr in axisymmetry, 1 elsewhere."""
     return weight_at(ufl.SpatialCoordinate(mesh)[0], hypothesis)
 
 
-def weight_at(radius, hypothesis: str):
+def weight_at(radius: Expr | np.ndarray, hypothesis: str) -> Expr | np.ndarray:
     """The same at given first coordinates, symbolic or numbers."""
     return 2 * ufl.pi * radius if hypothesis == "axisymmetric" else 1.0 + 0 * radius
 
 
-def stiffness(u, v, young, poisson, hypothesis: str, dx):
+def stiffness(u: Expr, v: Expr, young: float, poisson: float, hypothesis: str, dx: ufl.Measure) -> ufl.Form:
     """Bilinear form a(u, v) = ∫ σ(u) : ε(v) w dx of thesis (1.9) on the measure ``dx``."""
     weight = volume_weight(dx.ufl_domain(), hypothesis)
     return weight * ufl.inner(stress(u, young, poisson, hypothesis), strain(v, hypothesis, poisson)) * dx
 
 
-def mass(u, v, hypothesis: str, dx):
+def mass(u: Expr, v: Expr, hypothesis: str, dx: ufl.Measure) -> ufl.Form:
     """L2 product ∫ u·v w dx, the Gram matrix of the L2 errors."""
     return volume_weight(dx.ufl_domain(), hypothesis) * ufl.inner(u, v) * dx
 
 
-def traction(v, direction, hypothesis: str, ds):
+def traction(v: Expr, direction: Sequence[float], hypothesis: str, ds: ufl.Measure) -> ufl.Form:
     """Surface load ∫ t·v w ds of thesis (1.9) for the constant traction vector t."""
     return volume_weight(ds.ufl_domain(), hypothesis) * ufl.inner(ufl.as_vector(direction), v) * ds
 
 
-def pressure(v, hypothesis: str, ds):
+def pressure(v: Expr, hypothesis: str, ds: ufl.Measure) -> ufl.Form:
     """Surface load -∫ n·v w ds of a unit pressure, which pushes against the outer normal n."""
     n = ufl.FacetNormal(ds.ufl_domain())
     return -volume_weight(ds.ufl_domain(), hypothesis) * ufl.inner(n, v) * ds

@@ -1,43 +1,87 @@
 """Isotropic flow of von Mises type in UFL, thesis section 6.2: the measure of the laws in ``materials``.
 
 Tensors are vectors in Kelvin's notation, (xx, yy, zz, √2 xy[, √2 xz, √2 yz]), so that products of tensors are products
-of vectors; zz is θθ in axisymmetry.
+of vectors; zz is θθ in axisymmetry. A step flows by Δp along the trial stress. Each law is a residual of Δp that
+vanishes, so that derivatives by the strain, consistent tangents, follow by differentiating both.
 """
 
 from __future__ import annotations
 
 import ufl
+from ufl.core.expr import Expr
 
 from hhr_dolfinx.forms.elasticity import strain
 from hhr_dolfinx.materials.elasticity import lame_parameters
-from hhr_dolfinx.materials.laws import Plasticity
+from hhr_dolfinx.materials.laws import Norton, Plasticity
 
 
-def strain_vector(u, hypothesis: str, poisson=0.0):
+def strain_vector(u: Expr, hypothesis: str, poisson: float = 0.0) -> Expr:
     """Strain in Kelvin's notation: 4 components, or 6 in space."""
     e = strain(u, hypothesis, poisson)
     plane = [e[0, 0], e[1, 1], e[2, 2], 2**0.5 * e[0, 1]]
     return ufl.as_vector([*plane, 2**0.5 * e[0, 2], 2**0.5 * e[1, 2]] if hypothesis == "solid" else plane)
 
 
-def return_mapping(total, plastic, plastic_strain, young, poisson, law: Plasticity):
-    """Stress after a step of :class:`Plasticity` as a UFL expression, whose derivative is the consistent tangent.
-
-    The same physics as the kernels that the solvers run, kept as their measure.
+def trial_deviator(total: Expr, plastic: Expr, shear: float) -> Expr:
+    """Deviator 2 mu dev(ε - εp) of the stress if nothing flowed.
 
     Args:
         total: strain at the end of the step, Kelvin vector.
         plastic: plastic strain before the step, Kelvin vector.
-        plastic_strain: cumulated plastic strain before the step.
+        shear: mu.
+    """
+    return 2 * shear * (total - plastic - _trace(total) / 3 * _unit(total))
+
+
+def equivalent(deviator: Expr) -> Expr:
+    """Von Mises' equivalent stress of a deviator."""
+    return ufl.sqrt(1.5 * ufl.dot(deviator, deviator))
+
+
+def stress_after(total: Expr, plastic: Expr, flow: Expr, young: float, poisson: float) -> Expr:
+    """Stress after a step that flows by Δp: the trial stress, whose deviator is shortened by 3 mu Δp.
+
+    Args:
+        total, plastic: see :func:`trial_deviator`.
+        flow: Δp.
         young, poisson: elastic constants.
-        law: the flow.
     """
     lam, mu = lame_parameters(young, poisson)
-    size = ufl.shape(total)[0] if hasattr(ufl, "shape") else total.ufl_shape[0]
-    unit = ufl.as_vector([1.0, 1.0, 1.0] + [0.0] * (size - 3))
-    trace = ufl.dot(unit, total)
-    trial = 2 * mu * (total - plastic - trace / 3 * unit)
-    q = ufl.sqrt(1.5 * ufl.dot(trial, trial))
-    over = q - law.yield_stress - law.hardening * plastic_strain
-    flow = ufl.conditional(ufl.gt(over, 0), over, 0) / (3 * mu + law.hardening)
-    return (lam + 2 * mu / 3) * trace * unit + (1 - 3 * mu * flow / q) * trial
+    deviator = trial_deviator(total, plastic, mu)
+    share = 1 - 3 * mu * flow / equivalent(deviator)
+    return (lam + 2 * mu / 3) * _trace(total) * _unit(total) + share * deviator
+
+
+def plasticity(flow: Expr, trial: Expr, plastic_strain: Expr, shear: float, law: Plasticity) -> Expr:
+    """Yield function (6.23)-(6.26), σ_eq - σ0 - H p at the end of a step: zero where it flows, negative elsewhere.
+
+    Args:
+        flow: Δp.
+        trial: equivalent trial stress.
+        plastic_strain: cumulated plastic strain before the step.
+        shear: mu.
+        law: its constants.
+    """
+    return trial - 3 * shear * flow - law.yield_stress - law.hardening * (plastic_strain + flow)
+
+
+def norton(flow: Expr, trial: Expr, shear: float, dt: float, law: Norton) -> Expr:
+    """Implicit Euler of (6.28), zero: Δp = dt (x / K)^m with the stress x = q_tr - 3 mu Δp that is left.
+
+    Times 3 mu it is x + 3 mu dt (x / K)^m = q_tr.
+
+    Args:
+        flow, trial, shear: see :func:`plasticity`.
+        dt: length of the step in seconds.
+        law: its constants.
+    """
+    return flow - dt * ((trial - 3 * shear * flow) / law.resistance) ** law.exponent
+
+
+def _unit(vector: Expr) -> Expr:
+    """Kelvin vector of the unit tensor, as long as another one."""
+    return ufl.as_vector([1.0, 1.0, 1.0] + [0.0] * (len(vector) - 3))
+
+
+def _trace(vector: Expr) -> Expr:
+    return vector[0] + vector[1] + vector[2]

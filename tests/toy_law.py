@@ -1,4 +1,9 @@
-"""A law of flow of a user's own, in one file: Bingham's."""
+"""A law of flow of a user's own, in one file: Bingham's.
+
+A frozen dataclass of numbers can be kept in a model file, ``load_model(path, known=[Bingham])``.
+"""
+
+from __future__ import annotations
 
 from dataclasses import dataclass
 
@@ -17,12 +22,14 @@ class Bingham:
     yield_stress: float
     viscosity: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse what is no threshold or would flow backwards."""
         if not (0 <= self.yield_stress < np.inf and 0 <= self.viscosity < np.inf):
             raise ValueError(f"yield stress {self.yield_stress} and viscosity {self.viscosity} must not be negative")
 
-    def flow(self, trial, plastic_strain, shear, dt):
+    def flow(
+        self, trial: np.ndarray, plastic_strain: np.ndarray, shear: float, dt: float
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Closed form of η Δp = dt (q_tr - 3 mu Δp - σ0); see :class:`hhr_dolfinx.materials.laws.Flow`."""
         slope = dt / (self.viscosity + 3 * shear * dt)
         over = trial - self.yield_stress

@@ -84,7 +84,7 @@ class FullEquilibrium:
         self.problem, self.operator, self.material = problem, gauss.operator, gauss.material
         self.amplitudes, self.parameters = problem.amplitudes, problem.parameters
         self.size, self.conditions = problem.free.size, problem.contact.shape[0]
-        self.points = np.arange(self.operator.points)
+        self.points = np.arange(self.operator.gauss_points)
         self._pattern, self._pairs = gauss.pattern, Pairs.of(problem.contact_pairs)
         self._unchanged = ElasticPart(self.material.elastic, gauss.stiffness.data.copy())
         # made for solving, while those of tangents are made for factoring: on one core, in the plane at 13,700 dofs,

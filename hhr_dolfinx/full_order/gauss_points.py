@@ -23,16 +23,19 @@ if TYPE_CHECKING:
 
 
 def strain_operator(discretisation: Discretisation) -> StrainOperator:
-    """Strain at the Gauss points of all cells; serial.
+    """Strain at the Gauss points of all cells, for bodies that flow; serial.
 
     Args:
         discretisation: of the scene.
 
     Raises:
-        SceneError: on several ranks.
+        SceneError: if the mesh is spread over several ranks; all of them say so.
     """
     if discretisation.comm.size > 1:
-        raise SceneError("materials that flow are solved on one rank: share the parameters out, not the mesh")
+        raise SceneError(
+            f"the mesh of scene '{discretisation.scene.name}' is spread over {discretisation.comm.size} ranks, and "
+            "bodies that flow are solved on one: give each rank a model on MPI.COMM_SELF, and share the histories out"
+        )
     return _tabulated(discretisation, np.arange(discretisation.cell_bodies().size))
 
 
@@ -45,8 +48,10 @@ def material_at(scene: Scene, bodies: np.ndarray, operator: StrainOperator) -> M
         operator: strain of these cells.
     """
     of_point = np.repeat(bodies, operator.per_cell)
-    points = [np.flatnonzero(of_point == place) for place in range(len(scene.bodies))]
-    groups = [Group(p, b.young, b.poisson, b.law) for p, b in zip(points, scene.bodies, strict=True)]
+    groups = [
+        Group(np.flatnonzero(of_point == place), body.young, body.poisson, body.law)
+        for place, body in enumerate(scene.bodies)
+    ]
     return Material(groups, operator.components)
 
 
@@ -66,7 +71,7 @@ def add_stiffness(discretisation: Discretisation, matrix: PETSc.Mat) -> None:
     matrix.setValuesLocalRCV(dofs, dofs, elements, addv=PETSc.InsertMode.ADD)
 
 
-def _tabulated(discretisation, cells) -> StrainOperator:
+def _tabulated(discretisation: Discretisation, cells: np.ndarray) -> StrainOperator:
     """Strain at the Gauss points of some cells of this rank, in its own numbers of the dofs; collective."""
     mesh, space, hypothesis = discretisation.mesh, discretisation.space, discretisation.scene.hypothesis
     cells = cells.astype(np.int32)
@@ -84,12 +89,12 @@ def _tabulated(discretisation, cells) -> StrainOperator:
     return StrainOperator(gradients, volumes, dofs, discretisation.size)
 
 
-def _with_mean_dilatation(gradients, volumes):
+def _with_mean_dilatation(gradients: np.ndarray, volumes: np.ndarray) -> np.ndarray:
     """B-bar: the trace of the strain at each point gives way to its mean over the volume of the cell.
 
     Args:
-        gradients: strain of each dof, (cells, points, components, dofs of a cell).
-        volumes: of the points, (cells, points).
+        gradients: strain of each dof, (cells, per_cell, components, dofs of a cell).
+        volumes: of the Gauss points, (cells, per_cell).
     """
     trace = gradients[:, :, :3].sum(axis=2)
     shares = volumes / volumes.sum(axis=1, keepdims=True)

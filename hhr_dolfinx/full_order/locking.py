@@ -55,7 +55,7 @@ def mean_dilatation(scene: Scene, cell: str) -> tuple[bool, ...]:
     return bodies
 
 
-def _warn(scene, body, cell):
+def _warn(scene: Scene, body: Body, cell: str) -> None:
     why = "flows" if body.law is not None else f"is nearly incompressible, nu = {body.poisson}"
     warnings.warn(
         f"body {body.tag} of scene '{scene.name}' {why}, and its cells are of the kind {cell}, which lock: the body "

@@ -25,8 +25,10 @@ ITERATIONS = 60
 class Flow(Protocol):
     """What a body needs to flow."""
 
-    def flow(self, trial, plastic_strain, shear, dt):
-        """Cumulated flow of a step at points whose trial stress is given.
+    def flow(
+        self, trial: np.ndarray, plastic_strain: np.ndarray, shear: float, dt: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Cumulated flow of a step at Gauss points whose trial stress is given.
 
         The derivative makes steps converge fast and does not change where to: compare it with differences of Δp.
         A step that does not converge is cut, so that a law with rates sees smaller steps; ``History.cuts`` counts them.
@@ -57,7 +59,7 @@ class Plasticity:
     yield_stress: float
     hardening: float = 0.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse softening, for which the problem depends on the mesh, and a yield stress that is none."""
         if not (0 < self.yield_stress < np.inf and 0 <= self.hardening < np.inf):
             raise SceneError(
@@ -65,7 +67,9 @@ class Plasticity:
                 "softening has no answer that does not depend on the mesh"
             )
 
-    def flow(self, trial, plastic_strain, shear, dt):
+    def flow(
+        self, trial: np.ndarray, plastic_strain: np.ndarray, shear: float, dt: float
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Closed form of σ0 + H (p + Δp) = q_tr - 3 mu Δp; see :class:`Flow`."""
         slope = 1 / (3 * shear + self.hardening)
         over = trial - self.yield_stress - self.hardening * plastic_strain
@@ -86,12 +90,14 @@ class Norton:
     resistance: float
     exponent: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse what has no or no unique flow."""
         if not (0 < self.resistance < np.inf and 1 <= self.exponent < np.inf):
             raise SceneError(f"resistance {self.resistance} must be positive and exponent {self.exponent} at least 1")
 
-    def flow(self, trial, plastic_strain, shear, dt):
+    def flow(
+        self, trial: np.ndarray, plastic_strain: np.ndarray, shear: float, dt: float
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Newton's method for x = σ_eq in x + 3 mu dt (x / K)^m = q_tr; see :class:`Flow`.
 
         The left side is convex and increasing, so that iterates from above fall monotonically to the root. They start
@@ -100,7 +106,8 @@ class Norton:
         Raises:
             ArithmeticError: if the iteration does not settle.
         """
-        m, factor = self.exponent, 3 * shear * dt
+        m = self.exponent
+        factor = 3 * shear * dt
         x = np.minimum(trial, self.resistance * (trial / factor) ** (1 / m))
         positive = np.where(x > 0, x, 1.0)
         for _ in range(ITERATIONS):
@@ -123,11 +130,13 @@ class Norton:
         return rate, slope / (1 + 3 * shear * slope)
 
 
-def _power(base, exponent):
+def _power(base: np.ndarray, exponent: float) -> np.ndarray:
     """base**exponent, by products where the exponent is a small integer: ten times as fast."""
     if exponent != int(exponent) or exponent > 32:
         return base**exponent
-    result, square, rest = None, base, int(exponent)
+    result = None
+    square = base
+    rest = int(exponent)
     while rest:
         if rest & 1:
             result = square if result is None else result * square

@@ -20,8 +20,8 @@ class StrainOperator:
     """Strain ε = G u at the Gauss points of some cells, Kelvin's notation.
 
     Attributes:
-        gradients: G of each cell, (cells, points, components, dofs of a cell).
-        weights: quadrature weight times volume of each point, (cells, points).
+        gradients: G of each cell, (cells, per_cell, components, dofs of a cell).
+        weights: quadrature weight times volume of each Gauss point, (cells, per_cell).
         dofs: number of each dof of a cell, (cells, dofs of a cell).
         size: number of dofs there are.
     """
@@ -32,7 +32,7 @@ class StrainOperator:
     size: int
 
     @property
-    def points(self) -> int:
+    def gauss_points(self) -> int:
         """Number of Gauss points."""
         return self.weights.size
 
@@ -49,42 +49,50 @@ class StrainOperator:
     def restricted(self, cells: np.ndarray) -> tuple[StrainOperator, np.ndarray]:
         """The operator of some cells, and the dofs of these cells, which it numbers in their order."""
         columns, dofs = np.unique(self.dofs[cells], return_inverse=True)
-        gradients, dofs = np.ascontiguousarray(self.gradients[cells]), dofs.reshape(len(cells), -1)
-        return replace(self, gradients=gradients, weights=self.weights[cells], dofs=dofs, size=columns.size), columns
+        part = replace(
+            self,
+            gradients=np.ascontiguousarray(self.gradients[cells]),
+            weights=self.weights[cells],
+            dofs=dofs.reshape(len(cells), -1),
+            size=columns.size,
+        )
+        return part, columns
 
     def strain(self, field: np.ndarray) -> np.ndarray:
-        """Strain of a field (size,) at all points, (points, components)."""
-        out = np.empty((self.points, self.components))
+        """Strain of a field (size,) at all Gauss points, (gauss_points, components)."""
+        out = np.empty((self.gauss_points, self.components))
         _strain(self.gradients, self.dofs, field, out)
         return out
 
     def internal(self, stress: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Internal forces ∫ ε(v) : σ of a stress (points, components), (size,), and their size.
+        """Internal forces ∫ ε(v) : σ of a stress (gauss_points, components), (size,), and their size.
 
         The size sums what the cells contribute without sign: in equilibrium the sum itself cancels.
         """
-        out, size = np.zeros(self.size), np.zeros(self.size)
+        out = np.zeros(self.size)
+        size = np.zeros(self.size)
         _internal(self.gradients, self.weights, self.dofs, stress, out, size)
         return out, size
 
     def pattern(self) -> SparsePattern:
         """Sparsity of the stiffness matrices of these cells."""
         d = self.dofs.shape[1]
-        rows, columns = np.repeat(self.dofs, d, axis=1), np.tile(self.dofs, (1, d))
+        rows = np.repeat(self.dofs, d, axis=1)
+        columns = np.tile(self.dofs, (1, d))
         keys, position = np.unique(rows.ravel() * self.size + columns.ravel(), return_inverse=True)
         indptr = np.searchsorted(keys, np.arange(self.size + 1) * self.size).astype(np.int32)
         return SparsePattern(indptr, (keys % self.size).astype(np.int32), position.reshape(-1, d, d))
 
     def element_stiffness(self, tangents: np.ndarray) -> np.ndarray:
-        """Stiffness of each cell for tangents H (points, components, components), (cells, d, d) with d dofs a cell."""
-        cells, points, components, d = self.gradients.shape
-        moduli = tangents.reshape(cells, points, components, components)
+        """Stiffness (cells, d, d) of cells of d dofs for tangents H, (gauss_points, components, components)."""
+        cells, per_cell, components, d = self.gradients.shape
+        moduli = tangents.reshape(cells, per_cell, components, components)
         flux = moduli @ (self.weights[:, :, None, None] * self.gradients)
-        rows = points * components
+        rows = per_cell * components
         return self.gradients.reshape(cells, rows, d).transpose(0, 2, 1) @ flux.reshape(cells, rows, d)
 
     def stiffness(self, tangents: np.ndarray, pattern: SparsePattern, elastic: ElasticPart | None = None) -> csr_matrix:
-        """Stiffness ∫ ε(v) : H : ε(u) of tangents H (points, components, components), (size, size).
+        """Stiffness ∫ ε(v) : H : ε(u) of tangents H (gauss_points, components, components), (size, size).
 
         Args:
             tangents: H.
@@ -92,15 +100,17 @@ class StrainOperator:
             elastic: tangents and stiffness data of the elastic bodies; cells without flow then cost nothing.
         """
         if elastic is None:
-            data, reference = np.zeros(pattern.indices.size), np.zeros_like(tangents)
+            data = np.zeros(pattern.indices.size)
+            reference = np.zeros_like(tangents)
         else:
-            data, reference = elastic.data.copy(), elastic.tangents
+            data = elastic.data.copy()
+            reference = elastic.tangents
         _stiffness(self.gradients, self.weights, tangents, reference, pattern.position, data)
         return csr_matrix((data, pattern.indices, pattern.indptr), shape=(self.size, self.size))
 
 
 class ElasticPart(NamedTuple):
-    """Elastic tangents, (points, components, components), and the data of their stiffness in a pattern."""
+    """Elastic tangents, (gauss_points, components, components), and the data of their stiffness in a pattern."""
 
     tangents: np.ndarray
     data: np.ndarray
@@ -122,28 +132,28 @@ class SparsePattern:
 
 @compiled(fastmath=True)
 def _strain(gradients, dofs, field, out):
-    cells, points, components, d = gradients.shape
+    cells, per_cell, components, d = gradients.shape
     local = np.empty(d)
     for cell in range(cells):
         for k in range(d):
             local[k] = field[dofs[cell, k]]
-        for q in range(points):
+        for q in range(per_cell):
             for i in range(components):
                 value = 0.0
                 for k in range(d):
                     value += gradients[cell, q, i, k] * local[k]
-                out[cell * points + q, i] = value
+                out[cell * per_cell + q, i] = value
 
 
 @compiled(fastmath=True)
 def _internal(gradients, weights, dofs, stress, out, size):
-    cells, points, components, d = gradients.shape
+    cells, per_cell, components, d = gradients.shape
     local = np.empty(d)
     for cell in range(cells):
         local[:] = 0.0
-        for q in range(points):
+        for q in range(per_cell):
             for i in range(components):
-                value = weights[cell, q] * stress[cell * points + q, i]
+                value = weights[cell, q] * stress[cell * per_cell + q, i]
                 for k in range(d):
                     local[k] += gradients[cell, q, i, k] * value
         for k in range(d):
@@ -154,14 +164,15 @@ def _internal(gradients, weights, dofs, stress, out, size):
 @compiled(fastmath=True)
 def _stiffness(gradients, weights, tangents, reference, position, data):
     """Add the stiffness of ``tangents - reference``; points where they agree are passed over."""
-    cells, points, components, d = gradients.shape
+    cells, per_cell, components, d = gradients.shape
     flux = np.empty((components, d))
     element = np.empty((d, d))
     change = np.empty((components, components))
     for cell in range(cells):
         changed = False
-        for q in range(points):
-            n, size = cell * points + q, 0.0
+        for q in range(per_cell):
+            n = cell * per_cell + q
+            size = 0.0
             for i in range(components):
                 for j in range(components):
                     change[i, j] = tangents[n, i, j] - reference[n, i, j]
@@ -171,7 +182,8 @@ def _stiffness(gradients, weights, tangents, reference, position, data):
             if not changed:
                 element[:] = 0.0
                 changed = True
-            weight, g = weights[cell, q], gradients[cell, q]
+            weight = weights[cell, q]
+            g = gradients[cell, q]
             for i in range(components):
                 for k in range(d):
                     value = 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,14 +11,18 @@ import numpy as np
 from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.errors import ConvergenceError, SceneError
 from hhr_dolfinx.materials.elasticity import lame_parameters
+from hhr_dolfinx.materials.laws import Flow
+
+SLOPE = 0.05
+"""Relative error of a slope worth a word: differences of the laws here agree to 1e-6, a forgotten factor is far off."""
 
 
 class State(NamedTuple):
     """What the material remembers.
 
     Attributes:
-        plastic: plastic strain, Kelvin's notation, (points, components).
-        cumulated: cumulated plastic strain p, (points,).
+        plastic: plastic strain, Kelvin's notation, (gauss_points, components).
+        cumulated: cumulated plastic strain p, (gauss_points,).
     """
 
     plastic: np.ndarray
@@ -25,12 +30,12 @@ class State(NamedTuple):
 
 
 class Update(NamedTuple):
-    """Outcome of a step at all points.
+    """Outcome of a step at all Gauss points.
 
     Attributes:
-        stress: (points, components).
+        stress: (gauss_points, components).
         state: at the end of the step.
-        tangents: consistent tangents, (points, components, components), or None.
+        tangents: consistent tangents, (gauss_points, components, components), or None.
     """
 
     stress: np.ndarray
@@ -38,67 +43,77 @@ class Update(NamedTuple):
     tangents: np.ndarray | None
 
 
-SLOPE = 0.05
-"""Relative error of a slope worth a word: differences of the laws here agree to 1e-6, a forgotten factor is far off."""
-
-
 @dataclass(frozen=True)
 class Group:
-    """Points of one body.
+    """Gauss points of one body.
 
     Attributes:
-        points: their numbers, a slice or indices.
+        indices: which of the model's Gauss points they are, (n,).
         young, poisson: elastic constants.
         law: flow, or None for an elastic body.
     """
 
-    points: np.ndarray
+    indices: np.ndarray
     young: float
     poisson: float
-    law: object | None
+    law: Flow | None
 
 
 class Material:
-    """Laws of all Gauss points of a model.
+    """Laws of all Gauss points of a model; its groups hold all that it is made of.
 
     Args:
-        groups: one per body; together they hold every point once.
+        groups: one per body; together they hold every Gauss point once.
         components: of a strain, 4 or 6.
+
+    Attributes:
+        groups, components: as given.
+        gauss_points: how many there are.
+        elastic: elastic tangents, (gauss_points, components, components).
+
+    Raises:
+        SceneError: if a Gauss point is in no group or in two: the compiled loops would read and write elsewhere.
     """
 
-    def __init__(self, groups: list[Group], components: int):
-        self.groups, self.components = groups, components
-        self.size = sum(group.points.size for group in groups)
-        self.elastic = np.empty((self.size, components, components))
+    def __init__(self, groups: Sequence[Group], components: int):
+        self.groups = tuple(groups)
+        self.components = components
+        self.gauss_points = sum(group.indices.size for group in self.groups)
+        indices = np.concatenate([np.zeros(0, dtype=np.int64), *(group.indices for group in self.groups)])
+        if not np.array_equal(np.sort(indices), np.arange(self.gauss_points)):
+            raise SceneError(
+                f"the groups of a material must hold each of its Gauss points 0 .. {self.gauss_points - 1} once"
+            )
+        self.elastic = np.empty((self.gauss_points, components, components))
         unit = np.zeros(components)
         unit[:3] = 1.0
-        for group in groups:
+        for group in self.groups:
             lam, mu = lame_parameters(group.young, group.poisson)
-            self.elastic[group.points] = lam * np.outer(unit, unit) + 2 * mu * np.eye(components)
+            self.elastic[group.indices] = lam * np.outer(unit, unit) + 2 * mu * np.eye(components)
 
     @property
     def flows(self) -> bool:
         """Whether any body can flow."""
         return any(group.law is not None for group in self.groups)
 
-    def restricted(self, points: np.ndarray) -> Material:
-        """The material of some points, renumbered in their order."""
+    def restricted(self, indices: np.ndarray) -> Material:
+        """The material of some Gauss points, renumbered in their order."""
         groups = []
         for group in self.groups:
-            kept = np.flatnonzero(np.isin(points, group.points))
+            kept = np.flatnonzero(np.isin(indices, group.indices))
             if kept.size:
                 groups.append(Group(kept, group.young, group.poisson, group.law))
         return Material(groups, self.components)
 
     def at_rest(self) -> State:
         """No plastic strain anywhere."""
-        return State(np.zeros((self.size, self.components)), np.zeros(self.size))
+        return State(np.zeros((self.gauss_points, self.components)), np.zeros(self.gauss_points))
 
     def update(self, strain: np.ndarray, old: State, dt: float, *, tangent: bool) -> Update:
         """Stress and state at the end of a step.
 
         Args:
-            strain: total strain at the end of the step, (points, components).
+            strain: total strain at the end of the step, (gauss_points, components).
             old: state before the step; not modified.
             dt: length of the step in seconds.
             tangent: whether consistent tangents are wanted.
@@ -107,20 +122,23 @@ class Material:
             SceneError: if a law does not answer with numbers.
             ConvergenceError: if a law finds no flow, or one that is impossible.
         """
-        stress, plastic, cumulated = np.empty_like(strain), old.plastic.copy(), old.cumulated.copy()
-        tangents = np.empty((*strain.shape, self.components)) if tangent else _NO_TANGENTS
+        stress = np.empty_like(strain)
+        state = State(old.plastic.copy(), old.cumulated.copy())
+        # the kernel takes an array without entries where no tangents are wanted
+        tangents = np.empty((*strain.shape, self.components) if tangent else (0, 0, 0))
         for group in self.groups:
             lam, mu = lame_parameters(group.young, group.poisson)
-            bulk, points = lam + 2 * mu / 3, group.points
-            trial = self._trial(group, strain, old, mu)
+            indices = group.indices
+            deviator, equivalent = self._trial(indices, strain, old, mu)
             if group.law is None:
-                flow = _Flow(np.zeros(points.size), np.zeros(points.size))
+                amount = slope = np.zeros(indices.size)
             else:
-                trial.equivalent.setflags(write=False)  # a law that wrote there would spoil the return below
-                flow = _flow_of(group.law, trial.equivalent, old.cumulated[points], mu, dt)
-                _check_flow(group.law, flow, trial.equivalent, mu)
-            _return(points, strain, trial, flow, (bulk, mu), _Out(stress, plastic, cumulated, tangents))
-        return Update(stress, State(plastic, cumulated), tangents if tangent else None)
+                equivalent.setflags(write=False)  # a law that wrote there would spoil the return below
+                amount, slope = _flow_of(group.law, equivalent, old.cumulated[indices], mu, dt)
+                _check_flow(group.law, amount, slope, equivalent, mu)
+            step = (indices, strain, deviator, equivalent, amount, slope)
+            _return(*step, lam + 2 * mu / 3, mu, stress, *state, tangents)
+        return Update(stress, state, tangents if tangent else None)
 
     def wrong_slopes(self, strain: np.ndarray, old: State, dt: float) -> list[str] | None:
         """Laws whose slope is not the derivative of their flow, in words; None where nothing flows enough to tell.
@@ -134,44 +152,23 @@ class Material:
         for group in self.groups:
             if group.law is not None:
                 _, mu = lame_parameters(group.young, group.poisson)
-                trial = self._trial(group, strain, old, mu).equivalent
-                complaints.append(_slope_complaint(group.law, trial, old.cumulated[group.points], mu, dt))
+                _, equivalent = self._trial(group.indices, strain, old, mu)
+                complaints.append(_slope_complaint(group.law, equivalent, old.cumulated[group.indices], mu, dt))
         told = [complaint for complaint in complaints if complaint is not None]
         return [complaint for complaint in told if complaint] if told else None
 
-    def _trial(self, group, strain, old, mu) -> _Trial:
-        """Trial stress of the points of a body."""
-        points = group.points
-        trial = _Trial(np.empty((points.size, self.components)), np.empty(points.size))
-        _set_trial(points, strain, old.plastic, mu, trial)
-        return trial
+    def _trial(self, indices: np.ndarray, strain: np.ndarray, old: State, mu: float) -> tuple[np.ndarray, np.ndarray]:
+        """Deviator (n, components) and equivalent stress (n,) of a step without flow at some Gauss points."""
+        deviator = np.empty((indices.size, self.components))
+        equivalent = np.empty(indices.size)
+        _set_trial(indices, strain, old.plastic, mu, deviator, equivalent)
+        return deviator, equivalent
 
 
-class _Trial(NamedTuple):
-    """Deviator (n, components) and equivalent stress (n,) of a step without flow."""
-
-    deviator: np.ndarray
-    equivalent: np.ndarray
-
-
-class _Flow(NamedTuple):
-    """Flow of a step and its derivative by the equivalent trial stress, (n,) each."""
-
-    amount: np.ndarray
-    slope: np.ndarray
-
-
-class _Out(NamedTuple):
-    """Arrays of all points that a step writes; tangents may be empty, where none are wanted."""
-
-    stress: np.ndarray
-    plastic: np.ndarray
-    cumulated: np.ndarray
-    tangents: np.ndarray
-
-
-def _flow_of(law, trial, cumulated, mu, dt) -> _Flow:
-    """What a law answers, as arrays of numbers.
+def _flow_of(
+    law: Flow, trial: np.ndarray, cumulated: np.ndarray, mu: float, dt: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Flow and slope that a law answers with, as arrays of numbers.
 
     Raises:
         SceneError: if it answers with something else.
@@ -187,7 +184,7 @@ def _flow_of(law, trial, cumulated, mu, dt) -> _Flow:
         amount, slope = answer
         if np.iscomplexobj(amount) or np.iscomplexobj(slope):
             raise TypeError("complex numbers")
-        return _Flow(np.asarray(amount, dtype=float), np.asarray(slope, dtype=float))
+        return np.asarray(amount, dtype=float), np.asarray(slope, dtype=float)
     except (TypeError, ValueError) as error:
         raise SceneError(
             f"the law {law} answered {_shortened(answer)}: its method flow must return two arrays of numbers, "
@@ -195,23 +192,22 @@ def _flow_of(law, trial, cumulated, mu, dt) -> _Flow:
         ) from error
 
 
-def _shortened(answer, most=60):
+def _shortened(answer: object, most: int = 60) -> str:
     """Begin of what was answered, for messages."""
     text = " ".join(repr(answer).split())
     return text if len(text) <= most else text[:most] + "..."
 
 
-def _check_flow(law, flow, trial, mu):
+def _check_flow(law: Flow, amount: np.ndarray, slope: np.ndarray, trial: np.ndarray, mu: float) -> None:
     """Refuse a flow that is not finite or would turn the stress round."""
-    amount = flow.amount
-    if not np.shape(amount) == np.shape(flow.slope) == trial.shape:
+    if not amount.shape == slope.shape == trial.shape:
         raise ConvergenceError(f"{law} must answer with a flow and a slope of shape {trial.shape}")
-    right = np.isfinite(flow.slope) & (amount >= 0) & (3 * mu * amount <= trial * (1 + 1e-9))
+    right = np.isfinite(slope) & (amount >= 0) & (3 * mu * amount <= trial * (1 + 1e-9))
     if np.isfinite(trial).all() and not right.all():
         worst = int(np.argmin(right))
-        if not np.isfinite(flow.slope[worst]):
+        if not np.isfinite(slope[worst]):
             raise ConvergenceError(
-                f"{law} has the slope {flow.slope[worst]:g} under an equivalent stress of {trial[worst]:g}: the "
+                f"{law} has the slope {slope[worst]:g} under an equivalent stress of {trial[worst]:g}: the "
                 "derivative of its flow must be finite, and 0 where nothing flows"
             )
         raise ConvergenceError(
@@ -220,63 +216,67 @@ def _check_flow(law, flow, trial, mu):
         )
 
 
-def _slope_complaint(law, trial, cumulated, mu, dt) -> str | None:
+def _slope_complaint(law: Flow, trial: np.ndarray, cumulated: np.ndarray, mu: float, dt: float) -> str | None:
     """What is wrong with the slope of a law at some points, by central differences; None where they do not flow."""
     step = 1e-4
     below, here, above = (_flow_of(law, trial * (1 + way * step), cumulated, mu, dt) for way in (-1, 0, 1))
     # at the onset of flow there is no derivative
-    smooth = (below.amount > 0) & (trial > 0)
+    smooth = (below[0] > 0) & (trial > 0)
     if not smooth.any():
         return None
-    differences = (above.amount - below.amount)[smooth] / (2 * step * trial[smooth])
-    wrong = np.abs(here.slope[smooth] - differences) / np.abs(differences).max()
+    differences = (above[0] - below[0])[smooth] / (2 * step * trial[smooth])
+    slope = here[1][smooth]
+    wrong = np.abs(slope - differences) / np.abs(differences).max()
     worst = int(wrong.argmax())
     if not wrong[worst] > SLOPE:
         return ""
     return (
-        f"the slope of {law} is {here.slope[smooth][worst]:.3g} under an equivalent trial stress of "
+        f"the slope of {law} is {slope[worst]:.3g} under an equivalent trial stress of "
         f"{trial[smooth][worst]:.3g}, differences of its flow give {differences[worst]:.3g}: steps will take more "
         "iterations, or fail. Mend the second value that its flow returns"
     )
 
 
-_NO_TANGENTS = np.empty((0, 0, 0))
-
-
 @compiled()
-def _set_trial(points, strain, plastic, mu, trial):
+def _set_trial(indices, strain, plastic, mu, deviator, equivalent):
     components = strain.shape[1]
-    for n in range(points.size):
-        i = points[n]
+    for n in range(indices.size):
+        i = indices[n]
         mean = (strain[i, 0] + strain[i, 1] + strain[i, 2]) / 3
         total = 0.0
         for k in range(components):
             value = 2 * mu * (strain[i, k] - plastic[i, k] - (mean if k < 3 else 0.0))
-            trial.deviator[n, k] = value
+            deviator[n, k] = value
             total += value * value
-        trial.equivalent[n] = np.sqrt(1.5 * total)
+        equivalent[n] = np.sqrt(1.5 * total)
 
 
 @compiled()
-def _return(points, strain, trial, flow, moduli, out):
-    """Radial return; H = bulk 1⊗1 + 2 mu (θ P - (3 mu dΔp/dq - 1 + θ) n⊗n) with θ = 1 - 3 mu Δp / q_tr."""
-    components, (bulk, mu) = strain.shape[1], moduli
-    for m in range(points.size):
-        i, q, amount = points[m], trial.equivalent[m], flow.amount[m]
+def _return(indices, strain, deviator, equivalent, amount, slope, bulk, mu, stress, plastic, cumulated, tangents):
+    """Radial return; H = bulk 1⊗1 + 2 mu (θ P - (3 mu dΔp/dq - 1 + θ) n⊗n) with θ = 1 - 3 mu Δp / q_tr.
+
+    Stress, plastic strain, cumulated strain and tangents of the given Gauss points are written to; tangents may be
+    empty, where none are wanted.
+    """
+    components = strain.shape[1]
+    for m in range(indices.size):
+        i = indices[m]
+        q = equivalent[m]
+        flow = amount[m]
         mean = bulk * (strain[i, 0] + strain[i, 1] + strain[i, 2])
-        theta = 1.0 - 3 * mu * amount / q if amount > 0 else 1.0
-        along = 1.5 * amount / q if amount > 0 else 0.0
+        theta = 1.0 - 3 * mu * flow / q if flow > 0 else 1.0
+        along = 1.5 * flow / q if flow > 0 else 0.0
         for k in range(components):
-            out.stress[i, k] = theta * trial.deviator[m, k] + (mean if k < 3 else 0.0)
-            out.plastic[i, k] += along * trial.deviator[m, k]
-        out.cumulated[i] += amount
-        if out.tangents.size > 0:
-            off = 2 * mu * (3 * mu * flow.slope[m] - 1 + theta) * 1.5 / (q * q) if amount > 0 else 0.0
+            stress[i, k] = theta * deviator[m, k] + (mean if k < 3 else 0.0)
+            plastic[i, k] += along * deviator[m, k]
+        cumulated[i] += flow
+        if tangents.size > 0:
+            off = 2 * mu * (3 * mu * slope[m] - 1 + theta) * 1.5 / (q * q) if flow > 0 else 0.0
             for k in range(components):
                 for j in range(components):
-                    value = -off * trial.deviator[m, k] * trial.deviator[m, j]
+                    value = -off * deviator[m, k] * deviator[m, j]
                     if k == j:
                         value += 2 * mu * theta
                     if k < 3 and j < 3:
                         value += bulk - 2 * mu * theta / 3
-                    out.tangents[i, k, j] = value
+                    tangents[i, k, j] = value

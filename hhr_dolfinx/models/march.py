@@ -131,7 +131,7 @@ class _Goal(NamedTuple):
 
 def _at_rest(model, time, parameter) -> Answer:
     active, material = np.zeros(model.conditions, dtype=bool), model.material
-    gauss = GaussState(np.zeros((material.size, material.components)), material.at_rest())
+    gauss = GaussState(np.zeros((material.gauss_points, material.components)), material.at_rest())
     nothing = np.zeros(model.size), np.zeros(active.size), active
     return Answer(parameter, *nothing, 0, Status.CONVERGED, False, model.fields, time, gauss)
 

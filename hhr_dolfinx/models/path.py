@@ -155,6 +155,6 @@ def one_step(
 def _unanswered(model: Equilibrium, parameter: np.ndarray) -> Answer:
     """An answer that is none."""
     nothing = np.full(model.size, np.nan), np.full(model.conditions, np.nan), np.zeros(model.conditions, dtype=bool)
-    stress = np.full((model.material.size, model.material.components), np.nan)
+    stress = np.full((model.material.gauss_points, model.material.components), np.nan)
     gauss = GaussState(stress, model.material.at_rest())
     return Answer(parameter, *nothing, 0, Status.ITERATION_LIMIT, False, model.fields, gauss=gauss)

@@ -165,7 +165,7 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
             continue
         if not solutions.histories:
             raise ReductionError(f"{name} of a scene whose bodies flow must be histories: SnapshotSet.of_histories")
-        size = full.equilibrium.material.size
+        size = full.equilibrium.material.gauss_points
         if len(solutions.cumulated) != size:
             raise ReductionError(
                 f"{name} have {len(solutions.cumulated)} Gauss points, the model {size}: they belong to another mesh"

@@ -69,7 +69,7 @@ class SnapshotStore:
         self._sizes = {"N": dofs, "N_lambda": conditions}
         if full.equilibrium is not None:
             material = full.equilibrium.material
-            self._sizes |= {"points": material.size, "components": material.components}
+            self._sizes |= {"points": material.gauss_points, "components": material.components}
         self.found = 0
 
     def load(self, point: np.ndarray) -> Answer | None:

@@ -1,0 +1,185 @@
+"""Values as a kind and numbers: how laws and amplitudes, a user's own too, are kept in files that execute nothing.
+
+A value is a frozen dataclass whose fields are numbers, strings, truth values, tuples of these, or numpy arrays. A file
+holds the name of its class and its fields; whoever reads the file says which classes may come out of it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from hhr_dolfinx.errors import FileContentError
+
+ARRAY_TYPES = (np.dtype("<f8"), np.dtype("<i8"), np.dtype("<i4"), np.dtype("?"))
+"""Kinds of numbers that arrays in files have."""
+
+_REMEDY = (
+    "what goes into a file must be a frozen dataclass, `@dataclass(frozen=True)`, whose fields are finite numbers, "
+    "strings, truth values, tuples of these, or numpy arrays of float64, int64, int32 or bool"
+)
+_SHOWN = 60
+
+
+def as_plain(value: object) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """A value as its kind and numbers.
+
+    It is rebuilt once, so that what is written can be read back as the same value.
+
+    Args:
+        value: a frozen dataclass.
+
+    Returns:
+        ``{"kind": name of the class, "numbers": fields by name}``, which JSON can hold, and the fields that are
+        arrays by name.
+
+    Raises:
+        FileContentError: for a value that is no such dataclass, or that its class would not take back, with what to do.
+    """
+    kind = type(value)
+    data, arrays = _taken_apart(value)
+    again = _taken_apart(restored(data, arrays, {kind.__name__: kind}))
+    if again[0] != data or any(not np.array_equal(again[1][name], array) for name, array in arrays.items()):
+        raise FileContentError(
+            f"{_shown(value)} made of its own fields is another {kind.__name__}: its __post_init__ must leave fields "
+            "that it has changed once as they are"
+        )
+    return data, arrays
+
+
+def by_name(classes: Iterable[type]) -> dict[str, type]:
+    """Classes by their names, as :func:`restored` wants them.
+
+    Raises:
+        FileContentError: for what is no dataclass, and for two classes of one name, which no file could tell apart.
+    """
+    named: dict[str, type] = {}
+    for kind in classes:
+        if not _is_kind(kind):
+            raise FileContentError(f"{_shown(kind)} is no class of values in files: {_REMEDY}")
+        if named.setdefault(kind.__name__, kind) is not kind:
+            raise FileContentError(
+                f"two classes are called {kind.__name__}, in {named[kind.__name__].__module__} and in "
+                f"{kind.__module__}: files know them by name, rename one"
+            )
+    return named
+
+
+def restored(data: object, arrays: Mapping[str, np.ndarray], kinds: Mapping[str, type]) -> Any:
+    """Build a value from what :func:`as_plain` returned; tuples may have become lists, as in JSON.
+
+    Nothing that the data name is imported or looked up anywhere but in ``kinds``.
+
+    Args:
+        data: kind and numbers.
+        arrays: fields that are arrays, by name.
+        kinds: classes that may be built, by name.
+
+    Raises:
+        FileContentError: if the kind is unknown; if fields are missing, unknown or of the wrong type; if a number is
+            not finite; and for whatever the class itself refuses.
+    """
+    if not isinstance(data, Mapping) or data.keys() != {"kind", "numbers"} or not isinstance(data["numbers"], Mapping):
+        raise FileContentError(f"{_shown(data)} must have a kind and numbers")
+    name, numbers = data["kind"], data["numbers"]
+    if not (isinstance(name, str) and name.isidentifier()):
+        raise FileContentError(f"the kind {_shown(name)} is no name of a class")
+    if name not in kinds:
+        raise FileContentError(
+            f"the file holds a {name[:_SHOWN]}, which is none of {', '.join(sorted(kinds)) or 'the classes given'}: "
+            f"pass the class, load_model(path, known=[{name[:_SHOWN]}])"
+        )
+    kind, given = kinds[name], [*numbers, *arrays]
+    expected = [field.name for field in dataclasses.fields(kind) if field.init]
+    if sorted(map(str, given)) != sorted(expected):
+        raise FileContentError(f"a {name} has the fields {expected}, and not {_shown(given)}")
+    hints = _hints(kind)
+    tuples = {key: tuple(value) if isinstance(value, list) else value for key, value in numbers.items()}
+    fields = {key: _checked(f"{key} of {name}", value) for key, value in (*tuples.items(), *arrays.items())}
+    for key, value in fields.items():
+        if not _fits(value, hints.get(key)):
+            wanted = getattr(hints[key], "__name__", hints[key])
+            raise FileContentError(f"{key} of {name} is {_shown(value)}, and must be a {wanted}")
+    try:
+        return kind(**fields)
+    except Exception as error:  # a class of a user's own may raise anything
+        raise FileContentError(f"{name} refuses {_shown(fields)} with {type(error).__name__}: {error}") from error
+
+
+def _taken_apart(value: object) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Kind and numbers of a value, and its arrays."""
+    kind = type(value)
+    if not _is_kind(kind):
+        raise FileContentError(f"{_shown(value)} cannot be kept: {_REMEDY}")
+    fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(kind) if field.init}
+    fields = {name: _checked(f"{name} of {kind.__name__}", field) for name, field in fields.items()}
+    arrays = {name: field for name, field in fields.items() if isinstance(field, np.ndarray)}
+    numbers = {name: field for name, field in fields.items() if name not in arrays}
+    return {"kind": kind.__name__, "numbers": numbers}, arrays
+
+
+def _is_kind(kind: object) -> bool:
+    """Whether a class is a frozen dataclass."""
+    return isinstance(kind, type) and dataclasses.is_dataclass(kind) and kind.__dataclass_params__.frozen
+
+
+def _checked(name: str, value: object) -> Any:
+    """A field as Python's own numbers or a plain array.
+
+    Raises:
+        FileContentError: if it is none of what a file holds.
+    """
+    if type(value) is np.ndarray:
+        if value.dtype not in ARRAY_TYPES or not np.isfinite(value).all():
+            raise FileContentError(f"{name} has the type {value.dtype} or is not finite: {_REMEDY}")
+        return value
+    if isinstance(value, tuple):
+        return tuple(_scalar(name, item) for item in value)
+    return _scalar(name, value)
+
+
+def _scalar(name: str, value: object) -> bool | int | float | str:
+    """A number, string or truth value; numbers of numpy become Python's own."""
+    plain = value.item() if isinstance(value, np.generic) else value
+    if type(plain) in (bool, str) or (type(plain) is float and math.isfinite(plain)):
+        return plain
+    if type(plain) is int and abs(plain) < 2**63:
+        return plain
+    raise FileContentError(f"{name} is {_shown(value)}: {_REMEDY}")
+
+
+def _hints(kind: type) -> dict[str, Any]:
+    """Types of the fields as the class declares them; none where they cannot be told here."""
+    try:
+        return get_type_hints(kind)
+    except Exception:  # names that are known to type checkers only
+        return {}
+
+
+def _fits(value: object, hint: object) -> bool:
+    """Whether a field is of its declared type; what is declared in other ways is left to the class."""
+    origin = get_origin(hint) or hint
+    if origin is float:
+        return type(value) in (int, float)
+    if origin in (int, bool, str, np.ndarray):
+        return type(value) is origin
+    if origin is not tuple:
+        return True
+    items = get_args(hint)
+    if items[1:] == (Ellipsis,):
+        return isinstance(value, tuple) and all(_fits(item, items[0]) for item in value)
+    alike = isinstance(value, tuple) and (not items or len(items) == len(value))
+    return alike and all(_fits(*pair) for pair in zip(value, items, strict=False))
+
+
+def _shown(value: object) -> str:
+    """Begin of a value, for messages."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # of a class of a user's own, or nested too deep
+        text = f"a {type(value).__name__}"
+    return text if len(text) <= _SHOWN else text[:_SHOWN] + "..."

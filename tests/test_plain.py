@@ -1,0 +1,272 @@
+"""Laws and amplitudes as a kind and numbers: round trips, and data that were damaged or forged."""
+
+import json
+import string
+from dataclasses import dataclass, field, fields, make_dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
+from toy_law import Bingham
+
+from hhr_dolfinx.errors import FileContentError
+from hhr_dolfinx.files import read_arrays, write_arrays
+from hhr_dolfinx.materials.laws import Norton, Plasticity
+from hhr_dolfinx.parameters import Coverage
+from hhr_dolfinx.plain import as_plain, by_name, restored
+
+
+@dataclass(frozen=True)
+class Everything:
+    """All that a field may be."""
+
+    number: float
+    count: int
+    on: bool
+    name: str
+    several: tuple[float, ...]
+    pair: tuple[str, int]
+    table: np.ndarray
+
+
+KINDS = by_name([Plasticity, Norton, Bingham, Coverage, Everything])
+REAL = st.floats(allow_nan=False, allow_infinity=False)
+POSITIVE = st.floats(1e-300, 1e300)
+WHOLE = st.integers(-(2**63) + 1, 2**63 - 1)
+TABLES = st.sampled_from(["<f8", "<i8", "<i4", "?"]).flatmap(
+    lambda dtype: arrays(
+        dtype, array_shapes(min_dims=0, max_dims=3, min_side=0), elements=None if dtype != "<f8" else REAL
+    )
+)
+VALUES = st.one_of(
+    st.builds(Plasticity, POSITIVE, st.floats(0.0, 1e300)),
+    st.builds(Norton, POSITIVE, st.floats(1.0, 1e300)),
+    st.builds(Bingham, st.integers(0, 10), POSITIVE),
+    st.builds(Coverage, WHOLE, arrays("<f8", 5, elements=REAL), WHOLE, REAL, arrays("<f8", 2, elements=REAL)),
+    st.builds(
+        Everything,
+        REAL,
+        WHOLE,
+        st.booleans(),
+        st.text(),
+        st.lists(REAL).map(tuple),
+        st.tuples(st.text(), WHOLE),
+        TABLES,
+    ),
+)
+
+
+def same(one, other):
+    """Whether two values are alike to the last bit, types of numbers included."""
+    if type(one) is not type(other):
+        return False
+    if isinstance(one, np.ndarray):
+        return one.dtype == other.dtype and one.shape == other.shape and one.tobytes() == other.tobytes()
+    if isinstance(one, tuple):
+        return len(one) == len(other) and all(map(same, one, other))
+    if hasattr(one, "__dataclass_fields__"):
+        return all(same(getattr(one, item.name), getattr(other, item.name)) for item in fields(one))
+    return repr(one) == repr(other)
+
+
+def through_json(data):
+    return json.loads(json.dumps(data))
+
+
+@given(VALUES)
+def test_a_value_comes_back_to_the_last_bit(value):
+    data, tables = as_plain(value)
+    assert same(restored(through_json(data), tables, KINDS), value)
+
+
+def test_a_value_comes_back_from_a_file(tmp_path):
+    value = Everything(0.1, 3, True, "μ", (1.0, 2.5), ("a", 4), np.linspace(0, 1, 6).reshape(2, 3))
+    data, tables = as_plain(value)
+    write_arrays(tmp_path / "value.npz", {"format": "a value", "version": 1, "value": data}, tables)
+    header, tables = read_arrays(tmp_path / "value.npz", "a value", 1)
+    assert same(restored(header["value"], tables, KINDS), value)
+
+
+def test_numbers_of_numpy_become_plain():
+    data, _ = as_plain(Plasticity(np.float32(0.5), np.int64(3)))
+    assert same(restored(through_json(data), {}, KINDS), Plasticity(0.5, 3))
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=4),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+@given(VALUES, JSON, st.data())
+def test_damage_is_refused_or_makes_a_value_of_the_right_types(value, junk, draw):
+    """One field or part replaced by anything that JSON can hold: one error, or a value that could have been saved."""
+    data, tables = as_plain(value)
+    place = draw.draw(st.sampled_from(["kind", "numbers", *data["numbers"], *tables]))
+    if place in ("kind", "numbers"):
+        data[place] = junk
+    else:
+        tables.pop(place, None)
+        data["numbers"][place] = junk
+    try:
+        found = restored(data, tables, KINDS)
+    except FileContentError:
+        return
+    assert type(found) is type(value)
+    as_plain(found)
+
+
+@given(VALUES, st.sampled_from(["missing", "more", "both", "swapped"]), st.data())
+def test_other_fields_are_refused(value, how, draw):
+    data, tables = as_plain(value)
+    parts = {**data["numbers"], **tables}
+    name = draw.draw(st.sampled_from(sorted(parts)))
+    if how == "missing":
+        data["numbers"].pop(name, None)
+        tables.pop(name, None)
+    elif how == "more":
+        data["numbers"][draw.draw(st.text(string.ascii_letters, min_size=20, max_size=20))] = 1.0
+    elif how == "both":
+        data["numbers"][name], tables[name] = 1.0, np.zeros(2)
+    elif name in tables:
+        data["numbers"][name] = tables.pop(name).tolist()
+    else:
+        data["numbers"].pop(name)
+        tables[name] = np.zeros(2)
+    with pytest.raises(FileContentError, match=r"has the fields|must be a|finite"):
+        restored(data, tables, KINDS)
+
+
+@given(JSON)
+def test_any_other_data_are_refused(junk):
+    with pytest.raises(FileContentError):
+        restored(junk, {}, KINDS)
+
+
+@pytest.mark.parametrize("numbers", [
+    {"yield_stress": 1.0}, {"yield_stress": 1.0, "hardening": 0.0, "more": 1.0},
+    {"yield_stress": "1", "hardening": 0.0}, {"yield_stress": [1.0], "hardening": 0.0},
+    {"yield_stress": True, "hardening": 0.0}, {"yield_stress": None, "hardening": 0.0},
+    {"yield_stress": float("nan"), "hardening": 0.0}, {"yield_stress": float("inf"), "hardening": 0.0},
+    {"yield_stress": 10**400, "hardening": 0.0}, {"yield_stress": 1.0, "hardening": -1.0}, [1.0, 0.0],
+])  # fmt: skip
+def test_wrong_numbers_are_refused(numbers):
+    with pytest.raises(FileContentError):
+        restored({"kind": "Plasticity", "numbers": numbers}, {}, KINDS)
+
+
+@pytest.mark.parametrize("table", [
+    np.array([0.0, np.nan]), np.array([1j]), np.array(["a"]), np.array([None]), 1.0, np.float32([1.0]),
+])  # fmt: skip
+def test_wrong_arrays_are_refused(table):
+    data, tables = as_plain(Coverage(1, np.arange(3.0), 0, 0.0, np.ones(2)))
+    with pytest.raises(FileContentError, match="positions"):
+        restored(data, tables | {"positions": table}, KINDS)
+
+
+def test_an_unknown_kind_says_to_pass_the_class():
+    data, _ = as_plain(Bingham(1.0, 20.0))
+    with pytest.raises(FileContentError, match=r"holds a Bingham.*load_model\(path, known=\[Bingham\]\)"):
+        restored(data, {}, by_name([Plasticity, Norton]))
+
+
+@pytest.mark.parametrize("kind", ["os.system", "__import__('os')", "", "Norton ", 3, None, ["Norton"]])
+def test_a_kind_that_is_no_name_is_refused(kind):
+    with pytest.raises(FileContentError, match="no name of a class"):
+        restored({"kind": kind, "numbers": {}}, {}, KINDS)
+
+
+def test_a_kind_is_looked_up_among_those_given_only():
+    """Names of builtins and of this module are nothing to it."""
+    for kind in ("eval", "Everything", "dict", "type"):
+        with pytest.raises(FileContentError, match="pass the class"):
+            restored({"kind": kind, "numbers": {}}, {}, by_name([Norton]))
+
+
+def test_what_a_class_raises_names_the_value():
+    with pytest.raises(FileContentError, match=r"Bingham refuses .*-1.* with ValueError: yield stress -1"):
+        restored({"kind": "Bingham", "numbers": {"yield_stress": -1, "viscosity": 0.0}}, {}, KINDS)
+
+
+class Bare:
+    """A law that is no dataclass."""
+
+
+@dataclass
+class Thawed:
+    """A dataclass that may change."""
+
+    number: float = 1.0
+
+
+@dataclass(frozen=True)
+class Loose:
+    """A dataclass of anything."""
+
+    field: object
+
+
+@dataclass(frozen=True)
+class Degrees:
+    """A class that changes its field each time it is made."""
+
+    angle: float
+
+    def __post_init__(self):
+        object.__setattr__(self, "angle", self.angle * 2)
+
+
+@dataclass(frozen=True)
+class Speechless:
+    """A class that cannot be shown."""
+
+    field: object
+
+    def __repr__(self):
+        raise RuntimeError
+
+
+@pytest.mark.parametrize("value", [
+    Bare(), Thawed(), Plasticity, None, 3.0, lambda: None, *map(Loose, (
+        None, {}, 1j, np.nan, -np.inf, 2**63, np.longdouble(1), Bare(), len, ((1.0,),), [1.0], np.array([None]),
+        np.float32([1]), np.array([np.nan]), np.ma.masked_array([1.0]), np.datetime64("2020"),
+    )), Speechless(None), Everything(1.0, 2.5, True, "", (), ("", 1), np.zeros(1)),
+])  # fmt: skip
+def test_what_no_file_holds_is_refused_when_saving(value):
+    with pytest.raises(FileContentError, match=r"frozen dataclass|must be a"):
+        as_plain(value)
+
+
+def test_a_class_that_changes_its_fields_each_time_is_refused():
+    with pytest.raises(FileContentError, match=r"another Degrees.*__post_init__"):
+        as_plain(Degrees(0.25))
+
+
+@dataclass(frozen=True)
+class Derived:
+    """A field of its own making, and a type that only checkers know."""
+
+    number: float
+    other: "Unknown"  # noqa: F821
+    square: float = field(init=False)
+
+    def __post_init__(self):
+        object.__setattr__(self, "square", self.number**2)
+
+
+def test_derived_fields_are_made_again_and_odd_annotations_do_no_harm():
+    data, _ = as_plain(Derived(3.0, 1.0))
+    assert data["numbers"] == {"number": 3.0, "other": 1.0}
+    assert restored(data, {}, by_name([Derived])).square == 9.0
+
+
+def test_two_classes_of_one_name_are_refused():
+    assert by_name([Norton, Norton]) == {"Norton": Norton}
+    with pytest.raises(FileContentError, match="two classes are called Norton"):
+        by_name([Norton, make_dataclass("Norton", ["field"], frozen=True)])
+    for kind in (Bare, Thawed, 3, Norton(1.0, 1.0)):
+        with pytest.raises(FileContentError, match="is no class of values"):
+            by_name([kind])
