@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator, RBFInterpolator
 from scipy.sparse import csr_matrix
@@ -10,43 +12,71 @@ from scipy.spatial import cKDTree
 
 from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.full_order.elastic import FullOrderModel
+from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.models.answer import Answer, Fields
 from hhr_dolfinx.snapshots.records import compute_snapshots
 
 
 class CoarserMesh:
-    """Answers on a coarser mesh by exact condensation, compared on the fine one.
+    """Answers on a coarser mesh by exact condensation, carried over to the fine one where fields are asked for.
 
     Args:
         coarse: full model of the same scene on a coarser mesh, on one rank.
-        fine: problem whose nodes the answers are carried to.
+        fine: problem whose nodes the fields are carried to.
         points: parameters whose statuses are known beforehand, (S, P).
     """
 
     def __init__(self, coarse: FullOrderModel, fine: ContactProblem, points: np.ndarray):
-        snapshots = compute_snapshots(coarse, points)
-        self._problem, self._online = coarse.problem, exact_condensation(coarse, snapshots.known_statuses())
-        self._fine, self.solve = fine, self._online.solve
-        self._bodies = _matching_bodies(coarse.problem, fine)
+        condensed = exact_condensation(coarse, compute_snapshots(coarse, points).known_statuses())
+        fields = _CarriedOver(coarse.problem, fine, _matching_bodies(coarse.problem, fine), condensed.fields)
+        self._online = condensed.completed_by(fields)
+        self.solve, self.march = self._online.solve, self._online.march
 
-    def solve_everywhere(self, mu):
-        """Displacement (N,) and contact forces (N_lambda,) on the fine mesh.
 
-        Displacements are interpolated linearly in each body; forces as pressures along each contact pair.
-        """
-        solution, coarse, fine = self.solve(mu), self._problem, self._fine
-        field = (solution.primal + coarse.lift(mu)).reshape(-1, coarse.block_size)
+@dataclass(frozen=True)
+class _CarriedOver:
+    """Fields of a coarse mesh on a fine one, see :class:`hhr_dolfinx.models.answer.Fields`."""
+
+    coarse: ContactProblem
+    fine: ContactProblem
+    bodies: list[tuple[np.ndarray, np.ndarray]]
+    fields: Fields
+
+    def displacement(self, answer: Answer) -> np.ndarray:
+        """Interpolated linearly in each body, (N,)."""
+        coarse, fine = self.coarse, self.fine
+        field = self.fields.displacement(answer).reshape(-1, coarse.block_size)
         displacement = np.zeros((len(fine.points), fine.block_size))
-        for here, there in self._bodies:
+        for here, there in self.bodies:
             displacement[there] = _interpolate(coarse.points[here], field[here], fine.points[there])
+        return displacement.ravel()
+
+    def forces(self, answer: Answer) -> np.ndarray:
+        """Interpolated as pressures along each contact pair, (N_lambda,)."""
+        coarse, fine = self.coarse, self.fine
         forces = np.zeros(len(fine.contact_pairs))
         for pair in np.unique(fine.contact_pairs):
             here, there = coarse.contact_pairs == pair, fine.contact_pairs == pair
             pressure = RBFInterpolator(
-                coarse.contact_points[here], (solution.forces / coarse.contact_areas)[here], kernel="linear", degree=0
+                coarse.contact_points[here],
+                (answer.multipliers / coarse.contact_areas)[here],
+                kernel="linear",
+                degree=0,
             )
             forces[there] = np.maximum(pressure(fine.contact_points[there]), 0.0) * fine.contact_areas[there]
-        return displacement.ravel(), forces
+        return forces
+
+    def stress(self, answer: Answer) -> np.ndarray:
+        """Stress of the coarse mesh."""
+        return self.fields.stress(answer)
+
+    def plastic_strain(self, answer: Answer) -> np.ndarray:
+        """None: nothing flows."""
+        return np.zeros(0)
+
+    def estimate(self, answer: Answer) -> None:
+        """Unknown."""
+        return None
 
 
 def _matching_bodies(coarse, fine):

@@ -2,31 +2,80 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from hhr_dolfinx.full_order.elastic import FullOrderModel
-from hhr_dolfinx.models.condensed import CondensedContact, KnownStatuses, Responses
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses
 
 
-def exact_condensation(full_order: FullOrderModel, known: KnownStatuses, *, field: bool = True) -> CondensedContact:
+@dataclass(frozen=True)
+class ExactFields:
+    """What completes answers of exact condensation, see :class:`hhr_dolfinx.models.answer.Fields`.
+
+    Attributes:
+        full: the full model.
+        unloaded: K^-1 loads, (N, 1 + T).
+    """
+
+    full: FullOrderModel
+    unloaded: np.ndarray
+
+    def displacement(self, answer: Answer) -> np.ndarray:
+        """K^-1 (loads - B^T λ) and the lift, (N,); a model that answers with fields has it at hand."""
+        problem, unknown = self.full.problem, answer.unknown
+        theta = problem.amplitudes(answer.parameter)
+        if unknown.size == 0:
+            unknown = self.unloaded @ theta - self.full.per_force @ answer.multipliers
+        return unknown + problem.lifts @ theta
+
+    def forces(self, answer: Answer) -> np.ndarray:
+        """The multipliers, (N_lambda,)."""
+        return answer.multipliers
+
+    def stress(self, answer: Answer) -> np.ndarray:
+        """Stress in the middle of each cell, Kelvin's notation."""
+        return self.full.stress_of(self.displacement(answer))
+
+    def plastic_strain(self, answer: Answer) -> np.ndarray:
+        """None: nothing flows."""
+        return np.zeros(0)
+
+    def estimate(self, answer: Answer) -> float:
+        """None but that of the mesh."""
+        return 0.0
+
+
+def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: bool = True) -> CondensedModel:
     """Eliminate everything but the contact forces exactly; for constant stiffness only.
 
-    The answer is that of the full model, to round-off: ``primal`` is U0 in the order of the dofs.
-    Serial, since it keeps whole columns of K^-1.
+    The answer is that of the full model, to round-off. Serial, since it keeps whole columns of K^-1.
 
     Args:
-        full_order: the full model on one rank.
+        full: the full model on one rank.
         known: statuses of the training points, (S, N_lambda).
-        field: answer with the displacement; without it ``primal`` is empty and a query costs less.
+        field: compute the displacement with each answer; without it only when it is asked for, and a query costs less.
+
+    Raises:
+        SceneError: on several ranks, or where bodies flow.
     """
-    if full_order.comm.size > 1:
-        raise ValueError("exact condensation is serial: run it on one rank")
-    problem = full_order.problem
-    free = np.stack([full_order.solve_stiffness(column) for column in problem.loads.toarray().T], axis=1)
+    if full.comm.size > 1:
+        raise SceneError("exact condensation is serial: give a full model on MPI.COMM_SELF")
+    if full.equilibrium is not None:
+        raise SceneError(
+            f"bodies of scene '{full.scene.name}' flow: their stiffness changes, and no condensation is exact"
+        )
+    problem = full.problem
+    free = np.stack([full.solve_stiffness(column) for column in problem.loads.T.toarray()], axis=1)
     responses = Responses(
         free_primal=free if field else free[:0],
-        primal_per_force=full_order.per_force if field else full_order.per_force[:0],
+        primal_per_force=full.per_force if field else full.per_force[:0],
         free_slack=problem.gaps - problem.contact @ free,
-        schur=full_order.schur,
+        schur=full.schur,
     )
-    return CondensedContact(problem.parameters, problem.amplitudes, responses, known, pairs=problem.contact_pairs)
+    fields = ExactFields(full, free)
+    how = {"pairs": problem.contact_pairs}
+    return CondensedModel(problem.parameters, problem.amplitudes, responses, known, fields, **how)

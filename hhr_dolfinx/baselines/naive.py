@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.sparse import bmat
 from scipy.sparse.linalg import splu
 
 from hhr_dolfinx.contact.active_set import Pairs, active_set
-from hhr_dolfinx.contact.problem import ContactSolution, outcome
-from hhr_dolfinx.errors import SingularError
-from hhr_dolfinx.full_order.elastic import FULL_ORDER_ADVICE, FullOrderModel
+from hhr_dolfinx.errors import SceneError, SingularError
+from hhr_dolfinx.full_order.full import FULL_ORDER_ADVICE, FullOrderModel
+from hhr_dolfinx.models.answer import Answer, History, Path, found_as, outcome
+from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
 
 
 class NaiveFullOrder:
@@ -24,10 +27,10 @@ class NaiveFullOrder:
 
     def __init__(self, full_order: FullOrderModel):
         if full_order.comm.size > 1:
-            raise ValueError("the naive baseline is serial: run it on one rank")
+            raise SceneError("the naive baseline is serial: give a full model on MPI.COMM_SELF")
         self._full = full_order
 
-    def solve(self, mu, *, start=None, raise_on_failure: bool = True) -> ContactSolution:
+    def solve(self, mu: Any, *, start: Any = "nearest", raise_on_failure: bool = True, outside: str = "warn") -> Answer:
         """Solve for one parameter; see :meth:`FullOrderModel.solve`."""
         problem = self._full.problem
         point = problem.parameters.point(mu)
@@ -56,10 +59,14 @@ class NaiveFullOrder:
             slack[active] = 0.0
             return forces, slack
 
-        if start is None:
+        if start is None or isinstance(start, str):
             _, free_slack = saddle_point(np.zeros(gaps.size, dtype=bool), None)
             start = free_slack < 0
         found = active_set(saddle_point, gaps, start, pairs=Pairs.of(problem.contact_pairs))
-        primal = problem.lifts @ theta
-        primal[free] += last["free"]
-        return outcome(primal, found, point, raise_on_failure, FULL_ORDER_ADVICE)
+        unknown = np.zeros(problem.free.size)
+        unknown[free] = last["free"]
+        return outcome(found_as(found, point, unknown, self._full), raise_on_failure, FULL_ORDER_ADVICE)
+
+    def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
+        """Solve along a path; see :func:`solve_along`."""
+        return solve_along(self, checked_path(self._full.parameters, path), settings)

@@ -10,14 +10,16 @@ model reduction for contact problems", IJNME 106, 2016). Supremizers K^-1 B^T ph
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import linalg
 from scipy.optimize import nnls
 
-from hhr_dolfinx.full_order.elastic import FullOrderModel
+from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.linear.dense import PetscLU
-from hhr_dolfinx.models.condensed import CondensedContact, KnownStatuses, Responses
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses
 from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
@@ -26,34 +28,60 @@ class DualBasisModel:
     """POD-Galerkin model whose contact forces lie in a cone, lambda = Phi c with c >= 0.
 
     Args:
-        full_order: the full model, on one rank.
+        full: the full model, on one rank.
         snapshots: training solutions.
         dual_basis: Phi >= 0, (N_lambda, r).
         modes: number of POD modes of the displacement.
     """
 
-    def __init__(self, full_order: FullOrderModel, snapshots: SnapshotSet, dual_basis: np.ndarray, modes: int):
-        problem = full_order.problem
-        self._problem, self._dual_basis = problem, dual_basis
+    def __init__(self, full: FullOrderModel, snapshots: SnapshotSet, dual_basis: np.ndarray, modes: int):
+        problem = full.problem
         basis, _ = pod(snapshots.displacements, 1e-15)
-        supremizers = full_order.per_force @ dual_basis
+        supremizers = full.per_force @ dual_basis
         supremizers /= np.linalg.norm(supremizers, axis=0)
-        self._basis, _ = linalg.qr(np.hstack([basis[:, :modes], supremizers]), mode="economic")
-        contact = dual_basis.T @ (problem.contact @ self._basis)
-        factor, loads = PetscLU(self._basis.T @ (problem.stiffness @ self._basis)), self._basis.T @ problem.loads
-        responses = Responses.eliminate(factor, loads, dual_basis.T @ problem.gaps, contact, contact)
+        basis, _ = linalg.qr(np.hstack([basis[:, :modes], supremizers]), mode="economic")
+        contact = dual_basis.T @ (problem.contact @ basis)
+        factor, loads = PetscLU(basis.T @ (problem.stiffness @ basis)), problem.loads.T @ basis
+        responses = Responses.eliminate(factor, loads.T, dual_basis.T @ problem.gaps, contact, contact)
+        fields = _ConeFields(full, basis, dual_basis)
+        given = problem.parameters, problem.amplitudes, responses
         unknown = KnownStatuses(snapshots.points[:1], np.zeros((1, dual_basis.shape[1]), dtype=bool))
-        cold = CondensedContact(problem.parameters, problem.amplitudes, responses, unknown)
+        cold = CondensedModel(*given, unknown, fields)
         # its own answers at the training points, to start from like every other model
-        answers = [cold.solve(point, warm=False, raise_on_failure=False) for point in snapshots.points]
+        answers = [cold.solve(point, start=None, raise_on_failure=False) for point in snapshots.points]
         known = KnownStatuses(snapshots.points, np.stack([answer.active for answer in answers]))
-        self._online = CondensedContact(problem.parameters, problem.amplitudes, responses, known)
-        self.solve = self._online.solve
+        online = CondensedModel(*given, known, fields)
+        self.solve, self.march = online.solve, online.march
 
-    def solve_everywhere(self, mu):
-        """Displacement (N,) and contact forces (N_lambda,)."""
-        solution = self.solve(mu)
-        return self._basis @ solution.primal + self._problem.lift(mu), self._dual_basis @ solution.forces
+
+@dataclass(frozen=True)
+class _ConeFields:
+    """Fields of a basis and of a cone, see :class:`hhr_dolfinx.models.answer.Fields`."""
+
+    full: FullOrderModel
+    basis: np.ndarray
+    cone: np.ndarray
+
+    def displacement(self, answer: Answer) -> np.ndarray:
+        """V gamma + lift, (N,)."""
+        problem = self.full.problem
+        return self.basis @ answer.unknown + problem.lifts @ problem.amplitudes(answer.parameter)
+
+    def forces(self, answer: Answer) -> np.ndarray:
+        """Phi c, (N_lambda,)."""
+        return self.cone @ answer.multipliers
+
+    def stress(self, answer: Answer) -> np.ndarray:
+        """Stress in the middle of each cell, Kelvin's notation."""
+        return self.full.stress_of(self.displacement(answer))
+
+    def plastic_strain(self, answer: Answer) -> np.ndarray:
+        """None: nothing flows."""
+        return np.zeros(0)
+
+    def estimate(self, answer: Answer) -> None:
+        """Unknown."""
+        return None
 
 
 def cone_projected_greedy(forces: np.ndarray, count: int) -> np.ndarray:

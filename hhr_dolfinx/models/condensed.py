@@ -11,6 +11,7 @@ reduced model and the exact condensation of a full model are of this form; they 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -197,6 +198,12 @@ class CondensedModel:
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
         """Solve along a path; see :func:`solve_along`."""
         return solve_along(self, checked_path(self.parameters, path), settings)
+
+    def completed_by(self, fields: Fields) -> CondensedModel:
+        """The same model with other fields: on another mesh, or of another unknown."""
+        model = copy(self)
+        model.fields = fields
+        return model
 
     def _tabulate_regions(self):
         """For each known status the affine map mu -> (forces, slacks, primal).

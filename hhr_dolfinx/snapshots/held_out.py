@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from hhr_dolfinx.certify.accuracy import force_floor
@@ -17,18 +15,15 @@ Forces are most wrong where a few nodes touch. On the pellet-cladding scene that
 random points missed it for every second seed, and models 70 % wrong there were accepted."""
 
 
-def held_out_points(
-    problem: ContactProblem, training: SnapshotSet, counts: Sequence[int], number: int, seed: int
-) -> np.ndarray:
+def held_out_points(problem: ContactProblem, training: SnapshotSet, number: int, seed: int) -> np.ndarray:
     """Points to solve for the trust check, (number, P): uniform in the box, the last fifth where contact grazes.
 
-    These lie within one step of the training grid from the training solutions with the weakest forces that are no
+    These lie within one step of the training points from the training solutions with the weakest forces that are no
     round-off. Without contact in training all are uniform.
 
     Args:
         problem: the full problem.
-        training: solutions on a regular grid.
-        counts: points of the grid along each parameter.
+        training: solutions.
         number: how many.
         seed: of the draw.
     """
@@ -42,8 +37,14 @@ def held_out_points(
     centres = training.points[weakest[: int(np.ceil(GRAZING_SHARE * touching.size))]]
     centres = centres[np.arange(aimed) % len(centres)]
     lower, upper = np.array(space.lower), np.array(space.upper)
-    step = (upper - lower) / np.maximum(np.array(counts) - 1, 1)
+    step = (upper - lower) / np.maximum(_counts(training.points) - 1, 1)
     # a draw of its own: the uniform points of a seed stay what they are
     draw = np.random.default_rng([seed, aimed])
     near = draw.uniform(np.maximum(centres - step, lower), np.minimum(centres + step, upper))
     return np.concatenate([uniform, near])
+
+
+def _counts(points: np.ndarray) -> np.ndarray:
+    """Training points along each parameter, (P,): those of a grid, or of a grid with as many points."""
+    distinct = np.array([np.unique(column).size for column in points.T])
+    return distinct if distinct.prod() == len(points) else np.full(distinct.size, len(points) ** (1 / distinct.size))

@@ -1,30 +1,32 @@
-"""A full model with the solutions to train and to check reduced models: computed once, built from often."""
+"""A full model with the answers to train and to check reduced models: computed once, built from often."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from mpi4py import MPI
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import ParameterError, StudyError
-from hhr_dolfinx.full_order.elastic import FullOrderModel
+from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path
+from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import is_whole
-from hhr_dolfinx.reduction.offline import HyperReduction, ReductionSettings, build_reduced_model
+from hhr_dolfinx.reduction.build import build
+from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.held_out import held_out_points
-from hhr_dolfinx.snapshots.records import SnapshotSet, spread_snapshots
+from hhr_dolfinx.snapshots.records import SnapshotSet, spread_histories, spread_snapshots
 from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.timing import StageLog
 
 Progress = Callable[[str], Callable[[Iterable], Iterable]]
 """Maps a label to a wrapper of iterations, for progress bars."""
-
-
-DEFAULT_RECIPE = ReductionSettings()
 
 
 def silent(label: str) -> Callable[[Iterable], Iterable]:
@@ -34,12 +36,12 @@ def silent(label: str) -> Callable[[Iterable], Iterable]:
 
 @dataclass(frozen=True)
 class Training:
-    """A full model with the solutions to train and to check reduced models.
+    """A full model with the answers to train and to check reduced models.
 
     Attributes:
         full_order: the full model, on one rank.
-        snapshots: training solutions.
-        held_out: solutions for the trust check, or None.
+        snapshots: training answers.
+        held_out: answers for the trust check, or None.
         log: seconds of each stage.
     """
 
@@ -48,81 +50,111 @@ class Training:
     held_out: SnapshotSet | None
     log: StageLog
 
-    def build(self, recipe: ReductionSettings = DEFAULT_RECIPE, *, checked: bool = True) -> HyperReduction:
+    def build(self, recipe: Recipe | None = None, *, checked: bool = True) -> ReducedModel:
         """A reduced model; unchecked it is built as it is, to be measured: no warning, no growth of its RID.
 
         Only what cannot be solved at all is refused even so: dependent contact rows, a singular K~.
         """
         if checked:
-            return build_reduced_model(self.full_order, self.snapshots, recipe, self.held_out)
-        as_it_is = replace(recipe, limits=None, most_layers=recipe.layers)
-        return build_reduced_model(self.full_order, self.snapshots, as_it_is)
+            return build(self.full_order, self.snapshots, recipe, self.held_out)
+        return build(self.full_order, self.snapshots, (recipe or Recipe()).as_it_is())
 
 
 def train(
     scene: Scene,
-    counts: Sequence[int],
+    training: Any,
     *,
-    held_out: int = 100,
+    held_out: Any = None,
     seed: int = 1,
     folder: str | Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
+    march: MarchSettings = DEFAULT_MARCH,
     progress: Progress = silent,
 ) -> Training:
-    """Build the full model of a scene on each rank and share the training parameters out over the ranks.
+    """Build the full model of a scene on each rank and share the training out over the ranks.
 
     Args:
         scene: the scene.
-        counts: training points along each parameter, on a regular grid.
-        held_out: number of random parameters for the trust check, a fifth of them where contact grazes; 0 for none.
-        seed: seed of these.
-        folder: where solutions are kept and found again; None keeps nothing.
-        comm: communicator over which the parameters are spread.
+        training: the number of points along each parameter, on a regular grid, or an array of points, (S, P); where
+            bodies flow a list of paths, each of times in seconds and parameters.
+        held_out: for the trust check: how many random parameters (100, a fifth of them where contact grazes; 0 for
+            none), or paths.
+        seed: of random parameters.
+        folder: where answers are kept and found again; None keeps nothing.
+        comm: communicator over which the training is spread.
+        march: how histories are solved.
         progress: for progress bars.
 
     Raises:
-        StudyError: for counts, a number of solutions, a seed or a folder that are none, before anything is computed.
+        StudyError: for a training, a number of answers, a seed or a folder that are none, before anything is computed.
     """
     log = StageLog()
     with ranks.each_for_itself(comm, "checking what was asked for"):
         if not isinstance(scene, Scene):
             raise StudyError(f"{scene!r} is no scene: give a Scene")
-        check_counts(held_out=(held_out, 0), seed=(seed, 0))
-        grid = training_grid(scene, counts)
+        flows = any(body.law is not None for body in scene.bodies)
+        held_out = (() if flows else 100) if held_out is None else held_out
+        check_counts(seed=(seed, 0), **({} if flows else {"held_out": (held_out, 0)}))
+        asked = training_paths(scene, training) if flows else training_points(scene, training)
         folder = None if folder is None else checked_folder(folder)
     with ranks.each_for_itself(comm, f"building the full model of scene '{scene.name}'"):
         with log.stage("full_order"):
-            full_order = FullOrderModel(scene, MPI.COMM_SELF)
-        store = None if folder is None else SnapshotStore(folder, full_order.problem)
+            full = FullOrderModel(scene, MPI.COMM_SELF)
+        store = None if folder is None else SnapshotStore(folder, full)
     with log.stage("snapshots"):
-        snapshots = spread_snapshots(full_order, grid, comm, progress("snapshots"), store)
+        if flows:
+            solved = spread_histories(full, asked, comm, progress("training"), store, march)
+            snapshots = SnapshotSet.of_histories(solved)
+        else:
+            snapshots = spread_snapshots(full, asked, comm, progress("snapshots"), store)
     kept = None
-    if held_out > 0:
+    if flows and len(held_out):
         with log.stage("held_out"):
-            points = held_out_points(full_order.problem, snapshots, counts, held_out, seed + 2000)
+            paths = training_paths(scene, held_out)
+            kept = SnapshotSet.of_histories(spread_histories(full, paths, comm, progress("held out"), store, march))
+    elif not flows and held_out > 0:
+        with log.stage("held_out"):
+            points = held_out_points(full.problem, snapshots, held_out, seed + 2000)
             # forces decide on them, whose last digits may differ between machines
-            kept = spread_snapshots(full_order, comm.bcast(points), comm, progress("held out"), store)
-    found, asked = comm.allreduce(0 if store is None else store.found), len(snapshots.points) + held_out
+            kept = spread_snapshots(full, comm.bcast(points), comm, progress("held out"), store)
+    found = comm.allreduce(0 if store is None else store.found)
     if found:
-        log.skip("snapshots", f"{found} of {asked} solutions were read from {folder}: the times cover the others")
-    return Training(full_order, snapshots, kept, log)
+        count = len(snapshots.points) + (0 if kept is None else len(kept.points))
+        log.skip("snapshots", f"{found} of {count} answers were read from {folder}: the times cover the others")
+    return Training(full, snapshots, kept, log)
 
 
-def training_grid(scene: Scene, counts: Sequence[int]):
-    """Training points on a regular grid, (S, P).
+def training_points(scene: Scene, training: Any) -> np.ndarray:
+    """Training points, (S, P): on a regular grid for counts along each parameter, or as they are given.
 
     Raises:
         StudyError: if there is not one positive count for each parameter, or one point alone.
     """
     try:
-        grid = scene.parameters.grid(counts)
+        given = isinstance(training, np.ndarray) and (training.ndim > 1 or training.dtype.kind == "f")
+        points = scene.parameters.points(training) if given else scene.parameters.grid(training)
     except ParameterError as error:
         raise StudyError(f"training of scene '{scene.name}': {error}") from None
-    if len(grid) < 2:
+    if len(points) < 2:
         raise StudyError(
-            f"training of scene '{scene.name}' on {counts!r} points: a reduced model needs at least 2 of them"
+            f"training of scene '{scene.name}' on {training!r} points: a reduced model needs at least 2 of them"
         )
-    return grid
+    return points
+
+
+def training_paths(scene: Scene, paths: Any) -> list:
+    """Checked paths of a scene whose bodies flow.
+
+    Raises:
+        StudyError: for what is no list of paths.
+    """
+    try:
+        checked = [checked_path(scene.parameters, path) for path in paths]
+    except (ParameterError, TypeError) as error:
+        raise StudyError(f"bodies of scene '{scene.name}' flow: train on a list of paths ({error})") from None
+    if not checked or min(len(path) for path in checked) < 2:
+        raise StudyError(f"training of scene '{scene.name}' needs at least one path, each with a start and a step")
+    return checked
 
 
 def check_counts(**asked: tuple[object, int]) -> None:
