@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.models.answer import Answer, Fields
+from hhr_dolfinx.models.answer import Answer, ElasticFields, Fields
 from hhr_dolfinx.snapshots.records import compute_snapshots
 
 
@@ -34,7 +34,7 @@ class CoarserMesh:
 
 
 @dataclass(frozen=True)
-class _CarriedOver:
+class _CarriedOver(ElasticFields):
     """Fields of a coarse mesh on a fine one, see :class:`hhr_dolfinx.models.answer.Fields`."""
 
     coarse: ContactProblem
@@ -69,14 +69,6 @@ class _CarriedOver:
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress of the coarse mesh."""
         return self.fields.stress(answer)
-
-    def plastic_strain(self, answer: Answer) -> np.ndarray:
-        """None: nothing flows."""
-        return np.zeros(0)
-
-    def estimate(self, answer: Answer) -> None:
-        """Unknown."""
-        return None
 
 
 def _matching_bodies(coarse, fine):

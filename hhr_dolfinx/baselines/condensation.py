@@ -8,12 +8,12 @@ import numpy as np
 
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.answer import Answer, ElasticFields
 from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses
 
 
 @dataclass(frozen=True)
-class ExactFields:
+class ExactFields(ElasticFields):
     """What completes answers of exact condensation, see :class:`hhr_dolfinx.models.answer.Fields`.
 
     Attributes:
@@ -32,21 +32,9 @@ class ExactFields:
             unknown = self.unloaded @ theta - self.full.per_force @ answer.multipliers
         return unknown + problem.lifts @ theta
 
-    def forces(self, answer: Answer) -> np.ndarray:
-        """The multipliers, (N_lambda,)."""
-        return answer.multipliers
-
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress in the middle of each cell, Kelvin's notation."""
         return self.full.stress_of(self.displacement(answer))
-
-    def plastic_strain(self, answer: Answer) -> np.ndarray:
-        """None: nothing flows."""
-        return np.zeros(0)
-
-    def estimate(self, answer: Answer) -> float:
-        """None but that of the mesh."""
-        return 0.0
 
 
 def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: bool = True) -> CondensedModel:

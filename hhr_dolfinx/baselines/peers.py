@@ -18,7 +18,7 @@ from scipy.optimize import nnls
 
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.linear.dense import PetscLU
-from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.answer import Answer, ElasticFields
 from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses
 from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.snapshots.records import SnapshotSet
@@ -55,7 +55,7 @@ class DualBasisModel:
 
 
 @dataclass(frozen=True)
-class _ConeFields:
+class _ConeFields(ElasticFields):
     """Fields of a basis and of a cone, see :class:`hhr_dolfinx.models.answer.Fields`."""
 
     full: FullOrderModel
@@ -74,14 +74,6 @@ class _ConeFields:
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress in the middle of each cell, Kelvin's notation."""
         return self.full.stress_of(self.displacement(answer))
-
-    def plastic_strain(self, answer: Answer) -> np.ndarray:
-        """None: nothing flows."""
-        return np.zeros(0)
-
-    def estimate(self, answer: Answer) -> None:
-        """Unknown."""
-        return None
 
 
 def cone_projected_greedy(forces: np.ndarray, count: int) -> np.ndarray:

@@ -39,6 +39,22 @@ class Fields(Protocol):
         """Estimate of the error, None where the model has none."""
 
 
+class ElasticFields:
+    """What all fields of models have in common in which nothing flows and whose conditions are all there."""
+
+    def forces(self, answer: Answer) -> np.ndarray:
+        """The multipliers, (N_lambda,)."""
+        return answer.multipliers
+
+    def plastic_strain(self, answer: Answer) -> np.ndarray:
+        """None."""
+        return np.zeros(0)
+
+    def estimate(self, answer: Answer) -> float | None:
+        """None is known."""
+        return None
+
+
 class GaussState(NamedTuple):
     """Stress and memory of the material at the Gauss points where a model evaluates its laws.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,8 +16,9 @@ from hhr_dolfinx.certify.accuracy import (
     relative_error,
     summary,
 )
-from hhr_dolfinx.contact.problem import ContactProblem, Solvable
+from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, OutsideTrainingWarning
+from hhr_dolfinx.models.answer import Model
 from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
 
 NAMES = ("primal_l2", "primal_energy", "primal_euclid", "energy_minimum",
@@ -65,16 +67,16 @@ class Yardstick:
     floor: float
 
     @classmethod
-    def at(cls, points: np.ndarray, full_order: Solvable, training: SnapshotSet, progress=iter) -> Yardstick:
+    def at(cls, points: np.ndarray, full_order: Any, training: SnapshotSet, progress=iter) -> Yardstick:
         """Solve the full model at test points, (n, P); the floor is that of its training solutions."""
         references = compute_snapshots(full_order, points, progress)
         return cls(full_order.problem, references, force_floor(full_order.problem, training))
 
-    def errors(self, approximation, inside: np.ndarray | None = None) -> PointErrors:
-        """Errors of an approximation at every point; see :func:`answer_errors`.
+    def errors(self, model: Model, inside: np.ndarray | None = None) -> PointErrors:
+        """Errors of a model at every point; see :func:`answer_errors`.
 
         Args:
-            approximation: with ``solve_everywhere(mu)``, whose displacement (N,) and forces (N_lambda,) are compared.
+            model: any with ``solve(mu)``, whose displacements and forces on the whole mesh are compared.
             inside: conditions of its RID, if it has one.
         """
         rows, residuals, references, problem = [], [], self.references, self.problem
@@ -86,7 +88,8 @@ class Yardstick:
                 with warnings.catch_warnings():
                     # a study asks on purpose; what it finds is what the report is for
                     warnings.simplefilter("ignore", OutsideTrainingWarning)
-                    answer = approximation.solve_everywhere(point)
+                    found = model.solve(point)
+                    answer = found.displacement(), found.forces()
             except (ConvergenceError, NotSolvableError):
                 rows.append(None)
                 continue
