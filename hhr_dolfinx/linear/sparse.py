@@ -6,6 +6,7 @@ from threading import RLock
 
 import numpy as np
 from petsc4py import PETSc
+from scipy.sparse import csr_matrix, spmatrix
 
 from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.linear.dense import factorised
@@ -48,7 +49,7 @@ def ordering_of(block_size: int, plane: str) -> str:
     return "mumps" if block_size == 3 and PETSc.Sys.hasExternalPackage("mumps") else plane
 
 
-def solve_columns(ksp: PETSc.KSP, columns) -> np.ndarray:
+def solve_columns(ksp: PETSc.KSP, columns: spmatrix) -> np.ndarray:
     """Solve for the columns of a matrix in blocks, each rank with its own rows; collective.
 
     Args:
@@ -100,7 +101,7 @@ class FreeCholesky:
         NotSolvableError: if K is singular.
     """
 
-    def __init__(self, stiffness, free: np.ndarray, scene: str, ordering: str):
+    def __init__(self, stiffness: csr_matrix, free: np.ndarray, scene: str, ordering: str):
         self._free, self._scene = np.flatnonzero(free), scene
         self._inside = stiffness[self._free][:, self._free]
         # place of each kept entry in the data of the whole matrix
@@ -114,7 +115,7 @@ class FreeCholesky:
         self._rhs, self._x = self._matrix.createVecs()
         self._size, self._factored, self.lock = free.size, stiffness, RLock()
 
-    def refactor(self, stiffness) -> None:
+    def refactor(self, stiffness: csr_matrix) -> None:
         """Take the values of another matrix with the same pattern; no work if its factors are those at hand."""
         with self.lock:
             if stiffness is self._factored:
@@ -141,7 +142,7 @@ class FreeCholesky:
             solution[self._free] = self._x.array_r
         return solution
 
-    def solve_columns(self, columns) -> np.ndarray:
+    def solve_columns(self, columns: spmatrix) -> np.ndarray:
         """Solutions for the columns of a sparse matrix (N, m) on all dofs, zero on imposed ones, (N, m)."""
         found = np.zeros(columns.shape, order="F")
         with self.lock:
@@ -149,6 +150,6 @@ class FreeCholesky:
         return found
 
 
-def _petsc_matrix(matrix) -> PETSc.Mat:
+def _petsc_matrix(matrix: csr_matrix) -> PETSc.Mat:
     """Copy of a CSR matrix on one rank."""
     return PETSc.Mat().createAIJ(matrix.shape, csr=(matrix.indptr, matrix.indices, matrix.data), comm=PETSc.COMM_SELF)

@@ -8,6 +8,7 @@ boundaries with mortar contact formulations using dual Lagrange multipliers" (CM
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -15,12 +16,14 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags, identity
 from scipy.spatial import cKDTree
 
+from hhr_dolfinx.compat import extra
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.projection import local_coordinates, near_pairs, shape_functions
 from hhr_dolfinx.pairings.surface import (
     FACING,
     GRAZING,
+    Surface,
     beyond_overlap,
     check_facing,
     mean_normal,
@@ -47,7 +50,7 @@ _TRIANGLE = (
 )
 
 
-def _collapsed_square(order):
+def _collapsed_square(order: int) -> tuple[np.ndarray, np.ndarray]:
     """Rule on a triangle from Gauss points of the square, whose one side becomes a corner; weights of sum 1."""
     nodes, weights = np.polynomial.legendre.leggauss(order)
     x, y = np.meshgrid((nodes + 1) / 2, (nodes + 1) / 2, indexing="ij")
@@ -81,7 +84,7 @@ class Mortar:
     normal: tuple[float, ...] | None = None
     multipliers: str = "dual"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse an unknown kind of multipliers."""
         if self.multipliers not in MULTIPLIERS:
             raise SceneError(f"multipliers '{self.multipliers}' are unknown, one of {', '.join(MULTIPLIERS)}")
@@ -91,7 +94,7 @@ class Mortar:
         """Slave and master."""
         return (self.slave, self.master)
 
-    def rows(self, surfaces, dofs: int) -> ContactRows:
+    def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
         """One row for each slave node whose surroundings face the master surface.
 
         Raises:
@@ -124,7 +127,9 @@ class Mortar:
         _check_one_layer(slave, master, segments)
         return self._rows(slave, master, normals, segments, dofs)
 
-    def _rows(self, slave, master, normals, segments, dofs) -> ContactRows:
+    def _rows(
+        self, slave: Surface, master: Surface, normals: np.ndarray | None, segments: Segments, dofs: int
+    ) -> ContactRows:
         """Integrate over the segments and divide by the weight of each multiplier function."""
         dual, n = self.multipliers == "dual", len(slave.nodes)
         functions = _dual_functions(slave, segments) if dual else segments.slave_values
@@ -178,7 +183,7 @@ class Segments(NamedTuple):
     measures: np.ndarray
 
 
-def _check_one_layer(slave, master, segments):
+def _check_one_layer(slave: Surface, master: Surface, segments: Segments) -> None:
     """Refuse slave facets that are covered more than once."""
     covered = np.bincount(segments.slave, segments.measures, len(slave.facets))
     times = covered / (slave.sizes * slave.weights[slave.facets].mean(axis=1))
@@ -190,14 +195,18 @@ def _check_one_layer(slave, master, segments):
         )
 
 
-def _opposite(slave, master, directions, here, there, cosine):
+def _opposite(
+    slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray, cosine: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Those overlapping pairs whose slave looks along its direction of projection and whose master looks against it."""
     opposite = np.einsum("pd,pd->p", directions[here], master.outward[there]) < -cosine
     opposite &= np.einsum("pd,pd->p", directions[here], slave.outward[here]) > cosine
     return _overlapping(slave, master, directions, here[opposite], there[opposite])
 
 
-def _overlapping(slave, master, directions, here, there):
+def _overlapping(
+    slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Those pairs whose circles overlap when seen along the direction of the slave facet."""
     middles = [surface.corners.mean(axis=1) for surface in (slave, master)]
     radii = [
@@ -211,12 +220,14 @@ def _overlapping(slave, master, directions, here, there):
     return here[close], there[close]
 
 
-def _common_parts(slave, master, directions, here, there) -> Segments:
+def _common_parts(
+    slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray
+) -> Segments:
     """Common parts of pairs of facets, seen along the directions of the slave facets."""
     return (_segments if slave.points.shape[1] == 2 else _polygons)(slave, master, directions, here, there)
 
 
-def _meeting(slave, master, segments, reach) -> Segments:
+def _meeting(slave: Surface, master: Surface, segments: Segments, reach: float) -> Segments:
     """Leave out what is opposite and can yet not meet, because a body lies between.
 
     A back side lies behind by the thickness of both bodies, and a body is no thinner than a cell of it; what lies in
@@ -232,7 +243,7 @@ def _meeting(slave, master, segments, reach) -> Segments:
     return Segments(*(part[seen] for part in segments))
 
 
-def _own_body(slave, facets, reach):
+def _own_body(slave: Surface, facets: np.ndarray, reach: float) -> np.ndarray:
     """Distance along the normals of some slave facets to where their own body ends again; else infinite, (f,)."""
     nearest = np.full(len(slave.facets), np.inf)
     if facets.size:
@@ -246,7 +257,7 @@ def _own_body(slave, facets, reach):
     return nearest
 
 
-def _distances(slave, master, segments):
+def _distances(slave: Surface, master: Surface, segments: Segments) -> np.ndarray:
     """From slave to master along the normal of the slave facet at each quadrature point, (q,)."""
     ends = [
         np.einsum("qk,qkd->qd", values, surface.corners[facets])
@@ -258,14 +269,14 @@ def _distances(slave, master, segments):
     return np.einsum("qd,qd->q", ends[1] - ends[0], slave.outward[segments.slave])
 
 
-def _facing_normals(slave, segments, here, tested):
+def _facing_normals(slave: Surface, segments: Segments, here: np.ndarray, tested: np.ndarray) -> np.ndarray:
     """Normals of the slave nodes, averaged over what faces the master: at a corner the other side does not."""
     normals = np.zeros_like(slave.points)
     np.add.at(normals, here, tested[:, :, None] * slave.outward[segments.slave][:, None, :])
     return normalised(normals)
 
 
-def _segments(slave, master, directions, here, there) -> Segments:
+def _segments(slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray) -> Segments:
     """Common parts of segments in the plane: master nodes are projected on the slave along the direction."""
     start, end = slave.corners[here].transpose(1, 0, 2)
     cross = lambda a, b: a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]  # noqa: E731
@@ -279,14 +290,14 @@ def _segments(slave, master, directions, here, there) -> Segments:
     nodes, weights = (_GAUSS_3[0] + 1) / 2, _GAUSS_3[1] / 2
     position = low[:, None] + (high - low)[:, None] * nodes
     on_master = (position - ends[0][:, None]) / (ends[1] - ends[0])[:, None]
-    values = [np.stack([1 - t, t], axis=-1).reshape(-1, 2) for t in (position, on_master)]
+    slave_values, master_values = (np.stack([1 - t, t], axis=-1).reshape(-1, 2) for t in (position, on_master))
     facet = np.repeat(here, nodes.size)
     measure = ((high - low) * slave.sizes[here])[:, None] * weights
-    density = np.einsum("qk,qk->q", values[0], slave.weights[slave.facets[facet]])
-    return Segments(facet, np.repeat(there, nodes.size), *values, measure.ravel() * density)
+    density = np.einsum("qk,qk->q", slave_values, slave.weights[slave.facets[facet]])
+    return Segments(facet, np.repeat(there, nodes.size), slave_values, master_values, measure.ravel() * density)
 
 
-def _polygons(slave, master, directions, here, there) -> Segments:
+def _polygons(slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray) -> Segments:
     """Common parts of facets in space, seen along the direction of the slave facet, cut into triangles."""
     frames = _frames(directions)[here]
     sides = ((slave, here), (master, there))
@@ -301,16 +312,19 @@ def _polygons(slave, master, directions, here, there) -> Segments:
     parts = []
     for rule, low, high in _RULES:
         which = np.flatnonzero((skew > low) & (skew <= high))
-        values, measures = _on_triangles(flat, pair[which], triangles[which], *rule)
+        (slave_values, master_values), measures = _on_triangles(flat, pair[which], triangles[which], *rule)
         facet = np.repeat(pair[which], len(rule[1]))
-        density = np.einsum("qk,qk->q", values[0], slave.weights[slave.facets[here[facet]]]) / tilt[facet]
-        parts.append(Segments(here[facet], there[facet], *values, measures * density))
+        density = np.einsum("qk,qk->q", slave_values, slave.weights[slave.facets[here[facet]]]) / tilt[facet]
+        parts.append(Segments(here[facet], there[facet], slave_values, master_values, measures * density))
     return Segments(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
-def _common_triangles(slave, master, here, there, flat):
+def _common_triangles(
+    slave: Surface, master: Surface, here: np.ndarray, there: np.ndarray, flat: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
     """Triangles that fill the common part of each pair: number of the pair (t,), corners (t, 3, 2)."""
-    import shapely  # only scenes with mortar in space need it
+    with extra("mortar", "mortar in space"):
+        import shapely
 
     ring = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
     outlines = [shapely.polygons(corners[:, ring[corners.shape[1]]]) for corners in flat]
@@ -334,7 +348,9 @@ def _common_triangles(slave, master, here, there, flat):
     return np.concatenate(pairs), np.concatenate(triangles)
 
 
-def _on_triangles(flat, pair, triangles, local, weights):
+def _on_triangles(
+    flat: Sequence[np.ndarray], pair: np.ndarray, triangles: np.ndarray, local: np.ndarray, weights: np.ndarray
+) -> tuple[list[np.ndarray], np.ndarray]:
     """Shape functions of both facets at the points of a rule on each triangle, and the weights times its area."""
     sides = triangles[:, 1:] - triangles[:, :1]
     area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) / 2
@@ -346,7 +362,7 @@ def _on_triangles(flat, pair, triangles, local, weights):
     return values, (area[:, None] * weights).ravel()
 
 
-def _skewness(corners):
+def _skewness(corners: np.ndarray) -> np.ndarray:
     """How far quadrilaterals are from parallelograms, on which shape functions are polynomials; 0 for triangles."""
     if corners.shape[1] == 3:
         return np.zeros(len(corners))
@@ -354,7 +370,7 @@ def _skewness(corners):
     return np.linalg.norm(skew, axis=1) / np.linalg.norm(corners[:, 3] - corners[:, 0], axis=1)
 
 
-def _frames(directions):
+def _frames(directions: np.ndarray) -> np.ndarray:
     """Two unit vectors across each direction, (f, 3, 2)."""
     other = np.eye(3)[np.abs(directions).argmin(axis=1)]
     first = np.cross(directions, other)
@@ -362,7 +378,7 @@ def _frames(directions):
     return np.stack([first, np.cross(directions, first)], axis=2)
 
 
-def _dual_functions(slave, segments):
+def _dual_functions(slave: Surface, segments: Segments) -> np.ndarray:
     """Functions biorthogonal to the shape functions on the covered part of each slave facet, (q, k)."""
     count, k = slave.facets.shape
     mass, diagonal = np.zeros((count, k, k)), np.zeros((count, k))
@@ -374,14 +390,16 @@ def _dual_functions(slave, segments):
     return np.einsum("qij,qj->qi", coefficients[segments.slave], values)
 
 
-def _assemble(rows, tested, columns, values, shape) -> csr_matrix:
+def _assemble(
+    rows: np.ndarray, tested: np.ndarray, columns: np.ndarray, values: np.ndarray, shape: tuple[int, int]
+) -> csr_matrix:
     """Sum of tested_j values_k over all quadrature points; ``rows`` and ``columns`` number j and k, (q, k) each."""
     entries = tested[:, :, None] * values[:, None, :]
     row, column = np.broadcast_arrays(rows[:, :, None], columns[:, None, :])
     return csr_matrix((entries.ravel(), (row.ravel(), column.ravel())), shape=shape)
 
 
-def _along_normals(weights, nodes, normals, dofs):
+def _along_normals(weights: csr_matrix, nodes: np.ndarray, normals: np.ndarray, dofs: int) -> csr_matrix:
     """Rows sum_k weights_jk n_j·u(nodes_k), (m, N)."""
     coo = weights.tocoo()
     # what is left of biorthogonal functions by round-off would tie a row to more than one slave node

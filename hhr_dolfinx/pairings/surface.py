@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import PairingWarning, SceneError
@@ -123,7 +124,7 @@ class Surface:
         return largest
 
 
-def touches_of(at_node, nodes):
+def touches_of(at_node: csc_matrix, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pairs (position in ``nodes``, facet) for all facets at each node; ``at_node`` is facets by nodes, CSC."""
     starts, stops = at_node.indptr[nodes], at_node.indptr[nodes + 1]
     counts = stops - starts
@@ -132,7 +133,14 @@ def touches_of(at_node, nodes):
     return here, at_node.indices[np.repeat(starts, counts) + offsets]
 
 
-def make_surface(tag, facet_nodes, inner_points, points, weights, areas) -> Surface:
+def make_surface(
+    tag: int,
+    facet_nodes: np.ndarray,
+    inner_points: np.ndarray,
+    points: np.ndarray,
+    weights: np.ndarray,
+    areas: np.ndarray,
+) -> Surface:
     """A surface from its facets.
 
     Args:
@@ -188,7 +196,7 @@ def make_surface(tag, facet_nodes, inner_points, points, weights, areas) -> Surf
     )
 
 
-def _area_vectors(corners):
+def _area_vectors(corners: np.ndarray) -> np.ndarray:
     """Normal of each facet times its area, orientation free; of a warped quadrilateral that of its diagonals."""
     if corners.shape[1] == 2:
         along = corners[:, 1] - corners[:, 0]
@@ -198,7 +206,7 @@ def _area_vectors(corners):
     return np.cross(corners[:, 3] - corners[:, 0], corners[:, 2] - corners[:, 1]) / 2
 
 
-def unit(normal, dim: int) -> np.ndarray:
+def unit(normal: Sequence[float], dim: int) -> np.ndarray:
     """Check a normal given by the user and normalise it.
 
     Raises:

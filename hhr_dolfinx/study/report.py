@@ -10,11 +10,10 @@ from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
-from rich.console import Console
-from rich.table import Column, Table
 
 from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.files import replacing
+from hhr_dolfinx.study.console import Column, Console, Table
 
 _COMPARED = ("fom_naive", "fom_best", "condensed")
 _TIMED = (*_COMPARED, "condensed_full", "online", "online_lapack", "online_full")
