@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import platform
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -79,6 +80,22 @@ def require_dolfinx() -> None:
             "this PETSc was built with complex numbers, and contact is a problem in real ones: install a real build, "
             "`petsc=*=real*` with conda or `petsc-real` with apt, or set PETSC_DIR and PETSC_ARCH to one"
         )
+
+
+def versions() -> dict[str, str]:
+    """Versions of what numbers depend on, by name, for reports."""
+    import dolfinx
+    import numpy as np
+    import petsc4py
+    import slepc4py
+
+    return {
+        "dolfinx": dolfinx.__version__,
+        "petsc": petsc4py.__version__,
+        "slepc": slepc4py.__version__,
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+    }
 
 
 def gmsh_to_mesh(model: Any, comm: Comm, gdim: int) -> TaggedMesh:

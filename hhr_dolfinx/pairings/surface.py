@@ -165,10 +165,7 @@ def make_surface(
     corners = points[facet_nodes]
     vectors = _area_vectors(corners)
     sizes = np.linalg.norm(vectors, axis=1)
-    spans = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
-    power = points.shape[1] - 1
-    # thin beyond any use, or of the size of round-off in the coordinates; NaN counts as no area
-    flat = ~(sizes > np.maximum(1e-10 * spans**power, (1e-12 * np.nanmax(spans)) ** power))
+    flat = _without_area(corners, sizes)
     if flat.any():
         raise SceneError(
             f"{int(flat.sum())} facets of contact surface {tag} have no area, e.g. at {middles[flat][0].tolist()}: "
@@ -204,6 +201,14 @@ def _area_vectors(corners: np.ndarray) -> np.ndarray:
     if corners.shape[1] == 3:
         return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
     return np.cross(corners[:, 3] - corners[:, 0], corners[:, 2] - corners[:, 1]) / 2
+
+
+def _without_area(corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Facets that are thin beyond any use, or of the size of round-off in the coordinates, (f,) bool."""
+    spans = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+    power = corners.shape[2] - 1
+    # NaN counts as no area
+    return ~(sizes > np.maximum(1e-10 * spans**power, (1e-12 * np.nanmax(spans)) ** power))
 
 
 def unit(normal: Sequence[float], dim: int) -> np.ndarray:
