@@ -117,7 +117,7 @@ else
         exit 1
     fi
     say "Set-up 2 of 3: installing DOLFINx, PETSc, SLEPc and the rest for $python into $venv"
-    say "    (430 MB to download, 1.6 GB on disk, two minutes)"
+    say "    (430 MB to download, 1.7 GB on disk, two minutes)"
     "$python" -m venv "$venv"
     extras=all,solver,test
 fi
