@@ -2,6 +2,7 @@
 
 import ast
 import doctest
+import fnmatch
 import graphlib
 import importlib
 import re
@@ -173,6 +174,14 @@ def test_public_functions_say_their_types(name):
     found = [(path.name, function) for module, path in MODULES.items() if room(module) == name
              for function in without_types(path)]  # fmt: skip
     assert len(found) <= UNANNOTATED.get(name, 0), found
+
+
+def test_what_types_are_not_asked_of_exists():
+    """A room that was renamed would stay in the list of those that are not annotated yet."""
+    overrides = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["mypy"]["overrides"]
+    names = {name.removeprefix("hhr_dolfinx.") for name in MODULES}
+    for pattern in (p for override in overrides if override.get("ignore_errors") for p in override["module"]):
+        assert fnmatch.filter(names, pattern.removeprefix("hhr_dolfinx.")), pattern
 
 
 def test_one_clock():
