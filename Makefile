@@ -3,7 +3,7 @@
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: demo pellet nonmatching plastic sphere patch extreme recipes test slow setup
+.PHONY: demo pellet nonmatching plastic sphere patch extreme recipes lint test slow setup
 
 demo: setup
 	.venv/bin/python demos/hertz_half_discs.py
@@ -28,6 +28,12 @@ extreme: setup
 
 recipes: setup
 	.venv/bin/python demos/random_recipes.py
+
+# style, formatting and types: what continuous integration asks first
+lint: setup
+	.venv/bin/python -m ruff check .
+	.venv/bin/python -m ruff format --check .
+	.venv/bin/python -m mypy
 
 test: setup
 	.venv/bin/python -m pytest

@@ -2,8 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 from dolfinx import mesh as dmesh
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
+
+    from hhr_dolfinx.compat import TaggedMesh
 
 SOLID = 1
 """Cell tag of the block."""
@@ -14,7 +22,7 @@ def side(axis: int, upper: bool) -> int:
     return 10 * (axis + 1) + int(upper)
 
 
-def check_box(lower, upper, cells) -> None:
+def check_box(lower: Sequence[float], upper: Sequence[float], cells: Sequence[int]) -> None:
     """Refuse a box without volume or cells.
 
     Raises:
@@ -29,7 +37,9 @@ def check_box(lower, upper, cells) -> None:
         )
 
 
-def block(comm, *, lower, upper, cells, simplices=False):
+def block(
+    comm: Comm, *, lower: Sequence[float], upper: Sequence[float], cells: Sequence[int], simplices: bool = False
+) -> TaggedMesh:
     """Build a structured block with every side tagged by :func:`side`.
 
     Args:
@@ -42,26 +52,25 @@ def block(comm, *, lower, upper, cells, simplices=False):
     Returns:
         ``(mesh, cell_tags, facet_tags)``.
     """
-    lower, upper = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
-    dim = lower.size
     check_box(lower, upper, cells)
+    dim = len(lower)
     create, kinds = (
         (dmesh.create_rectangle, (dmesh.CellType.quadrilateral, dmesh.CellType.triangle))
         if dim == 2
         else (dmesh.create_box, (dmesh.CellType.hexahedron, dmesh.CellType.tetrahedron))
     )
-    mesh = create(comm, [lower, upper], list(cells), cell_type=kinds[int(simplices)])
-    size = float(np.max(upper - lower))
-    facets, values = [], []
+    corners = [np.asarray(corner, dtype=float) for corner in (lower, upper)]
+    mesh = create(comm, corners, list(cells), cell_type=kinds[int(simplices)])
+    size = float(np.max(corners[1] - corners[0]))
+    found, values = [], []
     for axis in range(dim):
         for is_upper, at in ((False, lower[axis]), (True, upper[axis])):
             near = lambda x, axis=axis, at=at: np.abs(x[axis] - at) < 1e-9 * size  # noqa: E731
-            found = dmesh.locate_entities_boundary(mesh, dim - 1, near)
-            facets.append(found)
-            values.append(np.full(found.size, side(axis, is_upper), dtype=np.int32))
-    facets, values = np.concatenate(facets), np.concatenate(values)
+            found.append(dmesh.locate_entities_boundary(mesh, dim - 1, near))
+            values.append(np.full(found[-1].size, side(axis, is_upper), dtype=np.int32))
+    facets = np.concatenate(found)
     order = np.argsort(facets)
     count = mesh.topology.index_map(dim).size_local + mesh.topology.index_map(dim).num_ghosts
     indices = np.arange(count, dtype=np.int32)
     cell_tags = dmesh.meshtags(mesh, dim, indices, np.full(count, SOLID, dtype=np.int32))
-    return mesh, cell_tags, dmesh.meshtags(mesh, dim - 1, facets[order], values[order])
+    return mesh, cell_tags, dmesh.meshtags(mesh, dim - 1, facets[order], np.concatenate(values)[order])

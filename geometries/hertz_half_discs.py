@@ -7,10 +7,17 @@ a node of the other along e_y. With 56 arc and 14 flat segments per body the two
 
 from __future__ import annotations
 
-import gmsh
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from hhr_dolfinx.compat import gmsh_to_mesh
+from hhr_dolfinx.geometries.gmsh_model import gmsh, mesh_of
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
+
+    from hhr_dolfinx.compat import TaggedMesh
 
 LOWER, UPPER = 1, 2
 """Cell tags of the two bodies."""
@@ -20,7 +27,15 @@ LOWER_ARC, UPPER_ARC, LOWER_FLAT, UPPER_FLAT = 11, 12, 21, 22
 _LINE, _TRIANGLE, _DELAUNAY = 1, 2, 5  # gmsh's numbers of element types and algorithm
 
 
-def half_discs(comm, *, radius=1.0, gap=0.1, arc_segments=56, flat_segments=14, pole_ratio=1.0):
+def half_discs(
+    comm: Comm,
+    *,
+    radius: float = 1.0,
+    gap: float = 0.1,
+    arc_segments: int = 56,
+    flat_segments: int = 14,
+    pole_ratio: float = 1.0,
+) -> TaggedMesh:
     """Build the mesh of the two half-discs on all ranks of ``comm``.
 
     Args:
@@ -41,18 +56,15 @@ def half_discs(comm, *, radius=1.0, gap=0.1, arc_segments=56, flat_segments=14, 
         )
     if radius <= 0 or pole_ratio < 1:
         raise ValueError(f"radius = {radius} must be positive and pole_ratio = {pole_ratio} at least 1")
-    gmsh.initialize()
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        if comm.rank == 0:
-            _mesh_lower_half(radius, gap, arc_segments, flat_segments, pole_ratio)
-            _mirror()
-        return gmsh_to_mesh(gmsh.model, comm, gdim=2)
-    finally:
-        gmsh.finalize()
+
+    def make() -> None:
+        _mesh_lower_half(radius, gap, arc_segments, flat_segments, pole_ratio)
+        _mirror()
+
+    return mesh_of(make, comm, dim=2, options={"Mesh.Algorithm": _DELAUNAY})
 
 
-def _mesh_lower_half(radius, gap, arc_segments, flat_segments, pole_ratio):
+def _mesh_lower_half(radius: float, gap: float, arc_segments: int, flat_segments: int, pole_ratio: float) -> None:
     """Mesh the lower body in the current gmsh model: two quarter arcs that meet at the pole."""
     geo = gmsh.model.geo
     y = -radius - gap / 2
@@ -65,14 +77,13 @@ def _mesh_lower_half(radius, gap, arc_segments, flat_segments, pole_ratio):
     geo.mesh.setTransfiniteCurve(flat, flat_segments + 1)
     body = geo.addPlaneSurface([geo.addCurveLoop([*arcs, flat])])
     geo.synchronize()
-    gmsh.option.setNumber("Mesh.Algorithm", _DELAUNAY)
     gmsh.model.mesh.generate(2)
     gmsh.model.addPhysicalGroup(2, [body], LOWER)
     gmsh.model.addPhysicalGroup(1, arcs, LOWER_ARC)
     gmsh.model.addPhysicalGroup(1, [flat], LOWER_FLAT)
 
 
-def _mirror():
+def _mirror() -> None:
     """Replace the model by one that holds the current mesh and its mirror image at y = 0."""
     tags, points, _ = gmsh.model.mesh.getNodes()
     cells = {name: _connectivity(dim, name) for dim, name in ((2, LOWER), (1, LOWER_ARC), (1, LOWER_FLAT))}
@@ -86,7 +97,7 @@ def _mirror():
     _add_body((UPPER, UPPER_ARC, UPPER_FLAT), points * [1, -1, 1], flipped, first_node=1 + used.size)
 
 
-def _connectivity(dim, physical):
+def _connectivity(dim: int, physical: int) -> np.ndarray:
     """Nodes of the elements of a physical group, (elements, dim + 1)."""
     blocks = [
         nodes
@@ -96,7 +107,9 @@ def _connectivity(dim, physical):
     return np.concatenate(blocks).reshape(-1, dim + 1)
 
 
-def _add_body(names, points, cells, first_node):
+def _add_body(
+    names: tuple[int, int, int], points: np.ndarray, cells: Mapping[int, np.ndarray], first_node: int
+) -> None:
     """Add one body as discrete entities ``names`` (body, arc, flat) with a physical group each."""
     body, arc, flat = names
     gmsh.model.addDiscreteEntity(1, arc)

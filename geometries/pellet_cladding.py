@@ -6,9 +6,14 @@ thesis' 6161 + 909 nodes; with ``cladding_axial_cells`` other than ``axial_cells
 
 from __future__ import annotations
 
-import gmsh
+from typing import TYPE_CHECKING
 
-from hhr_dolfinx.compat import gmsh_to_mesh
+from hhr_dolfinx.geometries.gmsh_model import gmsh, mesh_of
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
+
+    from hhr_dolfinx.compat import TaggedMesh
 
 PELLET, CLADDING = 1, 2
 """Cell tags of the two bodies."""
@@ -18,17 +23,17 @@ CLADDING_BOTTOM, CLADDING_OUTER, CLADDING_TOP, CLADDING_INNER = 21, 22, 23, 24
 
 
 def pellet_cladding(
-    comm,
+    comm: Comm,
     *,
-    radius=4.1,
-    height=7.0,
-    thickness=0.57,
-    gap=2e-3,
-    radial_cells=60,
-    axial_cells=100,
-    cladding_radial_cells=8,
-    cladding_axial_cells=None,
-):
+    radius: float = 4.1,
+    height: float = 7.0,
+    thickness: float = 0.57,
+    gap: float = 2e-3,
+    radial_cells: int = 60,
+    axial_cells: int = 100,
+    cladding_radial_cells: int = 8,
+    cladding_axial_cells: int | None = None,
+) -> TaggedMesh:
     """Build the mesh of pellet and cladding on all ranks of ``comm``.
 
     Args:
@@ -53,19 +58,16 @@ def pellet_cladding(
     if min(counts) < 1:
         raise ValueError(f"cells {counts} along the sides of pellet and cladding must be positive")
     inner = radius + gap
-    gmsh.initialize()
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        if comm.rank == 0:
-            _rectangle(PELLET, 0.0, radius, height, radial_cells, axial_cells)
-            _rectangle(CLADDING, inner, inner + thickness, height, cladding_radial_cells, cladding_axial_cells)
-            gmsh.model.mesh.generate(2)
-        return gmsh_to_mesh(gmsh.model, comm, gdim=2)
-    finally:
-        gmsh.finalize()
+
+    def make() -> None:
+        _rectangle(PELLET, 0.0, radius, height, radial_cells, axial_cells)
+        _rectangle(CLADDING, inner, inner + thickness, height, cladding_radial_cells, cladding_axial_cells)
+        gmsh.model.mesh.generate(2)
+
+    return mesh_of(make, comm, dim=2)
 
 
-def _rectangle(tag, left, right, height, radial_cells, axial_cells):
+def _rectangle(tag: int, left: float, right: float, height: float, radial_cells: int, axial_cells: int) -> None:
     """Add a structured rectangle; its sides are tagged 10 * tag + 1 to 4 from the bottom."""
     geo = gmsh.model.geo
     corners = [geo.addPoint(r, z, 0) for r, z in ((left, 0), (right, 0), (right, height), (left, height))]

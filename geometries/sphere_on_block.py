@@ -6,9 +6,16 @@ above a square, the block a cuboid below it.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
+
+    from hhr_dolfinx.compat import TaggedMesh
 
 SPHERE, BLOCK = FIRST, SECOND
 """Cell tags of the two bodies."""
@@ -21,7 +28,16 @@ BLOCK_SIDE = side(BLOCK, 0, True)
 """Facet tag of the outer side of the block along x."""
 
 
-def sphere_on_block(comm, *, radius=10.0, width=0.5, gap=0.0, sphere_cells=(20, 10), block_cells=(16, 8), grading=3.0):
+def sphere_on_block(
+    comm: Comm,
+    *,
+    radius: float = 10.0,
+    width: float = 0.5,
+    gap: float = 0.0,
+    sphere_cells: tuple[int, int] = (20, 10),
+    block_cells: tuple[int, int] = (16, 8),
+    grading: float = 3.0,
+) -> TaggedMesh:
     """Build the mesh of both bodies on all ranks of ``comm``.
 
     Args:
@@ -39,7 +55,7 @@ def sphere_on_block(comm, *, radius=10.0, width=0.5, gap=0.0, sphere_cells=(20, 
     if radius <= 0 or not 0 < width <= 0.7 or grading < 0:
         raise ValueError(f"radius = {radius} must be positive, width = {width} in (0, 0.7], grading = {grading} >= 0")
 
-    def warp(points, tag):
+    def warp(points: np.ndarray, tag: int) -> np.ndarray:
         x, y = (width * radius * _graded(points[:, axis], grading) for axis in (0, 1))
         if tag == BLOCK:
             return np.column_stack([x, y, -radius * _graded(-points[:, 2], grading)])
@@ -51,6 +67,6 @@ def sphere_on_block(comm, *, radius=10.0, width=0.5, gap=0.0, sphere_cells=(20, 
     return two_blocks(comm, first=upper, second=lower, warp=warp)
 
 
-def _graded(position, grading):
+def _graded(position: np.ndarray, grading: float) -> np.ndarray:
     """Map [0, 1] onto itself, denser towards 0."""
     return np.sinh(grading * position) / np.sinh(grading) if grading > 0 else position

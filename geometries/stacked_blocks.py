@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
+
+    from hhr_dolfinx.compat import TaggedMesh
 
 LOWER, UPPER = FIRST, SECOND
 """Cell tags of the two blocks."""
@@ -27,7 +35,16 @@ def rotation(dim: int, angle: float) -> np.ndarray:
     return Rotation.from_rotvec(angle * axis).as_matrix()[:dim, :dim]
 
 
-def stacked_blocks(comm, *, lower, upper, angle=0.0, bulge=0.0, shift=0.0, simplices=False):
+def stacked_blocks(
+    comm: Comm,
+    *,
+    lower: Sequence[int],
+    upper: Sequence[int],
+    angle: float = 0.0,
+    bulge: float = 0.0,
+    shift: float = 0.0,
+    simplices: bool = False,
+) -> TaggedMesh:
     """Build the mesh of both blocks on all ranks of ``comm``.
 
     Args:
@@ -45,7 +62,7 @@ def stacked_blocks(comm, *, lower, upper, angle=0.0, bulge=0.0, shift=0.0, simpl
     up = len(lower) - 1
     turn = rotation(len(lower), angle)
 
-    def warp(points, body):
+    def warp(points: np.ndarray, body: int) -> np.ndarray:
         points = points.copy()
         if body == UPPER:
             points[:, 0] += shift

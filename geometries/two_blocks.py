@@ -5,13 +5,26 @@ In axisymmetry two rectangles in (r, z) are two thick cylinders.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from itertools import permutations
+from typing import TYPE_CHECKING
 
 import numpy as np
 from dolfinx import mesh as dmesh
 
 from hhr_dolfinx.compat import geometry_dofmap, linear_mesh
 from hhr_dolfinx.geometries import block
+
+if TYPE_CHECKING:
+    from dolfinx.mesh import Mesh, MeshTags
+    from mpi4py.MPI import Comm
+
+    from hhr_dolfinx.compat import TaggedMesh
+
+Box = tuple[Sequence[float], Sequence[float], Sequence[int]]
+"""Two corners of a block, and the cells along each axis."""
+Warp = Callable[[np.ndarray, int], np.ndarray]
+"""Maps the coordinates of all nodes of a body, (n, dim), and its tag to new ones."""
 
 FIRST, SECOND = 1, 2
 """Cell tags of the two bodies."""
@@ -22,7 +35,7 @@ def side(body: int, axis: int, upper: bool) -> int:
     return 100 * body + block.side(axis, upper)
 
 
-def two_blocks(comm, *, first, second, simplices=False, warp=None):
+def two_blocks(comm: Comm, *, first: Box, second: Box, simplices: bool = False, warp: Warp | None = None) -> TaggedMesh:
     """Build two structured blocks with every side tagged by :func:`side`.
 
     Args:
@@ -39,7 +52,7 @@ def two_blocks(comm, *, first, second, simplices=False, warp=None):
     shapes = {FIRST: first, SECOND: second}
     for shape in shapes.values():
         block.check_box(*shape)
-    parts = {tag: _grid(*shape, simplices) for tag, shape in shapes.items()}
+    parts = {tag: _grid(shape, simplices) for tag, shape in shapes.items()}
     dim, per_cell, count = len(first[0]), parts[FIRST][1].shape[1], len(parts[FIRST][1])
     points = np.concatenate([part[0] for part in parts.values()])
     cells = np.concatenate([parts[FIRST][1], parts[SECOND][1] + len(parts[FIRST][0])])
@@ -58,8 +71,9 @@ def two_blocks(comm, *, first, second, simplices=False, warp=None):
     return mesh, cell_tags, facet_tags
 
 
-def _grid(lower, upper, cells, simplices):
+def _grid(box: Box, simplices: bool) -> tuple[np.ndarray, np.ndarray]:
     """Points (n, dim) and cells (c, 2^dim), or simplices (c, dim + 1), of one block."""
+    lower, upper, cells = box
     dim = len(lower)
     axes = [np.linspace(low, high, count + 1) for low, high, count in zip(lower, upper, cells, strict=True)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, dim)
@@ -77,21 +91,21 @@ def _grid(lower, upper, cells, simplices):
     return points, np.concatenate([boxes[:, path] for path in paths])
 
 
-def _side_tags(mesh, body, shapes):
+def _side_tags(mesh: Mesh, body: np.ndarray, shapes: dict[int, Box]) -> MeshTags:
     """Tags of the sides of both blocks, told apart by the cells behind them."""
     dim = mesh.topology.dim
     mesh.topology.create_connectivity(dim - 1, dim)
     to_cell = mesh.topology.connectivity(dim - 1, dim)
-    facets, values = [], []
+    found, values = [], []
     for tag, (lower, upper, _) in shapes.items():
         size = float(np.max(np.subtract(upper, lower)))
         for axis in range(dim):
             for is_upper, at in ((False, lower[axis]), (True, upper[axis])):
                 near = lambda x, axis=axis, at=at, size=size: np.abs(x[axis] - at) < 1e-9 * size  # noqa: E731
-                found = dmesh.locate_entities_boundary(mesh, dim - 1, near)
-                own = np.array([body[to_cell.links(facet)[0]] == tag for facet in found], dtype=bool)
-                facets.append(found[own])
+                on_side = dmesh.locate_entities_boundary(mesh, dim - 1, near)
+                own = np.array([body[to_cell.links(facet)[0]] == tag for facet in on_side], dtype=bool)
+                found.append(on_side[own])
                 values.append(np.full(own.sum(), side(tag, axis, is_upper), dtype=np.int32))
-    facets, values = np.concatenate(facets), np.concatenate(values)
+    facets = np.concatenate(found)
     order = np.argsort(facets)
-    return dmesh.meshtags(mesh, dim - 1, facets[order], values[order])
+    return dmesh.meshtags(mesh, dim - 1, facets[order], np.concatenate(values)[order])

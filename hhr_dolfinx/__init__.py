@@ -4,9 +4,14 @@ The public names below are loaded when they are first used, so that a reduced mo
 a file (``load_model``) needs neither DOLFINx nor gmsh.
 """
 
+import logging
 from importlib import import_module
+from typing import Any
 
 from hhr_dolfinx import compat as _compat  # noqa: F401  (before any import of dolfinx, mpi4py or petsc4py)
+
+# what a long run is at is told to who asks for it, and to nobody else
+logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 _MODULES = {
     "version": ["__version__"],
@@ -51,13 +56,13 @@ _PUBLIC = {name: module for module, names in _MODULES.items() for name in names}
 __all__ = list(_PUBLIC)
 
 
-def __getattr__(name):
+def __getattr__(name: str) -> Any:
     """Import a public name from its module on first use."""
     if name not in _PUBLIC:
         raise AttributeError(f"module 'hhr_dolfinx' has no attribute '{name}'")
     return getattr(import_module(f"hhr_dolfinx.{_PUBLIC[name]}"), name)
 
 
-def __dir__():
+def __dir__() -> list[str]:
     """List the public names."""
     return __all__

@@ -2,13 +2,30 @@
 
 The wheel ``dolfinx-solver-real`` wants ``import dolfinx_solver`` before dolfinx, mpi4py
 or petsc4py; conda and apt have no such module. The package imports this module before any
-other, so the rest of it need not know. Nothing heavy is imported at the top.
+other, so the rest of it need not know. Nothing heavy is imported at the top. What is optional is imported inside
+:func:`extra`.
 """
 
 from __future__ import annotations
 
 import importlib
 import importlib.util
+import platform
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from hhr_dolfinx.errors import MissingPackageError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from dolfinx.fem import FiniteElement
+    from dolfinx.geometry import BoundingBoxTree
+    from dolfinx.mesh import Mesh, MeshTags
+    from mpi4py.MPI import Comm
+
+    TaggedMesh = tuple[Mesh, MeshTags, MeshTags]
+    """What a geometry returns: the mesh, the tags of its cells and of its facets."""
 
 MINIMUM_DOLFINX = (0, 9)
 
@@ -16,16 +33,36 @@ if importlib.util.find_spec("dolfinx_solver") is not None:
     importlib.import_module("dolfinx_solver")
 
 
+@contextmanager
+def extra(name: str, what: str) -> Iterator[None]:
+    """A block that imports an optional package; where it is missing the error says which extra brings it.
+
+    Args:
+        name: of the extra in ``pyproject.toml``.
+        what: what needs the package, for the message.
+
+    Raises:
+        MissingPackageError: with what to install.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise MissingPackageError(
+            f"{what} needs the package {error.name}, which is not installed: `pip install hhr_dolfinx[{name}]`"
+        ) from error
+
+
 def require_dolfinx() -> None:
     """Check that DOLFINx is there and recent enough, and PETSc built with real numbers.
 
     Raises:
-        ImportError: with what to install.
+        MissingPackageError: with what to install.
+        ImportError: if it is there and cannot be used.
     """
     try:
         import dolfinx
     except ImportError as error:
-        raise ImportError(
+        raise MissingPackageError(
             "DOLFINx is not installed. Install it with `pip install hhr_dolfinx[solver]` "
             "(x86-64 Linux, Python >= 3.12), or from conda-forge (`fenics-dolfinx`) or your distribution."
         ) from error
@@ -45,7 +82,23 @@ def require_dolfinx() -> None:
         )
 
 
-def gmsh_to_mesh(model, comm, gdim: int):
+def versions() -> dict[str, str]:
+    """Versions of what numbers depend on, by name, for reports."""
+    import dolfinx
+    import numpy as np
+    import petsc4py
+    import slepc4py
+
+    return {
+        "dolfinx": dolfinx.__version__,
+        "petsc": petsc4py.__version__,
+        "slepc": slepc4py.__version__,
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+    }
+
+
+def gmsh_to_mesh(model: Any, comm: Comm, gdim: int) -> TaggedMesh:
     """Turn a gmsh model held by rank 0 into ``(mesh, cell_tags, facet_tags)``.
 
     The module is ``dolfinx.io.gmshio`` up to 0.9 and ``dolfinx.io.gmsh`` from 0.10 on,
@@ -55,17 +108,17 @@ def gmsh_to_mesh(model, comm, gdim: int):
         module = importlib.import_module("dolfinx.io.gmsh")
     except ModuleNotFoundError:
         module = importlib.import_module("dolfinx.io.gmshio")
-    result = module.model_to_mesh(model, comm, 0, gdim=gdim)
-    return tuple(result[:3])
+    mesh, cell_tags, facet_tags = module.model_to_mesh(model, comm, 0, gdim=gdim)[:3]
+    return mesh, cell_tags, facet_tags
 
 
-def interpolation_points(element):
+def interpolation_points(element: FiniteElement) -> np.ndarray:
     """Points of a DOLFINx element for interpolation: a method up to 0.9, a property from 0.10 on."""
     points = element.interpolation_points
     return points() if callable(points) else points
 
 
-def linear_mesh(comm, points, cells, kind: str):
+def linear_mesh(comm: Comm, points: np.ndarray, cells: np.ndarray, kind: str) -> Mesh:
     """Linear mesh in the plane or in space; the arguments of ``create_mesh`` changed their order in 0.10.
 
     Args:
@@ -82,7 +135,7 @@ def linear_mesh(comm, points, cells, kind: str):
     return mesh.create_mesh(comm, cells=cells.astype("int64"), x=points, e=domain)
 
 
-def bounding_boxes(mesh, padding: float = 0.0):
+def bounding_boxes(mesh: Mesh, padding: float = 0.0) -> tuple[BoundingBoxTree, np.ndarray]:
     """DOLFINx's bounding-volume tree of the cells of a mesh on one rank, and the numbers of these cells."""
     import numpy as np
     from dolfinx import geometry
@@ -91,7 +144,7 @@ def bounding_boxes(mesh, padding: float = 0.0):
     return geometry.bb_tree(mesh, mesh.topology.dim, entities=cells, padding=padding), cells
 
 
-def closest_cells(mesh, points):
+def closest_cells(mesh: Mesh, points: np.ndarray) -> np.ndarray:
     """Index of the cell closest to each point, (m,).
 
     Args:
@@ -105,31 +158,32 @@ def closest_cells(mesh, points):
     return geometry.compute_closest_entity(tree, middles, mesh, points)
 
 
-def meeting_cells(first, second, padding: float):
+def meeting_cells(first: Mesh, second: Mesh, padding: float) -> np.ndarray:
     """Pairs of cells of two meshes on one rank whose bounding boxes meet, (p, 2), the first ones enlarged."""
     from dolfinx import geometry
 
     return geometry.compute_collisions_trees(bounding_boxes(first, padding)[0], bounding_boxes(second)[0])
 
 
-def geometry_dofmap(mesh):
+def geometry_dofmap(mesh: Mesh) -> np.ndarray:
     """Nodes of each cell in ``mesh.geometry.x``; ``dofmap`` is on its way out from 0.11 on."""
     geometry = mesh.geometry
     return geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
 
 
-def quadrature(mesh, degree: int):
+def quadrature(mesh: Mesh, degree: int) -> tuple[np.ndarray, np.ndarray]:
     """Points and weights of DOLFINx's rule of a degree on the reference cell."""
     import basix
 
     return basix.make_quadrature(basix.CellType[mesh.topology.cell_name()], degree)
 
 
-def compiled(**options):
+def compiled(**options: Any) -> Callable[[Callable], Callable]:
     """numba's ``njit`` with a cache on disk, or without one where no place can be written."""
-    from numba import njit
+    with extra("flow", "a scene with bodies that flow or are nearly incompressible"):
+        from numba import njit
 
-    def decorate(function):
+    def decorate(function: Callable) -> Callable:
         try:
             return njit(cache=True, **options)(function)
         except RuntimeError:

@@ -45,6 +45,10 @@ class RankError(HHRError):
     """Another rank failed with an error that is none of this package's."""
 
 
+class MissingPackageError(HHRError, ImportError):
+    """An optional package is not installed that this scene, model or picture needs."""
+
+
 class FileError(HHRError, OSError):
     """A file or folder cannot be written: no space, no permission, a file in the place of a folder."""
 

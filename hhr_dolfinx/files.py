@@ -25,7 +25,7 @@ import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO
+from typing import IO, Any, cast
 
 import numpy as np
 
@@ -60,7 +60,7 @@ def make_folder(folder: str | Path) -> Path:
 
 
 @contextmanager
-def replacing(path: str | Path, *, text: bool = False, tidy: bool = True) -> Iterator[IO]:
+def replacing(path: str | Path, *, text: bool = False, tidy: bool = True) -> Iterator[IO[Any]]:
     """A file to write to, which becomes ``path`` when the block ends; if anything fails, ``path`` stays as it was.
 
     Args:
@@ -99,7 +99,9 @@ def clear_leftovers(folder: str | Path) -> None:
                     path.unlink(missing_ok=True)
 
 
-def write_arrays(path: str | Path, header: Mapping, arrays: Mapping[str, np.ndarray], *, tidy: bool = True) -> None:
+def write_arrays(
+    path: str | Path, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray], *, tidy: bool = True
+) -> None:
     """Write arrays with a header and a checksum over both.
 
     Args:
@@ -120,10 +122,11 @@ def write_arrays(path: str | Path, header: Mapping, arrays: Mapping[str, np.ndar
         raise FileContentError(f"{path} is not written: {error}") from None
     signed = {**header, "sha256": _checksum(header, whole)}
     with replacing(path, tidy=tidy) as file:
-        np.savez(file, header=np.array(json.dumps(signed)), **whole)
+        members: dict[str, Any] = {"header": np.array(json.dumps(signed)), **whole}
+        np.savez(file, **members)
 
 
-def read_arrays(path: str | Path, kind: str, version: int) -> tuple[dict, dict[str, np.ndarray]]:
+def read_arrays(path: str | Path, kind: str, version: int) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and arrays of a file written by :func:`write_arrays`; memory stays near the size of the file.
 
     Args:
@@ -205,11 +208,11 @@ def _explained(path: Path, what: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        remedy = _REMEDIES.get(error.errno, "check the disk and the folder")
+        remedy = _REMEDIES.get(error.errno or 0, "check the disk and the folder")
         raise FileError(f"{path} cannot be {what} ({error.strerror or error}): {remedy}") from error
 
 
-def _temporary(path: Path, text: bool) -> tuple[Path, IO]:
+def _temporary(path: Path, text: bool) -> tuple[Path, IO[Any]]:
     """A new file beside the target, locked by this process."""
     while True:
         temporary = path.with_name(f"{path.name}.{secrets.token_hex(8)}.part")
@@ -220,7 +223,7 @@ def _temporary(path: Path, text: bool) -> tuple[Path, IO]:
         file.close()  # another process took it for a leftover before it was locked
 
 
-def _lock(file: IO, wait: bool) -> bool:
+def _lock(file: IO[Any], wait: bool) -> bool:
     """Lock a file until it is closed; whether that was possible."""
     try:
         import fcntl
@@ -290,11 +293,11 @@ def _members(path: Path) -> dict[str, np.ndarray]:
             if name in arrays:
                 raise _Damage(f"{name} is there twice")
             with archive.open(info) as stream:
-                arrays[name] = _array(stream, info)
+                arrays[name] = _array(cast(io.BufferedIOBase, stream), info)
     return arrays
 
 
-def _array(stream: IO[bytes], info: zipfile.ZipInfo) -> np.ndarray:
+def _array(stream: io.BufferedIOBase, info: zipfile.ZipInfo) -> np.ndarray:
     """One array, whose description must match its size before anything is allocated.
 
     The description is compared with the one form in which numpy writes it, rather than evaluated.
@@ -335,7 +338,7 @@ def _check_numbers(name: str, array: np.ndarray) -> None:
         raise _Damage(f"{name} has values that are neither true nor false")
 
 
-def _checksum(header: Mapping, arrays: Mapping[str, np.ndarray]) -> str:
+def _checksum(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> str:
     """Checksum over the header and every array with name, type, shape and order in memory.
 
     The order counts since the last digits of sums depend on it.

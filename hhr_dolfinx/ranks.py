@@ -84,7 +84,7 @@ def together(comm: Comm, task: str) -> Iterator[None]:
     votes.Free()
 
 
-def _all_arrive(votes) -> bool:
+def _all_arrive(votes: Comm) -> bool:
     """Whether every rank comes here within :data:`PATIENCE`."""
     arrival, pause = votes.Ibarrier(), Event()
     for _ in range(int(PATIENCE / _POLL)):
@@ -94,13 +94,13 @@ def _all_arrive(votes) -> bool:
     return False
 
 
-def _class_of(name):
+def _class_of(name: str) -> type[errors.HHRError]:
     """The class of this package's errors with a name, or the one for all others."""
     kind = getattr(errors, name, None)
     return kind if isinstance(kind, type) and issubclass(kind, errors.HHRError) else errors.RankError
 
 
-def _text(error) -> str:
+def _text(error: BaseException) -> str:
     """What an exception says, even if it cannot say it."""
     try:
         return str(error)

@@ -3,40 +3,60 @@
 from __future__ import annotations
 
 import gc
+import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
+from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, StudyError
+
+logger = logging.getLogger(__name__)
+
+WARM_UP = 5
+"""Queries that are asked before the clock runs."""
 
 
 @dataclass
 class StageLog:
-    """Times of the stages of a run, in seconds; what was left out; attempts that a check refused."""
+    """Times of the stages of a run, in seconds; what was left out; attempts that a check refused.
+
+    What enters it is told to the logger ``hhr_dolfinx.timing`` too: stages and refusals as INFO, what was left out
+    as DEBUG.
+    """
 
     times: dict[str, float] = field(default_factory=dict)
     skipped: list[dict[str, str]] = field(default_factory=list)
-    refused: list[dict] = field(default_factory=list)
+    refused: list[dict[str, Any]] = field(default_factory=list)
 
     @contextmanager
-    def stage(self, name: str):
+    def stage(self, name: str) -> Iterator[None]:
         """Time the block under a name."""
+        logger.info("%s begins", name)
         start = time.perf_counter()
         try:
             yield
         finally:
-            self.times[name] = self.times.get(name, 0.0) + time.perf_counter() - start
+            seconds = time.perf_counter() - start
+            self.times[name] = self.times.get(name, 0.0) + seconds
+            logger.info("%s ends after %.3g s", name, seconds)
 
     def skip(self, stage: str, why: str) -> None:
         """Record a stage that this scene does not need."""
         self.skipped.append({"stage": stage, "why": why})
+        logger.debug("%s is left out: %s", stage, why)
+
+    def refuse(self, layers: int, why: str) -> None:
+        """Record that a model with a number of RID layers was refused."""
+        self.refused.append({"layers": layers, "why": why})
+        logger.info("the model with %d layers is refused: %s", layers, why)
 
 
-def timed(call: Callable, repetitions: int = 1):
+def timed(call: Callable[[], Any], repetitions: int = 1) -> tuple[Any, float]:
     """The last result of a call, and its seconds on average, on one thread."""
     with threadpool_limits(1):
         start = time.perf_counter()
@@ -45,14 +65,19 @@ def timed(call: Callable, repetitions: int = 1):
         return result, (time.perf_counter() - start) / repetitions
 
 
-def time_queries(models: dict[str, Callable], points: np.ndarray) -> dict[str, np.ndarray]:
+def time_queries(models: dict[str, Callable[[np.ndarray], Any]], points: np.ndarray) -> dict[str, np.ndarray]:
     """Seconds per query of each model at every point, (len(points) less a warm-up,), on one thread.
 
     No point is asked twice, so that nothing kept from an earlier query helps more than it would in use. The
     models take turns in blocks, so that a disturbance of the machine hits all of them. A query without an answer
     counts with the time it took.
+
+    Raises:
+        StudyError: if no point is left after the warm-up.
     """
-    warm_up, asked = points[:5], points[5:]
+    if len(points) <= WARM_UP:
+        raise StudyError(f"{len(points)} points cannot be timed: {WARM_UP} are a warm-up, give more")
+    warm_up, asked = points[:WARM_UP], points[WARM_UP:]
     times: dict[str, list[float]] = {name: [] for name in models}
     with threadpool_limits(1):
         for solve in models.values():
@@ -72,6 +97,6 @@ def time_queries(models: dict[str, Callable], points: np.ndarray) -> dict[str, n
     return {name: np.array(values) for name, values in times.items()}
 
 
-def _query(solve, point):
+def _query(solve: Callable[[np.ndarray], Any], point: np.ndarray) -> None:
     with suppress(ConvergenceError, NotSolvableError):
         solve(point)

@@ -16,6 +16,7 @@ import numpy as np
 from scipy import linalg
 from scipy.optimize import nnls
 
+from hhr_dolfinx.compat import extra
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.linear.dense import PetscLU
 from hhr_dolfinx.models.answer import Answer, ElasticFields
@@ -103,7 +104,8 @@ def cone_projected_greedy(forces: np.ndarray, count: int) -> np.ndarray:
 
 def nonnegative_factors(forces: np.ndarray, count: int) -> np.ndarray:
     """Left factor of a non-negative matrix factorisation of the forces, normalised, (N_lambda, r)."""
-    from sklearn.decomposition import NMF
+    with extra("peers", "a basis of non-negative factors"):
+        from sklearn.decomposition import NMF
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that it stopped at max_iter: the factors are used as they are

@@ -115,7 +115,7 @@ def first_trusted(attempt: Callable[[int], Any], layers: int, most_layers: int, 
                 warnings.simplefilter("always")
                 found = attempt(layers)
         except (NotSolvableError, UnstableModelError) as refused:
-            log.refused.append({"layers": layers, "why": str(refused)})
+            log.refuse(layers, str(refused))
             if layers >= most_layers:
                 raise
         else:

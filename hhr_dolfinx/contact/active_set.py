@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from enum import Enum
 from threading import Lock
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -33,6 +33,11 @@ ROUND_OFF = 1e-15
 MAX_ITERATIONS = 1000
 
 Equalities = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+_Size = float | np.floating | np.ndarray
+
+_Entry = tuple[np.ndarray, Factor | None, np.ndarray]
+"""Active conditions (k,), the factors of their block (None if there are none), their columns of S as rows (k, m)."""
 
 
 class Status(Enum):
@@ -144,11 +149,11 @@ def active_set(
     return found
 
 
-def _finite(forces, slack) -> bool:
+def _finite(forces: np.ndarray, slack: np.ndarray) -> bool:
     return bool(np.isfinite(slack).all() and np.isfinite(forces).all())
 
 
-def _noise(forces, free_slack, pairs):
+def _noise(forces: np.ndarray, free_slack: np.ndarray, pairs: Pairs | None) -> tuple[_Size, _Size]:
     """Sizes below which negative forces and slacks are round-off, numbers or (m,) each."""
     sizes = abs(free_slack)
     if pairs is None:
@@ -159,13 +164,21 @@ def _noise(forces, free_slack, pairs):
     return pulling, TOLERANCE * pairs.largest(sizes) + ROUND_OFF * closing
 
 
-def _wrong(forces, slack, free_slack, pairs) -> np.ndarray:
+def _wrong(forces: np.ndarray, slack: np.ndarray, free_slack: np.ndarray, pairs: Pairs | None) -> np.ndarray:
     """Conditions that pull or penetrate by more than round-off, (m,) bool."""
     pulling, through = _noise(forces, free_slack, pairs)
     return (forces < -pulling) | (slack < -through)
 
 
-def _one_at_a_time(equalities, free_slack, active, iterations, pairs, *, singular) -> Statuses:
+def _one_at_a_time(
+    equalities: Equalities,
+    free_slack: np.ndarray,
+    active: np.ndarray,
+    iterations: tuple[int, int],
+    pairs: Pairs | None,
+    *,
+    singular: bool,
+) -> Statuses:
     """The least-index rule, which passes over statuses that would make the set singular.
 
     Args:
@@ -208,7 +221,7 @@ def _one_at_a_time(equalities, free_slack, active, iterations, pairs, *, singula
     return Statuses(forces, active, spent, Status.SINGULAR if singular else Status.ITERATION_LIMIT, True)
 
 
-def _regular(equalities, free_slack, active) -> bool:
+def _regular(equalities: Equalities, free_slack: np.ndarray, active: np.ndarray) -> bool:
     """Whether the forces of a set of statuses are unique."""
     try:
         equalities(active, free_slack)
@@ -241,7 +254,7 @@ class SchurEqualities:
 
     def __init__(self, columns: Callable[[np.ndarray], np.ndarray], size: int, factorise: Factorise = dense_factors):
         self._columns, self._factorise = columns, factorise
-        self._entries: dict[bytes, tuple] = {}  # the oldest first
+        self._entries: dict[bytes, _Entry] = {}  # the oldest first
         self._kept: list[list[bytes]] = [[] for _ in range(size + 1)]
         self.kept_bytes = 0
         self._lock = Lock()
@@ -274,7 +287,8 @@ class SchurEqualities:
         slack[index] = 0.0
         return forces, slack
 
-    def _factor(self, index, key):
+    def _factor(self, index: np.ndarray, key: bytes) -> _Entry:
+        factor: Factor | None
         columns = self._columns(index)
         block = columns.take(index, axis=1).T
         kept = self._kept[index.size]
@@ -284,7 +298,7 @@ class SchurEqualities:
             factor = self._factorise(block)
         else:
             # out of the books first: a singular block must not leave a stale entry behind
-            factor = self._forget(kept[0])
+            factor = cast(Factor, self._forget(kept[0]))
             factor.refactor(block)
         entry = (index, factor, columns)
         kept.append(key)
@@ -294,13 +308,13 @@ class SchurEqualities:
             self._forget(next(iter(self._entries)))
         return entry
 
-    def _forget(self, key) -> Factor | None:
+    def _forget(self, key: bytes) -> Factor | None:
         entry = self._entries.pop(key)
         self._kept[entry[0].size].remove(key)
         self.kept_bytes -= _bytes(entry)
         return entry[1]
 
 
-def _bytes(entry) -> int:
+def _bytes(entry: _Entry) -> int:
     index, factor, columns = entry
     return index.nbytes + columns.nbytes + (0 if factor is None else factor.nbytes)

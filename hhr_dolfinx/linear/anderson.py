@@ -16,7 +16,9 @@ class Anderson:
     """
 
     def __init__(self, memory: int = MEMORY):
-        self._memory, self._points, self._changes = memory, [], []
+        self._memory = memory
+        self._points: list[np.ndarray] = []
+        self._changes: list[np.ndarray] = []
 
     def __call__(self, x: np.ndarray, change: np.ndarray) -> np.ndarray:
         """The next iterate."""

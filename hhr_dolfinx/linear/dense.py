@@ -23,13 +23,11 @@ except ImportError:  # a machine that only answers parameters
 
 
 class Factor(Protocol):
-    """LU factors of a dense matrix.
+    """LU factors of a dense matrix."""
 
-    Attributes:
-        nbytes: memory they take.
-    """
-
-    nbytes: int
+    @property
+    def nbytes(self) -> int:
+        """Memory they take."""
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Solve for one right-hand side, (n,); the result is a new array."""
@@ -160,10 +158,10 @@ def solve_columns(factor: Factor, rhs: np.ndarray) -> np.ndarray:
     return solution
 
 
-def _check_finite(matrix):
+def _check_finite(matrix: np.ndarray) -> None:
     if not np.isfinite(matrix).all():
         raise NotSolvableError(f"a dense block of size {matrix.shape[0]} is not finite: check materials and loads")
 
 
-def _singular(n):
+def _singular(n: int) -> str:
     return f"a dense block of size {n} is singular"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from petsc4py import PETSc
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, spmatrix
 
 from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.linear.dense import factorised
@@ -53,7 +53,7 @@ def ordering_of(block_size: int, plane: str) -> str:
     return "mumps" if block_size == 3 and PETSc.Sys.hasExternalPackage("mumps") else plane
 
 
-def solve_columns(ksp: PETSc.KSP, columns) -> np.ndarray:
+def solve_columns(ksp: PETSc.KSP, columns: spmatrix) -> np.ndarray:
     """Solve for the columns of a matrix in blocks, each rank with its own rows; collective.
 
     Args:
@@ -152,7 +152,7 @@ class FreeCholesky:
             solution[self._free] = self._x.array_r
         return solution
 
-    def solve_columns(self, columns: csr_matrix) -> np.ndarray:
+    def solve_columns(self, columns: spmatrix) -> np.ndarray:
         """Solutions for the columns of a sparse matrix of own rows, zero on imposed dofs, (own dofs, m)."""
         found = np.zeros(columns.shape, order="F")
         with self.lock:

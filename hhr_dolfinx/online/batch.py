@@ -5,11 +5,10 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from mpi4py import MPI
-from rich.console import Console
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import HHRError, ParameterError
@@ -17,6 +16,9 @@ from hhr_dolfinx.files import replacing
 from hhr_dolfinx.models.reconstruct import OnlineModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.timing import timed
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 _ANSWER = ("status", "largest_displacement", "total_force")
 

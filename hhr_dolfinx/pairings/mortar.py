@@ -8,8 +8,8 @@ boundaries with mortar contact formulations using dual Lagrange multipliers" (CM
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags, identity
@@ -17,10 +17,12 @@ from scipy.spatial import cKDTree
 
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.pairings.projection import local_coordinates, near_pairs, shape_functions
+from hhr_dolfinx.pairings.projection import near_pairs
+from hhr_dolfinx.pairings.segments import Segments, common_parts
 from hhr_dolfinx.pairings.surface import (
     FACING,
     GRAZING,
+    Surface,
     beyond_overlap,
     check_facing,
     mean_normal,
@@ -37,27 +39,6 @@ from hhr_dolfinx.pairings.surface import (
 COVERED = 0.1
 """Covered part of a node's area below which it has no condition: its gap would be extrapolated too far."""
 MULTIPLIERS = ("dual", "standard")
-
-_GAUSS_3 = np.polynomial.legendre.leggauss(3)
-# degree 4 on a triangle, 6 points (D. A. Dunavant, Int. J. Numer. Methods Eng. 21, 1985)
-_A, _B = 0.445948490915965, 0.091576213509771
-_TRIANGLE = (
-    np.array([[_A, _A], [1 - 2 * _A, _A], [_A, 1 - 2 * _A], [_B, _B], [1 - 2 * _B, _B], [_B, 1 - 2 * _B]]),
-    np.array([0.223381589678011] * 3 + [0.109951743655322] * 3),
-)
-
-
-def _collapsed_square(order):
-    """Rule on a triangle from Gauss points of the square, whose one side becomes a corner; weights of sum 1."""
-    nodes, weights = np.polynomial.legendre.leggauss(order)
-    x, y = np.meshgrid((nodes + 1) / 2, (nodes + 1) / 2, indexing="ij")
-    scale = np.outer(weights, weights) / 4 * (1 - x) * 2
-    return np.column_stack([x.ravel(), ((1 - x) * y).ravel()]), scale.ravel()
-
-
-_RULES = ((_TRIANGLE, -1.0, 1e-10), (_collapsed_square(8), 1e-10, 0.2), (_collapsed_square(16), 0.2, np.inf))
-"""Quadrature by skewness of the facets: on quadrilaterals that are no parallelograms shape functions are rational,
-and 1e-10 of the load of a node takes more points."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +62,7 @@ class Mortar:
     normal: tuple[float, ...] | None = None
     multipliers: str = "dual"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse an unknown kind of multipliers."""
         if self.multipliers not in MULTIPLIERS:
             raise SceneError(f"multipliers '{self.multipliers}' are unknown, one of {', '.join(MULTIPLIERS)}")
@@ -91,7 +72,7 @@ class Mortar:
         """Slave and master."""
         return (self.slave, self.master)
 
-    def rows(self, surfaces, dofs: int) -> ContactRows:
+    def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
         """One row for each slave node whose surroundings face the master surface.
 
         Raises:
@@ -116,7 +97,7 @@ class Mortar:
             flat = np.eye(dim) - np.outer(normal, normal)
             pairs = near_pairs(slave.corners @ flat, master.corners @ flat, 0.0)
         pairs = _opposite(slave, master, directions, *pairs, cosine)
-        segments = _common_parts(slave, master, directions, *pairs)
+        segments = common_parts(slave, master, directions, *pairs)
         if not segments.measures.size:
             raise SceneError(never_facing(slave, master, "no facet of one lies in front of a facet of the other"))
         if self.normal is None:
@@ -124,7 +105,9 @@ class Mortar:
         _check_one_layer(slave, master, segments)
         return self._rows(slave, master, normals, segments, dofs)
 
-    def _rows(self, slave, master, normals, segments, dofs) -> ContactRows:
+    def _rows(
+        self, slave: Surface, master: Surface, normals: np.ndarray | None, segments: Segments, dofs: int
+    ) -> ContactRows:
         """Integrate over the segments and divide by the weight of each multiplier function."""
         dual, n = self.multipliers == "dual", len(slave.nodes)
         functions = _dual_functions(slave, segments) if dual else segments.slave_values
@@ -160,25 +143,7 @@ class Mortar:
         return rows
 
 
-class Segments(NamedTuple):
-    """Quadrature over the common parts of slave and master facets.
-
-    Attributes:
-        slave: slave facet of each quadrature point, (q,).
-        master: master facet of each, (q,).
-        slave_values: shape functions of the slave facet, (q, k).
-        master_values: shape functions of the master facet, (q, l).
-        measures: quadrature weight times the weight of the surface measure, (q,).
-    """
-
-    slave: np.ndarray
-    master: np.ndarray
-    slave_values: np.ndarray
-    master_values: np.ndarray
-    measures: np.ndarray
-
-
-def _check_one_layer(slave, master, segments):
+def _check_one_layer(slave: Surface, master: Surface, segments: Segments) -> None:
     """Refuse slave facets that are covered more than once."""
     covered = np.bincount(segments.slave, segments.measures, len(slave.facets))
     times = covered / (slave.sizes * slave.weights[slave.facets].mean(axis=1))
@@ -190,14 +155,18 @@ def _check_one_layer(slave, master, segments):
         )
 
 
-def _opposite(slave, master, directions, here, there, cosine):
+def _opposite(
+    slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray, cosine: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Those overlapping pairs whose slave looks along its direction of projection and whose master looks against it."""
     opposite = np.einsum("pd,pd->p", directions[here], master.outward[there]) < -cosine
     opposite &= np.einsum("pd,pd->p", directions[here], slave.outward[here]) > cosine
     return _overlapping(slave, master, directions, here[opposite], there[opposite])
 
 
-def _overlapping(slave, master, directions, here, there):
+def _overlapping(
+    slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Those pairs whose circles overlap when seen along the direction of the slave facet."""
     middles = [surface.corners.mean(axis=1) for surface in (slave, master)]
     radii = [
@@ -211,12 +180,7 @@ def _overlapping(slave, master, directions, here, there):
     return here[close], there[close]
 
 
-def _common_parts(slave, master, directions, here, there) -> Segments:
-    """Common parts of pairs of facets, seen along the directions of the slave facets."""
-    return (_segments if slave.points.shape[1] == 2 else _polygons)(slave, master, directions, here, there)
-
-
-def _meeting(slave, master, segments, reach) -> Segments:
+def _meeting(slave: Surface, master: Surface, segments: Segments, reach: float) -> Segments:
     """Leave out what is opposite and can yet not meet, because a body lies between.
 
     A back side lies behind by the thickness of both bodies, and a body is no thinner than a cell of it; what lies in
@@ -232,7 +196,7 @@ def _meeting(slave, master, segments, reach) -> Segments:
     return Segments(*(part[seen] for part in segments))
 
 
-def _own_body(slave, facets, reach):
+def _own_body(slave: Surface, facets: np.ndarray, reach: float) -> np.ndarray:
     """Distance along the normals of some slave facets to where their own body ends again; else infinite, (f,)."""
     nearest = np.full(len(slave.facets), np.inf)
     if facets.size:
@@ -241,12 +205,12 @@ def _own_body(slave, facets, reach):
         alike = np.einsum("pd,pd->p", slave.outward[here], slave.outward[there]) > FACING
         along = np.einsum("pd,pd->p", (slave.corners[there] - slave.corners[here]).mean(axis=1), slave.outward[here])
         way = alike & (along > slave.depths[here])
-        parts = _common_parts(slave, slave, slave.outward, here[way], there[way])
+        parts = common_parts(slave, slave, slave.outward, here[way], there[way])
         np.minimum.at(nearest, parts.slave, _distances(slave, slave, parts))
     return nearest
 
 
-def _distances(slave, master, segments):
+def _distances(slave: Surface, master: Surface, segments: Segments) -> np.ndarray:
     """From slave to master along the normal of the slave facet at each quadrature point, (q,)."""
     ends = [
         np.einsum("qk,qkd->qd", values, surface.corners[facets])
@@ -258,111 +222,14 @@ def _distances(slave, master, segments):
     return np.einsum("qd,qd->q", ends[1] - ends[0], slave.outward[segments.slave])
 
 
-def _facing_normals(slave, segments, here, tested):
+def _facing_normals(slave: Surface, segments: Segments, here: np.ndarray, tested: np.ndarray) -> np.ndarray:
     """Normals of the slave nodes, averaged over what faces the master: at a corner the other side does not."""
     normals = np.zeros_like(slave.points)
     np.add.at(normals, here, tested[:, :, None] * slave.outward[segments.slave][:, None, :])
     return normalised(normals)
 
 
-def _segments(slave, master, directions, here, there) -> Segments:
-    """Common parts of segments in the plane: master nodes are projected on the slave along the direction."""
-    start, end = slave.corners[here].transpose(1, 0, 2)
-    cross = lambda a, b: a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]  # noqa: E731
-    whole = cross(end - start, directions[here])
-    ends = np.stack(
-        [cross(corner - start, directions[here]) / whole for corner in master.corners[there].transpose(1, 0, 2)]
-    )
-    low, high = np.maximum(ends.min(axis=0), 0.0), np.minimum(ends.max(axis=0), 1.0)
-    common = high - low > 1e-12
-    here, there, low, high, ends = here[common], there[common], low[common], high[common], ends[:, common]
-    nodes, weights = (_GAUSS_3[0] + 1) / 2, _GAUSS_3[1] / 2
-    position = low[:, None] + (high - low)[:, None] * nodes
-    on_master = (position - ends[0][:, None]) / (ends[1] - ends[0])[:, None]
-    values = [np.stack([1 - t, t], axis=-1).reshape(-1, 2) for t in (position, on_master)]
-    facet = np.repeat(here, nodes.size)
-    measure = ((high - low) * slave.sizes[here])[:, None] * weights
-    density = np.einsum("qk,qk->q", values[0], slave.weights[slave.facets[facet]])
-    return Segments(facet, np.repeat(there, nodes.size), *values, measure.ravel() * density)
-
-
-def _polygons(slave, master, directions, here, there) -> Segments:
-    """Common parts of facets in space, seen along the direction of the slave facet, cut into triangles."""
-    frames = _frames(directions)[here]
-    sides = ((slave, here), (master, there))
-    flat = [np.einsum("pkd,pde->pke", surface.corners[which], frames) for surface, which in sides]
-    apart = (flat[0].min(axis=1) > flat[1].max(axis=1)) | (flat[1].min(axis=1) > flat[0].max(axis=1))
-    meeting = ~apart.any(axis=1)
-    here, there, flat = here[meeting], there[meeting], [corners[meeting] for corners in flat]
-    pair, triangles = _common_triangles(slave, master, here, there, flat)
-    # areas are measured across the direction of projection
-    tilt = np.einsum("pd,pd->p", slave.outward[here], directions[here])
-    skew = np.maximum(*(_skewness(corners) for corners in flat))[pair] if pair.size else np.zeros(0)
-    parts = []
-    for rule, low, high in _RULES:
-        which = np.flatnonzero((skew > low) & (skew <= high))
-        values, measures = _on_triangles(flat, pair[which], triangles[which], *rule)
-        facet = np.repeat(pair[which], len(rule[1]))
-        density = np.einsum("qk,qk->q", values[0], slave.weights[slave.facets[here[facet]]]) / tilt[facet]
-        parts.append(Segments(here[facet], there[facet], *values, measures * density))
-    return Segments(*(np.concatenate(part) for part in zip(*parts, strict=True)))
-
-
-def _common_triangles(slave, master, here, there, flat):
-    """Triangles that fill the common part of each pair: number of the pair (t,), corners (t, 3, 2)."""
-    import shapely  # only scenes with mortar in space need it
-
-    ring = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
-    outlines = [shapely.polygons(corners[:, ring[corners.shape[1]]]) for corners in flat]
-    for surface, which, outline in ((slave, here, outlines[0]), (master, there, outlines[1])):
-        crossed = ~shapely.is_valid(outline)
-        if crossed.any():
-            place = surface.corners[which[crossed][0]].mean(axis=0)
-            raise SceneError(
-                f"a facet of surface {surface.tag} at {place.tolist()} is so warped that its outline crosses itself "
-                "seen from the other surface: mesh it finer or with triangles, or give the contact a normal"
-            )
-    common = shapely.intersection(*outlines)
-    wanted = np.flatnonzero(shapely.area(common) > 1e-12 * shapely.area(outlines[0]))
-    pairs, triangles = [np.zeros(0, dtype=int)], [np.zeros((0, 3, 2))]
-    for pair in wanted:
-        # the common part of two convex polygons is convex: a fan fills it
-        corners = shapely.get_coordinates(common[pair])[:-1]
-        first = np.broadcast_to(corners[0], corners[1:-1].shape)
-        triangles.append(np.stack([first, corners[1:-1], corners[2:]], axis=1))
-        pairs.append(np.full(len(first), pair))
-    return np.concatenate(pairs), np.concatenate(triangles)
-
-
-def _on_triangles(flat, pair, triangles, local, weights):
-    """Shape functions of both facets at the points of a rule on each triangle, and the weights times its area."""
-    sides = triangles[:, 1:] - triangles[:, :1]
-    area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) / 2
-    points = (triangles[:, None, 0] + np.einsum("qj,tjd->tqd", local, sides)).reshape(-1, 2)
-    values = []
-    for corners in flat:
-        own = corners[np.repeat(pair, weights.size)]
-        values.append(shape_functions(local_coordinates(points, own), own.shape[1])[0])
-    return values, (area[:, None] * weights).ravel()
-
-
-def _skewness(corners):
-    """How far quadrilaterals are from parallelograms, on which shape functions are polynomials; 0 for triangles."""
-    if corners.shape[1] == 3:
-        return np.zeros(len(corners))
-    skew = corners[:, 0] - corners[:, 1] - corners[:, 2] + corners[:, 3]
-    return np.linalg.norm(skew, axis=1) / np.linalg.norm(corners[:, 3] - corners[:, 0], axis=1)
-
-
-def _frames(directions):
-    """Two unit vectors across each direction, (f, 3, 2)."""
-    other = np.eye(3)[np.abs(directions).argmin(axis=1)]
-    first = np.cross(directions, other)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(directions, first)], axis=2)
-
-
-def _dual_functions(slave, segments):
+def _dual_functions(slave: Surface, segments: Segments) -> np.ndarray:
     """Functions biorthogonal to the shape functions on the covered part of each slave facet, (q, k)."""
     count, k = slave.facets.shape
     mass, diagonal = np.zeros((count, k, k)), np.zeros((count, k))
@@ -374,14 +241,16 @@ def _dual_functions(slave, segments):
     return np.einsum("qij,qj->qi", coefficients[segments.slave], values)
 
 
-def _assemble(rows, tested, columns, values, shape) -> csr_matrix:
+def _assemble(
+    rows: np.ndarray, tested: np.ndarray, columns: np.ndarray, values: np.ndarray, shape: tuple[int, int]
+) -> csr_matrix:
     """Sum of tested_j values_k over all quadrature points; ``rows`` and ``columns`` number j and k, (q, k) each."""
     entries = tested[:, :, None] * values[:, None, :]
     row, column = np.broadcast_arrays(rows[:, :, None], columns[:, None, :])
     return csr_matrix((entries.ravel(), (row.ravel(), column.ravel())), shape=shape)
 
 
-def _along_normals(weights, nodes, normals, dofs):
+def _along_normals(weights: csr_matrix, nodes: np.ndarray, normals: np.ndarray, dofs: int) -> csr_matrix:
     """Rows sum_k weights_jk n_j·u(nodes_k), (m, N)."""
     coo = weights.tocoo()
     # what is left of biorthogonal functions by round-off would tie a row to more than one slave node

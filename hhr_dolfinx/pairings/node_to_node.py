@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.pairings.surface import check_facing, nodal_rows, tangential_order, unit, warn_of_overlap
+from hhr_dolfinx.pairings.surface import Surface, check_facing, nodal_rows, tangential_order, unit, warn_of_overlap
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class NodeToNode:
         """Both surfaces."""
         return (self.first, self.second)
 
-    def rows(self, surfaces, dofs: int) -> ContactRows:
+    def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
         """One row for each pair of nodes.
 
         Raises:
@@ -51,7 +52,7 @@ class NodeToNode:
         return rows
 
 
-def _partners(first, second, normal):
+def _partners(first: Surface, second: Surface, normal: np.ndarray) -> np.ndarray:
     """For each node of the first surface the node of the second that it faces."""
     along = np.eye(normal.size) - np.outer(normal, normal)
     here, there = first.points @ along, second.points @ along
@@ -68,7 +69,7 @@ def _partners(first, second, normal):
     return partner
 
 
-def _spacing(points):
+def _spacing(points: np.ndarray) -> float:
     """Median distance of neighbours, the measure of what 'facing' means."""
     if len(points) < 2:
         return 1.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from hhr_dolfinx.pairings.projection import Feet, closest_points, project
 from hhr_dolfinx.pairings.surface import (
     FACING,
     GRAZING,
+    Surface,
     beyond_overlap,
     check_facing,
     mean_normal,
@@ -60,7 +62,7 @@ class NodeToSurface:
         """Slave and master."""
         return (self.slave, self.master)
 
-    def rows(self, surfaces, dofs: int) -> ContactRows:
+    def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
         """One row for each slave node that faces the master surface.
 
         Raises:
@@ -77,10 +79,8 @@ class NodeToSurface:
             kept, feet, normals = _along(slave, master, unit(self.normal, slave.points.shape[1]))
         nodes, weights = master.facets[feet.facets], feet.weights
         order = kept[tangential_order(slave.points[kept], mean_normal(slave))]
-        points, master_points = (
-            slave.points[order],
-            np.einsum("mk,mkd->md", weights[order], master.points[nodes[order]]),
-        )
+        points = slave.points[order]
+        master_points = np.einsum("mk,mkd->md", weights[order], master.points[nodes[order]])
         together = np.column_stack([slave.nodes[order], master.nodes[nodes[order]]])
         both = np.column_stack([np.ones(order.size), -weights[order]])
         rows = ContactRows(
@@ -119,7 +119,7 @@ class DoublePass:
         """Both surfaces."""
         return (self.first, self.second)
 
-    def rows(self, surfaces, dofs: int) -> ContactRows:
+    def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
         """Rows of both passes without duplicates.
 
         Raises:
@@ -154,7 +154,7 @@ class DoublePass:
         return joined([one, two.take(kept)])
 
 
-def _along(slave, master, normal):
+def _along(slave: Surface, master: Surface, normal: np.ndarray) -> tuple[np.ndarray, Feet, np.ndarray]:
     """Project the slave nodes along a given normal; kept slave nodes, and the feet and normals of all."""
     check_facing(slave, normal, along=True)
     for surface in (slave, master):
@@ -175,7 +175,7 @@ def _along(slave, master, normal):
     return _kept(slave, master, beyond | ~looking), feet, np.tile(normal, (len(slave.nodes), 1))
 
 
-def _closest(slave, master):
+def _closest(slave: Surface, master: Surface) -> tuple[np.ndarray, Feet, np.ndarray]:
     """Closest-point projection of the slave nodes; kept slave nodes, and the feet and normals of all."""
     feet = closest_points(slave.points, master.corners, master.facets)
     corner_normals, outward = master.corner_normals()[feet.facets], master.outward[feet.facets]
@@ -199,7 +199,7 @@ def _closest(slave, master):
     return _kept(slave, master, beyond | behind | ~facing), feet, normals
 
 
-def _kept(slave, master, lost):
+def _kept(slave: Surface, master: Surface, lost: np.ndarray) -> np.ndarray:
     """Leave out slave nodes that face nothing, with a warning that names a place."""
     if lost.all():
         raise SceneError(never_facing(slave, master, "no slave node lies in front of a master facet"))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.pairings.surface import check_facing, nodal_rows, tangential_order, unit, warn_of_overlap
+from hhr_dolfinx.pairings.surface import Surface, check_facing, nodal_rows, tangential_order, unit, warn_of_overlap
 from hhr_dolfinx.parameters import is_number
 
 
@@ -26,7 +27,7 @@ class Obstacle:
     normal: tuple[float, ...]
     offset: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse a plane that is nowhere."""
         if not is_number(self.offset):
             raise SceneError(
@@ -39,7 +40,7 @@ class Obstacle:
         """The surface of the body."""
         return (self.surface,)
 
-    def rows(self, surfaces, dofs: int) -> ContactRows:
+    def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
         """One row u·n <= offset - x·n for each node.
 
         Raises:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx import compat
+
+if TYPE_CHECKING:
+    from dolfinx.mesh import Mesh
 
 
 class Feet(NamedTuple):
@@ -45,7 +48,7 @@ def closest_points(points: np.ndarray, corners: np.ndarray, nodes: np.ndarray | 
     return Feet(facets, weights, points - np.einsum("mk,mkd->md", weights, corners[facets]))
 
 
-def _closest_of_neighbours(points, corners, nodes, facets) -> Feet:
+def _closest_of_neighbours(points: np.ndarray, corners: np.ndarray, nodes: np.ndarray, facets: np.ndarray) -> Feet:
     """The closest point on the given facet of each point and on all facets that share a node with it."""
     count, k = nodes.shape
     touches = csr_matrix((np.ones(count * k), (np.repeat(np.arange(count), k), nodes.ravel())))
@@ -72,12 +75,12 @@ def near_pairs(first: np.ndarray, second: np.ndarray, reach: float) -> tuple[np.
     size = max(np.ptp(first, axis=(0, 1)).max(), np.ptp(second, axis=(0, 1)).max())
     shift = second.reshape(-1, second.shape[2]).mean(axis=0)
     meshes = [_facet_mesh((corners - shift) / size) for corners in (first, second)]
-    pairs = compat.meeting_cells(*meshes, reach / size + 1e-9)
-    originals = (np.asarray(mesh.topology.original_cell_index) for mesh in meshes)
-    return tuple(original[column] for original, column in zip(originals, pairs.T, strict=True))
+    pairs = compat.meeting_cells(meshes[0], meshes[1], reach / size + 1e-9)
+    here, there = (np.asarray(mesh.topology.original_cell_index) for mesh in meshes)
+    return here[pairs[:, 0]], there[pairs[:, 1]]
 
 
-def _facet_mesh(corners):
+def _facet_mesh(corners: np.ndarray) -> Mesh:
     """Mesh of facets that share no nodes."""
     count, k, dim = corners.shape
     kind = {2: "interval", 3: "triangle", 4: "quadrilateral"}[k]
@@ -154,7 +157,7 @@ def local_coordinates(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     return local
 
 
-def _inside(points, corners):
+def _inside(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Weights of the orthogonal projection, and whether it lies in the facet."""
     k = corners.shape[1]
     local = local_coordinates(points, corners)
@@ -164,7 +167,7 @@ def _inside(points, corners):
     return values, (values >= 0).all(axis=1) & ((local >= 0) & (local <= 1)).all(axis=1)
 
 
-def _on_segment(points, corners):
+def _on_segment(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     start, along = corners[:, 0], corners[:, 1] - corners[:, 0]
     position = np.einsum("md,md->m", points - start, along) / np.einsum("md,md->m", along, along)
     position = np.clip(position, 0.0, 1.0)
@@ -173,5 +176,5 @@ def _on_segment(points, corners):
     return np.column_stack([1 - position, position])
 
 
-def _in_space(points):
+def _in_space(points: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(np.pad(points, ((0, 0), (0, 3 - points.shape[1]))))

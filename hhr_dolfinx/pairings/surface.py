@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import PairingWarning, SceneError
@@ -123,7 +124,7 @@ class Surface:
         return largest
 
 
-def touches_of(at_node, nodes):
+def touches_of(at_node: csc_matrix, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pairs (position in ``nodes``, facet) for all facets at each node; ``at_node`` is facets by nodes, CSC."""
     starts, stops = at_node.indptr[nodes], at_node.indptr[nodes + 1]
     counts = stops - starts
@@ -132,7 +133,14 @@ def touches_of(at_node, nodes):
     return here, at_node.indices[np.repeat(starts, counts) + offsets]
 
 
-def make_surface(tag, facet_nodes, inner_points, points, weights, areas) -> Surface:
+def make_surface(
+    tag: int,
+    facet_nodes: np.ndarray,
+    inner_points: np.ndarray,
+    points: np.ndarray,
+    weights: np.ndarray,
+    areas: np.ndarray,
+) -> Surface:
     """A surface from its facets.
 
     Args:
@@ -157,10 +165,7 @@ def make_surface(tag, facet_nodes, inner_points, points, weights, areas) -> Surf
     corners = points[facet_nodes]
     vectors = _area_vectors(corners)
     sizes = np.linalg.norm(vectors, axis=1)
-    spans = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
-    power = points.shape[1] - 1
-    # thin beyond any use, or of the size of round-off in the coordinates; NaN counts as no area
-    flat = ~(sizes > np.maximum(1e-10 * spans**power, (1e-12 * np.nanmax(spans)) ** power))
+    flat = _without_area(corners, sizes)
     if flat.any():
         raise SceneError(
             f"{int(flat.sum())} facets of contact surface {tag} have no area, e.g. at {middles[flat][0].tolist()}: "
@@ -188,7 +193,7 @@ def make_surface(tag, facet_nodes, inner_points, points, weights, areas) -> Surf
     )
 
 
-def _area_vectors(corners):
+def _area_vectors(corners: np.ndarray) -> np.ndarray:
     """Normal of each facet times its area, orientation free; of a warped quadrilateral that of its diagonals."""
     if corners.shape[1] == 2:
         along = corners[:, 1] - corners[:, 0]
@@ -198,7 +203,15 @@ def _area_vectors(corners):
     return np.cross(corners[:, 3] - corners[:, 0], corners[:, 2] - corners[:, 1]) / 2
 
 
-def unit(normal, dim: int) -> np.ndarray:
+def _without_area(corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Facets that are thin beyond any use, or of the size of round-off in the coordinates, (f,) bool."""
+    spans = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+    power = corners.shape[2] - 1
+    # NaN counts as no area
+    return ~(sizes > np.maximum(1e-10 * spans**power, (1e-12 * np.nanmax(spans)) ** power))
+
+
+def unit(normal: Sequence[float], dim: int) -> np.ndarray:
     """Check a normal given by the user and normalise it.
 
     Raises:

@@ -4,8 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sized
 
-from rich.console import Console
-from rich.progress import track
+from hhr_dolfinx.compat import extra
+
+with extra("study", "the console of a study"):
+    from rich.console import Console
+    from rich.progress import track
+    from rich.table import Column, Table
+
+__all__ = ["Column", "Console", "Table", "make_console", "progress_on"]
 
 _NO_LIMIT, _ANY_HEIGHT = 10_000, 25
 """Columns and lines of a console that no window bounds. rich takes 80 columns unless both are given."""

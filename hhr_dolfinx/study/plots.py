@@ -10,17 +10,20 @@ from pathlib import Path
 if sys.platform == "linux" and "DISPLAY" not in os.environ:
     os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
 
-import matplotlib
-
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
-import pyvista
-from matplotlib.colors import LogNorm
 
+from hhr_dolfinx.compat import extra
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.study.view import View
+
+with extra("pictures", "pictures and fields for ParaView"):
+    import matplotlib
+
+    matplotlib.use("Agg")
+
+    import matplotlib.pyplot as plt
+    import pyvista
+    from matplotlib.colors import LogNorm
 
 _VTK_CELLS = {(2, 3): "TRIANGLE", (2, 4): "QUAD", (3, 4): "TETRA", (3, 8): "HEXAHEDRON"}
 _TENSOR_TO_VTK = {"QUAD": [0, 1, 3, 2], "HEXAHEDRON": [0, 1, 3, 2, 4, 5, 7, 6]}

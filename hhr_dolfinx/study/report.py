@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
-from rich.console import Console
-from rich.table import Column, Table
 
 from hhr_dolfinx.certify.accuracy import summary
+from hhr_dolfinx.compat import versions
 from hhr_dolfinx.files import replacing
+from hhr_dolfinx.study.console import Column, Console, Table
 
 _COMPARED = ("fom_naive", "fom_best", "condensed")
 _TIMED = (*_COMPARED, "condensed_full", "online", "online_lapack", "online_full")
@@ -143,7 +143,7 @@ def _plain(value):
 
 def environment() -> dict:
     """The ``versions`` and ``machine`` parts of a report."""
-    return {"versions": _versions(), "machine": {"cpu": _cpu(), "threads": 1, "ranks": MPI.COMM_WORLD.size}}
+    return {"versions": versions(), "machine": {"cpu": _cpu(), "threads": 1, "ranks": MPI.COMM_WORLD.size}}
 
 
 def advice(report: dict) -> str:
@@ -275,20 +275,6 @@ def _seconds(value):
         if value < 1000 * size:
             return f"{value / size:.2f} {unit}"
     return f"{value:.2f} s"
-
-
-def _versions():
-    import dolfinx
-    import petsc4py
-    import slepc4py
-
-    return {
-        "dolfinx": dolfinx.__version__,
-        "petsc": petsc4py.__version__,
-        "slepc": slepc4py.__version__,
-        "numpy": np.__version__,
-        "python": platform.python_version(),
-    }
 
 
 def _cpu():

@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 
 from hhr_dolfinx.certify.accuracy import relative_error, summary
 from hhr_dolfinx.errors import ConvergenceError, StudyError
@@ -16,7 +15,7 @@ from hhr_dolfinx.models.march import SEARCHES, History, MarchSettings, march
 from hhr_dolfinx.reduction.plastic_offline import PlasticReduction, PlasticSettings, build_plastic_reduction
 from hhr_dolfinx.reduction.plastic_trust import force_floor_of, largest_errors, residuals_of
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.study.console import make_console
+from hhr_dolfinx.study.console import Console, make_console
 from hhr_dolfinx.study.report import frame, print_report, write_report
 from hhr_dolfinx.study.training import Progress, check_counts, checked_folder, silent
 from hhr_dolfinx.study.view import View

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from rich.console import Console
 
 from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
@@ -23,7 +22,7 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.online.model_file import save_model
 from hhr_dolfinx.reduction.offline import HyperReduction, ReductionSettings
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.study.console import make_console
+from hhr_dolfinx.study.console import Console, make_console
 from hhr_dolfinx.study.report import make_report, model_report, print_report, write_report
 from hhr_dolfinx.study.training import Progress, Training, check_counts, checked_folder, silent, train
 from hhr_dolfinx.study.view import View

@@ -1,0 +1,161 @@
+"""Common parts of facets that face each other, and quadrature over them: what mortar integrates on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from hhr_dolfinx.compat import extra
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.pairings.projection import local_coordinates, shape_functions
+from hhr_dolfinx.pairings.surface import Surface
+
+_GAUSS_3 = np.polynomial.legendre.leggauss(3)
+# degree 4 on a triangle, 6 points (D. A. Dunavant, Int. J. Numer. Methods Eng. 21, 1985)
+_A, _B = 0.445948490915965, 0.091576213509771
+_TRIANGLE = (
+    np.array([[_A, _A], [1 - 2 * _A, _A], [_A, 1 - 2 * _A], [_B, _B], [1 - 2 * _B, _B], [_B, 1 - 2 * _B]]),
+    np.array([0.223381589678011] * 3 + [0.109951743655322] * 3),
+)
+
+
+def _collapsed_square(order: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rule on a triangle from Gauss points of the square, whose one side becomes a corner; weights of sum 1."""
+    nodes, weights = np.polynomial.legendre.leggauss(order)
+    x, y = np.meshgrid((nodes + 1) / 2, (nodes + 1) / 2, indexing="ij")
+    scale = np.outer(weights, weights) / 4 * (1 - x) * 2
+    return np.column_stack([x.ravel(), ((1 - x) * y).ravel()]), scale.ravel()
+
+
+_RULES = ((_TRIANGLE, -1.0, 1e-10), (_collapsed_square(8), 1e-10, 0.2), (_collapsed_square(16), 0.2, np.inf))
+"""Quadrature by skewness of the facets: on quadrilaterals that are no parallelograms shape functions are rational,
+and 1e-10 of the load of a node takes more points."""
+
+
+class Segments(NamedTuple):
+    """Quadrature over the common parts of slave and master facets.
+
+    Attributes:
+        slave: slave facet of each quadrature point, (q,).
+        master: master facet of each, (q,).
+        slave_values: shape functions of the slave facet, (q, k).
+        master_values: shape functions of the master facet, (q, l).
+        measures: quadrature weight times the weight of the surface measure, (q,).
+    """
+
+    slave: np.ndarray
+    master: np.ndarray
+    slave_values: np.ndarray
+    master_values: np.ndarray
+    measures: np.ndarray
+
+
+def common_parts(
+    slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray
+) -> Segments:
+    """Common parts of pairs of facets, seen along the directions of the slave facets."""
+    return (_segments if slave.points.shape[1] == 2 else _polygons)(slave, master, directions, here, there)
+
+
+def _segments(slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray) -> Segments:
+    """Common parts of segments in the plane: master nodes are projected on the slave along the direction."""
+    start, end = slave.corners[here].transpose(1, 0, 2)
+    cross = lambda a, b: a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]  # noqa: E731
+    whole = cross(end - start, directions[here])
+    ends = np.stack(
+        [cross(corner - start, directions[here]) / whole for corner in master.corners[there].transpose(1, 0, 2)]
+    )
+    low, high = np.maximum(ends.min(axis=0), 0.0), np.minimum(ends.max(axis=0), 1.0)
+    common = high - low > 1e-12
+    here, there, low, high, ends = here[common], there[common], low[common], high[common], ends[:, common]
+    nodes, weights = (_GAUSS_3[0] + 1) / 2, _GAUSS_3[1] / 2
+    position = low[:, None] + (high - low)[:, None] * nodes
+    on_master = (position - ends[0][:, None]) / (ends[1] - ends[0])[:, None]
+    slave_values, master_values = (np.stack([1 - t, t], axis=-1).reshape(-1, 2) for t in (position, on_master))
+    facet = np.repeat(here, nodes.size)
+    measure = ((high - low) * slave.sizes[here])[:, None] * weights
+    density = np.einsum("qk,qk->q", slave_values, slave.weights[slave.facets[facet]])
+    return Segments(facet, np.repeat(there, nodes.size), slave_values, master_values, measure.ravel() * density)
+
+
+def _polygons(slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray) -> Segments:
+    """Common parts of facets in space, seen along the direction of the slave facet, cut into triangles."""
+    frames = _frames(directions)[here]
+    sides = ((slave, here), (master, there))
+    flat = [np.einsum("pkd,pde->pke", surface.corners[which], frames) for surface, which in sides]
+    apart = (flat[0].min(axis=1) > flat[1].max(axis=1)) | (flat[1].min(axis=1) > flat[0].max(axis=1))
+    meeting = ~apart.any(axis=1)
+    here, there, flat = here[meeting], there[meeting], [corners[meeting] for corners in flat]
+    pair, triangles = _common_triangles(slave, master, here, there, flat)
+    # areas are measured across the direction of projection
+    tilt = np.einsum("pd,pd->p", slave.outward[here], directions[here])
+    skew = np.maximum(*(_skewness(corners) for corners in flat))[pair] if pair.size else np.zeros(0)
+    parts = []
+    for rule, low, high in _RULES:
+        which = np.flatnonzero((skew > low) & (skew <= high))
+        (slave_values, master_values), measures = _on_triangles(flat, pair[which], triangles[which], *rule)
+        facet = np.repeat(pair[which], len(rule[1]))
+        density = np.einsum("qk,qk->q", slave_values, slave.weights[slave.facets[here[facet]]]) / tilt[facet]
+        parts.append(Segments(here[facet], there[facet], slave_values, master_values, measures * density))
+    return Segments(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+def _common_triangles(
+    slave: Surface, master: Surface, here: np.ndarray, there: np.ndarray, flat: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles that fill the common part of each pair: number of the pair (t,), corners (t, 3, 2)."""
+    with extra("mortar", "mortar in space"):
+        import shapely
+
+    ring = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
+    outlines = [shapely.polygons(corners[:, ring[corners.shape[1]]]) for corners in flat]
+    for surface, which, outline in ((slave, here, outlines[0]), (master, there, outlines[1])):
+        crossed = ~shapely.is_valid(outline)
+        if crossed.any():
+            place = surface.corners[which[crossed][0]].mean(axis=0)
+            raise SceneError(
+                f"a facet of surface {surface.tag} at {place.tolist()} is so warped that its outline crosses itself "
+                "seen from the other surface: mesh it finer or with triangles, or give the contact a normal"
+            )
+    common = shapely.intersection(*outlines)
+    wanted = np.flatnonzero(shapely.area(common) > 1e-12 * shapely.area(outlines[0]))
+    pairs, triangles = [np.zeros(0, dtype=int)], [np.zeros((0, 3, 2))]
+    for pair in wanted:
+        # the common part of two convex polygons is convex: a fan fills it
+        corners = shapely.get_coordinates(common[pair])[:-1]
+        first = np.broadcast_to(corners[0], corners[1:-1].shape)
+        triangles.append(np.stack([first, corners[1:-1], corners[2:]], axis=1))
+        pairs.append(np.full(len(first), pair))
+    return np.concatenate(pairs), np.concatenate(triangles)
+
+
+def _on_triangles(
+    flat: Sequence[np.ndarray], pair: np.ndarray, triangles: np.ndarray, local: np.ndarray, weights: np.ndarray
+) -> tuple[list[np.ndarray], np.ndarray]:
+    """Shape functions of both facets at the points of a rule on each triangle, and the weights times its area."""
+    sides = triangles[:, 1:] - triangles[:, :1]
+    area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) / 2
+    points = (triangles[:, None, 0] + np.einsum("qj,tjd->tqd", local, sides)).reshape(-1, 2)
+    values = []
+    for corners in flat:
+        own = corners[np.repeat(pair, weights.size)]
+        values.append(shape_functions(local_coordinates(points, own), own.shape[1])[0])
+    return values, (area[:, None] * weights).ravel()
+
+
+def _skewness(corners: np.ndarray) -> np.ndarray:
+    """How far quadrilaterals are from parallelograms, on which shape functions are polynomials; 0 for triangles."""
+    if corners.shape[1] == 3:
+        return np.zeros(len(corners))
+    skew = corners[:, 0] - corners[:, 1] - corners[:, 2] + corners[:, 3]
+    return np.linalg.norm(skew, axis=1) / np.linalg.norm(corners[:, 3] - corners[:, 0], axis=1)
+
+
+def _frames(directions: np.ndarray) -> np.ndarray:
+    """Two unit vectors across each direction, (f, 3, 2)."""
+    other = np.eye(3)[np.abs(directions).argmin(axis=1)]
+    first = np.cross(directions, other)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(directions, first)], axis=2)

@@ -1,0 +1,70 @@
+"""The clock, and what it tells a logger of a long run."""
+
+import logging
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from scenes import pressed_block
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import NotSolvableError, StudyError
+from hhr_dolfinx.timing import WARM_UP, StageLog, time_queries
+
+
+@pytest.fixture(scope="module")
+def training():
+    """Solutions of a pressed block."""
+    return hhr.train(pressed_block("plane_strain"), [8], held_out=20)
+
+
+def test_a_build_tells_its_stages(training, caplog):
+    with caplog.at_level(logging.DEBUG, logger="hhr_dolfinx"):
+        training.build()
+    told = [(record.levelno, record.getMessage()) for record in caplog.records]
+    for stage in ("primal_basis", "rid", "projection", "stability", "validation"):
+        assert (logging.INFO, f"{stage} begins") in told
+        assert any(level == logging.INFO and text.startswith(f"{stage} ends after ") for level, text in told)
+    assert any(level == logging.DEBUG and text.startswith("extended_pod is left out: ") for level, text in told)
+    assert {record.name.split(".")[0] for record in caplog.records} == {"hhr_dolfinx"}
+
+
+def test_a_refusal_is_told(caplog):
+    log = StageLog()
+    with caplog.at_level(logging.INFO, logger="hhr_dolfinx"):
+        log.refuse(2, "too wrong")
+    assert log.refused == [{"layers": 2, "why": "too wrong"}]
+    assert caplog.messages == ["the model with 2 layers is refused: too wrong"]
+
+
+def test_nothing_is_printed_by_default():
+    program = (
+        "from hhr_dolfinx.timing import StageLog\n"
+        "log = StageLog()\n"
+        "with log.stage('rid'): pass\n"
+        "log.skip('rid', 'why'); log.refuse(1, 'why')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_a_stage_that_fails_is_timed_and_its_seconds_add_up():
+    log = StageLog()
+    for _ in range(2):
+        with pytest.raises(ValueError, match="no"), log.stage("rid"):
+            raise ValueError("no")
+    assert log.times.keys() == {"rid"} and log.times["rid"] > 0
+
+
+def test_queries_are_timed_behind_a_warm_up():
+    asked = []
+
+    def solve(point):
+        asked.append(point)
+        raise NotSolvableError("counts with its time")
+
+    times = time_queries({"model": solve}, np.arange(WARM_UP + 3.0)[:, None])
+    assert times["model"].shape == (3,) and len(asked) == WARM_UP + 3
+    with pytest.raises(StudyError, match=f"5 points cannot be timed: {WARM_UP} are a warm-up"):
+        time_queries({"model": solve}, np.zeros((WARM_UP, 1)))
