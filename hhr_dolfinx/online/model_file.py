@@ -98,7 +98,10 @@ def save_model(path: str | Path, reduction: OnlineModel) -> None:
     fields |= {f"reconstruction.lifts.{name}": value for name, value in _packed(fields["reconstruction.lifts"]).items()}
     for k, coverage in enumerate(model.amplitudes.nonaffine):
         if not isinstance(coverage, Coverage):
-            raise ModelFileError(f"the amplitude {coverage!r} has no place in a file")
+            raise ModelFileError(
+                f"a file holds affine amplitudes and partial pressures only, not {coverage!r}: keep the snapshots, and "
+                "build the model where it is needed"
+            )
         fields |= {f"coverage{k}.{name}": value for name, value in vars(coverage).items()}
     layout = _layout(len(model.amplitudes.nonaffine))
     arrays = {name: np.asarray(fields[name], dtype=_TYPES[kind[0]]) for name, kind in layout.items()}
