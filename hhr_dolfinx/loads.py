@@ -6,8 +6,8 @@ A load of a user's own is one class with a method ``terms``, see :class:`Load`; 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, is_dataclass
-from typing import TYPE_CHECKING, Protocol
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from scipy.sparse import csc_matrix, hstack, issparse
@@ -257,14 +257,14 @@ def _checked_columns(load, term, assembler) -> csc_matrix:
     return columns
 
 
-def _checked_count(load, amplitude, space: ParameterSpace) -> int:
+def _checked_count(load: Load, amplitude: Any, space: ParameterSpace) -> int:
     """Number of columns of an amplitude that is not affine, tried in the middle of the box."""
-    if isinstance(amplitude, type) or not callable(amplitude) or not is_dataclass(amplitude):
+    if isinstance(amplitude, type) or not callable(amplitude) or not hasattr(amplitude, "__dataclass_fields__"):
         raise SceneError(
             f"the amplitude {amplitude!r} of {load!r} must be an Amplitude, or a frozen dataclass with a count that "
             "returns (columns, values) for a point"
         )
-    count = getattr(amplitude, "count", None)
+    count: Any = getattr(amplitude, "count", None)
     if not is_whole(count, 1):
         raise SceneError(f"the count {count!r} of {amplitude!r} of {load!r} must be its number of columns")
     try:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
 
-def is_number(value) -> bool:
+def is_number(value: Any) -> bool:
     """Whether a value is a finite real number; text and truth values are none."""
     if not isinstance(value, Real) or isinstance(value, bool | np.bool_):
         return False
@@ -31,9 +31,9 @@ def is_number(value) -> bool:
         return False
 
 
-def is_whole(value, least: int) -> bool:
+def is_whole(value: Any, least: int) -> bool:
     """Whether a value is an integer of at least ``least``; 2.0 and True are none."""
-    return isinstance(value, Integral) and not isinstance(value, bool) and value >= least
+    return isinstance(value, Integral) and not isinstance(value, bool) and int(value) >= least
 
 
 def as_tuple(name: str, value: Any) -> tuple:
@@ -128,11 +128,13 @@ class ParameterSpace:
         bounds = np.array([self.lower, self.upper], dtype=float)
         if not (bounds[0] < bounds[1]).all():
             raise SceneError(f"bounds {self.lower} .. {self.upper} of {self.names} must be increasing")
-        # room for round-off in grids that end on the bounds
+
+    @cached_property
+    def _box(self) -> list[tuple[float, float]]:
+        """Bounds with room for round-off in grids that end on them."""
+        bounds = np.array([self.lower, self.upper], dtype=float)
         slack = 1e-12 * (bounds[1] - bounds[0])
-        object.__setattr__(
-            self, "_box", list(zip((bounds[0] - slack).tolist(), (bounds[1] + slack).tolist(), strict=True))
-        )
+        return list(zip((bounds[0] - slack).tolist(), (bounds[1] + slack).tolist(), strict=True))
 
     def _as_tuple(self, part):
         """A field as a tuple, whatever sequence was given."""
@@ -148,7 +150,7 @@ class ParameterSpace:
             )
         return items
 
-    def point(self, mu) -> np.ndarray:
+    def point(self, mu: Any) -> np.ndarray:
         """Turn a number, a sequence or a mapping by name into a checked point, shape (P,).
 
         Raises:
@@ -182,7 +184,7 @@ class ParameterSpace:
         """A point in words, for messages."""
         return ", ".join(f"{name} = {value:g}" for name, value in zip(self.names, point, strict=True))
 
-    def points(self, table) -> np.ndarray:
+    def points(self, table: Any) -> np.ndarray:
         """Turn a table with one row per point into checked points, (S, P); with one parameter (S,) will do.
 
         Raises:
@@ -272,7 +274,9 @@ class NonAffine(Protocol):
         count: number of its columns.
     """
 
-    count: int
+    @property
+    def count(self) -> int:
+        """See above."""
 
     def __call__(self, point: np.ndarray) -> tuple[Sequence[int], Sequence[float]]:
         """Numbers among its own columns, each once, and the amplitudes of those that act at a point (P,)."""

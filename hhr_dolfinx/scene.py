@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Real
@@ -154,7 +155,7 @@ class Scene:
 
     def _check_places(self):
         """Refuse what is listed twice, and openings of pairs that are not there."""
-        seen = {}
+        seen: dict[int, int] = {}
         for place, body in enumerate(self.bodies):
             if seen.setdefault(body.tag, place) != place:
                 raise SceneError(
@@ -178,7 +179,8 @@ class Scene:
 
     def _check_names(self):
         """Refuse names of parameters that the box does not have."""
-        for item in (*self.displacements, *self.openings):
+        driven: tuple[Displacement | Opening, ...] = (*self.displacements, *self.openings)
+        for item in driven:
             item.amplitude.row(self.parameters)
         for load in self.loads:
             if hasattr(load, "check"):
@@ -204,12 +206,14 @@ def _same_pair(one, other) -> bool:
     """Whether two contact pairs say the same: the same surfaces, and no normals that tell them apart."""
     if set(one.tags) != set(other.tags):
         return False
-    normals = [_direction(getattr(pair, "normal", None)) for pair in (one, other)]
-    unknown = any(normal is None for normal in normals) or normals[0].shape != normals[1].shape
+    first, second = (_direction(getattr(pair, "normal", None)) for pair in (one, other))
+    cosine = math.nan
+    if first is not None and second is not None and first.shape == second.shape:
+        cosine = float(first @ second)
     if len(one.tags) == 1:
         # a corner between two obstacles is two pairs of one surface
-        return _equal(one, other) or (type(one) is type(other) and not unknown and normals[0] @ normals[1] > 1 - 1e-12)
-    return unknown or abs(normals[0] @ normals[1]) > 1 - 1e-12
+        return _equal(one, other) or (type(one) is type(other) and cosine > 1 - 1e-12)
+    return math.isnan(cosine) or abs(cosine) > 1 - 1e-12
 
 
 def _equal(one, other) -> bool:

@@ -65,5 +65,5 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
         schur=full.schur,
     )
     fields = ExactFields(full, free)
-    how = {"pairs": problem.contact_pairs}
-    return CondensedModel(problem.parameters, problem.amplitudes, responses, known, fields, **how)
+    given = problem.parameters, problem.amplitudes, responses, known, fields
+    return CondensedModel(*given, pairs=problem.contact_pairs)

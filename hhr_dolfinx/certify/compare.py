@@ -30,6 +30,10 @@ ONE_ANSWER = 1e-6
 """Relative difference of forces from two starts above which a parameter has two answers."""
 
 
+Row = tuple[str, float, float, Residuals | None]
+"""A label, the errors of displacement and forces, and the residuals of what was answered."""
+
+
 @dataclass(frozen=True)
 class Comparison:
     """What users would get beside the full order, one entry per point or history.
@@ -47,7 +51,7 @@ class Comparison:
     residuals: list[Residuals | None]
 
     @classmethod
-    def of(cls, rows: Sequence[tuple[str, float, float, Residuals | None]]) -> Comparison:
+    def of(cls, rows: Sequence[Row]) -> Comparison:
         """From one row per point or history."""
         labels, primal, dual, residuals = (list(column) for column in zip(*rows, strict=True))
         return cls(labels, np.array(primal), np.array(dual), residuals)
@@ -85,7 +89,8 @@ def compare_points(full: Any, model: Model, solutions: SnapshotSet, floor: float
         solutions: of the full model.
         floor: force norm below which a relative error means nothing.
     """
-    problem, rows = full.problem, []
+    problem = full.problem
+    rows: list[Row] = []
     for point, homogeneous, forces in zip(solutions.points, solutions.displacements.T, solutions.forces.T, strict=True):
         label, theta = problem.parameters.described(point), problem.amplitudes(point)
         try:
@@ -120,7 +125,8 @@ def compare_histories(
     Returns:
         The errors, and the signs along each history that did not fail.
     """
-    rows, signs = [], []
+    rows: list[Row] = []
+    signs = []
     for label, exact in histories.items():
         try:
             found = model.march(exact.path, MarchSettings(outside="ignore"))

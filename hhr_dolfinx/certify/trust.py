@@ -68,7 +68,7 @@ class TrustLimits:
     warn_worst: float = 0.1
 
     @classmethod
-    def of_histories(cls, **changes) -> TrustLimits:
+    def of_histories(cls, **changes: float) -> TrustLimits:
         """Limits for histories, whose forces vary more from node to node; measured 0.2 and 4 % where all is well."""
         return cls(**{"warn_primal": 0.03, "warn_dual": 0.1, "warn_worst": 0.1} | changes)
 
@@ -96,7 +96,7 @@ def check_loads_seen(problem: ContactProblem, sets: IndexSets, points: np.ndarra
             )
 
 
-def first_trusted(attempt: Callable[[int], Any], layers: int, most_layers: int, log: StageLog):
+def first_trusted(attempt: Callable[[int], Any], layers: int, most_layers: int, log: StageLog) -> Any:
     """The first attempt that passes its checks; each that does not gets one more layer of cells around its RID.
 
     Args:

@@ -134,7 +134,7 @@ def _power(base: np.ndarray, exponent: float) -> np.ndarray:
     """base**exponent, by products where the exponent is a small integer: ten times as fast."""
     if exponent != int(exponent) or exponent > 32:
         return base**exponent
-    result = None
+    result: np.ndarray | None = None
     square = base
     rest = int(exponent)
     while rest:
@@ -143,4 +143,4 @@ def _power(base: np.ndarray, exponent: float) -> np.ndarray:
         rest >>= 1
         if rest:
             square = square * square
-    return result
+    return np.ones_like(base) if result is None else result

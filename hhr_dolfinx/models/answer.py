@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status, Statuses
-from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
+from hhr_dolfinx.errors import ConvergenceError, HHRError, NotSolvableError
 from hhr_dolfinx.trained import Signs
 
 if TYPE_CHECKING:
@@ -79,7 +80,7 @@ class Answer(NamedTuple):
         status: why the search stopped.
         cycled: the plain rule of Alg. 1.1 cycled, or met a singular set, and the terminating rule took over.
         fields: what completes the answer.
-        time: in seconds; None of an answer that belongs to no history.
+        time: in seconds; NaN of an answer that belongs to no history.
         gauss: stress and state where the model evaluates its laws; None where nothing flows.
     """
 
@@ -91,7 +92,7 @@ class Answer(NamedTuple):
     status: Status
     cycled: bool
     fields: Fields
-    time: float | None = None
+    time: float = math.nan
     gauss: GaussState | None = None
 
     @property
@@ -114,6 +115,16 @@ class Answer(NamedTuple):
     def plastic_strain(self) -> np.ndarray:
         """Cumulated plastic strain at all Gauss points of the mesh; zero where nothing flows."""
         return self.fields.plastic_strain(self)
+
+    def state(self) -> GaussState:
+        """Stress and state where the model evaluates its laws.
+
+        Raises:
+            HHRError: of a model in which nothing flows.
+        """
+        if self.gauss is None:
+            raise HHRError("nothing flows in this model, so that its answers have no state: give a body a law")
+        return self.gauss
 
     def estimate(self) -> float | None:
         """Estimate of the error of this answer; None of a model that has no indicator."""
@@ -152,7 +163,7 @@ class History:
 class Model(Protocol):
     """What a study, a check or a user asks of any model: full, reduced, condensed, or a rival."""
 
-    def solve(self, mu: Any, *, start: Any = "nearest", raise_on_failure: bool = True) -> Answer:
+    def solve(self, mu: Any, *, start: Any = "nearest", raise_on_failure: bool = True, outside: str = "warn") -> Answer:
         """Answer one parameter."""
 
     def march(self, path: Any, settings: Any = ...) -> History:

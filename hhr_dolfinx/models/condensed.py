@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
@@ -44,7 +45,9 @@ class Responses:
     schur: np.ndarray
 
     @classmethod
-    def eliminate(cls, factor: Factor, loads, gaps, test, trial) -> Responses:
+    def eliminate(
+        cls, factor: Factor, loads: np.ndarray, gaps: np.ndarray, test: np.ndarray, trial: np.ndarray
+    ) -> Responses:
         """Eliminate the unknown of K x + test^T lambda = loads θ, trial x <= gaps θ.
 
         Args:
@@ -74,22 +77,28 @@ class KnownStatuses:
     points: np.ndarray
     active: np.ndarray
 
-    def __post_init__(self):
-        """Scale the parameters, whose units differ, by their spread, and prepare the distances."""
-        self.active.setflags(write=False)  # answers share its rows
+    def __post_init__(self) -> None:
+        """Protect the statuses: answers share them."""
+        self.active.setflags(write=False)
+
+    @cached_property
+    def _distances(self) -> tuple[np.ndarray, np.ndarray]:
+        """Offsets and directions of |x - p|^2 / 2 less what does not depend on the candidate x.
+
+        The parameters, whose units differ, are scaled by their spread.
+        """
         spread = np.ptp(self.points, axis=0)
         spread[spread == 0] = 1.0
-        # |x - p|^2 / 2 less what does not depend on the candidate x
-        object.__setattr__(self, "_directions", self.points / spread**2)
-        object.__setattr__(self, "_offsets", 0.5 * np.sum((self.points / spread) ** 2, axis=1))
+        return 0.5 * np.sum((self.points / spread) ** 2, axis=1), self.points / spread**2
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple:
         """Copy and pickle by the arrays alone: copies protect their rows too."""
         return KnownStatuses, (self.points, self.active)
 
     def nearest(self, point: np.ndarray) -> int:
         """Index of the nearest known parameter."""
-        return (self._offsets - self._directions @ point).argmin()
+        offsets, directions = self._distances
+        return (offsets - directions @ point).argmin()
 
 
 def check_start(start: str) -> None:
@@ -216,7 +225,7 @@ class CondensedModel:
             return [None] * len(self.known.active)
         # columns: the value at mu = 0, then the slope along each parameter
         response = self._response @ np.column_stack([self.amplitudes.constant, self.amplitudes.slopes])
-        regions = []
+        regions: list[tuple[np.ndarray, np.ndarray] | None] = []
         for active in distinct:
             try:
                 columns = [self._equalities(active, column) for column in response[: self._m].T]

@@ -7,7 +7,7 @@ more of the contract.
 from __future__ import annotations
 
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -96,5 +96,5 @@ class Equilibrium(Protocol):
     def signs(self, answer: Answer) -> Signs:
         """What shows at a solved step whether the model still knows what it does."""
 
-    def linearised(self, tangents: np.ndarray) -> Linearisation:
+    def linearised(self, tangents: Any) -> Linearisation:
         """The linearisation of consistent tangents; those of earlier tangents are then out of date."""

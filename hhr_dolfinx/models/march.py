@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -79,18 +79,26 @@ def march(
             f"step {step} to t = {path[step][0]:g} s did not converge: {failure}{_place(model, failure.worst)}. "
             f"Take smaller steps; the {step - 1} steps before are kept"
         )
-        error.history = history
+        error.history = history  # type: ignore[attr-defined]
         raise error from None
     except BaseException as stop:  # a law may raise anything, and a user may stop it
         with suppress(AttributeError):
-            stop.history = history
+            stop.history = history  # type: ignore[attr-defined]
         raise
     return history
 
 
-def _march(model, path, settings, history, known, keep) -> None:
+def _march(
+    model: Equilibrium,
+    path: Path,
+    settings: MarchSettings,
+    history: History,
+    known: Sequence[Answer],
+    keep: Callable[[Answer], None],
+) -> None:
     """Solve the steps of a checked path into a history."""
-    trail, slopes_seen = (_at_rest(model, *path[0]),), False
+    trail: tuple[Answer, ...] = (_at_rest(model, *path[0]),)
+    slopes_seen = False
     memory, watch = _Memory(), Watch(model.trained, settings.outside)
     for number, (time, target) in enumerate(path[1:], start=1):
         watch.before(number, trail[-1].time, time, trail[-1].parameter, target)
@@ -111,12 +119,12 @@ def _march(model, path, settings, history, known, keep) -> None:
         trail = (*trail[-2:], after)
 
 
-def _check_slopes(model, before, after) -> bool:
+def _check_slopes(model: Equilibrium, before: Answer, after: Answer) -> bool:
     """Warn of laws with a wrong slope; whether the step flowed enough to tell."""
-    if not after.gauss.state.cumulated.max(initial=0.0) > 0:
+    if not after.state().state.cumulated.max(initial=0.0) > 0:
         return False
     strain = model.strain(after.unknown, model.amplitudes(after.parameter))
-    complaints = model.material.wrong_slopes(strain, before.gauss.state, after.time - before.time)
+    complaints = model.material.wrong_slopes(strain, before.state().state, after.time - before.time)
     for complaint in complaints or ():
         warnings.warn(complaint, LawWarning, stacklevel=4)
     return complaints is not None
@@ -129,7 +137,7 @@ class _Goal(NamedTuple):
     parameter: np.ndarray
 
 
-def _at_rest(model, time, parameter) -> Answer:
+def _at_rest(model: Equilibrium, time: float, parameter: np.ndarray) -> Answer:
     active, material = np.zeros(model.conditions, dtype=bool), model.material
     gauss = GaussState(np.zeros((material.gauss_points, material.components)), material.at_rest())
     nothing = np.zeros(model.size), np.zeros(active.size), active
@@ -144,7 +152,9 @@ def _place(model, worst):
     return f"; worst at Gauss point {number}, in cell {number // model.operator.per_cell}"
 
 
-def _advance(model, trail, goal, settings, memory) -> tuple[Answer, bool]:
+def _advance(
+    model: Equilibrium, trail: tuple[Answer, ...], goal: _Goal, settings: MarchSettings, memory: _Memory
+) -> tuple[Answer, bool]:
     """One step as asked for, then in 2, 4, ... parts, each of which is tried like a step of its own.
 
     Args:
@@ -174,7 +184,9 @@ def _advance(model, trail, goal, settings, memory) -> tuple[Answer, bool]:
     raise failure
 
 
-def _tried(model, trail, goal, settings, memory) -> Answer:
+def _tried(
+    model: Equilibrium, trail: tuple[Answer, ...], goal: _Goal, settings: MarchSettings, memory: _Memory
+) -> Answer:
     """A step from the extrapolation of the answers before; if that fails, with new tangents from an elastic start."""
     careful = replace(settings, search="tangent") if settings.search == "frozen" else settings
     try:
@@ -202,19 +214,21 @@ class _Memory:
 
     def learn(self, model: Equilibrium, answer: Answer) -> None:
         """Take in a step that was solved before, by what it left behind."""
-        _, scale = model.residual(answer.gauss.stress, model.amplitudes(answer.parameter))
-        self.grow(scale, _root_mean_square(answer.gauss.stress))
+        _, scale = model.residual(answer.state().stress, model.amplitudes(answer.parameter))
+        self.grow(scale, _root_mean_square(answer.state().stress))
 
     def grow(self, forces: np.ndarray, stress: float) -> None:
         """Take in the forces and the stress of one more step."""
         self.forces, self.stress = np.maximum(forces, self.forces), max(self.stress, stress)
 
 
-def _root_mean_square(stress) -> float:
+def _root_mean_square(stress: np.ndarray) -> float:
     return float(np.sqrt(np.mean(stress**2)))
 
 
-def _step(model, trail, goal, settings, memory) -> Answer:
+def _step(
+    model: Equilibrium, trail: tuple[Answer, ...], goal: _Goal, settings: MarchSettings, memory: _Memory
+) -> Answer:
     """One step from the end of ``trail``: from the extrapolation of its answers, or an elastic start from one alone."""
     here, dt = trail[-1], goal.time - trail[-1].time
     theta = model.amplitudes(goal.parameter)
@@ -222,15 +236,15 @@ def _step(model, trail, goal, settings, memory) -> Answer:
     flows = model.material.flows and settings.search != "elastic"
     mixing = Anderson() if model.material.flows and settings.search != "tangent" else None
     active, noise = here.active, model.round_off(x, theta)
-    linear = memory.linearisation if flows else model.elastic
+    linear: Any = memory.linearisation if flows else model.elastic
     for iteration in range(1, settings.iterations + 1):
         renew = flows and (linear is None or settings.search == "tangent")
         strain = model.strain(x, theta)
-        update = model.material.update(strain, here.gauss.state, dt, tangent=renew)
+        update = model.material.update(strain, here.state().state, dt, tangent=renew)
         if not np.isfinite(update.stress).all():
             raise _Diverged("the stress is not finite", int(np.argmin(np.isfinite(update.stress).all(axis=1))))
         residual, scale = model.residual(update.stress, theta)
-        flowing = int((update.state.cumulated - here.gauss.state.cumulated).argmax())
+        flowing = int((update.state.cumulated - here.state().state.cumulated).argmax())
         try:
             linear = model.linearised(update.tangents) if renew else linear
             change, found = linear.correct(residual, x, theta, active)
@@ -271,7 +285,7 @@ def _elastic_start(model, here, theta):
     change = model.strain(x, theta) - model.strain(x, before)
     if not change.any():
         return x
-    stress = here.gauss.stress + np.einsum("nij,nj->ni", model.material.elastic, change)
+    stress = here.state().stress + np.einsum("nij,nj->ni", model.material.elastic, change)
     residual, _ = model.residual(stress, theta)
     try:
         change, found = model.elastic.correct(residual, x, theta, here.active)
@@ -288,12 +302,12 @@ def _check_small(strain):
         raise _Diverged(why, int(sizes.argmax()))
 
 
-def _moves(linear, strain) -> np.ndarray:
+def _moves(linear: Linearisation, strain: np.ndarray) -> np.ndarray:
     """By how much the linearisation still moves the stress, |H : ε(δ)|, in the place of R_σ in (6.19)."""
     return np.abs(np.einsum("nij,nj->ni", linear.moduli, strain))
 
 
-def _extrapolated(trail, time) -> np.ndarray:
+def _extrapolated(trail: tuple[Answer, ...], time: float) -> np.ndarray:
     """The polynomial through the unknowns of some answers, at a later time."""
     times = np.array([answer.time for answer in trail])
     x = np.zeros_like(trail[0].unknown)

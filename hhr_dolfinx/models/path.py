@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from numbers import Real
+from typing import Any
 
 import numpy as np
 
@@ -65,7 +66,7 @@ class MarchSettings:
 DEFAULT_MARCH = MarchSettings()
 
 
-def checked_path(parameters: ParameterSpace, path: Iterable[tuple[float, object]]) -> Path:
+def checked_path(parameters: ParameterSpace, path: Iterable[tuple[float, Any]]) -> Path:
     """A whole path, before any of it is solved.
 
     Raises:
@@ -108,7 +109,8 @@ def solve_along(
     Raises:
         Whatever the model raises, with an attribute ``history`` that holds the steps before.
     """
-    history, start = History(*path[0]), "nearest"
+    history = History(*path[0])
+    start: Any = "nearest"
     try:
         for number, (time, point) in enumerate(path[1:]):
             if number < len(known):
@@ -120,13 +122,13 @@ def solve_along(
             start = answer.active
     except BaseException as stop:
         with suppress(AttributeError):
-            stop.history = history
+            stop.history = history  # type: ignore[attr-defined]
         raise
     return history
 
 
 def one_step(
-    model: Model, mu: object, raise_on_failure: bool = True, outside: str = "warn", duration: float = 1.0
+    model: Any, mu: Any, raise_on_failure: bool = True, outside: str = "warn", duration: float = 1.0
 ) -> Answer:
     """Answer of a model of bodies that flow: one step from rest at the lower end of the box.
 

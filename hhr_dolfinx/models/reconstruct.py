@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -100,11 +101,11 @@ class Reconstruction:
     stress_of: Callable[[np.ndarray], np.ndarray] | None = None
     indicator: Callable[[Answer], float] | None = None
 
-    def __post_init__(self) -> None:
-        """Cut the snapshots once into what is fitted, inside the RID, and what is penalised, outside."""
+    @cached_property
+    def _parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Conditions outside the RID, and the snapshots cut into what is fitted and what is penalised there."""
         outside = np.setdiff1d(np.arange(len(self.gaps)), self.A_lambda)
-        parts = outside, self.force_snapshots[self.A_lambda], self.force_snapshots[outside]
-        object.__setattr__(self, "_parts", parts)
+        return outside, self.force_snapshots[self.A_lambda], self.force_snapshots[outside]
 
     def __reduce__(self) -> tuple:
         """Copy and pickle by the arrays: a mesh, on which stress needs to be computed, belongs to one process."""

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import SingularError
+from hhr_dolfinx.errors import ReductionError, SingularError
 from hhr_dolfinx.linear.dense import Factorise, dense_factors
 from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses
-from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step
+from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, solve_along
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
@@ -100,13 +100,14 @@ class ReducedModel:
             else:
                 from hhr_dolfinx.models.reduced_flow import ReducedEquilibrium
 
-                self.equilibrium = ReducedEquilibrium(problem, flow, parameters, fields, trained)
+                self.equilibrium = ReducedEquilibrium(problem, flow, parameters, fields)
+                self.equilibrium.trained = trained if isinstance(trained, TrainedPaths) else None
         except SingularError as error:
             raise SingularError(f"K~ cannot be eliminated, {error}: add RID layers or use fewer modes") from error
 
     def __reduce__(self) -> tuple:
         """Copy and pickle by the projected arrays; how the model was made stays behind."""
-        return _restored, (self.problem, self.parameters, self.fields, self.trained, self.known, self.flow)
+        return _restored, (self.known, self.flow, self.problem, self.parameters, self.fields, self.trained)
 
     @property
     def dimension(self) -> int:
@@ -116,7 +117,8 @@ class ReducedModel:
     def learn(self, trained: TrainedPaths) -> None:
         """Tell a model of bodies that flow what it was trained on, once its own histories are known."""
         self.trained = trained
-        self.equilibrium.trained = trained
+        if self.equilibrium is not None:
+            self.equilibrium.trained = trained
 
     def solve(
         self, mu: Any, *, start: Any = "nearest", raise_on_failure: bool = True, outside: str = "warn", **step: Any
@@ -145,8 +147,8 @@ class ReducedModel:
             ParameterError: if the path is none, or leaves the box.
             ConvergenceError, OutsideTrainingError: with an attribute ``history``, see :func:`models.march.march`.
         """
-        if self._condensed is not None:
-            return self._condensed.march(path, settings)
+        if self.equilibrium is None:
+            return solve_along(self, checked_path(self.parameters, path), settings)
         from hhr_dolfinx.models.march import march
 
         return march(self.equilibrium, checked_path(self.parameters, path), settings)
@@ -155,10 +157,13 @@ class ReducedModel:
         """The model with gamma eliminated."""
         problem, contact = self.problem, (self.problem.contact_test, self.problem.contact_trial)
         responses = Responses.eliminate(factorise(problem.stiffness), problem.loads, problem.gaps, *contact)
-        how = factorise, problem.pairs, self.trained, ADVICE
+        if self.known is None:
+            raise ReductionError("a model in which nothing flows starts from known statuses: give them as known")
+        trained = self.trained if isinstance(self.trained, TrainedRange) else None
+        how = factorise, problem.pairs, trained, ADVICE
         return CondensedModel(self.parameters, self.fields.amplitudes, responses, self.known, self.fields, *how)
 
 
-def _restored(problem, parameters, fields, trained, known, flow) -> ReducedModel:
+def _restored(known: KnownStatuses | None, flow: ReducedFlow | None, *parts: Any) -> ReducedModel:
     """A model from its arrays."""
-    return ReducedModel(problem, parameters, fields, trained, known=known, flow=flow)
+    return ReducedModel(*parts, known=known, flow=flow)

@@ -59,8 +59,12 @@ class ReducedEquilibrium:
         flow: Gauss points and laws of the RID.
         parameters: the box of the parameters.
         fields: what completes its answers.
+
+    Attributes:
         trained: what the model was trained on, None until that is known.
     """
+
+    trained: TrainedPaths | None = None
 
     def __init__(
         self,
@@ -68,9 +72,8 @@ class ReducedEquilibrium:
         flow: ReducedFlow,
         parameters: ParameterSpace,
         fields: Reconstruction,
-        trained: TrainedPaths | None,
     ):
-        self.problem, self.flow, self.parameters, self.fields, self.trained = problem, flow, parameters, fields, trained
+        self.problem, self.flow, self.parameters, self.fields = problem, flow, parameters, fields
         self.lock = nullcontext()  # histories share no factors here
         self.operator, self.material, self.points = flow.operator, flow.material, flow.points
         self.conditions, self.size = problem.contact_test.shape
@@ -118,7 +121,7 @@ class ReducedEquilibrium:
         outside, it shows what the modes cannot do.
         """
         theta, inner = self.amplitudes(answer.parameter), self.flow.inner
-        loads, (internal, sizes) = self.flow.loads @ theta, self.operator.internal(answer.gauss.stress)
+        loads, (internal, sizes) = self.flow.loads @ theta, self.operator.internal(answer.state().stress)
         contact = self.flow.contact @ answer.multipliers
         size = np.linalg.norm(loads) + np.linalg.norm(sizes[inner]) + np.linalg.norm(contact)
         depth = (self.fields.contact_basis @ answer.unknown - self.fields.gaps @ theta).max()

@@ -271,5 +271,6 @@ def _compared(shared: _Offline, model: ReducedModel) -> Comparison | None:
         comparison = compare_points(full, model, held_out, floor)
     if limits is None:
         return None
-    check_comparison(comparison, limits)
+    if comparison is not None:
+        check_comparison(comparison, limits)
     return comparison

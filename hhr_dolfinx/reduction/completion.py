@@ -49,12 +49,13 @@ def prepare_reconstruction(
 def _flow_fields(flow: ReducedFlow, snapshots: SnapshotSet) -> FlowFields:
     """How stress and cumulated plastic strain are completed, from POD modes of training states (section 6.2.3)."""
     components, points = flow.material.components, flow.points
+    stresses, cumulated_strains = snapshots.fields_of_flow()
     values = (points[:, None] * components + np.arange(components)).ravel()
-    stress = GappyField.fitted(pod(snapshots.stress, STRESS)[0], values)
+    stress = GappyField.fitted(pod(stresses, STRESS)[0], values)
     cumulated = None
-    if np.any(snapshots.cumulated):
-        cumulated = GappyField.fitted(pod(snapshots.cumulated, PLASTIC_STRAIN)[0], points)
-    return FlowFields(points, stress, cumulated, len(snapshots.cumulated))
+    if np.any(cumulated_strains):
+        cumulated = GappyField.fitted(pod(cumulated_strains, PLASTIC_STRAIN)[0], points)
+    return FlowFields(points, stress, cumulated, len(cumulated_strains))
 
 
 def spanning_rays(columns: np.ndarray, tolerance: float) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import linalg
@@ -52,16 +52,16 @@ def training_tangents(
     full: FullEquilibrium, histories: Sequence[History], count: int
 ) -> list[tuple[np.ndarray, csr_matrix]]:
     """Tangents and stiffness of the full model at some states of each history, the last one among them."""
-    states = []
+    states: list[tuple[Any, csr_matrix]] = []
     for history in histories if full.material.flows else ():
         steps = np.unique(np.linspace(0, len(history.answers), count + 1).astype(int)[1:]) - 1
         for step in steps:
             here = history.answers[step]
             time, state = history.start, full.material.at_rest()
             if step > 0:
-                time, state = history.answers[step - 1].time, history.answers[step - 1].gauss.state
+                time, state = history.answers[step - 1].time, history.answers[step - 1].state().state
             strain = full.strain(here.unknown, full.amplitudes(here.parameter))
-            tangents = full.material.update(strain, state, here.time - time, tangent=True).tangents
+            tangents: Any = full.material.update(strain, state, here.time - time, tangent=True).tangents
             states.append((tangents, full.stiffness(tangents)))
     return states
 
@@ -94,7 +94,8 @@ def tangent_margin(model: ReducedModel, tangents: np.ndarray, stiffness: csr_mat
     Raises:
         UnstableModelError: if the tangent of the full model is singular or not finite on the basis.
     """
-    reduced, basis = model.equilibrium, model.fields.basis
+    reduced: Any = model.equilibrium
+    basis = model.fields.basis
     whole = basis.T @ (stiffness @ basis)
     try:
         return float(linalg.eigvals(np.linalg.solve(whole, reduced.tangent(tangents[reduced.points]))).real.min())

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from numbers import Integral, Real
+from numbers import Real
 from typing import Any, Protocol
 
 import numpy as np
@@ -28,7 +28,7 @@ MOST_LAYERS = 1000
 
 
 def _check_tolerance(step: str, value: Any) -> None:
-    if not (isinstance(value, Real) and 0 < value < 1):
+    if not (isinstance(value, Real) and 0 < float(value) < 1):
         raise ReductionError(
             f"tolerance = {value} of {step} must lie in (0, 1): it is the part of the snapshots left out"
         )
@@ -38,6 +38,12 @@ def _weights(columns: np.ndarray) -> np.ndarray:
     """One over the norm of each column, 1 for columns of zeros."""
     sizes = np.linalg.norm(columns, axis=0)
     return np.where(sizes > 0, 1 / np.where(sizes > 0, sizes, 1), 1)
+
+
+def _nodes_of_values(problem: ContactProblem, values: np.ndarray, tolerance: float) -> np.ndarray:
+    """Nodes of the cells in which DEIM picks values of a field of Gauss points, as many in each cell."""
+    picked = deim(pod(values, tolerance)[0])
+    return problem.cell_nodes[picked // (len(values) // len(problem.cell_nodes))].ravel()
 
 
 class Basis(Protocol):
@@ -147,8 +153,7 @@ class StressDeim:
         """See :class:`Nodes`; none where nothing can flow."""
         if snapshots.stress is None:
             return np.zeros(0, dtype=np.int64)
-        picked = deim(pod(snapshots.stress, self.tolerance)[0])
-        return problem.cell_nodes[picked // (len(snapshots.stress) // len(problem.cell_nodes))].ravel()
+        return _nodes_of_values(problem, snapshots.stress, self.tolerance)
 
 
 @dataclass(frozen=True)
@@ -170,8 +175,7 @@ class FlowDeim:
         cumulated = snapshots.cumulated
         if cumulated is None or not np.any(cumulated):
             return np.zeros(0, dtype=np.int64)
-        picked = deim(pod(cumulated, self.tolerance)[0])
-        return problem.cell_nodes[picked // (len(cumulated) // len(problem.cell_nodes))].ravel()
+        return _nodes_of_values(problem, cumulated, self.tolerance)
 
 
 @dataclass(frozen=True)
@@ -219,7 +223,7 @@ class Rid:
         """Refuse what no RID can have."""
         for name in ("layers", "most_layers"):
             value = getattr(self, name)
-            if not isinstance(value, Integral) or not 0 <= value <= MOST_LAYERS:
+            if not is_whole(value, 0) or value > MOST_LAYERS:
                 raise ReductionError(f"{name} = {value} must be a whole number of layers of cells, 0 to {MOST_LAYERS}")
 
 
@@ -301,14 +305,19 @@ class Recipe:
     @classmethod
     def thesis(cls, tolerance: float, **changes: Any) -> Recipe:
         """The recipe of the thesis: plain snapshots, no DEIM of forces, no layers, no growth, kappa_max 10."""
-        plain = {"nodes": (Deim(), LoadNodes()), "domain": Rid(0, 0), "enrichment": Enrich(10.0)}
+        plain: dict[str, Any] = {"nodes": (Deim(), LoadNodes()), "domain": Rid(0, 0), "enrichment": Enrich(10.0)}
         return cls(Pod(tolerance), **(plain | changes))
 
     @classmethod
     def flowing(cls, **changes: Any) -> Recipe:
         """For scenes whose bodies flow, section 6.2.3: DEIM of stress and plastic strain too, a larger RID."""
         nodes = (Deim(), ForceDeim(1e-8), StressDeim(1e-9), FlowDeim(1e-6), LoadNodes())
-        usual = {"nodes": nodes, "domain": Rid(3, 8), "enrichment": Enrich(1.0), "trust": TrustLimits.of_histories()}
+        usual: dict[str, Any] = {
+            "nodes": nodes,
+            "domain": Rid(3, 8),
+            "enrichment": Enrich(1.0),
+            "trust": TrustLimits.of_histories(),
+        }
         return cls(**({"basis": Pod(3e-10)} | usual | changes))
 
     def as_it_is(self) -> Recipe:

@@ -50,12 +50,14 @@ class SnapshotSet:
     @classmethod
     def of_answers(cls, answers: Sequence[Answer], histories: Sequence[History] = ()) -> SnapshotSet:
         """Answers of a full model side by side."""
-        parts = (np.stack(item, axis=1) for item in zip(*(a[1:4] for a in answers), strict=True))
-        flow: dict[str, np.ndarray] = {}
+        names = ("unknown", "multipliers", "active")
+        parts: list[Any] = [np.stack([getattr(answer, name) for answer in answers], axis=1) for name in names]
         if answers[0].gauss is not None:
-            flow["stress"] = np.stack([answer.gauss.stress.ravel() for answer in answers], axis=1)
-            flow["cumulated"] = np.stack([answer.gauss.state.cumulated for answer in answers], axis=1)
-        return cls(np.array([answer.parameter for answer in answers]), *parts, **flow, histories=tuple(histories))
+            states = [answer.state() for answer in answers]
+            parts.append(np.stack([state.stress.ravel() for state in states], axis=1))
+            parts.append(np.stack([state.state.cumulated for state in states], axis=1))
+        columns = SnapshotSet(np.array([answer.parameter for answer in answers]), *parts)
+        return replace(columns, histories=tuple(histories))
 
     @classmethod
     def of_histories(cls, histories: Iterable[History]) -> SnapshotSet:
@@ -76,9 +78,19 @@ class SnapshotSet:
             raise ReductionError("a reduced model needs at least one training history, with at least one step")
         return cls.of_answers([answer for history in histories for answer in history.answers], histories)
 
+    def fields_of_flow(self) -> tuple[np.ndarray, np.ndarray]:
+        """Stress and cumulated plastic strain of all columns.
+
+        Raises:
+            ReductionError: where nothing flows.
+        """
+        if self.stress is None or self.cumulated is None:
+            raise ReductionError("these snapshots hold no stress: give histories of a scene whose bodies flow")
+        return self.stress, self.cumulated
+
     def take(self, columns: Any) -> SnapshotSet:
         """Some of the columns, possibly several times, as answers at single parameters."""
-        parts = (None if part is None else part[:, columns] for part in self._columns())
+        parts: list[Any] = [None if part is None else part[:, columns] for part in self._columns()]
         return SnapshotSet(self.points[columns], *parts)
 
     def known_statuses(self, conditions: Any = slice(None)) -> KnownStatuses:
@@ -110,7 +122,8 @@ def compute_snapshots(
         ParameterError: if a point is not finite or outside the box.
         ConvergenceError: if a training point does not converge.
     """
-    answers, start = [], "nearest"
+    answers: list[Answer] = []
+    start: Any = "nearest"
     with ranks.together(full.comm, "solving for snapshots"):
         for point in progress(full.parameters.points(points)):
             answer = _stored(full, store, point)
@@ -123,12 +136,12 @@ def compute_snapshots(
     return SnapshotSet.of_answers(answers)
 
 
-def _stored(full, store, point) -> Answer | None:
+def _stored(full: Any, store: SnapshotStore | None, point: np.ndarray) -> Answer | None:
     """The answer kept at a point; one rank decides what is known, since solving takes all of them."""
     if store is None:
         return None
     answer = store.load(point) if full.comm.rank == 0 else None
-    answer = full.comm.bcast(None if answer is None else answer._replace(fields=None))
+    answer = full.comm.bcast(None if answer is None else answer._replace(fields=_NOWHERE))
     return None if answer is None else answer._replace(fields=full)
 
 
@@ -194,7 +207,8 @@ def spread_snapshots(
     points = full.parameters.points(points)
     parts = spread(full, points, comm, lambda mine: compute_snapshots(full, np.array(mine), progress, store))
     columns = zip(*(part._columns() for part in parts), strict=True)
-    return SnapshotSet(points, *(None if item[0] is None else np.concatenate(item, axis=1) for item in columns))
+    joined: list[Any] = [None if item[0] is None else np.concatenate(item, axis=1) for item in columns]
+    return SnapshotSet(points, *joined)
 
 
 def spread_histories(
@@ -209,10 +223,14 @@ def spread_histories(
 
     def compute(mine):
         # an answer knows its model, which belongs to one rank
-        return [_with_fields(history, None) for history in compute_histories(full, mine, progress, store, settings)]
+        return [_with_fields(history, _NOWHERE) for history in compute_histories(full, mine, progress, store, settings)]
 
     parts = spread(full, paths, comm, compute)
     return [_with_fields(history, full) for part in parts for history in part]
+
+
+_NOWHERE: Any = None
+"""Fields of an answer that is sent to another rank: its model belongs to one."""
 
 
 def _with_fields(history: History, fields: Any) -> History:
