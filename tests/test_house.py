@@ -160,7 +160,10 @@ UNANNOTATED = {
 
 def without_types(path):
     """Names of the public functions and methods of a file that do not say what they take and return."""
-    for node in ast.walk(ast.parse(path.read_text())):
+    tree = ast.parse(path.read_text())
+    classes = [node for node in tree.body if isinstance(node, ast.ClassDef) and not node.name.startswith("_")]
+    # a function within a function is no interface
+    for node in (item for part in (tree, *classes) for item in part.body):
         if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
             arguments = node.args
             given = [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs, arguments.vararg, arguments.kwarg]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -89,7 +89,7 @@ def slack_residuals(problem: ContactProblem, homogeneous: np.ndarray, forces: np
     return penetration, max(0.0, float(-forces.min() / largest)) if largest > 0 else 0.0
 
 
-def relative_error(approximation: np.ndarray, reference: np.ndarray, gram=None, floor: float = 0.0) -> float:
+def relative_error(approximation: np.ndarray, reference: np.ndarray, gram: Any = None, floor: float = 0.0) -> float:
     """Error ``|a - r| / max(|r|, floor)`` in the norm of ``gram``, (3.6)-(3.8); Euclidean if None.
 
     Where the reference and the floor are zero the error is 0 for an exact answer and infinite otherwise.
@@ -108,7 +108,7 @@ def energy_minimum(problem: ContactProblem, displacement: np.ndarray, theta: The
     return 0.5 * displacement @ (problem.stiffness @ displacement) - (problem.external @ theta) @ displacement
 
 
-def summary(values) -> dict:
+def summary(values: Any) -> dict:
     """Median, 95th percentile and maximum of errors or times over all points, none dropped."""
     values = np.asarray(values, dtype=float)
     # order statistics, so that an infinite error stays infinite instead of becoming NaN
@@ -116,7 +116,7 @@ def summary(values) -> dict:
     return {"median": float(median), "p95": float(p95), "max": float(values.max()), "n": int(values.size)}
 
 
-def norm(vector: np.ndarray, gram=None) -> float:
+def norm(vector: np.ndarray, gram: Any = None) -> float:
     """Norm of a vector by a Gram matrix, Euclidean if None."""
     square = vector @ vector if gram is None else vector @ (gram @ vector)
     return float(np.sqrt(max(square, 0.0)))

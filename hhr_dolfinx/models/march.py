@@ -8,6 +8,7 @@ nothing unconverged is ever kept.
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -24,6 +25,8 @@ from hhr_dolfinx.models.answer import Answer, GaussState, History, Path, found_a
 from hhr_dolfinx.models.equilibrium import Equilibrium, Linearisation
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.trained import Watch
+
+_log = logging.getLogger(__name__)
 
 ROUND_OFF_STRAIN = 1e-13
 """A strain this small is round-off of displacements that strain nothing, as where a gap closes without stress."""
@@ -114,6 +117,7 @@ def _march(
         history.answers.append(after)
         history.signs.append(signs)
         history.cuts += cut
+        _log.info("step %d of %d, t = %g s: %d iterations", number, len(path) - 1, time, after.iterations)
         if number > len(known):
             keep(after)
         trail = (*trail[-2:], after)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
     from hhr_dolfinx.snapshots.store import SnapshotStore
+
+_log = logging.getLogger(__name__)
 
 Progress = Callable[[Iterable], Iterable]
 """Wraps an iteration, for a progress bar."""
@@ -133,6 +136,7 @@ def compute_snapshots(
                     store.save(answer)
             start = answer.active
             answers.append(answer)
+            _log.debug("answer %d at %s: %d iterations", len(answers), point, answer.iterations)
     return SnapshotSet.of_answers(answers)
 
 
@@ -166,7 +170,8 @@ def compute_histories(
         ConvergenceError: if a step does not converge.
     """
     histories = []
-    for path in progress(paths):
+    for number, path in enumerate(progress(paths), start=1):
+        _log.info("history %d of %d, %d steps", number, len(paths), len(path) - 1)
         if store is None:
             histories.append(full.march(path, settings))
         else:
