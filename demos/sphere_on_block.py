@@ -50,7 +50,7 @@ def hertz(load):
 
 def beside_hertz(full_order, push) -> dict:
     """Radius, by the second moment 2 a^2 P / 5 of the pressure, and pressures relative to Hertz under the same load."""
-    problem, forces = full_order.problem, full_order.solve([push, 0.0]).forces
+    problem, forces = full_order.problem, full_order.solve([push, 0.0]).forces()
     r, pressure = VIEW.position(problem.contact_points), forces / problem.contact_areas
     radius, peak, _ = hertz(4 * forces.sum())
     ours = np.sqrt(2.5 * forces @ r**2 / forces.sum()) / radius, pressure.max() / peak, pressure[r.argmin()] / peak
