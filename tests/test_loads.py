@@ -2,11 +2,14 @@
 
 import dataclasses
 import warnings
+from pathlib import Path
 
+import hertz_half_discs as demo
 import numpy as np
 import pytest
 from scenes import check_contact_conditions, pressed_block
 from scipy.sparse import csc_matrix, csr_matrix
+from test_mpi import launch
 from toy_nonaffine_load import Square, WindLoad
 from toy_volume_load import Weight
 
@@ -62,9 +65,23 @@ def test_loads_of_a_users_own(scene, counts):
         exact = full.solve(mu)
         check_contact_conditions(full.problem, exact.displacement(), exact.forces(), mu)
         assert exact.forces().sum() == pytest.approx(WIDTH * pressure_of(scene, mu), rel=1e-10, abs=1e-14)
-        answer = reduced.solve(mu)
-        assert answer.displacement() == pytest.approx(exact.displacement(), abs=1e-9 * np.abs(exact.displacement()).max())
+        answer, field = reduced.solve(mu), exact.displacement()
+        assert answer.displacement() == pytest.approx(field, abs=1e-9 * np.abs(field).max())
         assert answer.forces() == pytest.approx(exact.forces(), abs=1e-9)
+
+
+def test_loads_on_two_ranks():
+    """Closed forms again, and errors that all ranks raise alike."""
+    program = (
+        f"import sys; sys.path[:0] = [{str(Path(__file__).parent)!r}, {str(Path(demo.__file__).parent)!r}]\n"
+        "import pytest, ufl, test_loads as t, test_bad_input as bad, hhr_dolfinx as hhr\n"
+        "for scene, mu in ((t.heavy_column(), (0.05, 0.03)), (t.windy_column(), (1.5,))):\n"
+        "    force = hhr.FullOrderModel(scene).solve(mu).forces().sum()\n"
+        "    assert force == pytest.approx(t.WIDTH * t.pressure_of(scene, mu), rel=1e-10)\n"
+        "bad.test_loads_and_pairings_of_a_users_own(bad.of_form(lambda v, ds: ufl.inner(v, v) * ds), 'linear in v')\n"
+        "print('all is well')\n"
+    )
+    assert launch(2, ["-c", program]).count("all is well") == 2
 
 
 def test_a_column_stands_on_all_of_its_weight():
