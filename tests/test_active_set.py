@@ -21,7 +21,6 @@ from hhr_dolfinx.linear.dense import LapackLU, PetscLU
 from hhr_dolfinx.models.answer import ElasticFields, found_as, outcome
 from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses
 from hhr_dolfinx.models.reduced import ADVICE, ReducedModel, ReducedProblem
-from hhr_dolfinx.models.reduced_flow import ReducedEquilibrium
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
 from hhr_dolfinx.reduction.completion import prepare_reconstruction
 from hhr_dolfinx.reduction.flow import project_flow
@@ -267,9 +266,9 @@ def test_every_model_keeps_its_pairs_apart(kind, unlike):
         loads = flow.problem.loads @ theta
         model = flow.equilibrium
         if kind == "reduced flow":
-            parts = project(flow.problem, basis, sets), project_flow(flow.equilibrium, basis, sets)
             fields = SimpleNamespace(amplitudes=problem.amplitudes)
-            model, loads = ReducedEquilibrium(*parts, problem.parameters, fields, None), loads[free]
+            projected, points = project(flow.problem, basis, sets), project_flow(model, basis, sets)
+            model, loads = ReducedModel(projected, problem.parameters, fields, flow=points).equilibrium, loads[free]
         forces = model.elastic.correct(loads, np.zeros(model.size), theta, everything).found.forces
     stiff, soft = (forces[problem.contact_pairs == pair] for pair in (0, 1))
     assert stiff.min() > 1e8 and not soft.any()

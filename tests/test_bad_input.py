@@ -422,9 +422,7 @@ def test_a_singular_reduced_problem(hertz_reduction):
     problem = hertz_reduction.problem
     singular = dataclasses.replace(problem, stiffness=np.zeros_like(problem.stiffness))
     with pytest.raises(NotSolvableError, match="singular"):
-        hhr.ReducedModel(
-            singular, hertz_reduction.parameters, hertz_reduction.fields, known=hertz_reduction.known
-        )
+        hhr.ReducedModel(singular, hertz_reduction.parameters, hertz_reduction.fields, known=hertz_reduction.known)
 
 
 def test_an_unconverged_iterate_is_never_handed_out():

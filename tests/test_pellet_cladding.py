@@ -229,7 +229,8 @@ def test_batch_answers_good_rows_and_names_bad_ones(small, small_reduction, tmp_
     table.write_text("h1,P1\n3.2,170\n3.2,nan\nnine,100\n3.2,500\n,100\n5.25,30\n")
     rows, console = hhr.read_points(table, small.parameters), Console(file=StringIO(), width=200)
     assert hhr.answer_table(small_reduction, rows, tmp_path / "answers.csv", console) == 4
-    assert "4 bad rows" in console.file.getvalue() and "line 5 (500, 3.2): P1 = 500 is outside" in console.file.getvalue()
+    said = console.file.getvalue()
+    assert "4 bad rows" in said and "line 5 (500, 3.2): P1 = 500 is outside" in said
     header, *answers = csv.reader((tmp_path / "answers.csv").read_text().splitlines())
     assert header[:6] == ["P1", "h1", "status", "largest_displacement", "total_force", "force_0"] and len(answers) == 6
     status = [row[2] for row in answers]

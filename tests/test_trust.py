@@ -194,6 +194,7 @@ def test_what_was_not_trained_is_warned_of_refused_or_ignored(half_trained):
         model.solve(0.405)  # a twentieth of the spread is no extrapolation
         model.solve(0.44, outside="ignore")
     assert inside.converged
+
     def marched(mu, outside="warn"):
         return model.march([(0.0, [0.3]), (1.0, [mu])], hhr.MarchSettings(outside=outside))
 
