@@ -16,7 +16,6 @@ import pellet_cladding as matching
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.geometries import pellet_cladding as geometry
-from hhr_dolfinx.study import cli, report
 
 POINT = (190.0, 5.2)
 THESIS = {"primal_l2": 0.021, "dual_rid": 0.039, "von_mises": 0.0076, "sigma_rr": 0.0078}
@@ -56,6 +55,8 @@ def errors_at_point(study) -> dict:
 
 def main() -> None:
     """Train, study, report."""
+    from hhr_dolfinx.study import cli, report
+
     parser = cli.demo_parser("pellet_cladding_nonmatching", __doc__)
     parser.add_argument("--pairing", choices=PAIRINGS, default="node_to_surface")
     parser.add_argument("--bottom", choices=("obstacle", "held"), default="obstacle")

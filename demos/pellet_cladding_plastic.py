@@ -15,8 +15,6 @@ from pellet_cladding import QUICK_MESH, VIEW
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import pellet_cladding as geometry
-from hhr_dolfinx.study import cli, report
-from hhr_dolfinx.study.paths import summarise_paths, try_path
 
 NAMES = ("primal_euclid", "dual_rid", "stress_rr", "plastic_strain")
 THESIS = {"10 um": (0.0089, 0.067, 0.046, 0.022), "12.5 um": (0.028, 0.025, 0.025, 0.0061)}
@@ -66,6 +64,8 @@ def pressed_nodes(problem):
 
 def main() -> None:
     """Train, compare, time full and reduced in turns, report."""
+    from hhr_dolfinx.study import cli, report
+
     parser = cli.demo_parser("pellet_cladding_plastic", __doc__)
     parser.add_argument("--exponent", type=float, default=4.0, help="exponent of Norton's law (%(default)s)")
     parser.add_argument("--pod", type=float, default=3e-10, help="tolerance of the POD of displacements (%(default)s)")

@@ -2,6 +2,7 @@
 
 import dataclasses
 from itertools import combinations, product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,15 +13,17 @@ from scenes import pressed_block, whole_domain
 import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
-from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
-from hhr_dolfinx.contact.problem import Status, joined, outcome
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
+from hhr_dolfinx.contact.problem import joined
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, SingularError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.linear.dense import LapackLU, PetscLU
-from hhr_dolfinx.models.condensed import CondensedContact, KnownStatuses, Responses
-from hhr_dolfinx.models.reduced import ReducedModel, ReducedProblem
+from hhr_dolfinx.models.answer import ElasticFields, found_as, outcome
+from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses
+from hhr_dolfinx.models.reduced import ADVICE, ReducedModel, ReducedProblem
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
-from hhr_dolfinx.reduction.plastic import PlasticReduced
+from hhr_dolfinx.reduction.completion import prepare_reconstruction
+from hhr_dolfinx.reduction.flow import project_flow
 from hhr_dolfinx.reduction.projection import project
 
 
@@ -28,6 +31,11 @@ def solve(schur, gap, start=None):
     schur, gap = np.asarray(schur, dtype=float), np.asarray(gap, dtype=float)
     start = gap < 0 if start is None else np.asarray(start)
     return active_set(SchurEqualities.of(schur), gap, start)
+
+
+def answer_of(found):
+    """What a model with one unknown would make of it."""
+    return found_as(found, np.array([0.5]), np.ones(1), ElasticFields())
 
 
 @settings(max_examples=200, deadline=None)
@@ -91,8 +99,8 @@ def test_a_status_speaks_of_no_model():
     assert "singular" in str(caught.value) and "RID" not in str(caught.value)
     found = solve(-np.ones((1, 1)), [-1.0])
     with pytest.raises(ConvergenceError, match=r"P-matrix: more layers$"):
-        outcome(np.ones(1), found, 0.5, True, {Status.CYCLING: "more layers"})
-    assert "RID" in ReducedModel.advice[Status.SINGULAR] and "RID" in ReducedModel.advice[Status.CYCLING]
+        outcome(answer_of(found), True, {Status.CYCLING: "more layers"})
+    assert "RID" in ADVICE[Status.SINGULAR] and "RID" in ADVICE[Status.CYCLING]
 
 
 def every_solution(schur, gap):
@@ -209,7 +217,7 @@ def test_round_off_between_pairs_ends(seed):
         assert weak.min() >= -1e-11 * weak.max() - 1e-15 * found.forces.max()
 
 
-def two_blocks_of_unlike_stiffness():
+def two_blocks_of_unlike_stiffness(law=None):
     """A stiff and a soft block, each pushed towards an obstacle of its own; the soft one does not reach it."""
     shape = {"first": ((0, 0), (1, 1), (2, 2)), "second": ((3, 0), (4, 1), (2, 2))}
     tops = [two_blocks.side(body, 1, True) for body in (1, 2)]
@@ -218,7 +226,7 @@ def two_blocks_of_unlike_stiffness():
         name="unlike_blocks",
         geometry=lambda comm: two_blocks.two_blocks(comm, **shape),
         hypothesis="plane_strain",
-        bodies=(hhr.Body(1, 1e12, 0.3), hhr.Body(2, 1.0, 0.3)),
+        bodies=(hhr.Body(1, 1e12, 0.3, law), hhr.Body(2, 1.0, 0.3, law)),
         contacts=(hhr.Obstacle(floors[0], (0.0, -1.0), 0.0), hhr.Obstacle(floors[1], (0.0, -1.0), 0.1)),
         parameters=hhr.ParameterSpace(("push",), (0.0,), (0.05,)),
         displacements=tuple(
@@ -231,7 +239,8 @@ def two_blocks_of_unlike_stiffness():
 
 @pytest.fixture(scope="module")
 def unlike():
-    return hhr.PlasticFullOrder(two_blocks_of_unlike_stiffness()), hhr.FullOrderModel(two_blocks_of_unlike_stiffness())
+    never = hhr.Plasticity(1e30)
+    return tuple(hhr.FullOrderModel(two_blocks_of_unlike_stiffness(law)) for law in (never, None))
 
 
 @pytest.mark.parametrize("kind", ["full", "naive", "condensed", "reduced", "flow", "reduced flow"])
@@ -247,18 +256,20 @@ def test_every_model_keeps_its_pairs_apart(kind, unlike):
     sets = whole_domain(problem)
     if kind in ("full", "naive"):
         model = full if kind == "full" else NaiveFullOrder(full)
-        forces = model.solve(point, start=everything).forces
+        forces = model.solve(point, start=everything).forces()
     elif kind in ("condensed", "reduced"):
-        model = exact_condensation(full, known) if kind == "condensed" else ReducedModel(
-            project(problem, basis, sets), problem.parameters, problem.amplitudes, known
-        )  # fmt: skip
-        forces = model.solve(point).forces
+        fields = prepare_reconstruction(problem, basis, sets, hhr.SnapshotSet.of_answers([full.solve(point)]))
+        reduced = ReducedModel(project(problem, basis, sets), problem.parameters, fields, known=known)
+        forces = (exact_condensation(full, known) if kind == "condensed" else reduced).solve(point).forces()
     else:
         theta = problem.amplitudes(point)
         loads = flow.problem.loads @ theta
-        model = flow if kind == "flow" else PlasticReduced(flow, basis, sets)
-        loads = loads if kind == "flow" else loads[free]
-        forces = model.elastic.correct(loads, np.zeros(model.size), theta, everything).forces
+        model = flow.equilibrium
+        if kind == "reduced flow":
+            fields = SimpleNamespace(amplitudes=problem.amplitudes)
+            projected, points = project(flow.problem, basis, sets), project_flow(model, basis, sets)
+            model, loads = ReducedModel(projected, problem.parameters, fields, flow=points).equilibrium, loads[free]
+        forces = model.elastic.correct(loads, np.zeros(model.size), theta, everything).found.forces
     stiff, soft = (forces[problem.contact_pairs == pair] for pair in (0, 1))
     assert stiff.min() > 1e8 and not soft.any()
 
@@ -295,17 +306,18 @@ def test_singular_and_cycling_answers_hold_nan_and_a_status():
     space = ParameterSpace(("mu",), (0.0,), (1.0,))
     amplitudes = Amplitudes(np.array([1.0]), np.array([[0.0]]))
     for schur, status in ((np.zeros((1, 1)), Status.SINGULAR), (-np.ones((1, 1)), Status.CYCLING)):
-        model = CondensedContact(
+        model = CondensedModel(
             space,
             amplitudes,
             Responses(np.ones((2, 1)), np.ones((2, 1)), -np.ones((1, 1)), schur),
             KnownStatuses(np.array([[0.5]]), np.array([[False]])),
+            ElasticFields(),
         )
         with pytest.raises((NotSolvableError, ConvergenceError)):
             model.solve(0.5)
         solution = model.solve(0.5, raise_on_failure=False)
         assert solution.status is status and not solution.converged
-        assert np.isnan(solution.primal).all() and np.isnan(solution.forces).all()
+        assert np.isnan(solution.unknown).all() and np.isnan(solution.forces()).all()
 
 
 @pytest.mark.parametrize(
@@ -317,8 +329,8 @@ def test_what_is_not_finite_is_never_a_solution(gap):
     found = solve(np.eye(2), gap)
     assert found.status is Status.NOT_FINITE and not found.forces.any()
     with pytest.raises(NotSolvableError, match="finite"):
-        outcome(np.ones(1), found, 0.5, raise_on_failure=True)
-    assert np.isnan(outcome(np.ones(1), found, 0.5, raise_on_failure=False).forces).all()
+        outcome(answer_of(found), raise_on_failure=True)
+    assert np.isnan(outcome(answer_of(found), raise_on_failure=False).forces()).all()
 
 
 def test_a_singular_set_is_not_handed_on():
@@ -328,40 +340,41 @@ def test_a_singular_set_is_not_handed_on():
     assert found.status is Status.SINGULAR and np.array_equal(found.active, start)
 
 
-def condensed(schur, gap, known):
+def condensed(schur, gap, known, advice=None):
     """A model without a primal unknown and with one parameter that changes nothing."""
     gap, size = np.asarray(gap, dtype=float), len(gap)
-    return CondensedContact(
+    return CondensedModel(
         ParameterSpace(("mu",), (0.0,), (1.0,)),
         Amplitudes(np.array([1.0]), np.array([[0.0]])),
         Responses(np.zeros((0, 1)), np.zeros((0, size)), gap[:, None], np.asarray(schur, dtype=float)),
         KnownStatuses(np.array([[0.5]]), np.array([known])),
+        ElasticFields(),
+        advice=advice or {},
     )
 
 
 def test_known_statuses_that_are_singular_do_not_stop_a_model():
     """There is no affine map for them; the active set goes round."""
     solution = condensed([[2, 2], [2, 2]], [-1, 1], [True, True]).solve(0.5)
-    assert solution.converged and solution.forces.tolist() == [0.5, 0.0]
+    assert solution.converged and solution.forces().tolist() == [0.5, 0.0]
 
 
 @pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
-@pytest.mark.parametrize("warm", [True, False])
-def test_an_infinite_gap_is_refused_tabulated_or_not(warm):
+@pytest.mark.parametrize("start", ["nearest", None])
+def test_an_infinite_gap_is_refused_tabulated_or_not(start):
     model = condensed(np.eye(2), [np.inf, 1.0], [False, False])
     with pytest.raises(NotSolvableError, match="finite"):
-        model.solve(0.5, warm=warm)
-    assert model.solve(0.5, warm=warm, raise_on_failure=False).status is Status.NOT_FINITE
+        model.solve(0.5, start=start)
+    assert model.solve(0.5, start=start, raise_on_failure=False).status is Status.NOT_FINITE
 
 
 def test_each_model_adds_its_own_advice():
-    model = condensed([[1, 1], [1, 1]], [-1, -1], [True, True])
-    model.advice = ReducedModel.advice
+    model = condensed([[1, 1], [1, 1]], [-1, -1], [True, True], ADVICE)
     with pytest.raises(NotSolvableError, match=r"1\.67.*: add modes"):
         model.solve(0.5)
     zero = ReducedProblem(np.zeros((1, 1)), *[np.ones((2, 1))] * 2, np.ones((1, 1)), np.ones((2, 1)), np.zeros(2, int))
     with pytest.raises(SingularError, match=r"K~ cannot be eliminated.*singular: add RID layers"):
-        ReducedModel(zero, model.parameters, model.amplitudes, model.known)
+        ReducedModel(zero, model.parameters, SimpleNamespace(amplitudes=model.amplitudes), known=model.known)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -260,7 +260,7 @@ def test_a_body_that_can_move_freely_is_named_with_its_motion(scene, message):
     if scene.hypothesis != "solid":
         body = dataclasses.replace(scene.bodies[0], law=hhr.Plasticity(1.0))
         with pytest.raises(NotSolvableError, match=message):
-            hhr.PlasticFullOrder(dataclasses.replace(scene, bodies=(body,)))
+            hhr.FullOrderModel(dataclasses.replace(scene, bodies=(body,)))
 
 
 @pytest.mark.parametrize("loose", [1, 2])

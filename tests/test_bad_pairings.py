@@ -42,8 +42,8 @@ def test_one_slave_node_is_a_scene():
     with pytest.warns(PairingWarning):
         full_order = hhr.FullOrderModel(patch.scene(hhr.NodeToSurface, (3, 3), (1, 1), poisson=0.3, shift=0.9))
     solution = full_order.solve([0.05, 0.0])
-    assert full_order.problem.contact.shape[0] == 1 and solution.forces[0] > 0
-    check_contact_conditions(full_order.problem, solution.primal, solution.forces, [0.05, 0.0])
+    assert full_order.problem.contact.shape[0] == 1 and solution.forces()[0] > 0
+    check_contact_conditions(full_order.problem, solution.displacement(), solution.forces(), [0.05, 0.0])
 
 
 @pytest.mark.parametrize(
@@ -144,7 +144,7 @@ def test_back_sides_never_meet(pairing, cells, gap):
     """
     full_order = hhr.FullOrderModel(strips(pairing, cells, gap))
     assert full_order.problem.gaps[:, 0] == pytest.approx(gap, abs=1e-12)
-    forces = full_order.solve(0.0).forces
+    forces = full_order.solve(0.0).forces()
     assert forces.any() == (gap < 0)
 
 
@@ -195,7 +195,7 @@ def test_a_gap_below_the_sag_of_its_facets(pairing, counts):
                 full_order = hhr.FullOrderModel(scene)
         else:
             full_order = hhr.FullOrderModel(scene)
-        pressure = full_order.solve(0.0).forces.sum() / full_order.problem.contact_areas.sum()
+        pressure = full_order.solve(0.0).forces().sum() / full_order.problem.contact_areas.sum()
         off = abs(pressure / pressure_of_rings(sag / over) - 1)
         assert off > 0.06 if warned else off < 0.07
 

@@ -66,12 +66,12 @@ def test_everything_added_or_a_stall_is_said(hertz, few_modes):
 
 
 def test_good_basis_is_left_alone(hertz, hertz_reduction):
-    assert len(hertz_reduction.enrichment.added) == 0
-    assert "enrichment" in {item["stage"] for item in hertz_reduction.log.skipped}
+    assert len(hertz_reduction.offline.enrichment.added) == 0
+    assert "enrichment" in {item["stage"] for item in hertz_reduction.offline.log.skipped}
 
 
 def test_enriched_model_is_solvable_where_the_plain_one_was_not(hertz, hertz_snapshots):
-    reduction = hhr.build_reduced_model(hertz, hertz_snapshots, hhr.ReductionSettings.thesis(1e-8, layers=1))
-    assert len(reduction.enrichment.added) > 0 and reduction.stability.kappa_B <= 10
-    solution, reference = reduction.model.solve(0.3), hertz.solve(0.3).forces[reduction.sets.A_lambda]
-    assert np.linalg.norm(solution.forces - reference) < 0.05 * np.linalg.norm(reference)
+    reduction = hhr.build(hertz, hertz_snapshots, hhr.Recipe.thesis(1e-8, domain=hhr.Rid(1, 1)))
+    assert len(reduction.offline.enrichment.added) > 0 and reduction.offline.stability.kappa_B <= 10
+    solution, reference = reduction.solve(0.3), hertz.solve(0.3).forces()[reduction.offline.sets.A_lambda]
+    assert np.linalg.norm(solution.multipliers - reference) < 0.05 * np.linalg.norm(reference)

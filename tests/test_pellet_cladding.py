@@ -1,16 +1,19 @@
 """Pellet and cladding: geometry, the pressure on a part of a line, the recipes, the demo."""
 
+import csv
 import dataclasses
 import json
 import subprocess
 import sys
+from copy import copy
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pellet_cladding as demo
 import pytest
 from hertz_half_discs import scene as hertz_scene
-from mpi4py import MPI
+from rich.console import Console
 from scenes import check_contact_conditions
 from scipy.sparse import csc_matrix, issparse
 
@@ -44,7 +47,7 @@ def small_snapshots(small):
 @pytest.fixture(scope="module")
 def small_reduction(small, small_snapshots):
     held_out = hhr.compute_snapshots(small, small.problem.parameters.random(20, 9))
-    return hhr.build_reduced_model(small, small_snapshots, held_out=held_out)
+    return hhr.build(small, small_snapshots, held_out=held_out)
 
 
 def test_sizes_of_the_thesis():
@@ -97,35 +100,36 @@ def test_pellet_may_lift_off_or_not(small):
     held = hhr.FullOrderModel(demo.scene("held", **demo.QUICK_MESH))
     point = (170.0, 3.2)
     lifting, fixed = small.solve(point), held.solve(point)
-    assert lifting.forces[:21] == pytest.approx(fixed.forces, rel=1e-8, abs=1e-8 * fixed.forces.max())
-    assert lifting.forces[21:].min() > 0
-    check_contact_conditions(small.problem, lifting.primal, lifting.forces, point)
+    above, below = np.split(lifting.forces(), [21])
+    assert above == pytest.approx(fixed.forces(), rel=1e-8, abs=1e-8 * fixed.forces().max())
+    assert below.min() > 0
+    check_contact_conditions(small.problem, lifting.displacement(), lifting.forces(), point)
 
 
 def test_default_recipe(small, small_snapshots, small_reduction):
     """Measured on 280 cells: 1e-6 median, 4e-4 at worst; the full mesh is checked by the demo."""
     points = small.problem.parameters.random(40, 3)
-    errors = Yardstick.at(points, small, small_snapshots).errors(small_reduction, small_reduction.sets.A_lambda)
+    errors = Yardstick.at(points, small, small_snapshots).errors(small_reduction, small_reduction.offline.sets.A_lambda)
     assert errors.values["dual_full_floored"].max() < 0.01
     assert errors.values["primal_l2"].max() < 0.005
-    assert errors.unanswered == 0 and not any(small_reduction.model.solve(point).cycled for point in points)
+    assert errors.unanswered == 0 and not any(small_reduction.solve(point).cycled for point in points)
 
 
 def test_dual_deim_and_layers_extend_the_rid(small, small_snapshots):
-    plain = hhr.ReductionSettings.thesis(1e-4)
+    plain = hhr.Recipe.thesis(1e-4, domain=hhr.Rid(0, 1), trust=None)
+    more = {"nodes": (hhr.Deim(), hhr.ForceDeim(1e-4), hhr.LoadNodes())}
     sizes = []
-    for changes in ({}, {"dual_pod_tolerance": 1e-4}, {"dual_pod_tolerance": 1e-4, "layers": 1}):
-        settings = dataclasses.replace(plain, limits=None, most_layers=1, **changes)
-        reduction = hhr.build_reduced_model(small, small_snapshots, settings)
+    for changes in ({}, more, {**more, "domain": hhr.Rid(1, 1)}):
+        reduction = hhr.build(small, small_snapshots, dataclasses.replace(plain, **changes)).offline
         sizes.append((len(reduction.sets.A_lambda), len(reduction.sets.cells)))
     assert sizes[0] < sizes[1] < sizes[2]
 
 
 def test_extended_pod_keeps_the_rid(small, small_snapshots):
-    settings = hhr.ReductionSettings.thesis(1e-5, dual_pod_tolerance=1e-3, limits=None)
-    first = hhr.build_reduced_model(small, small_snapshots, settings)
-    more = dataclasses.replace(settings, extended_pod_tolerance=1e-6)
-    second = hhr.build_reduced_model(small, small_snapshots, more)
+    nodes = (hhr.Deim(hhr.Pod(1e-5)), hhr.ForceDeim(1e-3), hhr.LoadNodes())
+    recipe = hhr.Recipe.thesis(1e-5, nodes=nodes, trust=None)
+    first = hhr.build(small, small_snapshots, recipe).offline
+    second = hhr.build(small, small_snapshots, dataclasses.replace(recipe, basis=hhr.Pod(1e-6))).offline
     assert np.array_equal(first.sets.cells, second.sets.cells)
     modes = [r.basis.shape[1] - len(r.enrichment.added) for r in (first, second)]
     assert modes[0] < modes[1]
@@ -133,47 +137,52 @@ def test_extended_pod_keeps_the_rid(small, small_snapshots):
 
 def test_trust_check_grows_the_rid_or_refuses(small, small_snapshots):
     """A limit that only a larger RID meets: the model grows and says what was refused on the way."""
-    base = hhr.ReductionSettings.thesis(1e-8, dual_pod_tolerance=1e-4)
+    base = hhr.Recipe.thesis(1e-8, nodes=(hhr.Deim(), hhr.ForceDeim(1e-4), hhr.LoadNodes()))
     conditions = []
     for layers in (0, 3):
-        settings = dataclasses.replace(base, limits=None, layers=layers, most_layers=layers)
-        reduction = hhr.build_reduced_model(small, small_snapshots, settings)
-        conditions.append(reduction.stability.cond_K)
+        recipe = dataclasses.replace(base, domain=hhr.Rid(layers, layers), trust=None)
+        conditions.append(hhr.build(small, small_snapshots, recipe).offline.stability.cond_K)
     assert conditions[1] < conditions[0]
     limit = np.sqrt(conditions[0] * conditions[1])
     loose = dict.fromkeys(("refuse_primal", "refuse_dual", "warn_primal", "warn_dual", "warn_worst"), np.inf)
     quiet = {"warn_cond_K": 1e30, "warn_definite": -np.inf, **loose}
     between = TrustLimits(refuse_cond_K=limit, refuse_distortion=0.0, **quiet)
-    grown = dataclasses.replace(base, limits=between, most_layers=3)
-    reduction = hhr.build_reduced_model(small, small_snapshots, grown)
-    assert reduction.log.refused and reduction.log.refused[0]["layers"] == 0
-    assert "cond(K~)" in reduction.log.refused[0]["why"]
+    grown = hhr.build(small, small_snapshots, dataclasses.replace(base, trust=between, domain=hhr.Rid(0, 3))).offline
+    assert grown.log.refused and grown.log.refused[0]["layers"] == 0 < grown.layers
+    assert "cond(K~)" in grown.log.refused[0]["why"]
     with pytest.raises(UnstableModelError, match="add RID layers"):
-        hhr.build_reduced_model(small, small_snapshots, dataclasses.replace(base, limits=between))
+        hhr.build(small, small_snapshots, dataclasses.replace(base, trust=between))
 
 
 def test_held_out_solutions_refuse_what_constants_let_pass(small, small_snapshots):
     """Two snapshots give a small, well-conditioned model with errors of hundreds of per cent."""
     poor = small_snapshots.take([0, -1])
-    hhr.build_reduced_model(small, poor)
+    hhr.build(small, poor)
     held_out = hhr.compute_snapshots(small, small.problem.parameters.random(20, 9))
     with pytest.raises(UnstableModelError, match="solutions compared"):
-        hhr.build_reduced_model(small, poor, held_out=held_out)
+        hhr.build(small, poor, held_out=held_out)
     wide = TrustLimits(refuse_primal=1e9, refuse_dual=1e9)
     with pytest.warns(StabilityWarning, match="solutions compared"):
-        hhr.build_reduced_model(small, poor, hhr.ReductionSettings(limits=wide), held_out)
+        hhr.build(small, poor, hhr.Recipe(trust=wide), held_out)
 
 
 def test_model_file_with_partial_pressure(small_reduction, tmp_path):
     hhr.save_model(tmp_path / "model.npz", small_reduction)
     stored = hhr.load_model(tmp_path / "model.npz")
     for point in ((170.0, 3.2), (30.0, 5.25)):
-        assert np.array_equal(stored.model.solve(point).forces, small_reduction.model.solve(point).forces)
+        assert np.array_equal(stored.solve(point).forces(), small_reduction.solve(point).forces())
+
+
+def with_problem(full, **changes):
+    """The full model with another problem, as a store sees it."""
+    other = copy(full)
+    other.problem = dataclasses.replace(full.problem, **changes)
+    return other
 
 
 @pytest.fixture
 def store(small, tmp_path):
-    return hhr.SnapshotStore(tmp_path, small.problem)
+    return hhr.SnapshotStore(tmp_path, small)
 
 
 def test_snapshots_are_not_solved_twice(small, store, tmp_path, monkeypatch):
@@ -181,7 +190,7 @@ def test_snapshots_are_not_solved_twice(small, store, tmp_path, monkeypatch):
     first = hhr.compute_snapshots(small, points, store=store)
     assert len(list(tmp_path.glob("*.npz"))) == 6 and not list(tmp_path.glob("*.part"))
     monkeypatch.setattr(small, "solve", lambda *_, **__: pytest.fail("solved again"))
-    again = hhr.compute_snapshots(small, points, store=hhr.SnapshotStore(tmp_path, small.problem))
+    again = hhr.compute_snapshots(small, points, store=hhr.SnapshotStore(tmp_path, small))
     for name in ("displacements", "forces", "active"):
         assert np.array_equal(getattr(first, name), getattr(again, name))
 
@@ -211,23 +220,24 @@ def test_damaged_and_foreign_snapshots_are_not_used(small, store, tmp_path):
     with pytest.warns(SnapshotFileWarning, match="solved anew"):
         again = hhr.compute_snapshots(small, points, store=store)
     assert np.array_equal(exact.forces, again.forces)
-    softer = dataclasses.replace(small.problem, stiffness_terms=(0.5 * small.problem.stiffness,))
+    softer = with_problem(small, stiffness_terms=(0.5 * small.problem.stiffness,))
     assert hhr.SnapshotStore(tmp_path, softer).load(points[0]) is None
 
 
 def test_batch_answers_good_rows_and_names_bad_ones(small, small_reduction, tmp_path):
     table = tmp_path / "points.csv"
     table.write_text("h1,P1\n3.2,170\n3.2,nan\nnine,100\n3.2,500\n,100\n5.25,30\n")
-    space = small.problem.parameters
-    answers = hhr.answer_rows(small_reduction, hhr.read_points(table, space), MPI.COMM_SELF)
+    rows, console = hhr.read_points(table, small.parameters), Console(file=StringIO(), width=200)
+    assert hhr.answer_table(small_reduction, rows, tmp_path / "answers.csv", console) == 4
+    said = console.file.getvalue()
+    assert "4 bad rows" in said and "line 5 (500, 3.2): P1 = 500 is outside" in said
+    header, *answers = csv.reader((tmp_path / "answers.csv").read_text().splitlines())
+    assert header[:6] == ["P1", "h1", "status", "largest_displacement", "total_force", "force_0"] and len(answers) == 6
     status = [row[2] for row in answers]
     assert [text == "ok" for text in status] == [True, False, False, False, False, True]
     assert "P1 = 500 is outside [5, 200]" in status[3] and "nine" in status[2]
-    _, forces = small_reduction.solve_everywhere((170.0, 3.2))
+    forces = small_reduction.solve((170.0, 3.2)).forces()
     assert [float(value) for value in answers[0][5:]] == pytest.approx(forces, rel=1e-11)
-    assert hhr.write_answers(tmp_path / "answers.csv", space, answers) == 4
-    lines = (tmp_path / "answers.csv").read_text().splitlines()
-    assert lines[0].startswith("P1,h1,status,largest_displacement,total_force,force_0") and len(lines) == 7
 
 
 def test_batch_without_a_column_or_file(small, tmp_path):
@@ -314,11 +324,11 @@ def outcomes(rows, model):
 def test_every_change_of_the_problem_gives_other_snapshots(small, store, tmp_path):
     """Small numbers beside large ones count too: a force of 0.1 beside 1e11, a gap beside a unit lift."""
     point = np.array([100.0, 3.0])
-    store.save(point, small.solve(point))
+    store.save(small.solve(point))
     for name in ("loads", "gaps", "lifts"):
         value = getattr(small.problem, name)
         change = csc_matrix(([1e-9], ([value.shape[0] - 1], [value.shape[1] - 1])), shape=value.shape)
         changed = value + (change if issparse(value) else change.toarray())
-        other = hhr.SnapshotStore(tmp_path, dataclasses.replace(small.problem, **{name: changed}))
+        other = hhr.SnapshotStore(tmp_path, with_problem(small, **{name: changed}))
         assert other.load(point) is None
     assert store.load(point) is not None

@@ -5,12 +5,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hertz_half_discs import THESIS
-from scenes import as_it_is, check_contact_conditions, node_dofs, whole_domain
+from scenes import THESIS, check_contact_conditions, node_dofs, whole_domain
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.models.condensed import KnownStatuses
+from hhr_dolfinx.reduction.completion import prepare_reconstruction
 from hhr_dolfinx.reduction.deim import deim
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.rid import reduced_domain
@@ -19,7 +19,7 @@ from hhr_dolfinx.study.yardstick import Yardstick
 
 def test_index_sets_follow_their_definitions(hertz, hertz_reduction):
     """(1.35), (1.36), (1.55), (1.58), (1.59), each by brute force."""
-    problem, sets = hertz.problem, hertz_reduction.sets
+    problem, sets = hertz.problem, hertz_reduction.offline.sets
     outside = np.setdiff1d(np.arange(len(problem.cell_nodes)), sets.cells)
     nodes_outside = np.unique(problem.cell_nodes[outside])
     stiffness, contact = problem.stiffness.toarray(), problem.contact.toarray()
@@ -33,12 +33,12 @@ def test_index_sets_follow_their_definitions(hertz, hertz_reduction):
 
 def test_rid_holds_the_nodes_it_was_asked_for_and_those_they_face(hertz, hertz_reduction):
     problem = hertz.problem
-    picked = deim(hertz_reduction.basis) // 2
-    in_A = np.unique(hertz_reduction.sets.A // 2)
+    picked = deim(hertz_reduction.offline.basis) // 2
+    in_A = np.unique(hertz_reduction.offline.sets.A // 2)
     assert np.isin(picked, in_A).all()
     # property (1.45): no condition of the RID touches a dof outside A
-    rows = problem.contact[hertz_reduction.sets.A_lambda]
-    assert np.isin(rows.indices, hertz_reduction.sets.A).all()
+    rows = problem.contact[hertz_reduction.offline.sets.A_lambda]
+    assert np.isin(rows.indices, hertz_reduction.offline.sets.A).all()
 
 
 def test_layers_only_add_cells(hertz):
@@ -49,7 +49,7 @@ def test_layers_only_add_cells(hertz):
 
 def test_projection_equals_the_unrestricted_formula(hertz, hertz_reduction):
     """(1.61) with restricted rows and columns is (1.57) with V zeroed outside A."""
-    problem, basis, sets = hertz.problem, hertz_reduction.basis, hertz_reduction.sets
+    problem, basis, sets = hertz.problem, hertz_reduction.offline.basis, hertz_reduction.offline.sets
     test_functions = np.zeros_like(basis)
     test_functions[sets.A] = basis[sets.A]
     reduced = project(problem, basis, sets)
@@ -63,49 +63,53 @@ def test_full_basis_on_the_whole_domain_is_the_full_order(hertz, hertz_snapshots
     """Nothing reduced, nothing lost: 1e-10, round-off times cond(K) ~ 1e4."""
     problem = hertz.problem
     basis = np.eye(problem.free.size)[:, problem.free]
-    reduced = project(problem, basis, whole_domain(problem))
-    model = hhr.ReducedModel(reduced, problem.parameters, problem.amplitudes, hertz_snapshots.known_statuses())
+    sets = whole_domain(problem)
+    fields = prepare_reconstruction(problem, basis, sets, hertz_snapshots)
+    known = hertz_snapshots.known_statuses()
+    model = hhr.ReducedModel(project(problem, basis, sets), problem.parameters, fields, known=known)
     for mu in (0.1513, 0.3, 0.4321):
         reference, solution = hertz.solve(mu), model.solve(mu)
-        displacement = basis @ solution.primal + problem.lifts @ problem.amplitudes(np.array([mu]))
-        assert displacement == pytest.approx(reference.primal, abs=1e-10 * np.abs(reference.primal).max())
-        assert solution.forces == pytest.approx(reference.forces, abs=1e-10 * reference.forces.max())
-        check_contact_conditions(problem, displacement, solution.forces, mu)
+        field, forces = reference.displacement(), reference.forces()
+        displacement = basis @ solution.unknown + problem.lifts @ problem.amplitudes(np.array([mu]))
+        assert displacement == pytest.approx(field, abs=1e-10 * np.abs(field).max())
+        assert np.array_equal(solution.displacement(), displacement)
+        assert solution.multipliers == pytest.approx(forces, abs=1e-10 * forces.max())
+        assert np.array_equal(solution.forces(), solution.multipliers)
+        check_contact_conditions(problem, displacement, solution.multipliers, mu)
 
 
 def test_full_snapshot_basis_reproduces_the_training_points(hertz, hertz_snapshots):
     """With all modes each snapshot lies in the space, and a consistent RID model returns it."""
-    settings = as_it_is(hhr.ReductionSettings.thesis(1e-25))
-    reduction = hhr.build_reduced_model(hertz, hertz_snapshots, settings)
+    reduction = hhr.build(hertz, hertz_snapshots, hhr.Recipe.thesis(1e-25).as_it_is())
     for point, field, forces in zip(
         hertz_snapshots.points, hertz_snapshots.displacements.T, hertz_snapshots.forces.T, strict=True
     ):
-        solution = reduction.model.solve(point)
-        assert reduction.basis @ solution.primal == pytest.approx(field, abs=1e-9)
-        assert solution.forces == pytest.approx(forces[reduction.sets.A_lambda], abs=1e-9)
+        solution = reduction.solve(point)
+        assert reduction.offline.basis @ solution.unknown == pytest.approx(field, abs=1e-9)
+        assert solution.multipliers == pytest.approx(forces[reduction.offline.sets.A_lambda], abs=1e-9)
 
 
-@pytest.mark.parametrize("warm", [True, False])
-def test_reduced_contact_conditions(hertz_reduction, warm):
+@pytest.mark.parametrize("start", ["nearest", None])
+def test_reduced_contact_conditions(hertz_reduction, start):
     """(1.61) to round-off, from a table of known statuses and from none."""
-    reduced, model = hertz_reduction.model.problem, hertz_reduction.model
+    reduced, model = hertz_reduction.problem, hertz_reduction
     for mu in np.linspace(0.15, 0.45, 37):
-        solution = model.solve(mu, warm=warm)
-        theta = model.amplitudes(np.array([mu]))
-        slack = reduced.gaps @ theta - reduced.contact_trial @ solution.primal
+        solution = model.solve(mu, start=start)
+        theta = model.fields.amplitudes(np.array([mu]))
+        slack = reduced.gaps @ theta - reduced.contact_trial @ solution.unknown
         load = reduced.loads @ theta
-        residual = reduced.stiffness @ solution.primal + reduced.contact_test.T @ solution.forces - load
+        residual = reduced.stiffness @ solution.unknown + reduced.contact_test.T @ solution.multipliers - load
         assert np.abs(residual).max() < 1e-12 * np.abs(load).max()
-        assert solution.forces.min() >= -1e-11 * solution.forces.max() and slack.min() > -1e-11
-        assert np.abs(slack * solution.forces).max() < 1e-11
+        assert solution.multipliers.min() >= -1e-11 * solution.multipliers.max() and slack.min() > -1e-11
+        assert np.abs(slack * solution.multipliers).max() < 1e-11
         assert solution.converged
 
 
 def test_warm_and_cold_starts_agree(hertz_reduction):
     for mu in np.random.default_rng(3).uniform(0.15, 0.45, 50):
-        warm, cold = hertz_reduction.model.solve(mu), hertz_reduction.model.solve(mu, warm=False)
-        assert warm.forces == pytest.approx(cold.forces, abs=1e-12)
-        assert warm.primal == pytest.approx(cold.primal, abs=1e-12)
+        warm, cold = hertz_reduction.solve(mu), hertz_reduction.solve(mu, start=None)
+        assert warm.multipliers == pytest.approx(cold.multipliers, abs=1e-12)
+        assert warm.unknown == pytest.approx(cold.unknown, abs=1e-12)
 
 
 def test_nearest_known_statuses():
@@ -117,15 +121,15 @@ def test_nearest_known_statuses():
 
 def test_errors_of_the_thesis(hertz, hertz_snapshots, hertz_reduction):
     """Section 3.5.1, figure 3.3: the bounds the thesis reports on its 101 points."""
-    assert 8 <= hertz_reduction.basis.shape[1] <= 10
-    assert 7 <= len(hertz_reduction.sets.A_lambda) <= 9
-    assert hertz_reduction.stability.kappa_B <= 5
+    assert 8 <= hertz_reduction.offline.basis.shape[1] <= 10
+    assert 7 <= len(hertz_reduction.offline.sets.A_lambda) <= 9
+    assert hertz_reduction.offline.stability.kappa_B <= 5
     points = hertz.problem.parameters.grid([101])
-    errors = Yardstick.at(points, hertz, hertz_snapshots).errors(hertz_reduction, hertz_reduction.sets.A_lambda)
+    errors = Yardstick.at(points, hertz, hertz_snapshots).errors(hertz_reduction, hertz_reduction.offline.sets.A_lambda)
     assert errors.values["primal_euclid"].max() <= 5e-4
     assert errors.values["dual_rid"].max() <= 8e-3
     assert errors.values["energy_minimum"].max() <= 1e-4
-    assert not any(hertz_reduction.model.solve(point).cycled for point in points)
+    assert not any(hertz_reduction.solve(point).cycled for point in points)
 
 
 def test_displacement_converges_with_the_basis(hertz, hertz_snapshots):
@@ -134,8 +138,7 @@ def test_displacement_converges_with_the_basis(hertz, hertz_snapshots):
     yardstick = Yardstick.at(points, hertz, hertz_snapshots)
     worst = []
     for tolerance in (1e-6, 1e-8, 1e-12):
-        settings = as_it_is(hhr.ReductionSettings.thesis(tolerance))
-        reduction = hhr.build_reduced_model(hertz, hertz_snapshots, settings)
+        reduction = hhr.build(hertz, hertz_snapshots, hhr.Recipe.thesis(tolerance).as_it_is())
         worst.append(yardstick.errors(reduction).values["primal_energy"].max())
     assert worst[0] > 3 * worst[1] > 9 * worst[2]
 
@@ -145,10 +148,9 @@ def test_reconstructed_forces_keep_the_rid_and_repeat_snapshots(hertz, hertz_sna
 
     Below mu = 0.2 a single node of the RID touches, and many combinations of snapshots fit it.
     """
-    settings = as_it_is(hhr.ReductionSettings.thesis(1e-12))
-    reduction = hhr.build_reduced_model(hertz, hertz_snapshots, settings)
+    reduction = hhr.build(hertz, hertz_snapshots, hhr.Recipe.thesis(1e-12).as_it_is())
     for k in (10, 20, 30):
-        _, forces = reduction.solve_everywhere(hertz_snapshots.points[k])
+        forces = reduction.solve(hertz_snapshots.points[k]).forces()
         reference = hertz_snapshots.forces[:, k]
         assert forces == pytest.approx(reference, abs=0.02 * reference.max())
         assert forces.min() >= 0
@@ -179,13 +181,15 @@ def renumbered(problem: ContactProblem, seed: int) -> tuple[ContactProblem, np.n
 def test_node_order_does_not_matter(hertz, hertz_snapshots, hertz_reduction):
     problem, dofs = renumbered(hertz.problem, seed=5)
     snapshots = dataclasses.replace(hertz_snapshots, displacements=hertz_snapshots.displacements[dofs])
-    other = SimpleNamespace(problem=problem, schur=hertz.schur)
-    reduction = hhr.build_reduced_model(other, snapshots, as_it_is(THESIS))
-    assert np.array_equal(reduction.sets.A_lambda, hertz_reduction.sets.A_lambda)
+    other = SimpleNamespace(
+        problem=problem, parameters=problem.parameters, schur=hertz.schur, equilibrium=None, stress_of=None
+    )
+    reduction = hhr.build(other, snapshots, THESIS.as_it_is())
+    assert np.array_equal(reduction.offline.sets.A_lambda, hertz_reduction.offline.sets.A_lambda)
     for mu in (0.168, 0.4321):
-        displacement, forces = reduction.solve_everywhere(mu)
-        reference, reference_forces = hertz_reduction.solve_everywhere(mu)
+        answer, reference = reduction.solve(mu), hertz_reduction.solve(mu)
+        field, forces = reference.displacement(), reference.forces()
         # DEIM may pick the mirror image of a node, which moves the answer within the model error only
-        assert displacement == pytest.approx(reference[dofs], abs=1e-3 * np.abs(reference).max())
-        inside = reduction.sets.A_lambda
-        assert forces[inside] == pytest.approx(reference_forces[inside], abs=1e-3 * reference_forces.max())
+        assert answer.displacement() == pytest.approx(field[dofs], abs=1e-3 * np.abs(field).max())
+        inside = reduction.offline.sets.A_lambda
+        assert answer.forces()[inside] == pytest.approx(forces[inside], abs=1e-3 * forces.max())

@@ -5,8 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hertz_half_discs import THESIS
-from scenes import as_it_is
+from scenes import THESIS
 from scipy import linalg
 
 import hhr_dolfinx as hhr
@@ -43,7 +42,7 @@ def test_singular_values_of_a_matrix_that_is_not_symmetric():
 
 def test_constants_of_the_half_discs(hertz, hertz_reduction):
     """B is nodal, so kappa(B) = 1 and beta_h = sqrt(2); with all its constants positive the model is solvable."""
-    stability = hertz_reduction.stability
+    stability = hertz_reduction.offline.stability
     assert stability.euclidean.beta_h == pytest.approx(math.sqrt(2), rel=1e-12)
     assert stability.sigma_max / stability.sigma_min == pytest.approx(stability.kappa_B)
     # V has orthonormal columns, so the thesis' sigma_min is the constant on the trial space
@@ -62,7 +61,7 @@ def test_energy_constant_of_the_full_model(hertz, hertz_reduction):
     schur = contact @ np.linalg.solve(problem.stiffness[free][:, free].toarray(), contact.T)
     root = np.sqrt(problem.contact_areas)
     smallest = np.linalg.eigvalsh(root[:, None] * schur * root)[0]
-    assert hertz_reduction.stability.energy.beta_h == pytest.approx(math.sqrt(smallest), rel=1e-8)
+    assert hertz_reduction.offline.stability.energy.beta_h == pytest.approx(math.sqrt(smallest), rel=1e-8)
 
 
 def test_energy_constants_do_not_depend_on_units(hertz, hertz_reduction):
@@ -73,14 +72,14 @@ def test_energy_constants_do_not_depend_on_units(hertz, hertz_reduction):
     bodies = tuple(dataclasses.replace(body, young=4 * body.young) for body in scene.bodies)
     stiff = hhr.FullOrderModel(dataclasses.replace(scene, bodies=bodies))
     snapshots = hhr.compute_snapshots(stiff, stiff.problem.parameters.grid([31]))
-    stability = hhr.build_reduced_model(stiff, snapshots, as_it_is(THESIS)).stability
-    assert stability.energy.beta_h == pytest.approx(hertz_reduction.stability.energy.beta_h / 2, rel=1e-8)
-    assert stability.energy.beta_HR == pytest.approx(hertz_reduction.stability.energy.beta_HR / 2, rel=1e-6)
-    assert stability.euclidean.beta_HR == pytest.approx(hertz_reduction.stability.euclidean.beta_HR, rel=1e-6)
+    stability = hhr.build(stiff, snapshots, THESIS.as_it_is()).offline.stability
+    assert stability.energy.beta_h == pytest.approx(hertz_reduction.offline.stability.energy.beta_h / 2, rel=1e-8)
+    assert stability.energy.beta_HR == pytest.approx(hertz_reduction.offline.stability.energy.beta_HR / 2, rel=1e-6)
+    assert stability.euclidean.beta_HR == pytest.approx(hertz_reduction.offline.stability.euclidean.beta_HR, rel=1e-6)
 
 
 def test_trust_check_refuses_and_warns(hertz_reduction):
-    stability = hertz_reduction.stability
+    stability = hertz_reduction.offline.stability
     check_stability(stability, TrustLimits())
     with pytest.raises(NotSolvableError, match=r"1\.67"):
         check_solvable(dataclasses.replace(stability, kappa_B=math.inf))
@@ -94,12 +93,8 @@ def test_trust_check_refuses_and_warns(hertz_reduction):
         check_stability(dataclasses.replace(stability, kappa_B=50.0), TrustLimits())
 
 
-def test_dependent_contact_rows_are_refused(hertz, hertz_snapshots, monkeypatch):
+def test_dependent_contact_rows_are_refused(hertz, hertz_snapshots):
     """One more layer brings in 9 contact nodes for 8 modes; without enrichment the model is refused."""
-    from hhr_dolfinx.reduction import offline
-    from hhr_dolfinx.reduction.enrichment import Enrichment
-
-    none = lambda problem, basis, *_: Enrichment(basis, np.zeros(0, dtype=int), [math.inf], False)  # noqa: E731
-    monkeypatch.setattr(offline, "enrich", none)
+    recipe = hhr.Recipe.thesis(1e-8, domain=hhr.Rid(1, 1), enrichment=None)
     with pytest.raises(NotSolvableError, match=r"1\.67"):
-        hhr.build_reduced_model(hertz, hertz_snapshots, hhr.ReductionSettings.thesis(1e-8, layers=1))
+        hhr.build(hertz, hertz_snapshots, recipe)

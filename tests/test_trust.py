@@ -9,12 +9,14 @@ import pellet_cladding as demo
 import pytest
 from bare import rewrite_signed
 from mpi4py import MPI
+from scenes import THESIS
 from scipy.optimize import nnls
 from scipy.sparse import csr_matrix
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import contact_residuals, force_floor, round_off_force
-from hhr_dolfinx.certify.trust import TrustLimits, check_comparison, compare, warn_of_gaps_in_training
+from hhr_dolfinx.certify.compare import compare_points
+from hhr_dolfinx.certify.trust import TrustLimits, check_comparison, warn_of_gaps_in_training
 from hhr_dolfinx.errors import (
     OutsideTrainingError,
     OutsideTrainingWarning,
@@ -41,9 +43,9 @@ def press_fit():
 
 def test_forces_outside_the_rid_where_contact_never_opens(press_fit):
     """Gaps measured by the largest slack, which is round-off there, made closed contact count as open: 82 %."""
-    reduction = press_fit.build(hhr.ReductionSettings(layers=0), checked=False)
+    reduction = press_fit.build(hhr.Recipe(domain=hhr.Rid(0)), checked=False)
     problem, snapshots = press_fit.full_order.problem, press_fit.snapshots
-    assert len(reduction.sets.A_lambda) < problem.contact.shape[0], "some forces are completed"
+    assert len(reduction.offline.sets.A_lambda) < problem.contact.shape[0], "some forces are completed"
     slack = problem.amplitudes.sum_columns(problem.gaps, snapshots.points) - problem.contact @ snapshots.displacements
     assert slack.max() < 1e-12, "contact never opens"
     points = problem.parameters.random(30, 5)
@@ -90,13 +92,13 @@ def test_snapshots_span_the_cone_of_all():
 
 def test_forces_of_three_rings_are_reproduced_at_training_points(press_fit):
     """With thinned snapshots a training solution itself could not be completed: now its forces come back."""
-    problem, snapshots = press_fit.full_order.problem, press_fit.snapshots
-    reduction = press_fit.build(hhr.ReductionSettings(layers=0), checked=False)
-    fields = reduction.reconstruction
+    snapshots = press_fit.snapshots
+    reduction = press_fit.build(hhr.Recipe(domain=hhr.Rid(0)), checked=False)
+    answer = reduction.solve(snapshots.points[0])
     for k in range(0, len(snapshots.points), 7):
-        theta = problem.amplitudes(snapshots.points[k])
-        gamma = reduction.basis.T @ snapshots.displacements[:, k]
-        forces = fields.forces(gamma, snapshots.forces[reduction.sets.A_lambda, k], theta)
+        gamma = reduction.offline.basis.T @ snapshots.displacements[:, k]
+        inside = snapshots.forces[reduction.offline.sets.A_lambda, k]
+        forces = answer._replace(parameter=snapshots.points[k], unknown=gamma, multipliers=inside).forces()
         assert np.linalg.norm(forces - snapshots.forces[:, k]) < 2e-3 * np.linalg.norm(snapshots.forces[:, k])
 
 
@@ -104,13 +106,12 @@ def test_the_whole_surface_is_checked_and_the_worst_point_named(hertz, hertz_sna
     """The thesis' recipe: 0.06 % in the RID, 22 % on the surface, which the trust check sees and says."""
     held_out = hhr.compute_snapshots(hertz, np.linspace(0.1505, 0.449, 100)[:, None])
     with pytest.warns(StabilityWarning, match=r"the worst is at mu = 0\.1\d+, where it is [12]\d%"):
-        hhr.build_reduced_model(hertz, hertz_snapshots, hertz_demo.THESIS, held_out)
+        hhr.build(hertz, hertz_snapshots, THESIS, held_out)
 
 
-def test_a_point_without_one_answer_is_never_passed_over(hertz, hertz_snapshots):
-    reduction = hhr.build_reduced_model(hertz, hertz_snapshots, dataclasses.replace(hertz_demo.THESIS, limits=None))
+def test_a_point_without_one_answer_is_never_passed_over(hertz, hertz_snapshots, hertz_reduction):
     floor = force_floor(hertz.problem, hertz_snapshots)
-    good = compare(hertz.problem, reduction, hertz_snapshots.take(np.arange(10, 31)), floor)
+    good = compare_points(hertz, hertz_reduction, hertz_snapshots.take(np.arange(10, 31)), floor)
     check_comparison(good, TrustLimits())
     spoiled = dataclasses.replace(good, dual=np.append(good.dual[:-1], np.inf))
     with pytest.warns(StabilityWarning, match="there is no one answer"):
@@ -119,22 +120,22 @@ def test_a_point_without_one_answer_is_never_passed_over(hertz, hertz_snapshots)
 
 def test_nothing_held_out_is_said(hertz, hertz_snapshots):
     with pytest.warns(UncheckedWarning, match="held_out"):
-        reduction = hhr.build_reduced_model(hertz, hertz_snapshots)
-    assert any(item["stage"] == "held_out" for item in reduction.log.skipped)
-    assert len(reduction.comparison.labels) == 31, "training solutions are compared instead"
+        made = hhr.build(hertz, hertz_snapshots).offline
+    assert any(item["stage"] == "held_out" for item in made.log.skipped)
+    assert len(made.comparison.labels) == 31, "training solutions are compared instead"
 
 
 def test_warnings_of_refused_attempts_are_not_those_of_the_model(hertz, hertz_snapshots):
     """The thesis' recipe is warned of at no layer and grown to two by a limit: only what holds of the last is said."""
     limits = TrustLimits(refuse_dual=0.015, warn_dual=1e-6)
-    recipe = dataclasses.replace(hertz_demo.THESIS, most_layers=4, limits=limits)
+    recipe = dataclasses.replace(THESIS, domain=hhr.Rid(0, 4), trust=limits)
     held_out = hhr.compute_snapshots(hertz, hertz.problem.parameters.random(60, 4))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        reduction = hhr.build_reduced_model(hertz, hertz_snapshots, recipe, held_out)
-    assert reduction.log.refused
+        made = hhr.build(hertz, hertz_snapshots, recipe, held_out).offline
+    assert made.log.refused
     said = [str(item.message) for item in caught]
-    assert not any(f"{reduction.comparison.dual.max():.0%}" not in text for text in said if "the worst is at" in text)
+    assert not any(f"{made.comparison.dual.max():.0%}" not in text for text in said if "the worst is at" in text)
 
 
 def test_points_held_out_look_where_contact_grazes():
@@ -156,23 +157,24 @@ def test_contact_that_is_never_seen_is_said():
     full_order = hhr.FullOrderModel(apart)
     snapshots = hhr.compute_snapshots(full_order, full_order.problem.parameters.grid([6]))
     with pytest.warns(StabilityWarning, match="no training solution has contact"):
-        hhr.build_reduced_model(full_order, snapshots, held_out=snapshots)
+        hhr.build(full_order, snapshots, held_out=snapshots)
 
 
 def test_residuals_of_exact_and_of_spoiled_answers(hertz):
     """Equilibrium, penetration and sign are zero for the full order, and what was put in for spoiled answers."""
     problem, solution = hertz.problem, hertz.solve(0.3)
+    displacement, forces = solution.displacement(), solution.forces()
     theta = problem.theta(0.3)
-    exact = contact_residuals(problem, solution.primal, solution.forces, theta)
+    exact = contact_residuals(problem, displacement, forces, theta)
     assert max(dataclasses.astuple(exact)) < 1e-10
-    pulling = solution.forces.copy()
-    pulling[~solution.active] = -0.5 * solution.forces.max()
-    assert contact_residuals(problem, solution.primal, pulling, theta).sign == pytest.approx(0.5)
+    pulling = forces.copy()
+    pulling[~solution.active] = -0.5 * forces.max()
+    assert contact_residuals(problem, displacement, pulling, theta).sign == pytest.approx(0.5)
     # half of the forces taken away: what is left over is as large as what remains
-    assert contact_residuals(problem, solution.primal, solution.forces / 2, theta).equilibrium == pytest.approx(1.0)
+    assert contact_residuals(problem, displacement, forces / 2, theta).equilibrium == pytest.approx(1.0)
     # twice the motion: too deep by the gap of 0.1 at the apex, beside motions of 1 at the ends of the arcs
-    twice = problem.lift(0.3) + 2 * (solution.primal - problem.lift(0.3))
-    assert 0.05 < contact_residuals(problem, twice, solution.forces, theta).penetration < 0.2
+    twice = problem.lift(0.3) + 2 * (displacement - problem.lift(0.3))
+    assert 0.05 < contact_residuals(problem, twice, forces, theta).penetration < 0.2
 
 
 @pytest.fixture(scope="module")
@@ -181,18 +183,22 @@ def half_trained():
     full_order = hhr.FullOrderModel(hertz_demo.scene(**COARSE))
     train, test = np.linspace(0.2, 0.4, 12)[:, None], np.linspace(0.21, 0.39, 9)[:, None]
     snapshots, held_out = (hhr.compute_snapshots(full_order, points) for points in (train, test))
-    return hhr.build_reduced_model(full_order, snapshots, held_out=held_out)
+    return hhr.build(full_order, snapshots, held_out=held_out)
 
 
 def test_what_was_not_trained_is_warned_of_refused_or_ignored(half_trained):
-    model = half_trained.model
+    model = half_trained
     with warnings.catch_warnings():
         warnings.simplefilter("error", OutsideTrainingWarning)
         inside = model.solve(0.3)
         model.solve(0.405)  # a twentieth of the spread is no extrapolation
         model.solve(0.44, outside="ignore")
     assert inside.converged
-    for answering in (model.solve, half_trained.solve_everywhere):
+
+    def marched(mu, outside="warn"):
+        return model.march([(0.0, [0.3]), (1.0, [mu])], hhr.MarchSettings(outside=outside))
+
+    for answering in (model.solve, marched):
         with pytest.warns(OutsideTrainingWarning, match=r"mu = 0\.44 \(trained 0\.19 to 0\.41\)"):
             answering(0.44)
         with pytest.raises(OutsideTrainingError, match="Train there"):
@@ -237,25 +243,25 @@ def test_stiffness_ratios_are_no_reason_to_refuse(ratio):
     pellet, cladding = scene.bodies
     bodies = (dataclasses.replace(pellet, young=pellet.young * ratio), cladding)
     training = hhr.train(dataclasses.replace(scene, bodies=bodies), [20, 16], held_out=40, comm=MPI.COMM_SELF)
-    reduction = training.build()
-    assert reduction.stability.distortion < 1e3 and reduction.stability.cond_K > 1e7
-    assert reduction.comparison.dual.max() < 0.05
+    made = training.build().offline
+    assert made.stability.distortion < 1e3 and made.stability.cond_K > 1e7
+    assert made.comparison.dual.max() < 0.05
 
 
 @pytest.mark.parametrize(
-    "changes, words",
+    "step, words",
     [
-        ({"pod_tolerance": -1.0}, r"pod_tolerance = -1\.0 must lie in \(0, 1\)"),
-        ({"pod_tolerance": np.nan}, "pod_tolerance = nan"),
-        ({"dual_pod_tolerance": 2.0}, "dual_pod_tolerance"),
-        ({"layers": -3}, "layers = -3"),
-        ({"layers": 1.5}, "layers = 1.5"),
-        ({"kappa_max": 0.5}, "kappa_max = 0.5"),
+        (lambda: hhr.Pod(-1.0), r"tolerance = -1\.0 of Pod must lie in \(0, 1\)"),
+        (lambda: hhr.Pod(np.nan), "tolerance = nan of Pod"),
+        (lambda: hhr.ForceDeim(2.0), r"tolerance = 2\.0 of ForceDeim"),
+        (lambda: hhr.Rid(-3), "layers = -3"),
+        (lambda: hhr.Rid(1.5), "layers = 1.5"),
+        (lambda: hhr.Enrich(0.5), "kappa_max = 0.5"),
     ],
 )
-def test_recipes_that_mean_nothing(changes, words):
+def test_recipes_that_mean_nothing(step, words):
     with pytest.raises(ReductionError, match=words):
-        hhr.ReductionSettings(**changes)
+        step()
 
 
 def test_zones(hertz):
@@ -280,12 +286,13 @@ def test_of_random_recipes_none_is_accepted_in_silence_and_wrong():
     )
     rng, accepted = np.random.default_rng(2), 0
     for _ in range(12):
-        recipe = hhr.ReductionSettings(
-            10.0 ** rng.uniform(-12, -2),
-            dual_pod_tolerance=None if rng.random() < 0.3 else 10.0 ** rng.uniform(-8, -1),
-            relative=bool(rng.random() < 0.5),
-            layers=int(rng.integers(0, 4)),
-            kappa_max=10.0 ** rng.uniform(0, 1),
+        tolerance, forces = 10.0 ** rng.uniform(-12, -2), None if rng.random() < 0.3 else 10.0 ** rng.uniform(-8, -1)
+        relative = bool(rng.random() < 0.5)
+        recipe = hhr.Recipe(
+            hhr.Pod(tolerance, relative),
+            (hhr.Deim(), *(() if forces is None else (hhr.ForceDeim(forces, relative),)), hhr.LoadNodes()),
+            hhr.Rid(int(rng.integers(0, 4))),
+            hhr.Enrich(10.0 ** rng.uniform(0, 1)),
         )
         with warnings.catch_warnings():
             warnings.simplefilter("error", StabilityWarning)
@@ -323,7 +330,7 @@ def test_few_held_out_are_said(half_discs_coarse):
     full_order, snapshots = half_discs_coarse
     held_out = hhr.compute_snapshots(full_order, full_order.problem.parameters.random(5, 3))
     with pytest.warns(UncheckedWarning, match="only 5 solutions were kept out"):
-        hhr.build_reduced_model(full_order, snapshots, held_out=held_out)
+        hhr.build(full_order, snapshots, held_out=held_out)
 
 
 @pytest.fixture(scope="module")
@@ -346,28 +353,35 @@ def half_discs_coarse():
 def test_snapshots_of_something_else(half_discs_coarse, spoil, words):
     full_order, snapshots = half_discs_coarse
     with pytest.raises(ReductionError, match=words):
-        hhr.build_reduced_model(full_order, spoil(snapshots))
+        hhr.build(full_order, spoil(snapshots))
 
 
-@pytest.mark.parametrize("recipe", [None, {"layers": 1}, 5])
+@pytest.mark.parametrize("recipe", [{"layers": 1}, 5, hhr.Pod(1e-9)])
 def test_what_is_no_recipe(half_discs_coarse, recipe):
     with pytest.raises(ReductionError, match="is no recipe"):
-        hhr.build_reduced_model(*half_discs_coarse, recipe)
+        hhr.build(*half_discs_coarse, recipe)
 
 
-@pytest.mark.parametrize("changes", [{"layers": 10**9}, {"most_layers": 10**9}, {"kappa_max": "3"}, {"limits": 5}])
-def test_recipes_of_another_kind(half_discs_coarse, changes):
-    (name,) = changes
+@pytest.mark.parametrize(
+    "name, step",
+    [
+        ("layers", lambda: hhr.Rid(10**9)),
+        ("most_layers", lambda: hhr.Rid(1, 10**9)),
+        ("kappa_max", lambda: hhr.Enrich("3")),
+        ("trust", lambda: hhr.Recipe(trust=5)),
+    ],
+)
+def test_recipes_of_another_kind(name, step):
     with pytest.raises(ReductionError, match=name):
-        hhr.build_reduced_model(*half_discs_coarse, hhr.ReductionSettings(**changes))
+        step()
 
 
-@pytest.mark.parametrize("name", ["primal", "forces"])
+@pytest.mark.parametrize("name", ["unknown", "multipliers"])
 def test_a_signed_snapshot_that_solves_nothing_is_solved_anew(half_discs_coarse, tmp_path, name):
     """Its checksum is right, its numbers are not: the equations tell."""
     full_order, _ = half_discs_coarse
-    store, point = hhr.SnapshotStore(tmp_path, full_order.problem), np.array([0.3])
-    store.save(point, full_order.solve(point))
+    store, point = hhr.SnapshotStore(tmp_path, full_order), np.array([0.3])
+    store.save(full_order.solve(point))
     assert store.load(point) is not None
     (path,) = tmp_path.glob("*.npz")
     rewrite_signed(path, lambda header, arrays: arrays.update({name: 1.1 * arrays[name]}))

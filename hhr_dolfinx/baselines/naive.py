@@ -12,6 +12,7 @@ from hhr_dolfinx.contact.active_set import Pairs, active_set
 from hhr_dolfinx.errors import SceneError, SingularError
 from hhr_dolfinx.full_order.full import FULL_ORDER_ADVICE, FullOrderModel
 from hhr_dolfinx.models.answer import Answer, History, Path, found_as, outcome
+from hhr_dolfinx.models.condensed import checked_start
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
 
 
@@ -33,7 +34,7 @@ class NaiveFullOrder:
     def solve(self, mu: Any, *, start: Any = "nearest", raise_on_failure: bool = True, outside: str = "warn") -> Answer:
         """Solve for one parameter; see :meth:`FullOrderModel.solve`."""
         problem = self._full.problem
-        point = problem.parameters.point(mu)
+        start, point = checked_start(start, len(problem.gaps)), problem.parameters.point(mu)
         theta = problem.amplitudes(point)
         free = np.flatnonzero(problem.free)
         matrix = self._full.discretisation.assemble_stiffness()

@@ -16,7 +16,7 @@ from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.linear.sparse import FreeCholesky, ordering_of
 from hhr_dolfinx.models.answer import Answer, History, Path, found_as, outcome
-from hhr_dolfinx.models.condensed import check_start
+from hhr_dolfinx.models.condensed import checked_start
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, solve_along
 from hhr_dolfinx.scene import Scene
 
@@ -118,20 +118,19 @@ class FullOrderModel:
             step: ``duration`` of a step of bodies that flow, see :func:`one_step`.
 
         Raises:
-            ParameterError: if ``mu`` is not finite or outside the box.
+            ParameterError: if ``mu`` is not finite or outside the box, or ``start`` is none.
             ConvergenceError: if the statuses do not settle.
             NotSolvableError: if contact rows are dependent.
         """
+        start = checked_start(start, len(self.schur))
         if self.equilibrium is not None:
             return one_step(self, mu, raise_on_failure, outside, **step)
-        if isinstance(start, str):
-            check_start(start)
-            start = None
+        cold = start is None or isinstance(start, str)
         point = self.parameters.point(mu)
         theta = self.problem.amplitudes(point)
         free = self._solver.solve(self._own_loads @ theta)
         free_slack = self.problem.gaps @ theta - self._sum(self._contact @ free)
-        found = active_set(self._equalities, free_slack, free_slack < 0 if start is None else start, pairs=self._pairs)
+        found = active_set(self._equalities, free_slack, free_slack < 0 if cold else start, pairs=self._pairs)
         answer = found_as(found, point, self._gather(free - self.per_force @ found.forces), self)
         return outcome(answer, raise_on_failure, FULL_ORDER_ADVICE)
 

@@ -101,14 +101,21 @@ class KnownStatuses:
         return (offsets - directions @ point).argmin()
 
 
-def check_start(start: str) -> None:
-    """Refuse words that name no statuses.
+def checked_start(start: Any, conditions: int) -> Any:
+    """What a search may start from: ``nearest``, None, or statuses.
 
     Raises:
-        ParameterError: for anything but ``nearest``.
+        ParameterError: for another word, or statuses that are not bool or not one for each condition.
     """
-    if start != "nearest":
-        raise ParameterError(f"start = '{start}' is unknown: 'nearest', None for a cold start, or statuses (m,) bool")
+    if start is None or (isinstance(start, str) and start == "nearest"):
+        return start
+    statuses = np.asarray(start)
+    if statuses.dtype != bool or statuses.shape != (conditions,):
+        given = repr(start) if statuses.ndim == 0 else f"{statuses.dtype} of shape {statuses.shape}"
+        raise ParameterError(
+            f"start = {given} is unknown: 'nearest', None for a cold start, or statuses ({conditions},) bool"
+        )
+    return statuses
 
 
 class CondensedModel:
@@ -176,7 +183,7 @@ class CondensedModel:
                 ``ignore``.
 
         Raises:
-            ParameterError: if ``mu`` is not finite or outside the box.
+            ParameterError: if ``mu`` is not finite or outside the box, or ``start`` is none.
             OutsideTrainingError: if it is outside what was trained, and that is to be refused.
             ConvergenceError: if the statuses do not settle.
             NotSolvableError: if an active set is singular.
@@ -187,8 +194,8 @@ class CondensedModel:
         point = self.parameters.point(mu)
         if self._door is not None:
             self._door.check(point, outside)
+        start = checked_start(start, self._m)
         if isinstance(start, str):
-            check_start(start)
             nearest = self.known.nearest(point)
             start = self.known.active[nearest]
             region = self._regions[nearest]

@@ -17,7 +17,7 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ReductionError, SingularError
 from hhr_dolfinx.linear.dense import Factorise, dense_factors
 from hhr_dolfinx.models.answer import Answer, History, Path
-from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses
+from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses, checked_start
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, solve_along
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.parameters import ParameterSpace
@@ -134,6 +134,7 @@ class ReducedModel:
         """
         if self._condensed is not None:
             return self._condensed.solve(mu, start=start, raise_on_failure=raise_on_failure, outside=outside, **step)
+        checked_start(start, self.equilibrium.conditions)
         return one_step(self, mu, raise_on_failure, outside, **step)
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:

@@ -30,13 +30,15 @@ from hhr_dolfinx.reduction.completion import prepare_reconstruction
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.recipe import Recipe
-from hhr_dolfinx.reduction.rid import reduced_domain
+from hhr_dolfinx.reduction.rid import checked_nodes, reduced_domain
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 MOST_TRAINING_COMPARED = 50
 """Training solutions compared where none were held out, about."""
+ORTHONORMAL = 1e-8
+"""What round-off leaves of products of modes that are zero, and of modes on imposed dofs."""
 
 
 @dataclass(frozen=True)
@@ -127,9 +129,9 @@ def build(
     else:
         _warn_of_training(full, snapshots, held_out, log)
     with log.stage("basis"):
-        basis = recipe.basis.modes(full.problem, snapshots)
+        basis = _basis_of(recipe.basis, full.problem, snapshots)
     with log.stage("rid"):
-        nodes = np.unique(np.concatenate([step.nodes(full.problem, snapshots, basis) for step in recipe.nodes]))
+        nodes = np.unique(np.concatenate([_nodes_of(step, full.problem, snapshots, basis) for step in recipe.nodes]))
     with log.stage("full_constants"):
         constants = FullConstants.of(full.problem, full.schur)
     states = []
@@ -170,6 +172,27 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
             raise ReductionError(
                 f"{name} have {len(solutions.cumulated)} Gauss points, the model {size}: they belong to another mesh"
             )
+
+
+def _basis_of(step, problem, snapshots) -> np.ndarray:
+    """The basis of a step, of a user's own maybe, as the equations are written for it.
+
+    Raises:
+        ReductionError: with what is wrong and how to make it right.
+    """
+    basis, rows = np.asarray(step.modes(problem, snapshots)), len(problem.free)
+    if basis.ndim != 2 or len(basis) != rows or not 0 < basis.shape[1] <= rows or not np.isfinite(basis).all():
+        raise ReductionError(f"modes of {step!r} have the shape {basis.shape}: finite ones ({rows}, ell) are needed")
+    if np.abs(basis[~problem.free]).max(initial=0.0) > ORTHONORMAL:
+        raise ReductionError(f"modes of {step!r} move imposed dofs: make them of snapshots.displacements")
+    if np.abs(basis.T @ basis - np.eye(basis.shape[1])).max() > ORTHONORMAL:
+        raise ReductionError(f"modes of {step!r} are not orthonormal: return np.linalg.qr(modes)[0]")
+    return basis
+
+
+def _nodes_of(step, problem, snapshots, basis) -> np.ndarray:
+    """Node numbers of a choice, of a user's own maybe."""
+    return checked_nodes(np.asarray(step.nodes(problem, snapshots, basis)), len(problem.points), repr(step))
 
 
 def _warn_of_training(full, snapshots, held_out, log) -> None:

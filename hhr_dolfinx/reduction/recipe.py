@@ -289,13 +289,15 @@ class Recipe:
 
     def __post_init__(self) -> None:
         """Refuse steps that are none."""
+        if not isinstance(self.nodes, tuple | list) or not self.nodes:
+            raise ReductionError(f"nodes = {self.nodes!r} must be a list of at least one choice: (Deim(), LoadNodes())")
         object.__setattr__(self, "nodes", tuple(self.nodes))
-        if not callable(getattr(self.basis, "modes", None)):
-            raise ReductionError(f"basis = {self.basis!r} must have modes(problem, snapshots), as Pod has")
+        if not _has(self.basis, "modes"):
+            raise ReductionError(f"basis = {self.basis!r} must have modes(problem, snapshots), as Pod(1e-9) has")
         for step in self.nodes:
-            if isinstance(step, type) or not callable(getattr(step, "nodes", None)):
+            if not _has(step, "nodes"):
                 raise ReductionError(f"{step!r} must have nodes(problem, snapshots, basis), as Deim() has")
-        if self.indicator is not None and not callable(getattr(self.indicator, "prepared", None)):
+        if self.indicator is not None and not _has(self.indicator, "prepared"):
             raise ReductionError(f"indicator = {self.indicator!r} must have prepared(problem, basis, sets)")
         kinds = {"domain": Rid, "enrichment": Enrich | None, "trust": TrustLimits | None, "tangents": Tangents | None}
         for name, kind in kinds.items():
@@ -327,6 +329,11 @@ class Recipe:
     def described(self) -> dict[str, Any]:
         """Steps and their numbers as plain values, for a report; a function by its name."""
         return {item.name: _plain(getattr(self, item.name)) for item in fields(self)}
+
+
+def _has(step: Any, method: str) -> bool:
+    """Whether a step is an object, not a class, with a method."""
+    return not isinstance(step, type) and callable(getattr(step, method, None))
 
 
 def _plain(value: Any) -> Any:

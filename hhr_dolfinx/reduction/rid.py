@@ -119,7 +119,7 @@ def zone_of_interest(problem: ContactProblem, zone: Callable[[ContactProblem], n
     Raises:
         ReductionError: for numbers that are none of a node.
     """
-    return _checked_nodes(np.asarray(zone(problem)), len(problem.points))
+    return checked_nodes(np.asarray(zone(problem)), len(problem.points))
 
 
 def load_nodes(problem: ContactProblem) -> np.ndarray:
@@ -138,21 +138,26 @@ def load_nodes(problem: ContactProblem) -> np.ndarray:
     return np.array(loaded, dtype=np.int64)
 
 
-def _checked_nodes(nodes, count) -> np.ndarray:
-    """Node numbers of a zone; a mask of all nodes is as good.
+def checked_nodes(nodes: np.ndarray, count: int, what: str = "the zone") -> np.ndarray:
+    """Node numbers that were chosen by somebody; a mask of all nodes is as good.
+
+    Args:
+        nodes: numbers (n,), or a mask (count,).
+        count: number of nodes of the mesh.
+        what: has chosen them, for the messages.
 
     Raises:
         ReductionError: for numbers that are none of a node.
     """
     if nodes.dtype == bool:
         if nodes.shape != (count,):
-            raise ReductionError(f"the zone is a mask of shape {nodes.shape}, the mesh has {count} nodes")
+            raise ReductionError(f"{what} is a mask of shape {nodes.shape}, the mesh has {count} nodes")
         return np.flatnonzero(nodes)
     if nodes.size and not np.issubdtype(nodes.dtype, np.integer):
-        raise ReductionError(f"the zone holds {nodes.dtype}: it must return node numbers, or a mask of all nodes")
+        raise ReductionError(f"{what} holds {nodes.dtype}: it must return node numbers, or a mask of all nodes")
     if nodes.size == count and count > 2 and set(nodes.ravel().tolist()) <= {0, 1}:
-        raise ReductionError("the zone holds a 0 or 1 for each node: make it a mask of bool, or return node numbers")
+        raise ReductionError(f"{what} holds a 0 or 1 for each node: make it a mask of bool, or return node numbers")
     outside = nodes[(nodes < 0) | (nodes >= count)]
     if outside.size:
-        raise ReductionError(f"node {outside[0]} of the zone is not in the mesh, whose nodes are 0 to {count - 1}")
+        raise ReductionError(f"node {outside[0]} of {what} is not in the mesh, whose nodes are 0 to {count - 1}")
     return nodes.astype(np.int64).ravel()
