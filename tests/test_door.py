@@ -163,9 +163,9 @@ def test_where_nothing_flows_in_training_it_is_said():
 def test_histories_of_another_mesh(pellet):
     full, histories = pellet
     other = hhr.FullOrderModel(demo.scene(**{**MESH, "axial_cells": 10}))
-    with pytest.raises(ReductionError, match="another mesh or scene"):
+    with pytest.raises(ReductionError, match="of another mesh"):
         hhr.build(other, of(histories), RECIPE)
-    with pytest.raises(ReductionError, match="another mesh or scene"):
+    with pytest.raises(ReductionError, match="of another mesh"):
         hhr.build(full, of(histories), RECIPE, of([other.march(demo.path(10.0, 2))]))
 
 
