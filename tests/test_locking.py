@@ -245,7 +245,8 @@ for name, scene in scenes.items():
     numbers = np.lexsort(problem.points.round(9).T)
     dofs = (problem.block_size * numbers[:, None] + np.arange(problem.block_size)).ravel()
     cells = np.lexsort(problem.points[problem.cell_nodes].mean(axis=1).round(9).T)
-    found[name + " stiffness"] = problem.stiffness[dofs][:, dofs].toarray().ravel().tolist()
+    whole = problem.gathered(model.comm)
+    found[name + " stiffness"] = whole.stiffness[dofs][:, dofs].toarray().ravel().tolist()
     found[name + " displacement"] = solution.displacement()[dofs].tolist()
     found[name + " stress"] = solution.stress()[cells].ravel().tolist()
 if model.comm.rank == 0:

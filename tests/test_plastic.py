@@ -32,15 +32,10 @@ from hhr_dolfinx.reduction.completion import prepare_reconstruction
 from hhr_dolfinx.reduction.flow import project_flow, tangent_margin
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.recipe import Deim, FlowDeim, ForceDeim, LoadNodes, Pod, Rid, StressDeim, Zone
-from hhr_dolfinx.reduction.recipe import Deim, FlowDeim, ForceDeim, LoadNodes, Pod, Rid, StressDeim, Zone
 
 ROOT = Path(__file__).parent.parent
 YOUNG, POISSON = 200.0, 0.3
 MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}
-
-NODES = (Deim(), ForceDeim(1e-8), StressDeim(1e-9), FlowDeim(1e-6), Zone(demo.pressed_nodes))
-PRESSED = hhr.Recipe.flowing(nodes=NODES)
-"""As usual where bodies flow, with the pressed line for a zone."""
 
 NODES = (Deim(), ForceDeim(1e-8), StressDeim(1e-9), FlowDeim(1e-6), Zone(demo.pressed_nodes))
 PRESSED = hhr.Recipe.flowing(nodes=NODES)
@@ -159,14 +154,6 @@ def in_time(scene):
     return full
 
 
-def in_time(scene):
-    """A model in which nothing flows, solved through its Gauss points and in time steps all the same."""
-    full = hhr.FullOrderModel(scene)
-    full._build_flowing()
-    assert full.equilibrium is not None
-    return full
-
-
 def uniaxial(law, strains):
     """Stress of a bar under the given axial strains, one scalar equation per step."""
     shear, plastic, cumulated, stresses = YOUNG / 3, 0.0, 0.0, []  # 3 mu -> E in one dimension
@@ -259,17 +246,6 @@ def test_newton_converges_quadratically():
     assert small.size >= 2 and norms.min() < 1e-12
     for k in small[:-1]:
         assert norms[k + 1] < 100 * norms[k] ** 2 + 1e-13
-
-
-def of_all_functions(full, history):
-    """The reduced model that leaves nothing out: a function for each free dof, on the whole domain."""
-    free, problem = np.flatnonzero(full.problem.free), full.problem
-    basis = np.zeros((problem.free.size, free.size))
-    basis[free, np.arange(free.size)] = 1.0
-    sets = whole_domain(problem)
-    flow = project_flow(full.equilibrium, basis, sets)
-    fields = prepare_reconstruction(problem, basis, sets, hhr.SnapshotSet.of_histories([history]), flow)
-    return ReducedModel(project(problem, basis, sets), full.parameters, fields, flow=flow)
 
 
 def of_all_functions(full, history):
