@@ -197,9 +197,8 @@ import numpy as np
 from mpi4py import MPI
 from scenes import pressed_block
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import ConvergenceError
+from hhr_dolfinx.errors import ConvergenceError, ParameterError
 from hhr_dolfinx.pairings.obstacle import Obstacle
-from hhr_dolfinx.online.batch import TableRow
 from hhr_dolfinx.snapshots.records import spread_snapshots
 world, last = MPI.COMM_WORLD, MPI.COMM_WORLD.rank == MPI.COMM_WORLD.size - 1
 scene = pressed_block("plane_strain")
@@ -250,8 +249,11 @@ def pairing():
     (floor,) = scene.contacts
     return dataclasses.replace(scene, contacts=(Failing(**vars(floor)),))
 
+def refuse(point, outside):
+    raise ParameterError("no answer")
+
 answering = SimpleNamespace(
-    model=SimpleNamespace(parameters=scene.parameters), reconstruction=SimpleNamespace(gaps=[])
+    parameters=scene.parameters, dimension=2, fields=SimpleNamespace(gaps=[]), solve=refuse
 )
 {case}
 print("rank", world.rank, "went on", flush=True)
@@ -269,7 +271,7 @@ EACH_FOR_ITSELF = {
     "snapshot": "hhr.train(scene, [9], progress=lambda label: after(1, fail_here))",
     "store": "spread_snapshots(hhr.FullOrderModel(scene, MPI.COMM_SELF), scene.parameters.grid([9]), world, "
     "store=FailingStore())",
-    "query": "hhr.answer_rows(answering, [TableRow(2, ['x'])] * 9, world, after(1, fail_here))",
+    "query": "hhr.answer_points(answering, np.zeros((9, 1)), world, after(1, fail_here))",
 }
 
 
