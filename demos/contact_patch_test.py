@@ -46,16 +46,14 @@ def solve(built):
     """Positions along the first axis, nodal pressures over the exact one, and the largest relative stress error."""
     full_order = hhr.FullOrderModel(built, MPI.COMM_SELF)
     problem, solution = full_order.problem, full_order.solve([PUSH, 0.0])
-    stress = full_order.stress_of(solution.displacement())[:, problem.block_size - 1]
+    stress = solution.stress()[:, problem.block_size - 1]
     pressure, error = solution.forces() / problem.contact_areas / PRESSURE, np.abs(stress / -PRESSURE - 1).max()
     return problem.contact_points[:, 0], pressure, float(error)
 
 
 def main() -> None:
     """Measure all pairings on several meshes, print a table, draw the pressures."""
-    from hhr_dolfinx.study import cli, report, verify
-
-    from hhr_dolfinx.study import plots
+    from hhr_dolfinx.study import cli, plots, report, verify
 
     options = cli.parse_on_first_rank(cli.demo_parser("contact_patch_test", __doc__))
     meshes = {"3 on 5": ((3, 3), (5, 4)), "5 on 3": ((5, 4), (3, 3)), "7 on 8": ((7, 4), (8, 4)),

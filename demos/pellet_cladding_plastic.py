@@ -11,7 +11,7 @@ a RID converges to a wrong path with the smallest residuals; eigenvalues of the 
 """
 
 import numpy as np
-from pellet_cladding import QUICK_MESH, VIEW
+from pellet_cladding import QUICK_MESH
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import pellet_cladding as geometry
@@ -65,6 +65,7 @@ def pressed_nodes(problem):
 def main() -> None:
     """Train, compare, time full and reduced in turns, report."""
     from hhr_dolfinx.study import cli, report
+    from hhr_dolfinx.study.paths import summarise_paths, try_path
 
     parser = cli.demo_parser("pellet_cladding_plastic", __doc__)
     parser.add_argument("--exponent", type=float, default=4.0, help="exponent of Norton's law (%(default)s)")
@@ -88,7 +89,7 @@ def main() -> None:
         cases = options.progress("paths")(list(path_cases(history, options.seed)))
         rows = [try_path(study.full, study.reduction, case, study.floor, settings.march) for case in cases]
         study.report["paths"] = summarise_paths(rows)
-    study.write(options.out, options.console, VIEW)
+    study.write(options.out, options.console)
     rows = {f"{row['value']:g} um": {name: row[name] for name in study.report["errors"]} for row in study.rows}
     theirs = {label: dict(zip(NAMES, row, strict=True)) for label, row in THESIS.items()}
     report.print_beside("errors at the last step", rows, theirs, options.console)

@@ -8,6 +8,7 @@ import pellet_cladding_plastic as demo
 import pytest
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.certify.compare import largest_errors
 from hhr_dolfinx.errors import (
     OutsideTrainingError,
     OutsideTrainingWarning,
@@ -19,28 +20,30 @@ from hhr_dolfinx.errors import (
     UnstableModelError,
 )
 from hhr_dolfinx.geometries import block
-from hhr_dolfinx.models.march import History
+from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.reduction import plastic_offline
-from hhr_dolfinx.reduction.plastic_trust import largest_errors
+from hhr_dolfinx.reduction import build as stages
+from hhr_dolfinx.reduction.recipe import Deim, FlowDeim, ForceDeim, Pod, Rid, StressDeim, Tangents, Zone
 from hhr_dolfinx.trained import Signs, TrainedPaths, Watch
 
 MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}
-SETTINGS = hhr.PlasticSettings(zone=demo.pressed_nodes)
+NODES = (Deim(), ForceDeim(1e-8), StressDeim(1e-9), FlowDeim(1e-6), Zone(demo.pressed_nodes))
+RECIPE = hhr.Recipe.flowing(nodes=NODES)
+"""As usual where bodies flow, with the pressed line for a zone."""
 RAMP = np.arange(21) / 20
+of = hhr.SnapshotSet.of_histories
 
 
 @pytest.fixture(scope="module")
 def pellet():
-    full = hhr.PlasticFullOrder(demo.scene(**MESH))
-    return full, [hhr.march(full, demo.path(gap, 20)) for gap in (5.0, 15.0)]
+    full = hhr.FullOrderModel(demo.scene(**MESH))
+    return full, [full.march(demo.path(gap, 20)) for gap in (5.0, 15.0)]
 
 
 @pytest.fixture(scope="module")
 def reduction(pellet):
     full, histories = pellet
-    held_out = [hhr.march(full, demo.path(8.0, 20))]
-    return hhr.build_plastic_reduction(full, histories, SETTINGS, held_out)
+    return hhr.build(full, of(histories), RECIPE, of([full.march(demo.path(8.0, 20))]))
 
 
 def outside_paths():
@@ -59,14 +62,14 @@ def outside_paths():
 @pytest.mark.parametrize("path", [pytest.param(path, id=name) for name, path in outside_paths()])
 def test_a_path_that_was_not_trained_is_warned_of(reduction, path):
     with pytest.warns(OutsideTrainingWarning):
-        hhr.march(reduction.model, path, hhr.MarchSettings(cuts=2))
+        reduction.march(path, hhr.MarchSettings(cuts=2))
 
 
 def test_a_refusal_keeps_the_history(reduction):
     path = demo.history(np.append(RAMP, 3.0), np.append(RAMP, 1.0), 10.0)
     with pytest.raises(OutsideTrainingError, match=r"step 21.*P1 changes by 0 per second \(trained 450") as caught:
-        hhr.march(reduction.model, path, hhr.MarchSettings(outside="refuse"))
-    assert len(caught.value.history.points) == 20
+        reduction.march(path, hhr.MarchSettings(outside="refuse"))
+    assert len(caught.value.history.answers) == 20
 
 
 @pytest.mark.parametrize("gap, steps", [(6.0, 20), (12.0, 10), (9.0, 60)])
@@ -74,34 +77,33 @@ def test_unseen_gaps_are_not_warned_of(pellet, reduction, gap, steps):
     full, training = pellet
     with warnings.catch_warnings():
         warnings.simplefilter("error", OutsideTrainingWarning)
-        answer = hhr.march(reduction.model, demo.path(gap, steps))
-    floor = 1e-3 * np.linalg.norm(training[0].points[-1].forces)
-    displacement, forces = largest_errors(full, reduction, answer, hhr.march(full, demo.path(gap, steps)), floor)
+        answer = reduction.march(demo.path(gap, steps))
+    floor = 1e-3 * np.linalg.norm(training[0].answers[-1].forces())
+    displacement, forces = largest_errors(full, answer, full.march(demo.path(gap, steps)), floor)
     assert displacement < 0.05 and forces < 0.2
 
 
 def test_the_imbalance_alone_tells_of_a_path_inside_the_trained_rates(reduction):
     """Rates widened so that a hold counts as trained: the forces out of balance on A still tell."""
-    model = reduction.model
     held = demo.history(np.concatenate([RAMP, 1 + np.arange(1, 11)]), np.append(RAMP, np.ones(10)), 10.0)
-    wide = dataclasses.replace(model.trained, slowest=np.full(3, -1e9), fastest=np.full(3, 1e9))
-    before = model.trained
-    model.trained = wide
+    before = reduction.trained
+    reduction.learn(dataclasses.replace(before, slowest=np.full(3, -1e9), fastest=np.full(3, 1e9)))
     try:
         with pytest.warns(OutsideTrainingWarning, match="out of balance"):
-            hhr.march(model, held)
+            reduction.march(held)
     finally:
-        model.trained = before
+        reduction.learn(before)
 
 
 def test_an_imbalance_needs_no_unit_and_no_projection(pellet, reduction):
     """In the full model it is the tolerance of the solver, in the reduced one what the modes leave on A."""
     full, histories = pellet
-    sizes = [full.residual(point.stress, full.amplitudes(point.parameter))[1] for point in histories[0].points]
+    model = full.equilibrium
+    sizes = [model.residual(step.stress(), model.amplitudes(step.parameter))[1] for step in histories[0].answers]
     largest = max(np.linalg.norm(size) for size in sizes)
     solved = max(sign.imbalance for sign in histories[0].signs)
     assert solved < 1e-4 * largest
-    assert reduction.model.trained.imbalance > 10 * solved
+    assert reduction.trained.imbalance > 10 * solved
 
 
 def test_rates_and_places_in_words():
@@ -120,58 +122,51 @@ def test_rates_and_places_in_words():
 def test_held_out_histories_decide(pellet):
     """A held-out history that the model gets wrong refuses it, or is warned of, by its number."""
     full, histories = pellet
-    slower = [hhr.march(full, demo.history(100 * RAMP, RAMP, 10.0))]
+    slower = of([full.march(demo.history(100 * RAMP, RAMP, 10.0))])
+    limits = RECIPE.trust.of_histories(refuse_primal=10, refuse_dual=10)
     with pytest.warns(StabilityWarning, match="held-out history 0"):
-        hhr.build_plastic_reduction(
-            full,
-            histories,
-            dataclasses.replace(
-                SETTINGS, limits=hhr.PlasticSettings().limits.of_histories(refuse_primal=10, refuse_dual=10)
-            ),
-            slower,
-        )
+        hhr.build(full, of(histories), dataclasses.replace(RECIPE, trust=limits), slower)
 
 
 def test_nothing_held_out_is_said(pellet):
     with pytest.warns(UncheckedWarning):
-        hhr.build_plastic_reduction(*pellet, SETTINGS)
+        hhr.build(pellet[0], of(pellet[1]), RECIPE)
 
 
 def test_constants_of_a_flow_model_are_checked(pellet, monkeypatch):
     """They were computed and never looked at: a K~ of condition 1e12 went through."""
-    honest = plastic_offline.assess
+    honest = stages.assess
     spoiled = lambda *parts: dataclasses.replace(honest(*parts), cond_K=1e12)  # noqa: E731
-    monkeypatch.setattr(plastic_offline, "assess", spoiled)
+    monkeypatch.setattr(stages, "assess", spoiled)
     with pytest.raises(UnstableModelError, match="cond"):
-        hhr.build_plastic_reduction(*pellet, dataclasses.replace(SETTINGS, most_layers=3))
+        hhr.build(pellet[0], of(pellet[1]), dataclasses.replace(RECIPE, domain=Rid(3, 3)))
 
 
 def test_a_load_outside_the_rid_is_refused(pellet):
     """A zone of one's own that leaves the pressed line out."""
     corner = lambda problem: [int(problem.points.sum(axis=1).argmax())]  # noqa: E731
-    tight = hhr.PlasticSettings(
-        primal=1e-2, dual=1e-1, stress=0.5, plastic_strain=0.5, layers=0, most_layers=0, zone=corner
-    )
+    nodes = (Deim(), ForceDeim(1e-1), StressDeim(0.5), FlowDeim(0.5), Zone(corner))
+    tight = hhr.Recipe.flowing(basis=Pod(1e-2), nodes=nodes, domain=Rid(0, 0))
     with pytest.raises(ReductionError, match="does not reach the RID"):
-        hhr.build_plastic_reduction(*pellet, tight)
+        hhr.build(pellet[0], of(pellet[1]), tight)
 
 
 def test_where_nothing_flows_in_training_it_is_said():
     scene = demo.scene(**MESH)
     stiff = tuple(dataclasses.replace(body, law=hhr.Plasticity(1e9)) for body in scene.bodies)
-    full = hhr.PlasticFullOrder(dataclasses.replace(scene, bodies=stiff))
-    histories = [hhr.march(full, demo.path(gap, 4)) for gap in (5.0, 15.0)]
+    full = hhr.FullOrderModel(dataclasses.replace(scene, bodies=stiff))
+    histories = [full.march(demo.path(gap, 4)) for gap in (5.0, 15.0)]
     with pytest.warns(StabilityWarning, match="no body flows in any training history"):
-        hhr.build_plastic_reduction(full, histories, SETTINGS, histories)
+        hhr.build(full, of(histories), RECIPE, of(histories))
 
 
 def test_histories_of_another_mesh(pellet):
     full, histories = pellet
-    other = hhr.PlasticFullOrder(demo.scene(**{**MESH, "axial_cells": 10}))
-    with pytest.raises(ReductionError, match="another mesh or scene"):
-        hhr.build_plastic_reduction(other, histories, SETTINGS)
-    with pytest.raises(ReductionError, match="another mesh or scene"):
-        hhr.build_plastic_reduction(full, histories, SETTINGS, [hhr.march(other, demo.path(10.0, 2))])
+    other = hhr.FullOrderModel(demo.scene(**{**MESH, "axial_cells": 10}))
+    with pytest.raises(ReductionError, match="of another mesh"):
+        hhr.build(other, of(histories), RECIPE)
+    with pytest.raises(ReductionError, match="of another mesh"):
+        hhr.build(full, of(histories), RECIPE, of([other.march(demo.path(10.0, 2))]))
 
 
 @pytest.mark.parametrize(
@@ -185,11 +180,14 @@ def test_settings_of_a_march_that_mean_nothing(changes):
         hhr.MarchSettings(**changes)
 
 
-@pytest.mark.parametrize("changes", [{"primal": 0.0}, {"stress": np.nan}, {"layers": -3}, {"checked_states": 0}])
-def test_recipes_of_flow_that_mean_nothing(changes):
-    (name,) = changes
-    with pytest.raises(ReductionError, match=name):
-        hhr.PlasticSettings(**changes)
+@pytest.mark.parametrize("step, value, words", [
+    (Pod, 0.0, "tolerance = 0.0 of Pod"), (StressDeim, np.nan, "tolerance = nan of StressDeim"),
+    (FlowDeim, 1.0, "tolerance = 1.0 of FlowDeim"), (Rid, -3, "layers = -3"),
+    (lambda states: Tangents(states=states), 0, "states = 0 of Tangents"), (Tangents, 1.0, "least = 1.0 of Tangents"),
+])  # fmt: skip
+def test_recipes_of_flow_that_mean_nothing(step, value, words):
+    with pytest.raises(ReductionError, match=words):
+        step(value)
 
 
 @pytest.mark.parametrize(
@@ -202,12 +200,12 @@ def test_recipes_of_flow_that_mean_nothing(changes):
 )
 def test_paths_that_are_none(pellet, path, words):
     with pytest.raises(ParameterError, match=words):
-        hhr.march(pellet[0], path)
+        pellet[0].march(path)
 
 
 def test_an_interrupt_keeps_the_steps_before(pellet, monkeypatch):
     full, _ = pellet
-    honest, calls = full.signs, []
+    honest, calls = full.equilibrium.signs, []
 
     def interrupted(*parts):
         calls.append(None)
@@ -215,11 +213,11 @@ def test_an_interrupt_keeps_the_steps_before(pellet, monkeypatch):
             raise KeyboardInterrupt
         return honest(*parts)
 
-    monkeypatch.setattr(full, "signs", interrupted)
+    monkeypatch.setattr(full.equilibrium, "signs", interrupted)
     with pytest.raises(KeyboardInterrupt) as caught:
-        hhr.march(full, demo.path(10.0, 20))
+        full.march(demo.path(10.0, 20))
     kept = caught.value.history
-    assert isinstance(kept, History) and len(kept.points) == 3
+    assert isinstance(kept, History) and len(kept.answers) == 3
 
 
 def test_units_of_stress_do_not_matter():
@@ -234,10 +232,10 @@ def test_units_of_stress_do_not_matter():
         )
         upper = (scene.parameters.upper[0] * unit, *scene.parameters.upper[1:])
         box = hhr.ParameterSpace(scene.parameters.names, scene.parameters.lower, upper)
-        full = hhr.PlasticFullOrder(dataclasses.replace(scene, bodies=bodies, parameters=box))
+        full = hhr.FullOrderModel(dataclasses.replace(scene, bodies=bodies, parameters=box))
         path = [(time, point * np.array([unit, 1.0, 1.0])) for time, point in demo.path(10.0, 10)]
-        history = hhr.march(full, path)
-        displacements.append((history.iterations, history.points[-1].unknown))
+        history = full.march(path)
+        displacements.append((history.iterations, history.answers[-1].unknown))
     for iterations, displacement in displacements[1:]:
         assert iterations == displacements[0][0]
         assert displacement == pytest.approx(displacements[0][1], abs=1e-9 * np.abs(displacement).max())
@@ -247,7 +245,7 @@ def test_units_of_stress_do_not_matter():
 def cantilever():
     """A block held on its left over a floor, pressed on its lid by A and pulled to its right by B."""
     left, right = block.side(0, False), block.side(0, True)
-    return hhr.PlasticFullOrder(
+    return hhr.FullOrderModel(
         hhr.Scene(
             name="cantilever",
             geometry=lambda comm: block.block(comm, lower=(0, 0), upper=(3, 2), cells=(15, 6)),
@@ -273,20 +271,19 @@ def legs(*corners, steps=10):
 
 def test_contact_that_training_never_saw_is_said_and_found(cantilever):
     """Lifted first, then pressed: never touching in training, 178 % wrong without a word where it touches."""
-    histories = [hhr.march(cantilever, legs((0, 0), (0, b), (a, b))) for b, a in ((0.15, 0.12), (0.2, 0.18))]
-    assert not any(point.forces.any() for history in histories for point in history.points)
+    histories = [cantilever.march(legs((0, 0), (0, b), (a, b))) for b, a in ((0.15, 0.12), (0.2, 0.18))]
+    assert not any(answer.forces().any() for history in histories for answer in history.answers)
     with pytest.warns(StabilityWarning, match="no training solution has contact"):
-        reduction = hhr.build_plastic_reduction(cantilever, histories)
+        reduction = hhr.build(cantilever, of(histories))
     pressed = legs((0, 0), (0.08, 0))
-    assert hhr.march(cantilever, pressed).points[-1].forces.any()
+    assert cantilever.march(pressed).answers[-1].forces().any()
     with pytest.warns(OutsideTrainingWarning):
-        answer = hhr.march(reduction.model, pressed)
+        answer = reduction.march(pressed)
     # gaps of conditions that the RID does not hold are looked at too
-    assert len(reduction.sets.A_lambda) < cantilever.conditions
-    deeper = answer.points[-1]._replace(unknown=50 * answer.points[-1].unknown)
-    field = reduction.displacement_everywhere(deeper)
-    depth = (cantilever.problem.contact @ field - 0.002).max()
-    assert depth > 0 and reduction.model.signs(deeper).depth == pytest.approx(depth)
+    assert len(reduction.offline.sets.A_lambda) < len(cantilever.problem.gaps)
+    deeper = answer.answers[-1]._replace(unknown=50 * answer.answers[-1].unknown)
+    depth = (cantilever.problem.contact @ deeper.displacement() - 0.002).max()
+    assert depth > 0 and reduction.equilibrium.signs(deeper).depth == pytest.approx(depth)
 
 
 def test_an_overlap_outside_of_the_reduced_domain_is_said():
@@ -302,25 +299,25 @@ def test_an_overlap_outside_of_the_reduced_domain_is_said():
 
 def test_histories_held_out_may_come_from_a_generator(pellet):
     full, histories = pellet
-    reduction = hhr.build_plastic_reduction(full, iter(histories), SETTINGS, (history for history in histories[:1]))
-    assert reduction.comparison.labels == ["trained history 0", "trained history 1", "held-out history 0"]
+    reduction = hhr.build(full, of(iter(histories)), RECIPE, of(history for history in histories[:1]))
+    assert reduction.offline.comparison.labels == ["trained history 0", "trained history 1", "held-out history 0"]
     with pytest.raises(ReductionError, match="not a single one"):
-        hhr.build_plastic_reduction(full, histories[0], SETTINGS)
+        of(histories[0])
     with pytest.raises(ReductionError, match="what march returns"):
-        hhr.build_plastic_reduction(full, [None], SETTINGS)
+        of([None])
 
 
 def test_a_step_refused_by_its_imbalance_is_not_kept(reduction):
     held = demo.history(np.concatenate([RAMP, 1 + np.arange(1, 11)]), np.append(RAMP, np.ones(10)), 10.0)
-    model, before = reduction.model, reduction.model.trained
-    model.trained = dataclasses.replace(before, slowest=np.full(3, -1e9), fastest=np.full(3, 1e9))
+    before = reduction.trained
+    reduction.learn(dataclasses.replace(before, slowest=np.full(3, -1e9), fastest=np.full(3, 1e9)))
     try:
         with pytest.raises(OutsideTrainingError, match=r"step (\d+)") as caught:
-            hhr.march(model, held, hhr.MarchSettings(outside="refuse"))
+            reduction.march(held, hhr.MarchSettings(outside="refuse"))
     finally:
-        model.trained = before
+        reduction.learn(before)
     number = int(str(caught.value).split()[1].rstrip(","))
-    assert len(caught.value.history.points) == number - 1
+    assert len(caught.value.history.answers) == number - 1
 
 
 class Breaks:
@@ -339,21 +336,36 @@ class Breaks:
 def test_a_law_that_fails_is_named_and_leaves_its_history():
     scene = demo.scene(**MESH)
     bodies = (dataclasses.replace(scene.bodies[0], law=Breaks()), scene.bodies[1])
-    full = hhr.PlasticFullOrder(dataclasses.replace(scene, bodies=bodies))
+    full = hhr.FullOrderModel(dataclasses.replace(scene, bodies=bodies))
     with pytest.raises(SceneError, match=r"the law .*Breaks.* failed with KeyError") as caught:
-        hhr.march(full, demo.path(10.0, 20))
+        full.march(demo.path(10.0, 20))
     assert isinstance(caught.value.history, History)
 
 
 @pytest.mark.parametrize("path", [[(0.0, 1.0, 2.0)], [1.0, 2.0], [("soon", [0.0] * 3)]])
 def test_a_path_is_a_list_of_pairs(pellet, path):
     with pytest.raises(ParameterError, match="a list of pairs"):
-        hhr.march(pellet[0], path)
+        pellet[0].march(path)
 
 
-def test_a_model_without_laws_does_not_march(pellet):
-    with pytest.raises(ParameterError, match="no laws to march with"):
-        hhr.march(None, demo.path(10.0, 2))
+def test_a_model_without_laws_marches_by_what_it_is():
+    """There was a march for models with laws alone: without any the answers are those of single points."""
+    scene = demo.scene(**MESH)
+    full = hhr.FullOrderModel(dataclasses.replace(scene, bodies=tuple(without_law(body) for body in scene.bodies)))
+    assert full.equilibrium is None
+    history = full.march(demo.path(10.0, 4))
+    for (time, point), answer in zip(demo.path(10.0, 4)[1:], history.answers, strict=True):
+        assert answer.time == time and answer.gauss is None and not answer.plastic_strain().any()
+        alone = full.solve(point)
+        assert np.array_equal(answer.active, alone.active)
+        size = np.abs(alone.displacement()).max()
+        assert answer.displacement() == pytest.approx(alone.displacement(), abs=1e-12 * size)
+    with pytest.raises(ParameterError, match="times must increase"):
+        full.march([(0.0, demo.path(10.0)[0][1]), (0.0, demo.path(10.0)[1][1])])
+
+
+def without_law(body):
+    return dataclasses.replace(body, law=None)
 
 
 @pytest.mark.parametrize("law", [hhr.Plasticity(1.0, 5.0), hhr.Plasticity(1.0), hhr.Norton(2.0, 4.0)])
@@ -374,5 +386,5 @@ def test_a_rigid_motion_is_one_step(law):
             hhr.Displacement(up, 1, moved),
         ),
     )
-    history = hhr.march(hhr.PlasticFullOrder(scene), [(0.0, [0.0]), (1.0, [1.0])])
-    assert history.cuts == 0 and np.abs(history.points[-1].stress).max() < 1e-8
+    history = hhr.FullOrderModel(scene).march([(0.0, [0.0]), (1.0, [1.0])])
+    assert history.cuts == 0 and np.abs(history.answers[-1].stress()).max() < 1e-8

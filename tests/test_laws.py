@@ -51,9 +51,9 @@ def test_what_is_no_answer_names_the_law(answer):
 
 
 def test_a_march_ends_with_the_name_of_the_law():
-    full = hhr.PlasticFullOrder(bar(Answers(None)))
+    full = hhr.FullOrderModel(bar(Answers(None)))
     with pytest.raises(SceneError, match="the law Answers"):
-        hhr.march(full, [(0.0, np.zeros(1)), (1.0, np.array([0.01]))])
+        full.march([(0.0, np.zeros(1)), (1.0, np.array([0.01]))])
 
 
 def test_norton_says_where_it_finds_no_flow():
@@ -79,17 +79,17 @@ class Steep:
 
 
 def test_a_wrong_slope_is_said_once():
-    full = hhr.PlasticFullOrder(bar(Steep()))
+    full = hhr.FullOrderModel(bar(Steep()))
     path = [(k / 4, np.array([0.01 * k / 4])) for k in range(5)]
     with pytest.warns(LawWarning, match=r"the slope of .*Steep.* differences of its flow give") as caught:
-        history = hhr.march(full, path)
-    assert len(caught) == 1 and len(history.points) == 4
+        history = full.march(path)
+    assert len(caught) == 1 and len(history.answers) == 4
 
 
 @pytest.mark.parametrize("name", LAWS)
 def test_right_slopes_are_not_doubted(name):
     """Differences of the laws here agree to 1e-6; the warning is an error in tests."""
-    hhr.march(hhr.PlasticFullOrder(bar(LAWS[name])), [(k / 4, np.array([0.01 * k / 4])) for k in range(5)])
+    hhr.FullOrderModel(bar(LAWS[name])).march([(k / 4, np.array([0.01 * k / 4])) for k in range(5)])
 
 
 def test_a_material_is_made_of_plain_arrays_and_laws():

@@ -76,20 +76,6 @@ def test_loads_on_two_ranks():
         f"import sys; sys.path[:0] = [{str(Path(__file__).parent)!r}, {str(Path(demo.__file__).parent)!r}]\n"
         "import pytest, ufl, test_loads as t, test_bad_input as bad, hhr_dolfinx as hhr\n"
         "for scene, mu in ((t.heavy_column(), (0.05, 0.03)), (t.windy_column(), (1.5,))):\n"
-        "    force = hhr.FullOrderModel(scene).solve(mu).forces().sum()\n"
-        "    assert force == pytest.approx(t.WIDTH * t.pressure_of(scene, mu), rel=1e-10)\n"
-        "bad.test_loads_and_pairings_of_a_users_own(bad.of_form(lambda v, ds: ufl.inner(v, v) * ds), 'linear in v')\n"
-        "print('all is well')\n"
-    )
-    assert launch(2, ["-c", program]).count("all is well") == 2
-
-
-def test_loads_on_two_ranks():
-    """Closed forms again, and errors that all ranks raise alike."""
-    program = (
-        f"import sys; sys.path[:0] = [{str(Path(__file__).parent)!r}, {str(Path(demo.__file__).parent)!r}]\n"
-        "import pytest, ufl, test_loads as t, test_bad_input as bad, hhr_dolfinx as hhr\n"
-        "for scene, mu in ((t.heavy_column(), (0.05, 0.03)), (t.windy_column(), (1.5,))):\n"
         "    force = hhr.FullOrderModel(scene).solve(mu).forces.sum()\n"
         "    assert force == pytest.approx(t.WIDTH * t.pressure_of(scene, mu), rel=1e-10)\n"
         "bad.test_loads_and_pairings_of_a_users_own(bad.of_form(lambda v, ds: ufl.inner(v, v) * ds), 'linear in v')\n"

@@ -17,18 +17,60 @@ sys.path[:0] = [{tests!r}, {demos!r}]
 import numpy as np
 import contact_patch_test as patch
 import hertz_half_discs as demo
+from mpi4py import MPI
 from scenes import pressed_block
 import hhr_dolfinx as hhr
+from hhr_dolfinx.certify.compare import compare_points
+from hhr_dolfinx.errors import HHRError
 out = {{}}
 full_order = hhr.FullOrderModel(demo.scene())
 for mu in (0.15, 0.3123, 0.45):
     solution = full_order.solve(mu)
-    out[f"forces {{mu}}"] = solution.forces.tolist()
-    out[f"norm {{mu}}"] = float(np.linalg.norm(solution.primal))
+    out[f"forces {{mu}}"] = solution.forces().tolist()
+    out[f"norm {{mu}}"] = float(np.linalg.norm(solution.displacement()))
 snapshots = hhr.compute_snapshots(full_order, full_order.problem.parameters.grid([31]))
-reduction = hhr.build_reduced_model(full_order, snapshots, demo.THESIS)
-out["reduced"] = np.linalg.norm(reduction.solve_everywhere(0.3123)[0])
-out["solid"] = hhr.FullOrderModel(pressed_block("solid", simplices=True)).solve(0.05).forces.tolist()
+reduction = hhr.build(full_order.gathered(), snapshots, demo.THESIS)
+out["reduced"] = np.linalg.norm(reduction.solve(0.3123).displacement())
+
+comm, problem = full_order.comm, full_order.problem
+whole = problem.gathered(comm)
+# in an order of the places, which is that of all ranks
+order = np.lexsort(problem.points.round(9).T)
+dofs = (2 * order[:, None] + np.arange(2)).ravel()
+probe = np.sin(np.arange(dofs.size))
+vectors = {{"K x": whole.stiffness[dofs][:, dofs] @ probe, "M x": whole.mass[dofs][:, dofs] @ probe}}
+vectors |= {{"loads": whole.loads[dofs].toarray(), "external": whole.external[dofs].toarray()}}
+out |= {{name: np.ravel(value).tolist() for name, value in vectors.items()}}
+for name, parts in (("stiffness", problem.stiffness_terms), ("mass", (problem.mass,))):
+    out[f"entries of {{name}}"] = comm.allreduce(sum(part.nnz for part in parts))
+    out[f"share of {{name}}"] = comm.allgather(sum(part.nnz for part in parts) / out[f"entries of {{name}}"])
+out["rows"] = comm.allgather((problem.rows.start, problem.rows.stop, problem.whole))
+out["whole"] = comm.allgather((whole.whole, whole is problem, full_order.gathered() is full_order))
+
+def said(action):
+    try:
+        action()
+    except HHRError as error:
+        return f"{{type(error).__name__}}: {{error}}"
+    return "nothing"
+
+def store_in(name):
+    return hhr.SnapshotStore(f"{folder}/{{name}} {{comm.size}}", full_order)
+
+held = {{
+    "build": lambda: hhr.build(full_order, snapshots, demo.THESIS),
+    "stiffness": lambda: problem.stiffness,
+    "external": lambda: problem.external,
+    "compare": lambda: compare_points(full_order, reduction, snapshots.take([3]), 1.0),
+    "store": lambda: store_in("refused"),
+    "wrong ranks": lambda: problem.gathered(MPI.COMM_SELF),
+}}
+out["said"] = {{name: comm.allgather(said(action)) for name, action in held.items()}}
+kept = hhr.SnapshotStore(f"{folder}/kept {{comm.size}}", full_order.gathered())
+for _ in range(2):
+    again = hhr.compute_snapshots(full_order, snapshots.points[:3], store=kept)
+out["kept"] = np.linalg.norm(again.displacements - snapshots.displacements[:, :3]), comm.bcast(kept.found)
+out["solid"] = hhr.FullOrderModel(pressed_block("solid", simplices=True)).solve(0.05).forces().tolist()
 for name, pairing in patch.PAIRINGS.items():
     for dim in (2, 3):
         cells = ((4, 3), (7, 3)) if dim == 2 else ((2, 2, 2), (3, 3, 2))
@@ -36,7 +78,7 @@ for name, pairing in patch.PAIRINGS.items():
         model = hhr.FullOrderModel(turned)
         out[f"{{name}} {{dim}} gaps"] = model.problem.gaps[:, 0].tolist()
         out[f"{{name}} {{dim}} rows"] = np.ravel(abs(model.problem.contact).sum(axis=1)).tolist()
-        out[f"{{name}} {{dim}} forces"] = model.solve([0.09, 0.03]).forces.tolist()
+        out[f"{{name}} {{dim}} forces"] = model.solve([0.09, 0.03]).forces().tolist()
 if full_order.comm.rank == 0:
     print(json.dumps(out))
 """
@@ -68,26 +110,59 @@ def run_program(ranks, arguments, cwd=None, limit=300):
     return subprocess.run(command, capture_output=True, text=True, env=os.environ | allow, timeout=limit, cwd=cwd)
 
 
-def run_on(ranks):
-    program = PROGRAM.format(tests=str(TESTS), demos=str(TESTS.parent / "demos"))
-    return json.loads(launch(ranks, ["-c", program]).splitlines()[-1])
+BY_ROWS = {"share of stiffness", "share of mass", "rows", "whole", "said", "kept"}
+"""What differs between numbers of ranks, and has a test of its own."""
 
 
 @pytest.fixture(scope="module")
-def serial():
-    return run_on(1)
+def found(tmp_path_factory):
+    """Numbers by the number of ranks."""
+    folder = str(tmp_path_factory.mktemp("snapshots"))
+    program = PROGRAM.format(tests=str(TESTS), demos=str(TESTS.parent / "demos"), folder=folder)
+    return {ranks: json.loads(launch(ranks, ["-c", program]).splitlines()[-1]) for ranks in (1, 2, 3)}
 
 
 @pytest.mark.parametrize("ranks", [2, 3])
-def test_ranks_do_not_change_the_answer(serial, ranks):
+def test_ranks_do_not_change_the_answer(found, ranks):
     """Round-off only: 1e-10, since the factorisations order their sums differently."""
-    parallel = run_on(ranks)
+    serial, parallel = found[1], found[ranks]
     assert parallel.keys() == serial.keys()
-    for name, value in serial.items():
+    for name in serial.keys() - BY_ROWS:
+        value = serial[name]
         if name == "reduced":  # dof numbers change what DEIM picks among mirror images: within the model error
             assert parallel[name] == pytest.approx(value, rel=1e-4)
         else:
             assert parallel[name] == pytest.approx(value, rel=1e-10, abs=1e-10 * np.max(np.abs(value)))
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+def test_no_rank_holds_the_rows_of_another(found, ranks):
+    """Entries of all ranks add up to those on one, and none has much more than its part; asked for, all are there."""
+    mine = found[ranks]
+    for name in ("stiffness", "mass"):
+        assert mine[f"entries of {name}"] == found[1][f"entries of {name}"] > 10000
+        assert sum(mine[f"share of {name}"]) == pytest.approx(1.0) and max(mine[f"share of {name}"]) < 1.3 / ranks
+    starts, stops, whole = zip(*mine["rows"], strict=True)
+    assert starts == (0, *stops[:-1]) and len(starts) == ranks
+    assert whole == (ranks == 1,) * ranks
+    assert mine["whole"] == [[True, ranks == 1, ranks == 1]] * ranks
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_what_needs_all_rows_says_so_on_every_rank(found, ranks):
+    said = found[ranks]["said"]
+    assert all(text.startswith("ReductionError: the full model is spread over several") for text in said["build"])
+    assert all("on MPI.COMM_SELF, as train does, or full.gathered()" in text for text in said["build"])
+    for name in ("stiffness", "external", "compare", "store"):
+        assert all(text.startswith("SceneError") and "problem.gathered(comm)" in text for text in said[name]), name
+    assert all("give the communicator of its model" in text for text in said["wrong ranks"])
+    assert all(texts == ["nothing"] for texts in found[1]["said"].values())
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+def test_snapshots_of_several_ranks_are_kept(found, ranks):
+    change, times = found[ranks]["kept"]
+    assert change < 1e-12 and times == 3
 
 
 def test_a_study_on_two_ranks_is_that_on_one(tmp_path):
@@ -122,10 +197,9 @@ import numpy as np
 from mpi4py import MPI
 from scenes import pressed_block
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import ConvergenceError
+from hhr_dolfinx.errors import ConvergenceError, ParameterError
 from hhr_dolfinx.pairings.obstacle import Obstacle
-from hhr_dolfinx.online.batch import TableRow
-from hhr_dolfinx.snapshots.solutions import spread_snapshots
+from hhr_dolfinx.snapshots.records import spread_snapshots
 world, last = MPI.COMM_WORLD, MPI.COMM_WORLD.rank == MPI.COMM_WORLD.size - 1
 scene = pressed_block("plane_strain")
 
@@ -160,7 +234,7 @@ class FailingStore:
     found = 0
     def load(self, point):
         fail_here()
-    def save(self, point, solution):
+    def save(self, answer):
         fail_here()
 
 def after(count, what):
@@ -175,8 +249,11 @@ def pairing():
     (floor,) = scene.contacts
     return dataclasses.replace(scene, contacts=(Failing(**vars(floor)),))
 
+def refuse(point, outside):
+    raise ParameterError("no answer")
+
 answering = SimpleNamespace(
-    model=SimpleNamespace(parameters=scene.parameters), reconstruction=SimpleNamespace(gaps=[])
+    parameters=scene.parameters, dimension=2, fields=SimpleNamespace(gaps=[]), solve=refuse
 )
 {case}
 print("rank", world.rank, "went on", flush=True)
@@ -194,7 +271,7 @@ EACH_FOR_ITSELF = {
     "snapshot": "hhr.train(scene, [9], progress=lambda label: after(1, fail_here))",
     "store": "spread_snapshots(hhr.FullOrderModel(scene, MPI.COMM_SELF), scene.parameters.grid([9]), world, "
     "store=FailingStore())",
-    "query": "hhr.answer_rows(answering, [TableRow(2, ['x'])] * 9, world, after(1, fail_here))",
+    "query": "hhr.answer_points(answering, np.zeros((9, 1)), world, after(1, fail_here))",
 }
 
 

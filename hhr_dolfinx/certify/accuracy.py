@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.parameters import Theta
 
 if TYPE_CHECKING:
@@ -117,6 +118,15 @@ def summary(values: Any) -> dict:
 
 
 def norm(vector: np.ndarray, gram: Any = None) -> float:
-    """Norm of a vector by a Gram matrix, Euclidean if None."""
+    """Norm of a vector by a Gram matrix, Euclidean if None.
+
+    Raises:
+        SceneError: for a Gram matrix of which this rank holds only some rows.
+    """
+    if gram is not None and gram.shape[0] != vector.size:
+        raise SceneError(
+            f"the Gram matrix has {gram.shape[0]} rows for {vector.size} dofs: where ranks share the rows take "
+            "full.gathered(), problem.gathered(comm)"
+        )
     square = vector @ vector if gram is None else vector @ (gram @ vector)
     return float(np.sqrt(max(square, 0.0)))

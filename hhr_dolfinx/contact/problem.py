@@ -7,14 +7,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, issparse, vstack
 
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace, Theta
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
 
 DEPENDENT = 1e-13
 """Singular value of B V over the norm of B below which its rows are dependent to round-off."""
@@ -77,9 +81,12 @@ class ContactProblem:
     U0 is the homogeneous part of the displacement: it vanishes on imposed dofs. The amplitudes
     θ(mu) carry all dependence on the parameters (N dofs, N_lambda conditions, 1 + T terms).
 
+    The large matrices lie by rows: a rank holds those of its own dofs, on one rank all of them. Everything else is the
+    same on all ranks; it is sparse, or as large as the contact surface.
+
     Attributes:
-        stiffness_terms: parts of K of all dofs, without boundary conditions, (N, N) each.
-        mass: Gram matrix of the L2 product, (N, N).
+        stiffness_terms: own rows of the parts of K, without boundary conditions, (own, N) each.
+        mass: own rows of the Gram matrix of the L2 product, (own, N).
         free: dofs that are not imposed, (N,) bool.
         loads: F - K lift without imposed dofs, thesis (1.22), sparse, (N, 1 + T).
         lifts: imposed displacements, carried by the imposed dofs alone (section 2.6), sparse, (N, 1 + T).
@@ -93,6 +100,7 @@ class ContactProblem:
         points: coordinates of the nodes, (nodes, dim).
         amplitudes: θ as a function of the parameters.
         parameters: the box of the parameters.
+        first: number of the first dof whose row is held.
     """
 
     stiffness_terms: tuple[csr_matrix, ...]
@@ -110,6 +118,51 @@ class ContactProblem:
     points: np.ndarray
     amplitudes: Amplitudes
     parameters: ParameterSpace
+    first: int = 0
+
+    @property
+    def rows(self) -> slice:
+        """Range of the dofs whose rows are held."""
+        return slice(self.first, self.first + self.mass.shape[0])
+
+    @property
+    def whole(self) -> bool:
+        """Whether all rows are held."""
+        return self.mass.shape[0] == self.free.size
+
+    def gathered(self, comm: Comm) -> ContactProblem:
+        """The problem with all rows on every rank; itself where they are all there already. Collective.
+
+        Args:
+            comm: the ranks that share the rows.
+
+        Raises:
+            SceneError: if the ranks do not hold each row once.
+        """
+        if all(comm.allgather(self.whole)):
+            return self
+        starts, terms, masses = zip(*comm.allgather((self.first, self.stiffness_terms, self.mass)), strict=True)
+        order = sorted(range(len(starts)), key=lambda rank: starts[rank])
+        held = sum(mass.shape[0] for mass in masses)
+        if held != self.free.size:
+            raise SceneError(
+                f"the ranks hold {held} rows of a problem of {self.free.size} dofs: give the communicator of its model"
+            )
+        stiffness = (csr_matrix(vstack([parts[rank] for rank in order])) for parts in zip(*terms, strict=True))
+        mass = csr_matrix(vstack([masses[rank] for rank in order]))
+        return replace(self, stiffness_terms=tuple(stiffness), mass=mass, first=0)
+
+    def require_whole(self) -> None:
+        """Refuse a problem by rows where all of them are needed.
+
+        Raises:
+            SceneError: with the rows that are held.
+        """
+        if not self.whole:
+            raise SceneError(
+                f"rows {self.rows.start} to {self.rows.stop - 1} of {self.free.size} are held here, and all are "
+                "needed: solve on one rank (MPI.COMM_SELF), or take full.gathered(), problem.gathered(comm)"
+            )
 
     @property
     def block_size(self) -> int:
@@ -125,10 +178,20 @@ class ContactProblem:
         return self.lifts @ self.theta(mu)
 
     @cached_property
-    def stiffness(self) -> csr_matrix:
-        """K of all dofs, without boundary conditions, (N, N)."""
+    def own_stiffness(self) -> csr_matrix:
+        """Own rows of K, without boundary conditions, (own, N)."""
         first, *others = self.stiffness_terms
         return sum(others, start=first)
+
+    @property
+    def stiffness(self) -> csr_matrix:
+        """K of all dofs, without boundary conditions, (N, N).
+
+        Raises:
+            SceneError: where only some rows are held.
+        """
+        self.require_whole()
+        return self.own_stiffness
 
     @cached_property
     def external(self) -> csc_matrix:

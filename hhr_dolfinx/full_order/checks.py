@@ -368,14 +368,14 @@ def check_regular(problem: ContactProblem, solve: Callable[[np.ndarray], np.ndar
     times as stiff as others, and all digits where parts can move freely.
 
     Args:
-        problem: the full problem.
-        solve: K^-1 on free dofs, (N,) -> (N,).
+        problem: the full problem, which may lie by rows.
+        solve: K^-1 on free dofs, own rows -> (N,).
         scene: its name, for the message.
 
     Raises:
         NotSolvableError: if K is singular.
     """
     known = np.random.default_rng(0).standard_normal(problem.free.size) * problem.free
-    found = solve(problem.stiffness @ known * problem.free)
+    found = solve(problem.own_stiffness @ known * problem.free[problem.rows])
     if not np.linalg.norm(found - known) <= 1e-3 * np.linalg.norm(known):
         raise NotSolvableError(singular_stiffness(scene))

@@ -1,8 +1,7 @@
 """From a scene to matrices: DOLFINx assembles, PETSc holds, thesis (1.21)-(1.22).
 
-It yields a distributed PETSc stiffness for the full-order solver and a :class:`ContactProblem` gathered on every rank
-for everything else. What bodies that flow or keep their volume need at their Gauss points is in ``gauss_points``, which
-other scenes do not load.
+It yields a :class:`ContactProblem` whose large matrices lie by rows, each rank with those of its own dofs. What bodies
+that flow or keep their volume need at their Gauss points is in ``gauss_points``, which other scenes do not load.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csc_matrix, csr_matrix, hstack
+from scipy.sparse import csc_matrix, csr_matrix, hstack, vstack
 from ufl.algorithms import compute_form_data
 from ufl.algorithms.check_arities import ArityMismatch
 
@@ -97,19 +96,16 @@ class Discretisation:
     def _mass_form(self):
         return fem.form(elasticity.mass(self._trial, self._test, self.scene.hypothesis, self._dx))
 
-    def gathered(self, matrix: PETSc.Mat) -> csr_matrix:
-        """The whole matrix on every rank; rows are owned in contiguous ranges."""
-        parts = self.comm.allgather(matrix.getValuesCSR())
-        counts = np.concatenate([np.diff(part[0]) for part in parts])
-        indptr = np.concatenate([[0], np.cumsum(counts)])
-        indices = np.concatenate([part[1] for part in parts])
-        return csr_matrix((np.concatenate([part[2] for part in parts]), indices, indptr), shape=(self.size,) * 2)
+    def own_rows(self, matrix: PETSc.Mat) -> csr_matrix:
+        """Rows of a matrix that this rank owns, (own dofs, N)."""
+        indptr, indices, data = matrix.getValuesCSR()
+        return csr_matrix((data, indices, indptr), shape=(self.rows.stop - self.rows.start, self.size))
 
     def contact_problem(self, stiffness: csr_matrix) -> ContactProblem:
-        """Gather all of (1.21) on every rank.
+        """All of (1.21), the large matrices by rows and everything else on every rank. Collective.
 
         Args:
-            stiffness: K of all dofs, without boundary conditions, (N, N).
+            stiffness: own rows of K, without boundary conditions, (own dofs, N).
 
         Raises:
             SceneError: if the contact pairs are empty or do not face each other.
@@ -139,9 +135,9 @@ class Discretisation:
         rows, pairs, gaps = rows.take(kept), pairs[kept], gaps[kept]
         return ContactProblem(
             stiffness_terms=(stiffness,),
-            mass=self.gathered(mass),
+            mass=self.own_rows(mass),
             free=free,
-            loads=masked(forces - stiffness @ lifts, free),
+            loads=masked(forces - csc_matrix(vstack(self.comm.allgather(stiffness @ lifts))), free),
             lifts=lifts,
             contact=_without_columns(rows.matrix, ~free),
             gaps=np.asfortranarray(gaps),
@@ -153,6 +149,7 @@ class Discretisation:
             points=self._points(),
             amplitudes=amplitudes,
             parameters=scene.parameters,
+            first=self.rows.start,
         )
 
     def check(self, problem: ContactProblem) -> None:

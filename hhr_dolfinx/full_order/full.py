@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,7 +43,7 @@ class FullOrderModel:
         scene: the scene.
         comm: MPI communicator.
         discretisation: mesh and forms.
-        problem: the :class:`ContactProblem`.
+        problem: the :class:`ContactProblem`; on several ranks each has the rows of its own dofs.
         parameters: the box of the parameters.
         per_force: K^-1 B^T on the dofs of this rank, (own dofs, N_lambda).
         schur: S, (N_lambda, N_lambda).
@@ -70,7 +71,7 @@ class FullOrderModel:
     def _build_elastic(self) -> None:
         discretisation = Discretisation(self.scene, self.comm)
         stiffness = discretisation.assemble_stiffness()
-        self._factor(discretisation, discretisation.gathered(stiffness))
+        self._factor(discretisation, discretisation.own_rows(stiffness))
 
     def _build_flowing(self) -> None:
         from hhr_dolfinx.full_order.flow import FullEquilibrium, GaussModel
@@ -80,7 +81,7 @@ class FullOrderModel:
         self.equilibrium = FullEquilibrium(self, gauss)
 
     def _factor(self, discretisation: Discretisation, stiffness: csr_matrix) -> None:
-        """Eliminate everything but the contact.
+        """Eliminate everything but the contact, with own rows of K, (own dofs, N).
 
         Measured on one core: PETSc's own Cholesky with the ordering qmd solves plane problems fastest (1.1 ms against
         2.3 ms by LU and 1.6 ms by MUMPS at 14,000 dofs), MUMPS those in space (8 ms against 13 ms at 22,000 dofs).
@@ -88,16 +89,24 @@ class FullOrderModel:
         self.discretisation = discretisation
         self.problem = problem = discretisation.contact_problem(stiffness)
         discretisation.check(problem)
-        self.parameters, self._own = problem.parameters, discretisation.rows
-        own = stiffness if self.comm.size == 1 else stiffness[self._own]
-        self._solver = self.factors_of(own, "qmd")
-        check_regular(problem, lambda rhs: self._gather(self._solver.solve(rhs[self._own])), self.scene.name)
+        self.parameters, self._own = problem.parameters, problem.rows
+        self._solver = self.factors_of(stiffness, "qmd")
+        check_regular(problem, lambda rhs: self._gather(self._solver.solve(rhs)), self.scene.name)
         contact = problem.contact[:, self._own]
         self._own_loads = problem.loads[self._own]
         self.per_force = self._solver.solve_columns(contact.T)
         self.schur = self.comm.allreduce(contact @ self.per_force)
         self._contact, self._pairs = contact, Pairs.of(problem.contact_pairs)
         self._equalities = SchurEqualities.of(self.schur)
+
+    def gathered(self) -> FullOrderModel:
+        """The same model, whose problem has all rows on every rank, for what reduces and checks. Collective."""
+        problem = self.problem.gathered(self.comm)
+        if problem is self.problem:
+            return self
+        model = copy(self)
+        model.problem = problem
+        return model
 
     def factors_of(self, stiffness: csr_matrix, plane: str) -> FreeCholesky:
         """Factors of own rows of a stiffness, with an ordering for problems in the plane."""

@@ -130,7 +130,7 @@ def solve_along(
 def one_step(
     model: Any, mu: Any, raise_on_failure: bool = True, outside: str = "warn", duration: float = 1.0
 ) -> Answer:
-    """Answer of a model of bodies that flow: one step from rest at the lower end of the box.
+    """Answer of a model of bodies that flow: one step from rest where the box is nearest to zero.
 
     Args:
         model: full or reduced.
@@ -145,7 +145,7 @@ def one_step(
             ``march``.
     """
     space = model.parameters
-    target, start = space.point(mu), np.array(space.lower, dtype=float)
+    target, start = space.point(mu), np.clip(0.0, space.lower, space.upper)
     try:
         return model.march([(0.0, start), (duration, target)], MarchSettings(outside=outside)).answers[-1]
     except ConvergenceError:

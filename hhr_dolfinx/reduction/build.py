@@ -159,6 +159,11 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
     """
     if not isinstance(recipe, Recipe):
         raise ReductionError(f"{recipe!r} is no recipe: give a Recipe")
+    if not full.problem.whole:
+        raise ReductionError(
+            "the full model is spread over several ranks, each with some rows of its matrices, and a reduction needs "
+            "all: give a model on MPI.COMM_SELF, as train does, or full.gathered()"
+        )
     for name, solutions in (("snapshots", snapshots), ("held_out", held_out)):
         if solutions is None and name == "held_out":
             continue

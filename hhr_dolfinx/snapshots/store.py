@@ -51,16 +51,19 @@ class SnapshotStore:
     Args:
         folder: where the files are; made if missing. Several problems and processes may share it.
         full: the full model whose answers are kept. Any change of its problem or of its laws gives other files, but for
-            the bounds of its parameters, on which no answer depends.
+            the bounds of its parameters, on which no answer depends. All rows of the problem are needed: on several
+            ranks give ``full.gathered()``.
 
     Attributes:
         found: number of answers that were there when asked for.
 
     Raises:
         FileError: if the folder cannot be made.
+        SceneError: if ranks share the rows of the problem.
     """
 
     def __init__(self, folder: str | Path, full: Any):
+        full.problem.require_whole()
         self._folder = make_folder(folder)
         clear_leftovers(self._folder)
         self._full, self._problem = full, full.problem
