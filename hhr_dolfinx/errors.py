@@ -85,6 +85,10 @@ class SnapshotFileWarning(UserWarning):
     """A stored solution is damaged or belongs elsewhere; it is solved anew and its file replaced."""
 
 
+class ModelFileWarning(UserWarning):
+    """A part of a model is code, and stays out of its file."""
+
+
 class LockingWarning(UserWarning):
     """A body that keeps its volume is meshed with cells that are too stiff for it: linear triangles or tetrahedra."""
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from scipy.sparse import csc_matrix, hstack, issparse
@@ -22,8 +22,8 @@ from hhr_dolfinx.parameters import (
     as_tuple,
     check_amplitude,
     check_tag,
+    checked_count,
     is_number,
-    is_whole,
 )
 
 if TYPE_CHECKING:
@@ -240,7 +240,7 @@ def checked_terms(load: Load, assembler: Assembler) -> list[Term]:
 def _checked_columns(load, term, assembler) -> csc_matrix:
     """Columns of a term whose amplitude and sizes are as they must be."""
     amplitude, columns = term.amplitude, term.columns
-    count = 1 if isinstance(amplitude, Amplitude) else _checked_count(load, amplitude, assembler.parameters)
+    count = 1 if isinstance(amplitude, Amplitude) else checked_count(amplitude, assembler.parameters, load)
     if isinstance(columns, np.ndarray) and columns.ndim == 1:
         columns = columns[:, None]
     shape = getattr(columns, "shape", None)
@@ -255,25 +255,3 @@ def _checked_columns(load, term, assembler) -> csc_matrix:
     if not np.isfinite(columns.data).all():
         raise SceneError(f"the nodal forces of {load!r} are not finite: check its form")
     return columns
-
-
-def _checked_count(load: Load, amplitude: Any, space: ParameterSpace) -> int:
-    """Number of columns of an amplitude that is not affine, tried in the middle of the box."""
-    if isinstance(amplitude, type) or not callable(amplitude) or not hasattr(amplitude, "__dataclass_fields__"):
-        raise SceneError(
-            f"the amplitude {amplitude!r} of {load!r} must be an Amplitude, or a frozen dataclass with a count that "
-            "returns (columns, values) for a point"
-        )
-    count: Any = getattr(amplitude, "count", None)
-    if not is_whole(count, 1):
-        raise SceneError(f"the count {count!r} of {amplitude!r} of {load!r} must be its number of columns")
-    try:
-        columns, values = amplitude(np.mean([space.lower, space.upper], axis=0))
-        fits = len(columns) == len(values) == len(set(columns)) and all(is_number(value) for value in values)
-    except (TypeError, ValueError):
-        fits, columns = False, ()
-    if not fits or not all(is_whole(column, 0) and column < count for column in columns):
-        raise SceneError(
-            f"{amplitude!r} of {load!r} must return columns, each once and below its count {count}, and as many values"
-        )
-    return count

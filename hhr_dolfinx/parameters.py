@@ -8,7 +8,7 @@ are, so a model on disk is data only and nothing that is loaded is ever executed
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass
 from functools import cached_property
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any, Protocol
@@ -282,6 +282,37 @@ class NonAffine(Protocol):
         """Numbers among its own columns, each once, and the amplitudes of those that act at a point (P,)."""
 
 
+def checked_count(amplitude: Any, space: ParameterSpace, owner: object) -> int:
+    """Number of columns of an amplitude that is not affine, tried in the middle of the box.
+
+    Args:
+        amplitude: a :class:`NonAffine`, or what is given for one.
+        space: the box of the parameters.
+        owner: whose amplitude it is, for messages.
+
+    Raises:
+        SceneError: for what is none.
+    """
+    if isinstance(amplitude, type) or not callable(amplitude) or not is_dataclass(amplitude):
+        raise SceneError(
+            f"the amplitude {amplitude!r} of {owner!r} must be an Amplitude, or a frozen dataclass with a count that "
+            "returns (columns, values) for a point"
+        )
+    count = getattr(amplitude, "count", None)
+    if not is_whole(count, 1):
+        raise SceneError(f"the count {count!r} of {amplitude!r} of {owner!r} must be its number of columns")
+    try:
+        columns, values = amplitude(np.mean([space.lower, space.upper], axis=0))
+        fits = len(columns) == len(values) == len(set(columns)) and all(is_number(value) for value in values)
+    except (TypeError, ValueError):
+        fits, columns = False, ()
+    if not fits or not all(is_whole(column, 0) and column < count for column in columns):
+        raise SceneError(
+            f"{amplitude!r} of {owner!r} must return columns, each once and below its count {count}, and as many values"
+        )
+    return count
+
+
 @dataclass(frozen=True)
 class Coverage:
     """Amplitudes of a pressure on the part of a straight line up to a parameter, exact for linear elements.
@@ -296,12 +327,25 @@ class Coverage:
         extent: index of the parameter up to which the pressure acts.
         constant: amplitude at mu = 0.
         slopes: slopes of the amplitude, (P,).
+
+    Raises:
+        SceneError: for no line that goes up, or an extent that is no parameter.
     """
 
     positions: np.ndarray
     extent: int
     constant: float
     slopes: np.ndarray
+
+    def __post_init__(self) -> None:
+        """Refuse what would be looked up elsewhere."""
+        line, slopes = self.positions, self.slopes
+        if line.ndim != 1 or line.size < 2 or not (line[:-1] < line[1:]).all():
+            raise SceneError("positions of a partial pressure must be at least two and increase")
+        if slopes.ndim != 1 or not 0 <= self.extent < slopes.size:
+            raise SceneError(
+                f"a partial pressure extends up to parameter {self.extent}, and has slopes along {slopes.size} of them"
+            )
 
     @property
     def count(self) -> int:

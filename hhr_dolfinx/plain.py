@@ -13,7 +13,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from hhr_dolfinx.errors import FileContentError
+from hhr_dolfinx.errors import FileContentError, ModelFileError
 
 ARRAY_TYPES = (np.dtype("<f8"), np.dtype("<i8"), np.dtype("<i4"), np.dtype("?"))
 """Kinds of numbers that arrays in files have."""
@@ -80,7 +80,8 @@ def restored(data: object, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
         kinds: classes that may be built, by name.
 
     Raises:
-        FileContentError: if the kind is unknown; if fields are missing, unknown or of the wrong type; if a number is
+        ModelFileError: if the kind is unknown, with what to do.
+        FileContentError: if fields are missing, unknown or of the wrong type; if a number is
             not finite; and for whatever the class itself refuses.
     """
     if not isinstance(data, Mapping) or data.keys() != {"kind", "numbers"} or not isinstance(data["numbers"], Mapping):
@@ -89,7 +90,7 @@ def restored(data: object, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
     if not (isinstance(name, str) and name.isidentifier()):
         raise FileContentError(f"the kind {_shown(name)} is no name of a class")
     if name not in kinds:
-        raise FileContentError(
+        raise ModelFileError(
             f"the file holds a {name[:_SHOWN]}, which is none of {', '.join(sorted(kinds)) or 'the classes given'}: "
             f"pass the class, load_model(path, known=[{name[:_SHOWN]}])"
         )

@@ -1,26 +1,51 @@
-"""Batches: parameters from a table, spread over the ranks; every row gets an answer or a reason."""
+"""Batches: many parameters answered as arrays, spread over the ranks; and tables of text at the edge of that.
+
+A parameter that has no answer gets a reason and does not stop the others.
+"""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from mpi4py import MPI
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import HHRError, ParameterError
 from hhr_dolfinx.files import replacing
-from hhr_dolfinx.models.reconstruct import OnlineModel
+from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.timing import timed
 
 if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
     from rich.console import Console
 
-_ANSWER = ("status", "largest_displacement", "total_force")
+Progress = Callable[[Iterable], Iterable]
+"""Wraps an iteration, for a progress bar."""
+
+OK = "ok"
+"""Status of a row that has an answer."""
+_COLUMNS = ("status", "largest_displacement", "total_force")
+
+
+class Answers(NamedTuple):
+    """Answers to many parameters, one row each; NaN where there is none.
+
+    Attributes:
+        points: parameters, (S, P).
+        status: ``ok``, or why there is no answer.
+        largest_displacement: of any node, (S,).
+        forces: nodal contact forces on the whole surface, (S, N_lambda).
+    """
+
+    points: np.ndarray
+    status: list[str]
+    largest_displacement: np.ndarray
+    forces: np.ndarray
 
 
 class TableRow(NamedTuple):
@@ -35,6 +60,50 @@ class TableRow(NamedTuple):
     line: int
     cells: list[str]
     fault: str = ""
+
+
+def answer_points(
+    model: ReducedModel,
+    points: np.ndarray,
+    comm: Comm | None = None,
+    progress: Progress = iter,
+    outside: str = "refuse",
+) -> Answers | None:
+    """Answer every point with contact forces on the whole surface.
+
+    Each rank takes a block of them: queries take about the same time, so that nothing is gained by handing them out
+    one by one.
+
+    Args:
+        model: the reduced model, the same on all ranks.
+        points: (S, P), the same on all ranks.
+        comm: communicator over which they are spread; None for this process alone, which needs no MPI.
+        progress: wraps the iteration, for a progress bar.
+        outside: what happens to parameters outside what was trained, see :meth:`ReducedModel.solve`; batches are read
+            by those who see no warnings, so that such rows are refused unless asked for otherwise.
+
+    Returns:
+        The answers on rank 0; None elsewhere.
+
+    Raises:
+        ParameterError: for what is no table of points.
+        HHRError: on all ranks, if anything but a row went wrong on another one.
+    """
+    points = np.array(points, dtype=float)
+    if points.ndim != 2 or points.shape[1] != len(model.parameters.names):
+        raise ParameterError(
+            f"points have the shape {points.shape}: give one row per point, a column for each of "
+            f"{model.parameters.names}"
+        )
+    rank, size = (0, 1) if comm is None else (comm.rank, comm.size)
+    mine = np.array_split(np.arange(len(points)), size)[rank]
+    with nullcontext() if comm is None else ranks.each_for_itself(comm, "answering the table"):
+        rows = [_answer(model, points[k], outside) for k in progress(mine)]
+    parts = [rows] if comm is None else comm.gather(rows, root=0)
+    if parts is None:
+        return None
+    status, largest, forces = zip(*(row for part in parts for row in part), strict=True) if len(points) else ((),) * 3
+    return Answers(points, list(status), np.array(largest), np.array(forces).reshape(len(points), _forces_of(model)))
 
 
 def read_points(path: str | Path, space: ParameterSpace) -> list[TableRow]:
@@ -63,11 +132,7 @@ def read_points(path: str | Path, space: ParameterSpace) -> list[TableRow]:
 
 
 def answer_table(
-    reduction: OnlineModel,
-    rows: list[TableRow],
-    path: str | Path,
-    console: Console,
-    progress: Callable[[Iterable], Iterable] = iter,
+    model: ReducedModel, rows: Sequence[TableRow], path: str | Path, console: Console, progress: Progress = iter
 ) -> int:
     """Answer a table on all ranks, write it as CSV on the first one, and print the bad rows with their reasons.
 
@@ -78,101 +143,87 @@ def answer_table(
         FileError: if the answers cannot be written.
         HHRError: on all ranks, if anything but a row went wrong on another one.
     """
-    comm, space = MPI.COMM_WORLD, reduction.model.parameters
-    answers, seconds = timed(lambda: answer_rows(reduction, rows, comm, progress))
+    from mpi4py import MPI
+
+    comm, space = MPI.COMM_WORLD, model.parameters
+    numbers = [_numbers(row, space) for row in rows]
+    points = np.array([point for point, _ in numbers]).reshape(len(rows), len(space.names))
+    answers, seconds = timed(lambda: answer_points(model, points, comm, progress))
     bad = 0
     with ranks.each_for_itself(comm, "writing the answers"):
         if answers is not None:
-            bad = write_answers(path, space, answers)
+            # a cell that is no number has a reason of its own
+            status = [fault or found for (_, fault), found in zip(numbers, answers.status, strict=True)]
+            bad = write_answers(path, space, answers._replace(status=status), [row.cells for row in rows])
     bad = comm.bcast(bad)
     if answers is not None:
-        status = len(space.names)
         console.print(f"{len(rows) - bad} answers and {bad} bad rows on {comm.size} ranks in {seconds:.1f} s: {path}")
-        for row, answer in zip(rows, answers, strict=True):
-            if answer[status] != "ok":
-                given = ", ".join(answer[:status])
-                console.print(f"line {row.line} ({given}): {answer[status]}", highlight=False, markup=False)
+        for row, why in zip(rows, status, strict=True):
+            if why != OK:
+                given = ", ".join(row.cells)
+                console.print(f"line {row.line} ({given}): {why}", highlight=False, markup=False)
     return bad
 
 
-def answer_rows(
-    reduction: OnlineModel,
-    rows: list[TableRow],
-    comm: MPI.Comm,
-    progress: Callable[[Iterable], Iterable] = iter,
-    outside: str = "refuse",
-) -> list[list[str]] | None:
-    """Answer every row with contact forces on the whole surface; a bad row does not stop the others.
+def write_answers(
+    path: str | Path, space: ParameterSpace, answers: Answers, cells: Sequence[Sequence[str]] | None = None
+) -> int:
+    """Write answers as CSV with a header; returns the number of rows that have none.
 
     Args:
-        reduction: the reduced model, the same on all ranks.
-        rows: parameters as text, the same on all ranks.
-        comm: communicator over which the rows are spread.
-        progress: wraps the iteration, for a progress bar.
-        outside: what happens to parameters outside what was trained, see ``ReducedModel.solve``; a table is read by
-            those who see no warnings, so that such rows are refused unless asked for otherwise.
-
-    Returns:
-        On rank 0 one row per input: its parameters, status, largest displacement, total force and all
-        forces, empty where there is no answer; None elsewhere.
-
-    Raises:
-        HHRError: on all ranks, if anything but a row went wrong on another one.
-    """
-    mine = np.array_split(np.arange(len(rows)), comm.size)[comm.rank]
-    with ranks.each_for_itself(comm, "answering the table"):
-        answers = [_answer(reduction, rows[k], outside) for k in progress(mine)]
-    parts = comm.gather(answers, root=0)
-    return None if parts is None else [row for part in parts for row in part]
-
-
-def write_answers(path: str | Path, space: ParameterSpace, answers: list[list[str]]) -> int:
-    """Write the answers as CSV with a header; returns the number of bad rows.
+        path: the file.
+        space: whose names head the columns of the parameters.
+        answers: what :func:`answer_points` returned.
+        cells: the parameters as they were given, as text; None writes the numbers.
 
     Raises:
         FileError: if the file cannot be written.
     """
-    given = len(space.names)
-    forces = max((len(row) for row in answers), default=0) - given - len(_ANSWER)
+    given = answers.points.tolist() if cells is None else cells
+    count = answers.forces.shape[1]
     with replacing(path, text=True) as file:
         writer = csv.writer(file)
-        writer.writerow([*space.names, *_ANSWER, *(f"force_{k}" for k in range(forces))])
-        writer.writerows(answers)
-    return sum(row[given] != "ok" for row in answers)
+        writer.writerow([*space.names, *_COLUMNS, *(f"force_{k}" for k in range(count))])
+        for row, status, largest, forces in zip(given, *answers[1:], strict=True):
+            # 12 digits: what different orders of summation leave alone
+            values = (
+                [f"{value:.12g}" for value in (largest, forces.sum(), *forces)] if status == OK else [""] * (count + 2)
+            )
+            writer.writerow([*row, status, *values])
+    return sum(status != OK for status in answers.status)
 
 
-def _row(line, cells, columns, width) -> TableRow:
+def _row(line: int, cells: list[str], columns: list[int], width: int) -> TableRow:
     """A row in the order of the parameters; cells behind the last may be decimal commas, which must not pass."""
     fault = f"{len(cells)} cells where the header has {width}" if any(cells[width:]) else ""
     padded = cells + [""] * width
     return TableRow(line, [padded[column] for column in columns], fault)
 
 
-def _answer(reduction, row, outside) -> list[str]:
-    try:
-        point = _point(row, reduction.model.parameters.names)
-        displacement, forces = reduction.solve_everywhere(point, outside=outside)
-    except HHRError as error:  # what a row may do; anything else is a fault of the program and ends the run
-        unanswered = [""] * (len(_ANSWER) - 1 + len(reduction.reconstruction.gaps))
-        return [*row.cells, str(error), *unanswered]
-    largest = np.linalg.norm(displacement.reshape(-1, reduction.dimension), axis=1).max()
-    # 12 digits: what different orders of summation leave alone
-    return [*row.cells, "ok", *(f"{value:.12g}" for value in (largest, forces.sum(), *forces))]
-
-
-def _point(row, names) -> list[float]:
-    """Numbers of a row.
-
-    Raises:
-        ParameterError: names the column.
-    """
+def _numbers(row: TableRow, space: ParameterSpace) -> tuple[list[float], str]:
+    """The point of a row, and what is wrong with its text; no point, NaN, where anything is."""
+    nothing = [np.nan] * len(space.names)
     if row.fault:
-        raise ParameterError(row.fault)
+        return nothing, row.fault
     point = []
-    for name, text in zip(names, row.cells, strict=True):
+    for name, text in zip(space.names, row.cells, strict=True):
         try:
             point.append(float(text))
         except ValueError:
-            why = "is empty" if not text else f"= '{text}' is no number"
-            raise ParameterError(f"{name} {why}") from None
-    return point
+            return nothing, f"{name} is empty" if not text else f"{name} = '{text}' is no number"
+    return point, ""
+
+
+def _answer(model: ReducedModel, point: np.ndarray, outside: str) -> tuple[str, float, np.ndarray]:
+    """Status, largest displacement and forces at one point."""
+    try:
+        answer = model.solve(point, outside=outside)
+        displacement, forces = answer.displacement(), answer.forces()
+    except HHRError as error:  # what a row may do; anything else is a fault of the program and ends the run
+        return str(error), np.nan, np.full(_forces_of(model), np.nan)
+    return OK, np.linalg.norm(displacement.reshape(-1, model.dimension), axis=1).max(), forces
+
+
+def _forces_of(model: ReducedModel) -> int:
+    """Number of conditions on the whole contact surface."""
+    return len(model.fields.gaps)

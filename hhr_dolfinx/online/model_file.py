@@ -1,51 +1,87 @@
 """Reduced models on disk: plain arrays and numbers with a version and a checksum, nothing to execute.
 
-What a file holds is written down once, in the table :data:`LAYOUT`. A file is accepted only if its arrays are those
-of the table, so that a file with a valid checksum and other content is refused where it is read, not where it is
-first used.
+What a file holds is written down once, in the table :data:`LAYOUT`: the same parts for elastic bodies and for bodies
+that flow, those of flow only where bodies do. A file is accepted only if its arrays are those of the table, so that a
+file with a valid checksum and other content is refused where it is read, not where it is first used.
 """
 
 from __future__ import annotations
 
-from itertools import pairwise
+import math
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.sparse import csc_matrix
+from scipy.sparse import coo_matrix
 
-from hhr_dolfinx.errors import FileContentError, HHRError, ModelFileError
+from hhr_dolfinx.errors import FileContentError, HHRError, ModelFileError, ModelFileWarning
 from hhr_dolfinx.files import check_layout, read_arrays, write_arrays
+from hhr_dolfinx.materials.laws import Norton, Plasticity
 from hhr_dolfinx.models.condensed import KnownStatuses
-from hhr_dolfinx.models.reconstruct import OnlineModel, Reconstruction
+from hhr_dolfinx.models.reconstruct import FlowFields, GappyField, Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel, ReducedProblem
-from hhr_dolfinx.parameters import Amplitudes, Coverage, ParameterSpace
-from hhr_dolfinx.trained import TrainedRange
+from hhr_dolfinx.parameters import Amplitudes, Coverage, ParameterSpace, checked_count
+from hhr_dolfinx.plain import as_plain, by_name, restored
+from hhr_dolfinx.trained import TrainedPaths, TrainedRange
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.reduced_flow import ReducedFlow
 
 FORMAT, VERSION = "hhr_dolfinx reduced model", 6
+
+PACKED = {
+    "reduced.gaps": ("C", "m", "terms"),
+    "fields.gaps": ("F", "N_lambda", "terms"),
+    "fields.lifts": ("csc", "N", "terms"),
+    "flow.lifts": ("csc", "n", "terms"),
+    "flow.loads": ("csc", "a", "terms"),
+    "flow.contact": ("csr", "a", "m"),
+}
+"""Matrices of which only what is not zero is kept: sparse format, or order in memory of a dense one; names of sizes."""
 
 LAYOUT = {
     "reduced.stiffness": ("float", "ell", "ell"),
     "reduced.contact_test": ("float", "m", "ell"),
     "reduced.contact_trial": ("float", "m", "ell"),
     "reduced.loads": ("float", "ell", "terms"),
-    "reduced.gaps": ("float", "m", "terms"),
     "reduced.pairs": ("int", "m"),
-    "reconstruction.basis": ("float", "N", "ell"),
-    # imposed displacements move few dofs, and most terms none: only what is not zero is kept
-    "reconstruction.lifts.rows": ("int", "lifted"),
-    "reconstruction.lifts.columns": ("int", "lifted"),
-    "reconstruction.lifts.values": ("float", "lifted"),
-    "reconstruction.contact_basis": ("float", "N_lambda", "ell"),
-    "reconstruction.gaps": ("float", "N_lambda", "terms"),
-    "reconstruction.A_lambda": ("int", "m"),
-    "reconstruction.force_snapshots": ("float", "N_lambda", "force snapshots"),
-    "reconstruction.gap_scale": ("float", "N_lambda"),
+    "fields.basis": ("float", "N", "ell"),
+    "fields.contact_basis": ("float", "N_lambda", "ell"),
+    "fields.A_lambda": ("int", "m"),
+    "fields.force_snapshots": ("float", "N_lambda", "force snapshots"),
+    "fields.gap_scale": ("float", "N_lambda"),
     "amplitudes.constant": ("float", "affine terms"),
     "amplitudes.slopes": ("float", "affine terms", "P"),
     "known.points": ("float", "S", "P"),
     "known.active": ("bool", "S", "m"),
     "trained.lower": ("float", "P"),
     "trained.upper": ("float", "P"),
+    "paths.slowest": ("float", "P"),
+    "paths.fastest": ("float", "P"),
+    "paths.steps": ("float", "ends"),
+    "paths.imbalance": ("float",),
+    "paths.share": ("float",),
+    "paths.depth": ("float",),
+    "flow.gradients": ("float", "cells", "per cell", "components", "dofs of a cell"),
+    "flow.weights": ("float", "cells", "per cell"),
+    "flow.dofs": ("int", "cells", "dofs of a cell"),
+    "flow.cells": ("int", "cells"),
+    "flow.modes": ("float", "n", "ell"),
+    "flow.inner": ("int", "a"),
+    # of each Gauss point the number of its group, so that no point can be in none or in two
+    "flow.group": ("int", "cells", "per cell"),
+    "flow.young": ("float", "groups"),
+    "flow.poisson": ("float", "groups"),
+    "completion.stress_modes": ("float", "stress values", "stress modes"),
+    "completion.stress_fit": ("float", "stress modes", "stress inside"),
+    "completion.cumulated_modes": ("float", "gauss points", "strain modes"),
+    "completion.cumulated_fit": ("float", "strain modes", "points"),
+} | {
+    f"{name}.{part}": (kind, f"entries of {name}")
+    for name in PACKED
+    for part, kind in (("rows", "int"), ("columns", "int"), ("values", "float"))
 }
 """Arrays of a file by name: kind, then the names of their sizes; the same name is the same size everywhere.
 
@@ -53,83 +89,78 @@ A field that is added to a part needs one line here.
 """
 
 INDICES = {
-    "reconstruction.lifts.rows": "N",
-    "reconstruction.lifts.columns": "terms",
-    "reconstruction.A_lambda": "N_lambda",
+    "fields.A_lambda": "N_lambda",
+    "flow.dofs": "n",
+    "flow.inner": "n",
+    "flow.cells": "all cells",
+    "flow.group": "groups",
+    **{f"{name}.rows": rows for name, (_, rows, _) in PACKED.items()},
+    **{f"{name}.columns": columns for name, (*_, columns) in PACKED.items()},
 }
-"""Arrays of indices: each must be at least 0 and below the size of this name."""
+"""Arrays of indices: each must be at least 0 and below the size of this name, since compiled loops do not look."""
 
-_COVERAGE = {
-    "positions": ("float", "nodes"),
-    "extent": ("int",),
-    "constant": ("float",),
-    "slopes": ("float", "P"),
-}
-_PARTS = {
-    "reduced": ReducedProblem,
-    "reconstruction": Reconstruction,
-    "amplitudes": Amplitudes,
-    "known": KnownStatuses,
+_PRODUCTS = {
+    "points": ("cells", "per cell"),
+    "stress inside": ("cells", "per cell", "components"),
+    "stress values": ("gauss points", "components"),
+    "gauss points": ("all cells", "per cell"),
 }
 _TYPES = {"float": np.float64, "int": np.int64, "bool": np.bool_}
-_MAY_BE_NONE = {"lifted", "force snapshots"}
+_MAY_BE_NONE = {"force snapshots", "stress modes", "strain modes", *(f"entries of {name}" for name in PACKED)}
+_BUILT_IN = (Coverage, Plasticity, Norton)
 
 
-def save_model(path: str | Path, reduction: OnlineModel) -> None:
+def save_model(path: str | Path, model: ReducedModel) -> None:
     """Write a model as one ``.npz`` file; an existing file is replaced only by a complete one.
 
+    What needs the mesh or is code stays behind: the stress of elastic bodies, an indicator, the record of how the model
+    was made. Laws and amplitudes of a user's own must be frozen dataclasses of numbers, see :mod:`hhr_dolfinx.plain`.
+
     Raises:
-        TypeError: for what is no elastic model: those of bodies that flow have no file yet.
+        TypeError: for what is no reduced model.
         FileError: if the file cannot be written.
         ModelFileError: if the model itself could not be read back: numbers that are not finite, shapes that do
-            not fit.
+            not fit, laws that are no data.
+
+    Warns:
+        ModelFileWarning: if the model has an indicator.
     """
-    if not isinstance(reduction, OnlineModel):
-        raise TypeError(f"a model file holds what build_reduced_model returns, not a {type(reduction).__name__}")
-    model = reduction.model
-    parts = {
-        "reduced": model.problem,
-        "reconstruction": reduction.reconstruction,
-        "amplitudes": model.amplitudes,
-        "known": model.known,
-        "trained": model.trained or TrainedRange.of(model.known.points, model.parameters),
-    }
-    fields = {f"{part}.{name}": getattr(value, name) for part, value in parts.items() for name in vars(value)}
-    fields |= {f"reconstruction.lifts.{name}": value for name, value in _packed(fields["reconstruction.lifts"]).items()}
-    for k, coverage in enumerate(model.amplitudes.nonaffine):
-        if not isinstance(coverage, Coverage):
-            raise ModelFileError(
-                f"a file holds affine amplitudes and partial pressures only, not {coverage!r}: keep the snapshots, and "
-                "build the model where it is needed"
-            )
-        fields |= {f"coverage{k}.{name}": value for name, value in vars(coverage).items()}
-    layout = _layout(len(model.amplitudes.nonaffine))
-    arrays = {name: np.asarray(fields[name], dtype=_TYPES[kind[0]]) for name, kind in layout.items()}
+    if not isinstance(model, ReducedModel):
+        raise TypeError(f"a model file holds what build returns, a ReducedModel, not a {type(model).__name__}")
+    if model.fields.indicator is not None:
+        why = "the indicator stays behind: answers of the model read from it have no estimate"
+        warnings.warn(f"{path} holds no code, {why}", ModelFileWarning, stacklevel=2)
+    laws = [group.law for group in model.flow.material.groups] if model.flow is not None else []
+    values = {"amplitudes": list(model.fields.amplitudes.nonaffine), "laws": laws}
     space = model.parameters
-    header = {
-        "format": FORMAT,
-        "version": VERSION,
-        "parameters": {
-            "names": list(space.names),
-            "lower": [float(value) for value in space.lower],
-            "upper": [float(value) for value in space.upper],
-        },
-        "dimension": int(reduction.dimension),
-    }
+    box = {"names": space.names, "lower": [float(x) for x in space.lower], "upper": [float(x) for x in space.upper]}
+    header = {"format": FORMAT, "version": VERSION, "parameters": box, "dimension": int(model.dimension)}
     try:
-        header["sizes"] = check_layout(arrays, layout, {"P": len(space.names)})
-        _check(header, arrays)
+        kinds = by_name([*_BUILT_IN, *(type(item) for group in values.values() for item in group if item is not None)])
+        fields = _taken_apart(model)
+        layout = _layout(fields)
+        arrays = {name: np.asarray(fields[name], dtype=_TYPES[kind[0]]) for name, kind in layout.items()}
+        for what, items in values.items():
+            plain = [(None, {}) if item is None else as_plain(item) for item in items]
+            header[what] = [data for data, _ in plain]
+            arrays |= {f"{what}{k}.{name}": own for k, (_, parts) in enumerate(plain) for name, own in parts.items()}
+        _checked(header, arrays, kinds)
         write_arrays(path, header, arrays)
     except FileContentError as error:
         raise ModelFileError(f"this model cannot be kept in {path}: {error}") from error
 
 
-def load_model(path: str | Path) -> OnlineModel:
+def load_model(path: str | Path, known: Iterable[type] = ()) -> ReducedModel:
     """Read a model written by :func:`save_model`. Needs neither DOLFINx nor the scene.
 
+    Args:
+        path: the file.
+        known: classes of a user's own laws and amplitudes that may come out of the file; none else is looked up.
+
     Raises:
-        ModelFileError: if the file is missing, no model, of another version, or damaged.
+        ModelFileError: if the file is missing, no model, of another version, or damaged, or holds an unknown class.
     """
+    kinds = by_name([*_BUILT_IN, *known])
     try:
         header, arrays = read_arrays(path, FORMAT, VERSION)
     except FileNotFoundError:
@@ -137,110 +168,190 @@ def load_model(path: str | Path) -> OnlineModel:
     except FileContentError as error:
         raise ModelFileError(f"{error}: build the model again") from error
     try:
-        sizes = _check(header, arrays)
-        return _model(header, arrays, sizes)
+        return _model(_checked(header, arrays, kinds))
+    except ModelFileError as error:  # a class that was not passed: nothing is wrong with the file
+        raise ModelFileError(f"{path} cannot be read: {error}") from error
     except (HHRError, MemoryError) as error:
         raise ModelFileError(f"{path} is damaged or no model file ({error}): build the model again") from error
 
 
-def _layout(coverages: int) -> dict[str, tuple[str, ...]]:
-    """Table of a file with some pressures on a part of a line."""
-    more = {
-        f"coverage{k}.{name}": tuple(f"nodes{k}" if item == "nodes" else item for item in kind)
-        for k in range(coverages)
-        for name, kind in _COVERAGE.items()
-    }
-    return LAYOUT | more
+def _layout(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """The part of the table that belongs to a model: elastic or flowing, with a training or not."""
+    flows, trained = "flow.cells" in names, "trained.lower" in names
+    parts = {"reduced", "fields", "amplitudes", *(("flow", "completion") if flows else ("known",))}
+    parts |= {"trained", *(("paths",) if flows else ())} if trained else set()
+    return {name: kind for name, kind in LAYOUT.items() if name.split(".")[0] in parts}
 
 
-def _check(header: dict, arrays: dict[str, np.ndarray]) -> dict[str, int]:
-    """Check that header and arrays are those of a model; returns all sizes by name.
+def _taken_apart(model: ReducedModel) -> dict[str, Any]:
+    """Everything that the table may ask for, by name."""
+    parts = {"reduced": model.problem, "fields": model.fields, "amplitudes": model.fields.amplitudes}
+    values = {f"{part}.{name}": item for part, value in parts.items() for name, item in vars(value).items()}
+    if model.known is not None:
+        values |= {"known.points": model.known.points, "known.active": model.known.active}
+    if model.trained is not None:
+        range_ = getattr(model.trained, "parameters", model.trained)
+        values |= {f"trained.{name}": item for name, item in vars(range_).items()}
+        values |= {f"paths.{name}": item for name, item in vars(model.trained).items()}
+    if model.flow is not None:
+        values |= _flow_taken_apart(model.flow, model.fields.flow)
+    for name in PACKED.keys() & values.keys():
+        entries = coo_matrix(values[name])
+        values |= {f"{name}.rows": entries.row, f"{name}.columns": entries.col, f"{name}.values": entries.data}
+    return values
+
+
+def _flow_taken_apart(flow: ReducedFlow, fields: FlowFields) -> dict[str, Any]:
+    """Arrays of bodies that flow by name."""
+    groups, weights = flow.material.groups, flow.operator.weights
+    values = {f"flow.{name}": item for name, item in (vars(flow) | vars(flow.operator)).items()}
+    values["flow.group"] = np.empty(weights.size, dtype=np.int64)
+    for number, group in enumerate(groups):
+        values["flow.group"][group.indices] = number
+    values["flow.group"] = values["flow.group"].reshape(weights.shape)
+    values |= {f"flow.{name}": [getattr(group, name) for group in groups] for name in ("young", "poisson")}
+    nothing = GappyField(np.zeros((fields.gauss_points, 0)), np.zeros((0, weights.size)))
+    for name, field in (("stress", fields.stress), ("cumulated", fields.cumulated or nothing)):
+        values |= {f"completion.{name}_{part}": item for part, item in field._asdict().items()}
+    return values
+
+
+class _Content(NamedTuple):
+    """What a file holds, checked: the box, arrays of the table, sizes by name, values that are a kind and numbers."""
+
+    space: ParameterSpace
+    dimension: int
+    arrays: dict[str, np.ndarray]
+    sizes: dict[str, int]
+    amplitudes: list[Any]
+    laws: list[Any]
+
+
+def _checked(header: dict, arrays: Mapping[str, np.ndarray], kinds: Mapping[str, type]) -> _Content:
+    """The content of a file, if it is that of a model.
 
     Raises:
         FileContentError: with what is wrong.
+        ModelFileError: for a class that is not known.
+        SceneError: for a box or amplitudes that are none.
     """
     _check_header(header)
-    coverages = sum(name.startswith("coverage") and name.endswith(".extent") for name in arrays)
-    layout = _layout(coverages)
-    sizes = check_layout(arrays, layout, header["sizes"])
-    named = {label for _, *dimensions in layout.values() for label in dimensions}
-    if header["sizes"].keys() != named or sizes["P"] != len(header["parameters"]["names"]):
-        raise FileContentError("the sizes in its header are not those of its arrays and parameters")
+    space, arrays = ParameterSpace(**header["parameters"]), dict(arrays)
+    amplitudes, laws = (_values(what, header[what], arrays, kinds) for what in ("amplitudes", "laws"))
+    layout = _layout(arrays)
+    sizes = check_layout(arrays, layout, {"P": len(space.names), "ends": 2})
     empty = [name for name, size in sizes.items() if size == 0 and name not in _MAY_BE_NONE]
     if empty:
         raise FileContentError(f"sizes {empty} are zero")
-    for name, bound in INDICES.items():
-        _check_indices(name, arrays[name], sizes[bound])
-    if np.unique(arrays["reconstruction.A_lambda"]).size < sizes["m"] or sizes["m"] > sizes["ell"]:
+    # compiled loops multiply indices, for which four bytes may be too few
+    arrays = {name: arrays[name].astype(_TYPES[kind[0]], copy=False) for name, kind in layout.items()}
+    content = _Content(space, header["dimension"], arrays, sizes, amplitudes, laws)
+    if "flow.cells" in arrays:
+        _check_flow(content)
+    elif laws:
+        raise FileContentError("it has laws of flow, and nothing flows")
+    for name in INDICES.keys() & layout.keys():
+        array, size = arrays[name], sizes[INDICES[name]]
+        if array.size and not (array.min() >= 0 and array.max() < size):
+            raise FileContentError(f"{name} has indices outside 0 .. {size - 1}")
+    _check_contact(content)
+    return content
+
+
+def _check_header(header: dict) -> None:
+    if header.keys() != {"format", "version", "parameters", "dimension", "amplitudes", "laws"}:
+        raise FileContentError(f"its header has the keys {sorted(header)}")
+    if type(header["dimension"]) is not int or header["dimension"] not in (2, 3):
+        raise FileContentError(f"the dimension must be 2 or 3, not {repr(header['dimension'])[:40]}")
+    if not all(isinstance(header[what], list) for what in ("amplitudes", "laws")):
+        raise FileContentError("the amplitudes and laws in its header must be lists")
+    box = header["parameters"]
+    if not isinstance(box, dict) or box.keys() != {"names", "lower", "upper"}:
+        raise FileContentError("the parameters must have names, lower and upper")
+
+
+def _values(what: str, given: Sequence, arrays: dict[str, np.ndarray], kinds: Mapping[str, type]) -> list:
+    """Values of a list in the header, with their arrays, which are taken out; None stays None."""
+    values = []
+    for number, data in enumerate(given):
+        prefix = f"{what}{number}."
+        own = {name.removeprefix(prefix): arrays.pop(name) for name in sorted(arrays) if name.startswith(prefix)}
+        values.append(None if data is None and not own else restored(data, own, kinds))
+    return values
+
+
+def _check_contact(content: _Content) -> None:
+    """Independent conditions; gaps that are measured; amplitudes that begin with 1 and are as many as the loads."""
+    arrays, sizes = content.arrays, content.sizes
+    if np.unique(arrays["fields.A_lambda"]).size < sizes["m"] or sizes["m"] > sizes["ell"]:
         raise FileContentError(f"{sizes['m']} contact conditions on {sizes['ell']} modes are dependent")
-    if sizes["N"] % header["dimension"]:
-        raise FileContentError(f"{sizes['N']} dofs are no nodes of dimension {header['dimension']}")
-    if not (arrays["reconstruction.gap_scale"] > 0).all():
-        raise FileContentError(f"gap_scale has the entry {arrays['reconstruction.gap_scale'].min()}, not positive")
-    if not (arrays["trained.lower"] <= arrays["trained.upper"]).all():
+    if sizes["N"] % content.dimension:
+        raise FileContentError(f"{sizes['N']} dofs are no nodes of dimension {content.dimension}")
+    if not (arrays["fields.gap_scale"] > 0).all():
+        raise FileContentError(f"gap_scale has the entry {arrays['fields.gap_scale'].min()}, not positive")
+    if "trained.lower" in arrays and not (arrays["trained.lower"] <= arrays["trained.upper"]).all():
         raise FileContentError("the trained range ends below its start")
     if arrays["amplitudes.constant"][0] != 1 or arrays["amplitudes.slopes"][0].any():
         raise FileContentError("the first amplitude must be the constant 1")
-    _check_coverages(arrays, sizes, coverages)
-    return sizes
+    counts = [checked_count(value, content.space, "its header") for value in content.amplitudes]
+    if sizes["affine terms"] + sum(counts) != sizes["terms"]:
+        raise FileContentError(f"the amplitudes are {sizes['affine terms']} and {counts}, the loads {sizes['terms']}")
 
 
-def _check_header(header):
-    if header.keys() != {"format", "version", "parameters", "dimension", "sizes"}:
-        raise FileContentError(f"its header has the keys {sorted(header)}")
-    sizes = header["sizes"]
-    if not isinstance(sizes, dict) or not all(type(size) is int for size in sizes.values()):
-        raise FileContentError("the sizes in its header must be integers")
-    if type(header["dimension"]) is not int or header["dimension"] not in (2, 3):
-        raise FileContentError(f"the dimension must be 2 or 3, not {repr(header['dimension'])[:40]}")
-    box, kinds = header["parameters"], {"names": str, "lower": float, "upper": float}
-    if not isinstance(box, dict) or box.keys() != kinds.keys():
-        raise FileContentError(f"the parameters must have {list(kinds)}")
-    for key, kind in kinds.items():
-        if not isinstance(box[key], list) or not all(type(item) is kind for item in box[key]):
-            raise FileContentError(f"{key} of the parameters must be a list of {kind.__name__}")
-    if len(set(box["names"])) < len(box["names"]):
-        raise FileContentError(f"two parameters of {box['names']} have one name")
+def _check_flow(content: _Content) -> None:
+    """Sizes of Gauss points that are products of others, and material that is one; adds the number of all cells."""
+    arrays, sizes, laws = content.arrays, content.sizes, content.laws
+    sizes["all cells"] = sizes["gauss points"] // sizes["per cell"]
+    for name, factors in _PRODUCTS.items():
+        if sizes[name] != math.prod(sizes[factor] for factor in factors):
+            raise FileContentError(f"{sizes[name]} {name} are not {' times '.join(factors)}")
+    if sizes["components"] != (4 if content.dimension == 2 else 6):
+        raise FileContentError(f"a strain has {sizes['components']} components in dimension {content.dimension}")
+    young, poisson = arrays["flow.young"], arrays["flow.poisson"]
+    if not ((young > 0) & (poisson > -1) & (poisson < 0.5)).all():
+        raise FileContentError(f"Young's moduli {young} and Poisson's ratios {poisson} are none")
+    if len(laws) != sizes["groups"] or not all(law is None or callable(getattr(law, "flow", None)) for law in laws):
+        raise FileContentError(f"{len(laws)} laws for {sizes['groups']} groups: each must have a flow, or be none")
 
 
-def _check_coverages(arrays, sizes, coverages):
-    """Terms of partial pressures follow the affine ones, each on a line that goes up."""
-    terms = sizes["affine terms"]
-    for k in range(coverages):
-        _check_indices(f"coverage{k}.extent", arrays[f"coverage{k}.extent"], sizes["P"])
-        positions = arrays[f"coverage{k}.positions"]
-        if positions.size < 2 or not all(low < high for low, high in pairwise(positions.tolist())):
-            raise FileContentError(f"coverage{k}.positions must be at least two and increase")
-        terms += 2 * positions.size - 1
-    if terms != sizes["terms"]:
-        raise FileContentError(f"the amplitudes are {terms}, the terms of the loads {sizes['terms']}")
-
-
-def _check_indices(name, array, size):
-    if array.size and not (array.min() >= 0 and array.max() < size):
-        raise FileContentError(f"{name} has indices outside 0 .. {size - 1}")
-
-
-def _model(header: dict, arrays: dict[str, np.ndarray], sizes: dict[str, int]) -> OnlineModel:
+def _model(content: _Content) -> ReducedModel:
     """The model of checked arrays."""
-    groups: dict[str, dict] = {}
-    for key, array in arrays.items():
+    parts: dict[str, dict[str, Any]] = {}
+    for key, array in content.arrays.items():
         part, name = key.split(".", 1)
-        groups.setdefault(part, {})[name] = array.item() if array.ndim == 0 else array
-    fields = groups["reconstruction"]
-    rows, columns, values = (fields.pop(f"lifts.{name}") for name in ("rows", "columns", "values"))
-    fields["lifts"] = csc_matrix((values, (rows, columns)), shape=(sizes["N"], sizes["terms"]))
-    count = sum(part.startswith("coverage") for part in groups)
-    coverages = tuple(Coverage(**groups[f"coverage{k}"]) for k in range(count))
-    groups["amplitudes"]["nonaffine"] = coverages
-    parts = {part: kind(**groups[part]) for part, kind in _PARTS.items()}
-    space = ParameterSpace(**{key: tuple(values) for key, values in header["parameters"].items()})
-    trained = TrainedRange(space.names, **groups["trained"])
-    model = ReducedModel(parts["reduced"], space, parts["amplitudes"], parts["known"], trained=trained)
-    return OnlineModel(model, parts["reconstruction"], header["dimension"])
+        parts.setdefault(part, {})[name] = array.item() if array.ndim == 0 else array
+    for key, (form, *shape) in PACKED.items():
+        part, name = key.split(".", 1)
+        if part in parts:
+            rows, columns, values = (parts[part].pop(f"{name}.{item}") for item in ("rows", "columns", "values"))
+            entries = coo_matrix((values, (rows, columns)), shape=[content.sizes[label] for label in shape])
+            parts[part][name] = entries.toarray(order=form) if form in "CF" else entries.asformat(form)
+    theta = Amplitudes(**parts["amplitudes"], nonaffine=tuple(content.amplitudes))
+    flow, completion, trained = None, None, None
+    if "flow" in parts:
+        flow, completion = _flow(parts["flow"], parts["completion"], content)
+    if "trained" in parts:
+        trained = TrainedRange(content.space.names, **parts["trained"])
+    if "paths" in parts:
+        steps = tuple(parts["paths"].pop("steps").tolist())
+        trained = TrainedPaths(trained, steps=steps, **parts["paths"])
+    fields = Reconstruction(theta, **parts["fields"], dimension=content.dimension, flow=completion)
+    known = KnownStatuses(**parts["known"]) if "known" in parts else None
+    return ReducedModel(ReducedProblem(**parts["reduced"]), content.space, fields, trained, known=known, flow=flow)
 
 
-def _packed(matrix: csc_matrix) -> dict[str, np.ndarray]:
-    """Entries of a sparse matrix."""
-    entries = matrix.tocoo()
-    return {"rows": entries.row, "columns": entries.col, "values": entries.data}
+def _flow(flow: dict, completion: dict, content: _Content) -> tuple[ReducedFlow, FlowFields]:
+    """The parts of bodies that flow; what compiles loops for them is imported here."""
+    from hhr_dolfinx.materials.strain import StrainOperator
+    from hhr_dolfinx.materials.update import Group, Material
+    from hhr_dolfinx.models.reduced_flow import ReducedFlow
+
+    sizes, number = content.sizes, flow.pop("group").ravel()
+    constants = zip(flow.pop("young").tolist(), flow.pop("poisson").tolist(), content.laws, strict=True)
+    groups = [Group(np.flatnonzero(number == k), *item) for k, item in enumerate(constants)]
+    operator = StrainOperator(*(flow.pop(name) for name in ("gradients", "weights", "dofs")), sizes["n"])
+    part = ReducedFlow(operator, Material(groups, sizes["components"]), **flow)
+    stress, cumulated = (
+        GappyField(completion[f"{name}_modes"], completion[f"{name}_fit"]) for name in ("stress", "cumulated")
+    )
+    return part, FlowFields(part.points, stress, cumulated if sizes["strain modes"] else None, sizes["gauss points"])

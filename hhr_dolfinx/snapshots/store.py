@@ -8,7 +8,9 @@ and by how it is solved: an interrupted history goes on behind its last file.
 from __future__ import annotations
 
 import hashlib
+import inspect
 import warnings
+from collections.abc import Mapping
 from dataclasses import astuple, fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import issparse
 
-from hhr_dolfinx.certify.accuracy import contact_residuals
+from hhr_dolfinx.certify.accuracy import contact_residuals, slack_residuals
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import FileContentError, SnapshotFileWarning
@@ -77,7 +79,8 @@ class SnapshotStore:
 
     def load(self, point: np.ndarray) -> Answer | None:
         """The answer kept at a parameter, or None if there is none or its file is damaged, which is warned of."""
-        return self._load(np.atleast_1d(np.asarray(point, dtype=float)), self._question(point))
+        point = np.array(point, dtype=float, ndmin=1)
+        return self._load(point, point.tolist())
 
     def save(self, answer: Answer) -> None:
         """Keep the answer at a parameter.
@@ -85,13 +88,14 @@ class SnapshotStore:
         Raises:
             FileError: if its file cannot be written.
         """
-        self._save(answer, self._question(answer.parameter))
+        self._save(answer, answer.parameter.tolist())
 
     def steps(self, path: History_path, settings: MarchSettings) -> KeptSteps:
         """What is kept of a history."""
         return KeptSteps(self, checked_path(self._problem.parameters, path), settings)
 
-    def _load(self, point: np.ndarray, question: list) -> Answer | None:
+    def _load(self, point: np.ndarray, question: list, forces: float = 0.0) -> Answer | None:
+        """The answer to a question, see :meth:`_residual`."""
         path = self._path(question)
         try:
             header, arrays = read_arrays(path, FORMAT, VERSION)
@@ -99,7 +103,9 @@ class SnapshotStore:
                 raise FileContentError(f"{path} belongs to another problem or parameter")
             check_layout(arrays, self._layout(), self._sizes)
             answer = self._answer(point, arrays)
-            self._check_solution(path, answer)
+            worst = self._residual(answer, forces)
+            if not worst <= SOLVED:
+                raise FileContentError(f"{path} holds no solution, residuals of {worst:.1g}")
         except FileNotFoundError:
             return None
         except FileContentError as error:
@@ -133,30 +139,28 @@ class SnapshotStore:
         parts = (arrays[name] for name in _LAYOUT)
         return Answer(point, *parts, iterations, Status.CONVERGED, False, self._full, gauss=gauss)
 
-    def _check_solution(self, path: Path, answer: Answer) -> None:
-        """Refuse what does not solve the problem, whatever its checksum says.
+    def _residual(self, answer: Answer, forces: float) -> float:
+        """Largest relative residual of an answer, whatever the checksum of its file says.
 
-        Raises:
-            FileContentError: with the largest residual.
+        Args:
+            answer: to be judged.
+            forces: norm of the forces at steps before, beside which those of unloaded bodies are measured.
         """
+        theta = self._problem.amplitudes(answer.parameter)
         if answer.gauss is None:
-            theta = self._problem.amplitudes(answer.parameter)
-            worst = max(astuple(contact_residuals(self._problem, answer.displacement(), answer.forces(), theta)))
-        else:
-            signs = self._full.equilibrium.signs(answer)
-            worst = signs.imbalance / signs.size if signs.size > 0 else 0.0
-        if not worst <= SOLVED:
-            raise FileContentError(f"{path} holds no solution, residuals of {worst:.1g}")
-
-    def _question(self, point: np.ndarray) -> list:
-        return np.ravel(np.asarray(point, dtype=float)).tolist()
+            return max(astuple(contact_residuals(self._problem, answer.displacement(), answer.forces(), theta)))
+        signs = self._full.equilibrium.signs(answer)
+        _, pull = slack_residuals(self._problem, answer.unknown, answer.multipliers, theta)
+        return max(pull, signs.imbalance / (max(signs.size, forces) or 1.0))
 
     def _header(self, question: list) -> dict:
         return {"format": FORMAT, "version": VERSION, "problem": self._fingerprint.hex(), "point": question}
 
+    def _digest(self, question: list) -> str:
+        return hashlib.sha256(self._fingerprint + repr(question).encode()).hexdigest()[:40]
+
     def _path(self, question: list) -> Path:
-        digest = hashlib.sha256(self._fingerprint + repr(question).encode())
-        return self._folder / f"{digest.hexdigest()[:40]}.npz"
+        return self._folder / f"{self._digest(question)}.npz"
 
 
 class KeptSteps:
@@ -171,17 +175,23 @@ class KeptSteps:
     def __init__(self, store: SnapshotStore, path: History_path, settings: MarchSettings):
         self._store, self._path = store, path
         how = [getattr(settings, name) for name in settings.__dataclass_fields__ if name != "outside"]
-        self._questions = [[*how, [[time, *point.tolist()] for time, point in path[: n + 1]]] for n in range(len(path))]
+        question = [item if isinstance(item, str) else float(item) for item in how]
+        self._questions: list[list] = []
+        for time, point in path:
+            # each asks for the one before by its digest: with the whole path in each, files would grow along it
+            question = [store._digest(question), time, *point.tolist()]
+            self._questions.append(question)
         self._count = 0
 
     def load(self) -> list[Answer]:
         """Answers to the first steps, up to the first that is not there."""
-        answers = []
+        answers, forces, equilibrium = [], 0.0, self._store._full.equilibrium
         for (time, point), question in zip(self._path[1:], self._questions[1:], strict=True):
-            answer = self._store._load(point, question)
+            answer = self._store._load(point, question, forces)
             if answer is None:
                 break
             answers.append(answer._replace(time=time))
+            forces = 0.0 if equilibrium is None else max(forces, equilibrium.signs(answer).size)
         self._count = len(answers)
         return answers
 
@@ -200,37 +210,58 @@ def _digest_of(full: Any) -> bytes:
 
     The bounds of the parameters are left out: a wider box finds the solutions of the narrower one. Where a machine
     assembles other last digits, snapshots are solved anew.
+
+    Raises:
+        FileContentError: for a law or an amplitude of a user's own that numbers do not tell apart.
     """
     digest = hashlib.sha256(f"{FORMAT} {VERSION} of hhr_dolfinx {__version__}\0".encode())
-
-    def add(value):
-        if issparse(value):
-            add(value.indptr)
-            add(value.indices)
-            add(value.data)
-        elif is_dataclass(value):
-            digest.update(type(value).__qualname__.encode() + b"\0")
-            for item in fields(value):
-                add(getattr(value, item.name))
-        elif isinstance(value, tuple):
-            for item in value:
-                add(item)
-        elif isinstance(value, str):
-            digest.update(value.encode() + b"\0")
-        elif hasattr(value, "__dict__"):  # a law or an amplitude of a user's own
-            digest.update(type(value).__qualname__.encode() + b"\0")
-            for name in sorted(vars(value)):
-                digest.update(name.encode() + b"\0")
-                add(vars(value)[name])
-        elif value is not None:
-            array = np.ascontiguousarray(value)
-            digest.update(f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
-
     problem: ContactProblem = full.problem
     for item in fields(problem):
         value = getattr(problem, item.name)
-        add(value.names if item.name == "parameters" else value)
+        _add(digest, value.names if item.name == "parameters" else value)
     if full.equilibrium is not None:
-        for group in full.equilibrium.material.groups:
-            add(group)
+        _add(digest, full.equilibrium.material.groups)
     return digest.digest()
+
+
+def _add(digest: Any, value: Any) -> None:
+    """Add a value to a fingerprint; never its address, by which it would be another one in each run."""
+    if issparse(value):
+        value = (value.indptr, value.indices, value.data)
+    if value is None or isinstance(value, str):
+        digest.update(f"{value!r}\0".encode())
+    elif isinstance(value, tuple | list):
+        digest.update(f"{len(value)} of\0".encode())
+        for item in value:
+            _add(digest, item)
+    elif isinstance(value, Mapping):
+        _add(digest, sorted(value.items()))
+    elif isinstance(value, np.ndarray | np.generic | bool | int | float):
+        array = np.ascontiguousarray(value)
+        if array.dtype.hasobject:
+            raise FileContentError(_indistinct(value))
+        digest.update(f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
+    elif hasattr(value, "__dict__") and not isinstance(value, type) and (is_dataclass(value) or not callable(value)):
+        _add(digest, _source(type(value)))
+        # what an instance keeps beside its fields may change as it is used
+        names = [item.name for item in fields(value)] if is_dataclass(value) else sorted(vars(value))
+        _add(digest, [(name, getattr(value, name)) for name in names])
+    else:
+        raise FileContentError(_indistinct(value))
+
+
+def _source(kind: type) -> str:
+    """What a class is known by: its name, and of a user's own what it does, which the version of the package omits."""
+    if kind.__module__.startswith("hhr_dolfinx."):
+        return kind.__qualname__
+    try:
+        return inspect.getsource(kind)
+    except (OSError, TypeError):  # typed in, where no file holds it
+        return kind.__qualname__
+
+
+def _indistinct(value: Any) -> str:
+    return (
+        f"{value!r} in a law or an amplitude cannot be told from others by numbers, and answers would be mixed up: "
+        "make it a frozen dataclass of numbers, strings and arrays, or keep no snapshots"
+    )
