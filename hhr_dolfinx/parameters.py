@@ -8,7 +8,7 @@ are, so a model on disk is data only and nothing that is loaded is ever executed
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, is_dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any, Protocol
@@ -293,12 +293,12 @@ def checked_count(amplitude: Any, space: ParameterSpace, owner: object) -> int:
     Raises:
         SceneError: for what is none.
     """
-    if isinstance(amplitude, type) or not callable(amplitude) or not is_dataclass(amplitude):
+    if isinstance(amplitude, type) or not callable(amplitude) or not hasattr(amplitude, "__dataclass_fields__"):
         raise SceneError(
             f"the amplitude {amplitude!r} of {owner!r} must be an Amplitude, or a frozen dataclass with a count that "
             "returns (columns, values) for a point"
         )
-    count = getattr(amplitude, "count", None)
+    count: Any = getattr(amplitude, "count", None)
     if not is_whole(count, 1):
         raise SceneError(f"the count {count!r} of {amplitude!r} of {owner!r} must be its number of columns")
     try:
@@ -378,17 +378,17 @@ class Amplitudes:
     nonaffine: tuple[NonAffine, ...] = ()
 
     @classmethod
-    def collect(
-        cls, amplitudes: Sequence[Amplitude], space: ParameterSpace, nonaffine: Sequence[NonAffine] = ()
-    ) -> Amplitudes:
-        """Stack single affine amplitudes behind the leading constant 1, and the others behind these.
+    def collect(cls, amplitudes: Sequence[Amplitude | NonAffine], space: ParameterSpace) -> Amplitudes:
+        """Stack those that are affine behind the leading constant 1, and the others, each in their order, behind these.
 
         Raises:
             SceneError: if a slope names an unknown parameter.
         """
-        rows = [amplitude.row(space) for amplitude in amplitudes]
-        constant = np.array([1.0] + [amplitude.constant for amplitude in amplitudes])
-        return cls(constant, np.array([np.zeros(len(space.names)), *rows]), tuple(nonaffine))
+        affine = [amplitude for amplitude in amplitudes if isinstance(amplitude, Amplitude)]
+        others = tuple(amplitude for amplitude in amplitudes if not isinstance(amplitude, Amplitude))
+        constant = np.array([1.0] + [amplitude.constant for amplitude in affine])
+        slopes = np.array([np.zeros(len(space.names)), *(amplitude.row(space) for amplitude in affine)])
+        return cls(constant, slopes, others)
 
     @cached_property
     def firsts(self) -> list[int]:

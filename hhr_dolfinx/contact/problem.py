@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, issparse, vstack
@@ -169,11 +169,11 @@ class ContactProblem:
         """Dofs per node; the dofs of node n are ``block_size * n + component``."""
         return self.free.size // self.points.shape[0]
 
-    def theta(self, mu) -> Theta:
+    def theta(self, mu: Any) -> Theta:
         """θ at a parameter given as a number, a sequence or a mapping; see :meth:`ParameterSpace.point`."""
         return self.amplitudes(self.parameters.point(mu))
 
-    def lift(self, mu) -> np.ndarray:
+    def lift(self, mu: Any) -> np.ndarray:
         """Imposed displacement at a parameter, (N,)."""
         return self.lifts @ self.theta(mu)
 

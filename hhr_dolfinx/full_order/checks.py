@@ -7,14 +7,16 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable
+from typing import Any
 
 import numpy as np
 from dolfinx import mesh as dmesh
+from mpi4py import MPI
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx import compat
-from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.contact.problem import ContactProblem, ContactRows
 from hhr_dolfinx.errors import NotSolvableError, SceneError, SceneWarning
 from hhr_dolfinx.linear.sparse import singular_stiffness
 from hhr_dolfinx.parameters import Amplitudes
@@ -28,14 +30,14 @@ NO_VOLUME = 1e-12
 """Volume of a cell over the power of its length below which it has none: far beyond cells of aspect 1e4."""
 
 
-def build_geometry(scene: Scene, comm):
+def build_geometry(scene: Scene, comm: MPI.Comm) -> Any:
     """Mesh, cell tags and facet tags of a scene, checked.
 
     Raises:
         SceneError: if the geometry returns something else, the mesh does not suit the hypothesis, has cells that are
             folded or without volume, or lacks a tag.
     """
-    result = scene.geometry(comm)
+    result: Any = scene.geometry(comm)
     if hasattr(result, "cell_tags") and hasattr(result, "facet_tags"):
         result = (result.mesh, result.cell_tags, result.facet_tags)
     if not isinstance(result, tuple | list) or len(result) != 3:
@@ -184,7 +186,7 @@ def _check_radius(mesh, comm):
     )
 
 
-def check_tags(scene: Scene, mesh, tags, comm) -> None:
+def check_tags(scene: Scene, mesh: dmesh.Mesh, tags: Any, comm: MPI.Comm) -> None:
     """Refuse tags of the scene that the mesh lacks, and cells that belong to no body.
 
     Args:
@@ -207,7 +209,7 @@ def check_tags(scene: Scene, mesh, tags, comm) -> None:
         raise SceneError(f"{untagged} cells have no tag: every cell must belong to a body")
 
 
-def check_present(kind: str, tags, wanted: Iterable[int], comm) -> set[int]:
+def check_present(kind: str, tags: dmesh.MeshTags, wanted: Iterable[int], comm: MPI.Comm) -> set[int]:
     """Refuse tags that a mesh lacks; returns all that it has.
 
     Args:
@@ -223,7 +225,7 @@ def check_present(kind: str, tags, wanted: Iterable[int], comm) -> set[int]:
     return there
 
 
-def check_outer(load: str, tag: int, mesh, facet_tags, comm) -> None:
+def check_outer(load: str, tag: int, mesh: dmesh.Mesh, facet_tags: dmesh.MeshTags, comm: MPI.Comm) -> None:
     """Refuse loads on facets that are not there or lie inside the mesh, where a surface integral is zero.
 
     Args:
@@ -260,7 +262,7 @@ def _refuse(comm, text, places):
         raise SceneError(text.format(count=len(found), place=found[0]))
 
 
-def check_held(scene: Scene, points, cell_nodes, bodies, free) -> None:
+def check_held(scene: Scene, points: np.ndarray, cell_nodes: np.ndarray, bodies: np.ndarray, free: np.ndarray) -> None:
     """Refuse bodies that can move without strain: rigid motions that vanish on all imposed dofs of a body.
 
     Args:
@@ -322,7 +324,9 @@ def _described(ways, dim, hypothesis):
     return "it " + ", ".join(parts)
 
 
-def conditions_with_unknowns(scene: Scene, rows, gaps, amplitudes: Amplitudes, free) -> np.ndarray:
+def conditions_with_unknowns(
+    scene: Scene, rows: ContactRows, gaps: np.ndarray, amplitudes: Amplitudes, free: np.ndarray
+) -> np.ndarray:
     """Contact rows that hold a free dof; the others say nothing about unknowns and are left out.
 
     Args:

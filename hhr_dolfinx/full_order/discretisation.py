@@ -121,9 +121,7 @@ class Discretisation:
         # θ counts those that are affine first
         terms.sort(key=lambda term: not isinstance(term.amplitude, Amplitude))
         fixed = [*(term.amplitude for term in moved), *(item.amplitude for item in scene.openings)]
-        affine = sum(isinstance(term.amplitude, Amplitude) for term in terms)
-        driven = [term.amplitude for term in terms]
-        amplitudes = Amplitudes.collect([*fixed, *driven[:affine]], scene.parameters, driven[affine:])
+        amplitudes = Amplitudes.collect([*fixed, *(term.amplitude for term in terms)], scene.parameters)
         shape = self.size, amplitudes.firsts[-1]
         lifts, forces = _placed(moved, 1, shape), _placed(terms, 1 + len(fixed), shape)
         rows, pairs = self._contact_rows()

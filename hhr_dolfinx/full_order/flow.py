@@ -89,7 +89,8 @@ class FullEquilibrium:
         self._unchanged = ElasticPart(self.material.elastic, gauss.stiffness.data.copy())
         # made for solving, while those of tangents are made for factoring: on one core, in the plane at 13,700 dofs,
         # nd takes 31 ms to factor and 1.1 ms to solve, qmd 53 and 1.4 ms
-        self._tangent_solver, self.lock = None, RLock()
+        self._tangent_solver: FreeCholesky | None = None
+        self.lock = RLock()
         factors, push = (gauss.stiffness, full._solver), full.per_force.__matmul__
         self.elastic = _SparseLinearisation(
             problem, self._pairs, factors, full._equalities, push, self.material.elastic
@@ -131,7 +132,7 @@ class FullEquilibrium:
 
     def signs(self, answer: Answer) -> Signs:
         """Residual of the free dofs and its parts; gaps are kept to the tolerance of the solver."""
-        residual, sizes = self.residual(answer.gauss.stress, self.amplitudes(answer.parameter))
+        residual, sizes = self.residual(answer.state().stress, self.amplitudes(answer.parameter))
         left = (residual - self.contact_load(answer.multipliers)) * self.problem.free
         return Signs(float(np.linalg.norm(left)), float(np.linalg.norm(sizes)), 0.0)
 
@@ -139,13 +140,14 @@ class FullEquilibrium:
         """Factor the tangent stiffness; the linearisation before needs a factorisation again."""
         stiffness = self.stiffness(tangents)
         with self.lock:
-            if self._tangent_solver is None:
-                self._tangent_solver = self._full.factors_of(stiffness, "nd")
+            solver = self._tangent_solver
+            if solver is None:
+                solver = self._tangent_solver = self._full.factors_of(stiffness, "nd")
             else:
-                self._tangent_solver.refactor(stiffness)
-        columns = _LazyColumns(self._tangent_solver, self.problem.contact)
+                solver.refactor(stiffness)
+        columns = _LazyColumns(solver, self.problem.contact)
         equalities = SchurEqualities(columns.images, self.conditions)
-        factors = stiffness, self._tangent_solver
+        factors = stiffness, solver
         return _SparseLinearisation(self.problem, self._pairs, factors, equalities, columns.push, tangents)
 
 
@@ -191,17 +193,17 @@ class _LazyColumns:
 
     def images(self, index: np.ndarray) -> np.ndarray:
         """Columns of S as rows, (k, m); see :class:`SchurEqualities`."""
-        new = [k for k in index if k not in self._columns]
+        new = [k for k in index.tolist() if k not in self._columns]
         if new:
             columns = self._solver.solve_columns(self._contact[new].T)
             images = self._contact @ columns
             for place, k in enumerate(new):
                 self._columns[k], self._images[k] = columns[:, place], images[:, place]
-        return np.array([self._images[k] for k in index]).reshape(index.size, self._contact.shape[0])
+        return np.array([self._images[k] for k in index.tolist()]).reshape(index.size, self._contact.shape[0])
 
     def push(self, forces: np.ndarray) -> np.ndarray:
         """K^-1 B^T λ for forces on conditions that were active, (N,)."""
         pushed = np.zeros(self._contact.shape[1])
-        for k in np.flatnonzero(forces):
+        for k in np.flatnonzero(forces).tolist():
             pushed += forces[k] * self._columns[k]
         return pushed

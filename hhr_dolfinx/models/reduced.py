@@ -134,7 +134,7 @@ class ReducedModel:
         """
         if self._condensed is not None:
             return self._condensed.solve(mu, start=start, raise_on_failure=raise_on_failure, outside=outside, **step)
-        checked_start(start, self.equilibrium.conditions)
+        checked_start(start, len(self.problem.gaps))
         return one_step(self, mu, raise_on_failure, outside, **step)
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
