@@ -45,10 +45,10 @@ def scene(pairing=hhr.Mortar, lower=(3, 3), upper=(5, 4), poisson=0.0, by_normal
 
 def solve(built):
     """Positions along the first axis, nodal pressures over the exact one, and the largest relative stress error."""
-    full_order = hhr.FullOrderModel(built, MPI.COMM_SELF)
-    problem, solution = full_order.problem, full_order.solve([PUSH, 0.0])
-    stress = full_order.discretisation.stress(solution.primal)[:, problem.block_size - 1, problem.block_size - 1]
-    pressure, error = solution.forces / problem.contact_areas / PRESSURE, np.abs(stress / -PRESSURE - 1).max()
+    full = hhr.FullOrderModel(built, MPI.COMM_SELF)
+    problem, answer = full.problem, full.solve([PUSH, 0.0])
+    pressure = answer.forces() / problem.contact_areas / PRESSURE
+    error = np.abs(answer.stress()[:, problem.block_size - 1] / -PRESSURE - 1).max()
     return problem.contact_points[:, 0], pressure, float(error)
 
 

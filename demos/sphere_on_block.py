@@ -20,10 +20,11 @@ from hhr_dolfinx.study import cli, report
 RADIUS, YOUNG, POISSON = 10.0, {geometry.SPHERE: 210e3, geometry.BLOCK: 70e3}, 0.3
 MESH = {"sphere_cells": (24, 10), "block_cells": (18, 8)}
 QUICK_MESH = {"sphere_cells": (10, 5), "block_cells": (8, 4), "grading": 2.5}
-COMPACT = {"dual_pod_tolerance": None, "layers": 0}  # the points of the primal DEIM are enough for one compact zone
-SMALLER = [(f"eps {eps:.0e}", hhr.ReductionSettings(eps, **COMPACT)) for eps in (1e-8, 1e-9)]
-VARIANTS = [("two layers", hhr.ReductionSettings()), *SMALLER]
-SETTINGS = hhr.StudySettings([25, 5], hhr.ReductionSettings(**COMPACT), VARIANTS, naive=False)
+# the points of the primal DEIM are enough for one compact zone
+COMPACT = {"nodes": (hhr.Deim(), hhr.LoadNodes()), "domain": hhr.Rid(layers=0)}
+SMALLER = [(f"eps {eps:.0e}", hhr.Recipe(hhr.Pod(eps, relative=True), **COMPACT)) for eps in (1e-8, 1e-9)]
+VARIANTS = [("two layers", hhr.Recipe()), *SMALLER]
+SETTINGS = hhr.StudySettings([25, 5], hhr.Recipe(**COMPACT), VARIANTS, naive=False)
 VIEW = hhr.View(((0.21, 60.0),), lambda x: np.hypot(x[:, 0], x[:, 1]), "distance from the pole [mm]", stress="MPa",
                 closed_form=lambda r, quarter: hertz(4 * quarter)[2](r))  # fmt: skip
 
@@ -54,7 +55,7 @@ def hertz(load):
 
 def beside_hertz(full_order, push) -> dict:
     """Radius, by the second moment 2 a^2 P / 5 of the pressure, and pressures relative to Hertz under the same load."""
-    problem, forces = full_order.problem, full_order.solve([push, 0.0]).forces
+    problem, forces = full_order.problem, full_order.solve([push, 0.0]).forces()
     r, pressure = VIEW.position(problem.contact_points), forces / problem.contact_areas
     radius, peak, _ = hertz(4 * forces.sum())
     ours = np.sqrt(2.5 * forces @ r**2 / forces.sum()) / radius, pressure.max() / peak, pressure[r.argmin()] / peak

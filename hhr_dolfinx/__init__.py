@@ -33,7 +33,7 @@ _MODULES = {
     "online.model_file": ["load_model", "save_model"],
     "online.batch": ["answer_points", "answer_table", "read_points", "write_answers"],
     "study.training": ["train"],
-    "study.study": ["Rival", "StudySettings", "run_study", "study"],
+    "study.study": ["Rival", "StudySettings", "run_study", "study_scene"],
     "study.view": ["View"],
 }
 _PUBLIC = {name: module for module, names in _MODULES.items() for name in names}
