@@ -14,6 +14,7 @@ from mpi4py import MPI
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import stacked_blocks as geometry
+from hhr_dolfinx.study import cli, report, verify
 
 YOUNG, PUSH = {geometry.LOWER: 3.0, geometry.UPPER: 7.0}, 0.05
 PRESSURE = PUSH / sum(1 / young for young in YOUNG.values())
@@ -44,16 +45,16 @@ def scene(pairing=hhr.Mortar, lower=(3, 3), upper=(5, 4), poisson=0.0, by_normal
 
 def solve(built):
     """Positions along the first axis, nodal pressures over the exact one, and the largest relative stress error."""
-    full_order = hhr.FullOrderModel(built, MPI.COMM_SELF)
-    problem, solution = full_order.problem, full_order.solve([PUSH, 0.0])
-    stress = solution.stress()[:, problem.block_size - 1]
-    pressure, error = solution.forces() / problem.contact_areas / PRESSURE, np.abs(stress / -PRESSURE - 1).max()
+    full = hhr.FullOrderModel(built, MPI.COMM_SELF)
+    problem, answer = full.problem, full.solve([PUSH, 0.0])
+    pressure = answer.forces() / problem.contact_areas / PRESSURE
+    error = np.abs(answer.stress()[:, problem.block_size - 1] / -PRESSURE - 1).max()
     return problem.contact_points[:, 0], pressure, float(error)
 
 
 def main() -> None:
     """Measure all pairings on several meshes, print a table, draw the pressures."""
-    from hhr_dolfinx.study import cli, plots, report, verify
+    from hhr_dolfinx.study import plots
 
     options = cli.parse_on_first_rank(cli.demo_parser("contact_patch_test", __doc__))
     meshes = {"3 on 5": ((3, 3), (5, 4)), "5 on 3": ((5, 4), (3, 3)), "7 on 8": ((7, 4), (8, 4)),

@@ -18,7 +18,6 @@ from parts.extreme_tubes import tube_cases
 
 from hhr_dolfinx.study import cli, report
 from hhr_dolfinx.study.verify import as_report, verify
-from hhr_dolfinx.study.verify_histories import verify_history
 
 
 def main() -> int:
@@ -28,7 +27,7 @@ def main() -> int:
     elastic = [*matching_cases(), *contact_cases(), *non_matching_cases(), *surface_cases()]
     flowing = [*flow_cases(), *tube_cases()]
     rows = [row for case in options.progress("cases")(elastic) for row in verify(case, counts, options.seed)]
-    rows += [row for case in options.progress("flow")(flowing) for row in verify_history(case)]
+    rows += [row for case in options.progress("flow")(flowing) for row in verify(case, counts, options.seed)]
     report.print_rows("extreme cases", rows, options.console)
     report.write_report(rows, options.out, "extreme_cases")
     report.write_report(as_report(rows, options.seed), options.out)

@@ -14,10 +14,14 @@ cells and more nodes, and answers to round-off in the same time.
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import hertz_half_discs as geometry
+from hhr_dolfinx.study import cli
 
 THESIS = hhr.Recipe.thesis(1e-8)
 """The thesis' own recipe: it needs no enrichment here."""
 SIZES = [(f"eps {eps:.0e}", hhr.Recipe.thesis(eps)) for eps in (1e-4, 1e-5, 1e-6, 1e-7, 1e-9, 1e-10)]
+SETTINGS = hhr.StudySettings([31], variants=SIZES, models={"thesis": THESIS}, queries=400)
+VIEW = hhr.View(points=((0.168,), (0.255,), (0.435,), (0.345,)), deformed=True)
+"""None is a training value."""
 
 
 def scene(**mesh_options) -> hhr.Scene:
@@ -40,16 +44,12 @@ def scene(**mesh_options) -> hhr.Scene:
 
 def main() -> None:
     """Train, validate, time, and write everything to the output folder."""
-    from hhr_dolfinx.study import cli
-
-    view = hhr.View(points=((0.168,), (0.255,), (0.435,), (0.345,)), deformed=True)  # none is a training value
-    asked = hhr.StudySettings([31], variants=SIZES, models={"thesis": THESIS}, queries=400)
     options = cli.parse(cli.demo_parser("hertz_half_discs", __doc__))
-    built, settings = scene(), asked.asked(seed=options.seed, quick=options.quick)
+    built, settings = scene(), SETTINGS.asked(seed=options.seed, quick=options.quick)
     points = built.parameters.grid([11 if options.quick else 101])
     study = hhr.study_scene(built, settings, options.out, points=points, progress=options.progress)
     if study is not None:  # ranks but the first have only trained
-        study.write(options.out, options.console, view)
+        study.write(options.out, options.console, VIEW)
 
 
 if __name__ == "__main__":

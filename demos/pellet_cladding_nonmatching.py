@@ -10,12 +10,17 @@ with layers of cells it answers. The default recipe is as good as on matching me
 """
 
 import dataclasses
+from collections.abc import Iterator
+from typing import Any
 
 import pellet_cladding as matching
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.geometries import pellet_cladding as geometry
+from hhr_dolfinx.materials.elasticity import von_mises
+from hhr_dolfinx.study import cli, report
+from hhr_dolfinx.study.study import Study
 
 POINT = (190.0, 5.2)
 THESIS = {"primal_l2": 0.021, "dual_rid": 0.039, "von_mises": 0.0076, "sigma_rr": 0.0078}
@@ -24,39 +29,36 @@ PAIRINGS = {"node_to_surface": hhr.NodeToSurface, "mortar": hhr.Mortar, "double_
 VIEW = dataclasses.replace(matching.VIEW, points=(POINT,))
 
 
-def scene(pairing="node_to_surface", bottom="obstacle", **mesh_options) -> hhr.Scene:
+def scene(pairing: str = "node_to_surface", bottom: str = "obstacle", **mesh_options: Any) -> hhr.Scene:
     """The scene in mm and MPa; the mesh options are those of :func:`geometry.pellet_cladding`."""
     base = matching.scene(bottom, **{"cladding_axial_cells": 76, **mesh_options})
     side = PAIRINGS[pairing](geometry.PELLET_SIDE, geometry.CLADDING_INNER, normal=(1.0, 0.0))
     return dataclasses.replace(base, name="pellet_cladding_nonmatching", contacts=(side, *base.contacts[1:]))
 
 
-def variants():
+def variants() -> Iterator[tuple[str, hhr.Recipe]]:
     """The thesis' recipe, with layers added, and the default one with fewer modes."""
-    thesis = {"dual_pod_tolerance": 1e-3, "kappa_max": 1.0}
+    thesis = {"nodes": (hhr.Deim(), hhr.ForceDeim(1e-3), hhr.LoadNodes()), "enrichment": hhr.Enrich(1.0)}
     for layers in (0, 1, 2, 4):
-        yield f"thesis, {layers} layers", hhr.ReductionSettings.thesis(1e-6, layers=layers, **thesis)
+        yield f"thesis, {layers} layers", hhr.Recipe.thesis(1e-6, domain=hhr.Rid(layers, 0), **thesis)
     for tolerance in (1e-9, 1e-10):
-        yield f"relative {tolerance:.0e}", hhr.ReductionSettings(tolerance)
+        yield f"relative {tolerance:.0e}", hhr.Recipe(hhr.Pod(tolerance, relative=True))
 
 
-def errors_at_point(study) -> dict:
+def errors_at_point(study: Study) -> dict[str, float]:
     """Errors at the point of section 5.3.2 in the norms of the thesis."""
-    full_order, inside = study.training.full_order, study.hyper.sets.A_lambda
-    exact, (displacement, forces) = full_order.solve(POINT), study.hyper.solve_everywhere(POINT)
-    fields, discretisation = (displacement, exact.primal), full_order.discretisation
+    full, inside = study.training.full_order, study.model.fields.A_lambda
+    answers = study.model.solve(POINT), full.solve(POINT)
     return {
-        "primal_l2": relative_error(*fields, full_order.problem.mass),
-        "dual_rid": relative_error(forces[inside], exact.forces[inside]),
-        "von_mises": relative_error(*(discretisation.von_mises(field) for field in fields)),
-        "sigma_rr": relative_error(*(discretisation.stress(field)[:, 0, 0] for field in fields)),
+        "primal_l2": relative_error(*(answer.displacement() for answer in answers), full.problem.mass),
+        "dual_rid": relative_error(*(answer.forces()[inside] for answer in answers)),
+        "von_mises": relative_error(*(von_mises(answer.stress()) for answer in answers)),
+        "sigma_rr": relative_error(*(answer.stress()[:, 0] for answer in answers)),
     }
 
 
 def main() -> None:
     """Train, study, report."""
-    from hhr_dolfinx.study import cli, report
-
     parser = cli.demo_parser("pellet_cladding_nonmatching", __doc__)
     parser.add_argument("--pairing", choices=PAIRINGS, default="node_to_surface")
     parser.add_argument("--bottom", choices=("obstacle", "held"), default="obstacle")

@@ -11,10 +11,13 @@ a RID converges to a wrong path with the smallest residuals; eigenvalues of the 
 """
 
 import numpy as np
-from pellet_cladding import QUICK_MESH
+from pellet_cladding import QUICK_MESH, VIEW
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.certify.compare import floor_of
 from hhr_dolfinx.geometries import pellet_cladding as geometry
+from hhr_dolfinx.study import cli, report
+from hhr_dolfinx.study.paths import summarise_paths, try_path
 
 NAMES = ("primal_euclid", "dual_rid", "stress_rr", "plastic_strain")
 THESIS = {"10 um": (0.0089, 0.067, 0.046, 0.022), "12.5 um": (0.028, 0.025, 0.025, 0.0061)}
@@ -62,11 +65,16 @@ def pressed_nodes(problem):
     return np.flatnonzero((r > r.max() * (1 - 1e-9)) & (z <= HEIGHT))
 
 
+def recipe(tolerance: float = 3e-10, layers: int = 3) -> hhr.Recipe:
+    """The recipe of section 6.2.3, with the pressed nodes as zone of interest."""
+    nodes = hhr.Recipe.flowing().nodes[:-1]
+    return hhr.Recipe.flowing(
+        basis=hhr.Pod(tolerance), nodes=(*nodes, hhr.Zone(pressed_nodes)), domain=hhr.Rid(layers, 8)
+    )
+
+
 def main() -> None:
     """Train, compare, time full and reduced in turns, report."""
-    from hhr_dolfinx.study import cli, report
-    from hhr_dolfinx.study.paths import summarise_paths, try_path
-
     parser = cli.demo_parser("pellet_cladding_plastic", __doc__)
     parser.add_argument("--exponent", type=float, default=4.0, help="exponent of Norton's law (%(default)s)")
     parser.add_argument("--pod", type=float, default=3e-10, help="tolerance of the POD of displacements (%(default)s)")
@@ -77,20 +85,25 @@ def main() -> None:
     quick_mesh = {**QUICK_MESH, "cladding_axial_cells": 15, "cladding_radial_cells": 3}
     built, steps = scene(options.exponent, **(quick_mesh if options.quick else {})), 10 if options.quick else 40
     drawn = np.random.default_rng(options.seed).uniform(5, 15, 1 if options.quick else 4)
-    recipe = hhr.PlasticSettings(options.pod, layers=options.layers, zone=pressed_nodes)
     tests = [10.0, 12.5, *np.sort(drawn).round(3)]
-    settings = hhr.HistorySettings(
-        lambda gap: path(gap, steps), options.train, tests, held_out=[8.0], reduction=recipe, seed=options.seed
+    settings = hhr.StudySettings(
+        [path(gap, steps) for gap in options.train],
+        recipe(options.pod, options.layers),
+        tests={gap: path(gap, steps) for gap in tests},
+        held_out=[path(8.0, steps)],
+        seed=options.seed,
     )
-    study = hhr.study_histories(built, settings, progress=options.progress)
+    study = hhr.study_scene(built, settings, options.out, progress=options.progress)
     if options.paths:
         from parts.pellet_cladding_paths import path_cases
 
+        full, floor = study.training.full_order, floor_of(study.training.full_order, study.training.snapshots)
         cases = options.progress("paths")(list(path_cases(history, options.seed)))
-        rows = [try_path(study.full, study.reduction, case, study.floor, settings.march) for case in cases]
+        rows = [try_path(full, study.model, case, floor, settings.march) for case in cases]
         study.report["paths"] = summarise_paths(rows)
-    study.write(options.out, options.console)
-    rows = {f"{row['value']:g} um": {name: row[name] for name in study.report["errors"]} for row in study.rows}
+    study.write(options.out, options.console, VIEW)
+    rows = {f"{row['value']:g} um": {name: row[name] for name in study.measured.own.errors.values}
+            for row in study.report["histories"]}  # fmt: skip
     theirs = {label: dict(zip(NAMES, row, strict=True)) for label, row in THESIS.items()}
     report.print_beside("errors at the last step", rows, theirs, options.console)
 

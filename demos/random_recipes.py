@@ -12,6 +12,8 @@ warnings were needless, of models that turn out right to 3 % and 10 %. It takes 
 """
 
 import sys
+from argparse import Namespace
+from collections.abc import Iterator
 
 import hertz_half_discs
 import numpy as np
@@ -21,13 +23,14 @@ from parts.recipes import judged, recipe, summed_up, warnings_given
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.study import cli, report
+from hhr_dolfinx.study.training import Training
 from hhr_dolfinx.study.yardstick import Yardstick
 
 MESH = {"radial_cells": 20, "axial_cells": 40, "cladding_radial_cells": 3}
 COUNTS = {"half-discs": ([12], [31]), "pellet": ([8, 6], [20, 16])}
 
 
-def trainings(options):
+def trainings(options: Namespace) -> Iterator[tuple[str, Training]]:
     """Name and training of each scene on few and on many points, one at a time."""
     pellet = pellet_cladding.scene(**(pellet_cladding.QUICK_MESH if options.quick else MESH))
     for name, scene in (("half-discs", hertz_half_discs.scene()), ("pellet", pellet)):

@@ -15,11 +15,16 @@ from mpi4py import MPI
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import sphere_on_block as geometry
+from hhr_dolfinx.study import cli, report
 
 RADIUS, YOUNG, POISSON = 10.0, {geometry.SPHERE: 210e3, geometry.BLOCK: 70e3}, 0.3
 MESH = {"sphere_cells": (24, 10), "block_cells": (18, 8)}
 QUICK_MESH = {"sphere_cells": (10, 5), "block_cells": (8, 4), "grading": 2.5}
-COMPACT = {"dual_pod_tolerance": None, "layers": 0}  # the points of the primal DEIM are enough for one compact zone
+# the points of the primal DEIM are enough for one compact zone
+COMPACT = {"nodes": (hhr.Deim(), hhr.LoadNodes()), "domain": hhr.Rid(layers=0)}
+SMALLER = [(f"eps {eps:.0e}", hhr.Recipe(hhr.Pod(eps, relative=True), **COMPACT)) for eps in (1e-8, 1e-9)]
+VARIANTS = [("two layers", hhr.Recipe()), *SMALLER]
+SETTINGS = hhr.StudySettings([25, 5], hhr.Recipe(**COMPACT), VARIANTS, naive=False)
 VIEW = hhr.View(((0.21, 60.0),), lambda x: np.hypot(x[:, 0], x[:, 1]), "distance from the pole [mm]", stress="MPa",
                 closed_form=lambda r, quarter: hertz(4 * quarter)[2](r))  # fmt: skip
 
@@ -59,8 +64,6 @@ def beside_hertz(full_order, push) -> dict:
 
 def main() -> None:
     """Train, study, compare with Hertz, report."""
-    from hhr_dolfinx.study import cli, report
-
     options = cli.parse(cli.demo_parser("sphere_on_block", __doc__))
     mesh, settings = QUICK_MESH if options.quick else MESH, SETTINGS.asked(seed=options.seed, quick=options.quick)
     study = hhr.study_scene(scene(**mesh), settings, options.out, progress=options.progress)

@@ -18,7 +18,7 @@ MESH = demo.QUICK_MESH
 def contact_cases():
     """Contact that never opens, forces outside the RID, contact that counts as round-off, unlike pairs."""
     # so small a RID leaves most forces to be completed
-    small, tall = hhr.ReductionSettings(layers=0), {**MESH, "axial_cells": 40}
+    small, tall = hhr.Recipe(domain=hhr.Rid(layers=0)), {**MESH, "axial_cells": 40}
     yield Case("press fit, contact never opens", demo.scene("held", **tall, gap=-0.01), small)
     fitted = demo.scene("held", **tall, gap=0.0)
     space = hhr.ParameterSpace(("P1", "h1", "gap"), (5.0, 0.6, -0.01), (200.0, 6.0, 0.0))
@@ -29,7 +29,7 @@ def contact_cases():
     # contact grows steadily there, and a tenth is wrong; where a single node touches is hit by one point in a hundred
     strict = {"tests": 200, "worst_force": 0.1}
     yield Case("half-discs, thesis recipe", discs.scene(), discs.THESIS, counts=(31,), **strict)
-    bare = hhr.ReductionSettings(2.1e-6, dual_pod_tolerance=None, layers=0)
+    bare = hhr.Recipe(hhr.Pod(2.1e-6, relative=True), (hhr.Deim(), hhr.LoadNodes()), hhr.Rid(layers=0))
     yield Case("half-discs, few modes, no layers, no dual DEIM", discs.scene(), bare, counts=(31,))
     yield Case("curved block on 21 points", curved_block(), bare, counts=(21,))
     yield Case("half-discs carried by 1e8 m", carried(1e8), counts=(31,))
@@ -82,5 +82,5 @@ def unlike():
 
 def off_pressure(full_order):
     """Relative error of the stiff block's contact force, E push / (1 - nu^2) per unit of length."""
-    forces = full_order.solve(0.03).forces[full_order.problem.contact_pairs == 0]
+    forces = full_order.solve(0.03).forces()[full_order.problem.contact_pairs == 0]
     return float(abs(np.sum(forces) / (1e11 * 0.03 / (1 - 0.3**2)) - 1))

@@ -8,9 +8,9 @@ import pellet_cladding_plastic as demo
 from pellet_cladding import QUICK_MESH
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.study.verify_histories import HistoryCase
+from hhr_dolfinx.study.verify import HistoryCase
 
-VALUES, RECIPE = (5.0, 10.0, 15.0), hhr.PlasticSettings(zone=demo.pressed_nodes)
+VALUES, RECIPE = (5.0, 10.0, 15.0), demo.recipe()
 
 
 def with_laws(pellet=None, cladding=None):

@@ -7,7 +7,7 @@ import pellet_cladding as demo
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import pellet_cladding as geometry
-from hhr_dolfinx.reduction.rid import zone_of_interest
+from hhr_dolfinx.reduction.rid import load_nodes
 from hhr_dolfinx.study.verify import Case
 
 MESH, SIZES = demo.QUICK_MESH, {"radius": 4.1, "height": 7.0, "thickness": 0.57, "gap": 2e-3}
@@ -40,10 +40,10 @@ def matching_cases():
         yield Case(f"cells of aspect {aspect}", tall)
     for name, length in (("nm", 1e6), ("m", 1e-3), ("km", 1e-6)):
         yield Case(f"lengths in {name}", in_units(length))
-    yield Case("POD tolerance 1e-14", base, hhr.ReductionSettings(pod_tolerance=1e-14))
-    yield Case("POD tolerance 1e-14, thesis recipe", base, hhr.ReductionSettings.thesis(1e-14))
-    one_contact = lambda problem: [*zone_of_interest(problem, None), problem.contact_slaves[10]]  # noqa: E731
-    yield Case("RID of one contact", base, hhr.ReductionSettings.thesis(0.03, zone=one_contact))
+    yield Case("POD tolerance 1e-14", base, hhr.Recipe(hhr.Pod(1e-14, relative=True)))
+    yield Case("POD tolerance 1e-14, thesis recipe", base, hhr.Recipe.thesis(1e-14))
+    one_contact = lambda problem: [*load_nodes(problem), problem.contact_slaves[10]]  # noqa: E731
+    yield Case("RID of one contact", base, hhr.Recipe.thesis(0.03, nodes=(hhr.Deim(), hhr.Zone(one_contact))))
     yield Case("duplicated snapshots", base, select=lambda s: s.take(np.repeat(np.arange(len(s.points)), 2)))
     yield Case("collinear snapshots", base, select=collinear)
     yield Case("two snapshots", base, select=lambda s: s.take([0, -1]))

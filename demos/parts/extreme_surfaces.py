@@ -47,7 +47,7 @@ def strips():
 
 def force_at_rest(full_order):
     """Largest contact force without a load over the largest with it."""
-    rest, loaded = (np.abs(full_order.solve(load).forces).max() for load in (0.0, 5.0))
+    rest, loaded = (np.abs(full_order.solve(load).forces()).max() for load in (0.0, 5.0))
     return float(rest / loaded) if loaded > 0 else np.inf
 
 
@@ -75,7 +75,7 @@ def rings(counts, overlap):
 
 def off_lame(full_order, overlap):
     """Relative error of the mean pressure between rings of one material, E = 1 and nu = 0.3, in plane strain."""
-    found = full_order.solve(0.0).forces.sum() / full_order.problem.contact_areas.sum()
+    found = full_order.solve(0.0).forces().sum() / full_order.problem.contact_areas.sum()
     inner = (FIT**2 + INNER**2) / (FIT**2 - INNER**2)
     outer = (OUTER**2 + FIT**2) / (OUTER**2 - FIT**2)
     return float(abs(found / (overlap / FIT / (1 - 0.3**2) / (inner + outer)) - 1))

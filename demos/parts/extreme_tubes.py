@@ -6,8 +6,7 @@ import numpy as np
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block
-from hhr_dolfinx.study.verify import Known
-from hhr_dolfinx.study.verify_histories import HistoryCase
+from hhr_dolfinx.study.verify import HistoryCase, Known
 
 LIMIT = 2 / np.sqrt(3) * np.log(2)
 """Limit load of a tube 1 <= r <= 2 that yields at 1 without hardening, in plane strain."""
@@ -54,7 +53,7 @@ def held(pressure):
 
 def off_creep(history):
     """Relative error of the radial speed, C / r with p = m K / sqrt(3) (2 C / sqrt(3))^(1/m) (1 - 2^(-2/m))."""
-    before, last = history.points[-2:]
+    before, last = history.answers[-2:]
     pressure = last.parameter[0]
     power = pressure * np.sqrt(3) / (EXPONENT * RESISTANCE * (1 - 2 ** (-2 / EXPONENT)))
     rate = np.sqrt(3) / 2 * power**EXPONENT

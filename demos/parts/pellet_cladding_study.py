@@ -1,5 +1,8 @@
 """What ``pellet_cladding.py`` is compared with: recipes, peers, coarser meshes, the thesis' own size."""
 
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
 import numpy as np
 from mpi4py import MPI
 
@@ -7,23 +10,26 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.coarser import CoarserMesh
 from hhr_dolfinx.baselines.peers import DualBasisModel, cone_projected_greedy, nonnegative_factors
 from hhr_dolfinx.certify.accuracy import relative_error
+from hhr_dolfinx.study.study import Study
+from hhr_dolfinx.study.training import Training
 from hhr_dolfinx.study.yardstick import Yardstick
 from hhr_dolfinx.timing import time_queries
-from parts.pellet_cladding_tables import POINTS
+from parts.pellet_cladding_tables import POINTS, thesis
 
-THESIS_SIZE = hhr.ReductionSettings.thesis(1e-6, extended_pod_tolerance=3e-7, dual_pod_tolerance=1e-3, kappa_max=3.0)
+THESIS_SIZE = thesis(3e-7, 1e-3, 3.0)
 """POD + FE enrichment on a small RID: 60 functions and 26 contacts."""
+PLAIN = hhr.Deim(), hhr.ForceDeim(1e-6), hhr.LoadNodes()
 VARIANTS = [
     ("thesis size", THESIS_SIZE),
-    ("plain 1e-8", hhr.ReductionSettings(1e-8, relative=False)),
-    ("plain 1e-10", hhr.ReductionSettings(1e-10, relative=False)),
-    ("relative 1e-9", hhr.ReductionSettings(1e-9)),
-    ("relative 1e-10", hhr.ReductionSettings(1e-10)),
-    ("all functions", hhr.ReductionSettings(kappa_max=1.0)),
+    ("plain 1e-8", hhr.Recipe(hhr.Pod(1e-8), PLAIN)),
+    ("plain 1e-10", hhr.Recipe(hhr.Pod(1e-10), PLAIN)),
+    ("relative 1e-9", hhr.Recipe(hhr.Pod(1e-9, relative=True))),
+    ("relative 1e-10", hhr.Recipe(hhr.Pod(1e-10, relative=True))),
+    ("all functions", hhr.Recipe(enrichment=hhr.Enrich(1.0))),
 ]
 
 
-def rivals(training, scene, quick):
+def rivals(training: Training, scene: Callable[..., hhr.Scene], quick: bool) -> Iterator[hhr.Rival]:
     """Peers with 30 primal modes, and coarser meshes of the same scene."""
     full_order, snapshots = training.full_order, training.snapshots
     for count in (10,) if quick else (20, 40):
@@ -39,33 +45,31 @@ def rivals(training, scene, quick):
         yield hhr.Rival("coarser mesh", f"1/{part}", CoarserMesh(coarse, full_order.problem, points))
 
 
-def thesis_size(study) -> dict:
+def thesis_size(study: Study) -> dict[str, float]:
     """Errors of the thesis-size recipe at the points of table 3.1, and its time beside the full order's."""
     training, settings = study.training, study.settings
-    reduction = training.build(THESIS_SIZE, checked=False)
+    model = training.build(THESIS_SIZE, checked=False)
     points = training.full_order.problem.parameters.random(2 * settings.queries + 5, settings.seed + 3000)
-    seconds = float(np.median(time_queries({"online": reduction.model.solve}, points)["online"]))
-    inside, errors = reduction.sets.A_lambda, {}
+    seconds = float(np.median(time_queries({"online": model.solve}, points)["online"]))
+    inside, errors = model.fields.A_lambda, {}
     for point in POINTS:
-        exact = training.full_order.solve(point).forces[inside]
-        errors[f"dual_rid at {point.tolist()}"] = relative_error(reduction.model.solve(point).forces, exact)
+        exact = training.full_order.solve(point).forces()[inside]
+        errors[f"dual_rid at {point.tolist()}"] = relative_error(model.solve(point).multipliers, exact)
     times = {f"{name}/online": study.report["times"][name]["median"] / seconds for name in ("fom_best", "fom_naive")}
-    return {"ell_bar": reduction.basis.shape[1], "N_lambda_C": len(inside), **errors, "online_s": seconds, **times}
+    return {"ell_bar": len(model.problem.stiffness), "N_lambda_C": len(inside), **errors, "online_s": seconds, **times}
 
 
-def draw_maps(study, folder, quick) -> None:
+def draw_maps(study: Study, folder: Path, quick: bool) -> None:
     """Errors of three recipes over both parameters, thesis figure 3.9."""
     from hhr_dolfinx.study import plots
 
     training = study.training
     points = training.full_order.problem.parameters.grid([12, 10] if quick else [40, 30])
     yardstick = Yardstick.at(points, training.full_order, training.snapshots)
-    thesis = hhr.ReductionSettings.thesis(1e-6, dual_pod_tolerance=4e-4)
-    recipes = {"thesis, EF": thesis, "thesis size, POD+EF": THESIS_SIZE}
-    models = {name: training.build(recipe, checked=False) for name, recipe in recipes.items()} | {
-        "default": study.hyper
-    }
-    maps = {name: yardstick.errors(model, model.sets.A_lambda).values for name, model in models.items()}
+    recipes = {"thesis, EF": thesis(None, 4e-4), "thesis size, POD+EF": THESIS_SIZE}
+    models = {name: training.build(recipe, checked=False) for name, recipe in recipes.items()}
+    models["default"] = study.model
+    maps = {name: yardstick.errors(model, model.fields.A_lambda).values for name, model in models.items()}
     for error in ("dual_rid_floored", "dual_full_floored"):
         shown = {name: values[error] for name, values in maps.items()}
         plots.plot_maps(yardstick.references.points, shown, ("P1 [MPa]", "h1 [mm]"), folder / f"map_{error}.png")

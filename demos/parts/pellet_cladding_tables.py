@@ -1,11 +1,15 @@
 """Tables 3.1, 3.2 and 3.3 of the thesis beside ours, for ``pellet_cladding.py --study thesis``."""
 
+from pathlib import Path
+
 import numpy as np
 from rich.table import Table
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import HHRError
+from hhr_dolfinx.study.console import Console
 from hhr_dolfinx.study.report import write_report
+from hhr_dolfinx.study.training import Training
 from hhr_dolfinx.study.yardstick import Yardstick
 from hhr_dolfinx.timing import time_queries
 
@@ -31,7 +35,13 @@ TIMES = [  # tables 3.2 and 3.3: label, dual epsilon, epsilon 2, size, milliseco
 ]
 
 
-def thesis_tables(training, folder, console) -> None:
+def thesis(extended: float | None, dual: float, kappa_max: float = 10.0) -> hhr.Recipe:
+    """The thesis' recipe at epsilon 1e-6 with DEIM of the forces; POD + FE enrichment with an extended POD."""
+    nodes = (hhr.Deim(hhr.Pod(1e-6)), hhr.ForceDeim(dual), hhr.LoadNodes())
+    return hhr.Recipe.thesis(extended or 1e-6, nodes=nodes, enrichment=hhr.Enrich(kappa_max))
+
+
+def thesis_tables(training: Training, folder: Path, console: Console) -> None:
     """Print the tables and write their rows to a file."""
     rows = [*_errors(training, console), *_times(training, console)]
     write_report(rows, folder, "thesis_tables")
@@ -41,12 +51,11 @@ def _errors(training, console):
     table = Table("eps 2", "size", "errors % at (170, 3.2)", "at (30, 5.25)", title="table 3.1: thesis | here")
     yardstick = Yardstick.at(POINTS, training.full_order, training.snapshots)
     for epsilon, size, *theirs in ERRORS:
-        changes = {"extended_pod_tolerance": epsilon, "dual_pod_tolerance": 4e-4, "kappa_max": 1.0}
         try:
-            reduction = training.build(hhr.ReductionSettings.thesis(1e-6, **changes), checked=False)
-            values = yardstick.errors(reduction, reduction.sets.A_lambda).values
+            model = training.build(thesis(epsilon, 4e-4, 1.0), checked=False)
+            values = yardstick.errors(model, model.fields.A_lambda).values
             ours = [100 * values[name][k] for k in (0, 1) for name in ("primal_euclid", "dual_rid")]
-            mine = str(reduction.basis.shape[1])
+            mine = str(len(model.problem.stiffness))
         except HHRError as error:
             ours, mine = [float("inf")] * 4, f"refused: {error}"
         cells = [f"{theirs[k]:g}, {theirs[k + 1]:g} | {ours[k]:.2g}, {ours[k + 1]:.2g}" for k in (0, 2)]
@@ -60,8 +69,7 @@ def _times(training, console):
     fresh = training.full_order.problem.parameters.random(105, 5)
     full = float(np.median(time_queries({"full": training.full_order.solve}, fresh)["full"]))
     for number, label, dual, epsilon, size, milliseconds in TIMES:
-        recipe = hhr.ReductionSettings.thesis(1e-6, extended_pod_tolerance=epsilon, dual_pod_tolerance=dual)
-        model = training.build(recipe, checked=False).model
+        model = training.build(thesis(epsilon, dual), checked=False)
         online, ours = (
             float(np.median(time_queries({"online": model.solve}, fresh)["online"])),
             len(model.problem.loads),

@@ -3,7 +3,7 @@
 import re
 import warnings
 from collections import Counter
-from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 
@@ -17,31 +17,31 @@ REQUIRED, RIGHT = {"p95": 0.1, "max": 0.3}, {"p95": 0.03, "max": 0.1}
 """Force errors that a model accepted in silence must not exceed; those below which a warning was needless."""
 
 
-def recipe(rng: np.random.Generator) -> hhr.ReductionSettings:
+def recipe(rng: np.random.Generator) -> hhr.Recipe:
     """A recipe that is allowed, be it sensible or not."""
     tolerance, layers = 10 ** rng.uniform(-13, -2), int(rng.integers(5))
-    return hhr.ReductionSettings(
-        tolerance,
-        extended_pod_tolerance=rng.choice([None, tolerance * 10 ** rng.uniform(-4, 0)]),
-        dual_pod_tolerance=rng.choice([None, 10 ** rng.uniform(-9, -1)]),
-        relative=bool(rng.integers(2)),
-        layers=layers,
-        most_layers=layers + 2 * int(rng.integers(2)),
-        kappa_max=30 ** rng.random(),
-    )
+    extended = rng.choice([None, tolerance * 10 ** rng.uniform(-4, 0)])
+    dual = rng.choice([None, 10 ** rng.uniform(-9, -1)])
+    relative = bool(rng.integers(2))
+    domain = hhr.Rid(layers, layers + 2 * int(rng.integers(2)))
+    enrichment = hhr.Enrich(30 ** rng.random())
+    plain = hhr.Pod(tolerance, relative)
+    forces = () if dual is None else (hhr.ForceDeim(dual, relative),)
+    nodes = (hhr.Deim(plain), *forces, hhr.LoadNodes())
+    return hhr.Recipe(plain if extended is None else hhr.Pod(extended, relative), nodes, domain, enrichment)
 
 
-def judged(training: Training, settings: hhr.ReductionSettings, yardstick: Yardstick) -> dict:
+def judged(training: Training, settings: hhr.Recipe, yardstick: Yardstick) -> dict[str, Any]:
     """What a user is told of a model, and how wrong its forces are on the whole surface."""
-    row = {name: value for name, value in asdict(settings).items() if name not in ("limits", "zone")}
+    row = {name: value for name, value in settings.described().items() if name != "trust"}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", StabilityWarning)
         try:
-            reduction = training.build(settings)
+            model = training.build(settings)
         except HHRError as refused:
             return {**row, "outcome": "refused", "said": [str(refused)], "p95": None, "max": None}
     said = [str(item.message) for item in caught if issubclass(item.category, StabilityWarning)]
-    errors = summary(yardstick.errors(reduction).values["dual_full_floored"])
+    errors = summary(yardstick.errors(model).values["dual_full_floored"])
     row |= {"outcome": "warned" if said else "accepted", "said": said}
     return {**row, "p95": errors["p95"], "max": errors["max"]}
 
@@ -51,7 +51,7 @@ def within(row: dict, limits: dict) -> bool:
     return all(row[name] <= limit for name, limit in limits.items())
 
 
-def summed_up(rows: list[dict]) -> dict:
+def summed_up(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Counts of outcomes, the worst that was accepted in silence, and how many warnings were right or needless."""
     outcomes = {name: [row for row in rows if row["outcome"] == name] for name in ("accepted", "warned", "refused")}
     accepted, warned = outcomes["accepted"], outcomes["warned"]

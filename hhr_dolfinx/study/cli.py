@@ -6,11 +6,12 @@ import argparse
 import os
 import tempfile
 from pathlib import Path
+from typing import NoReturn
 
 from mpi4py import MPI
 
 from hhr_dolfinx.errors import ParameterError
-from hhr_dolfinx.models.reconstruct import OnlineModel
+from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.online.batch import TableRow, answer_table, read_points
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.study.console import make_console, progress_on
@@ -36,7 +37,7 @@ def _seed(text: str) -> int:
     return value
 
 
-def points_or_exit(parser: argparse.ArgumentParser, table: Path | None, space: ParameterSpace):
+def points_or_exit(parser: argparse.ArgumentParser, table: Path | None, space: ParameterSpace) -> list[TableRow] | None:
     """Rows of a table of parameters, before anything is computed; None where no table was asked for."""
     try:
         return None if table is None else read_points(table, space)
@@ -44,9 +45,9 @@ def points_or_exit(parser: argparse.ArgumentParser, table: Path | None, space: P
         parser.error(str(error))
 
 
-def answer_and_exit(reduction: OnlineModel, rows: list[TableRow], options: argparse.Namespace) -> None:
+def answer_and_exit(model: ReducedModel, rows: list[TableRow], options: argparse.Namespace) -> NoReturn:
     """Answer a table of parameters and end on all ranks, with exit code 1 if a row has no answer."""
-    bad = answer_table(reduction, rows, options.out / "answers.csv", options.console, options.progress("answers"))
+    bad = answer_table(model, rows, options.out / "answers.csv", options.console, options.progress("answers"))
     raise SystemExit(1 if bad else 0)
 
 
@@ -95,7 +96,7 @@ def _why_not_writable(folder: Path) -> str:
     return ""
 
 
-def _owner(folder):
+def _owner(folder: Path) -> str:
     """Whose the folder is, or the one it would be made in, and who asks, by number: names may mean nothing here."""
     there = next(place for place in (folder.absolute(), *folder.absolute().parents) if os.path.exists(place))
     asks = f", this is user {os.geteuid()}" if hasattr(os, "geteuid") else ""

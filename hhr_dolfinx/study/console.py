@@ -44,18 +44,18 @@ def progress_on(console: Console) -> Callable[[str], Callable[[Iterable], Iterat
     return lambda label: lambda items: shown(label, items, console)
 
 
-def _bar(label, items, console):
+def _bar(label: str, items: Iterable, console: Console) -> Iterable:
     return track(items, description=f"{label:10}", console=console, transient=True)
 
 
-def _line(label, items, console):
+def _line(label: str, items: Iterable, console: Console) -> Iterator:
     count = f": {len(items)} to do" if isinstance(items, Sized) else ""
     if count != ": 0 to do":
         console.print(f"{label}{count}", highlight=False)
     yield from items
 
 
-def _is_watched(console):
+def _is_watched(console: Console) -> bool:
     """Whether a window shows it: a terminal that can move its cursor, or a notebook."""
     isatty = getattr(console.file, "isatty", lambda: False)
     return console.is_jupyter or (isatty() and console.is_terminal and not console.is_dumb_terminal)

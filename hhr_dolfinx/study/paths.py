@@ -5,13 +5,16 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from hhr_dolfinx.certify.accuracy import relative_error, summary
+from hhr_dolfinx.certify.compare import largest_errors
 from hhr_dolfinx.errors import HHRError, OutsideTrainingWarning
-from hhr_dolfinx.models.march import MarchSettings, march
-from hhr_dolfinx.reduction.plastic_trust import largest_errors
+from hhr_dolfinx.models.answer import Model
+from hhr_dolfinx.models.path import MarchSettings
+from hhr_dolfinx.models.reduced import ReducedModel
 
 
 @dataclass(frozen=True)
@@ -29,12 +32,12 @@ class PathCase:
     inside: bool
 
 
-def try_path(full, reduction, case: PathCase, floor: float, settings: MarchSettings) -> dict:
+def try_path(full: Model, model: ReducedModel, case: PathCase, floor: float, settings: MarchSettings) -> dict[str, Any]:
     """Errors and warnings on one path.
 
     Args:
         full: the full model.
-        reduction: the reduced one.
+        model: the reduced one.
         case: the path.
         floor: force norm below which a relative error means nothing.
         settings: how histories are solved.
@@ -44,30 +47,28 @@ def try_path(full, reduction, case: PathCase, floor: float, settings: MarchSetti
         stress and plastic strain at the last step, whether the model warned, or why it has no answer.
     """
     row = {"name": case.name, "inside": case.inside}
-    exact = march(full, case.path, settings)
+    exact = full.march(case.path, settings)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            answer = march(reduction.model, case.path, settings)
+            found = model.march(case.path, settings)
         except HHRError as error:
             return {**row, "warned": True, "failed": str(error)}
     warned = any(issubclass(item.category, OutsideTrainingWarning) for item in caught)
-    displacement, forces = largest_errors(full, reduction, answer, exact, floor)
-    here, there = answer.points[-1], exact.points[-1]
-    trained = reduction.model.trained.imbalance
-    imbalance = max(sign.imbalance for sign in answer.signs)
+    displacement, forces = largest_errors(full, found, exact, floor)
+    here, there = found.answers[-1], exact.answers[-1]
     return {
         **row,
         "warned": warned,
         "displacement": displacement,
         "forces": forces,
-        "stress_rr": relative_error(reduction.stress_everywhere(here)[:, 0], there.stress[:, 0]),
-        "plastic_strain": relative_error(reduction.plastic_strain_everywhere(here), there.state.cumulated),
-        "imbalance": imbalance / trained,
+        "stress_rr": relative_error(here.stress()[:, 0], there.stress()[:, 0]),
+        "plastic_strain": relative_error(here.plastic_strain(), there.plastic_strain()),
+        "imbalance": max(sign.imbalance for sign in found.signs) / model.trained.imbalance,
     }
 
 
-def summarise_paths(rows: Iterable[dict]) -> dict:
+def summarise_paths(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
     """The ``paths`` part of a report.
 
     ``silent_worst`` holds the largest errors outside of training that no warning told of, and ``false_alarms`` counts

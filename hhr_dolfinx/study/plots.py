@@ -5,15 +5,21 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 # files only: without a display VTK would first look for an X server and complain
 if sys.platform == "linux" and "DISPLAY" not in os.environ:
     os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
 
 import numpy as np
+from dolfinx.plot import vtk_mesh
 
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.materials.elasticity import von_mises
+from hhr_dolfinx.models.answer import Answer, History
+from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.study.view import View
 
 with extra("pictures", "pictures and fields for ParaView"):
@@ -21,83 +27,84 @@ with extra("pictures", "pictures and fields for ParaView"):
 
     matplotlib.use("Agg")
 
-    import matplotlib.pyplot as plt
     import pyvista
     from matplotlib.colors import LogNorm
+    from matplotlib.figure import Figure
 
-_VTK_CELLS = {(2, 3): "TRIANGLE", (2, 4): "QUAD", (3, 4): "TETRA", (3, 8): "HEXAHEDRON"}
-_TENSOR_TO_VTK = {"QUAD": [0, 1, 3, 2], "HEXAHEDRON": [0, 1, 3, 2, 4, 5, 7, 6]}
+if TYPE_CHECKING:
+    from hhr_dolfinx.study.study import Study
 
+Curves = dict[str, tuple[Any, Any]]
+"""Positions and values of curves by name."""
 
 ROUND_OFF = 1e-10
 """Errors below need no place on an axis of errors."""
 
 
-def draw_study(study, view: View, folder: Path) -> None:
-    """Pictures of a :class:`~hhr_dolfinx.study.study_scene.SceneStudy`.
+def draw_study(study: Study, view: View, folder: Path) -> None:
+    """Pictures of a study.
 
-    Error against run time; contact pressures at the points of the view; RID, displacement and stress at the last of
-    them, also for ParaView; and errors over the parameter where there is only one.
+    Error against run time; contact pressures; RID, displacement and stress, and plastic strain where bodies flow, also
+    for ParaView: at the points of the view, fields at the last of them, or at the last step of the last test history.
+    Besides, errors over the parameter where there is only one, or over time what a history did.
     """
-    full_order, hyper = study.training.full_order, study.hyper
-    problem, discretisation = full_order.problem, full_order.discretisation
+    full, model = study.training.full_order, study.model
     plot_work_precision(study.report["work_precision"], folder / "work_precision.png")
-    if len(problem.parameters.names) == 1:
-        names = ("primal_euclid", "primal_energy", "dual_rid", "energy_minimum")
-        curves = {name: (np.ravel(study.points), study.errors.values[name]) for name in names}
-        plot_curves(curves, folder / "errors.png", (problem.parameters.names[0], "error"), logarithmic=True)
-    if not view.points:
+    if study.measured.drawn:
+        exact, found = study.measured.drawn
+        _draw_answers(full, model, {"": (exact.answers[-1], found.answers[-1])}, view, folder)
+        _draw_over_time(exact, found, folder)
         return
+    names = full.parameters.names
+    if len(names) == 1:
+        values = study.measured.own.errors.values
+        shown = ("primal_euclid", "primal_energy", "dual_rid", "energy_minimum")
+        curves = {name: (np.ravel(study.tests), values[name]) for name in shown}
+        plot_curves(curves, folder / "errors.png", (names[0], "error"), logarithmic=True)
+    labels = ("".join(f", {name} = {x:g}" for name, x in zip(names, mu, strict=True)) for mu in view.points)
+    pairs = {label: (full.solve(mu), model.solve(mu)) for label, mu in zip(labels, view.points, strict=True)}
+    if pairs:
+        _draw_answers(full, model, pairs, view, folder)
+
+
+def _draw_answers(
+    full: FullOrderModel, model: ReducedModel, pairs: dict[str, tuple[Answer, Answer]], view: View, folder: Path
+) -> None:
+    """Contact pressures of exact and reduced answers by label, and fields of the last of them."""
+    problem = full.problem
     lines, marks, closed_forms = {}, {}, {}
-    for mu in view.points:
-        exact, (displacement, forces) = full_order.solve(mu), hyper.solve_everywhere(mu)
-        label = ", ".join(f"{name} = {value:g}" for name, value in zip(problem.parameters.names, mu, strict=True))
-        lines[f"full order, {label}"] = pressures(problem, view, exact.forces)
-        marks[f"HHR, {label}"] = pressures(problem, view, forces)
+    for label, (exact, found) in pairs.items():
+        where, _ = lines[f"full order{label}"] = pressures(problem, view, exact.forces())
+        marks[f"HHR{label}"] = pressures(problem, view, found.forces())
         if view.closed_form is not None:
-            where, load = lines[f"full order, {label}"][0], exact.forces[problem.contact_pairs == view.pair].sum()
-            closed_forms[f"closed form, {label}"] = where, view.closed_form(where, load)
+            load = exact.forces()[problem.contact_pairs == view.pair].sum()
+            closed_forms[f"closed form{label}"] = where, view.closed_form(where, load)
     labels = view.label, f"contact pressure [{view.stress}]"
     plot_curves(lines | closed_forms, folder / "pressures.png", labels, marks=marks)
-    fields = {"full order": exact.primal, "HHR": displacement}
-    stresses = {name: discretisation.von_mises(field) for name, field in fields.items()}
-    grid = field_grid(problem, hyper.sets.cells, fields)
-    draw_fields(grid, view, fields, {f"von Mises [{view.stress}]": stresses}, folder)
+    answers = dict(zip(("full order", "HHR"), list(pairs.values())[-1], strict=True))
+    fields = {name: answer.displacement() for name, answer in answers.items()}
+    cells: dict[str, dict[str, np.ndarray]] = {}
+    if model.flow is None:
+        cells[f"von Mises [{view.stress}]"] = {name: von_mises(answer.stress()) for name, answer in answers.items()}
+    else:
+        mean = lambda values: values.reshape(len(problem.cell_nodes), -1).mean(axis=1)  # noqa: E731
+        cells["plastic strain"] = {name: mean(answer.plastic_strain()) for name, answer in answers.items()}
+        stress = f"first normal stress [{view.stress}]"
+        cells[stress] = {name: mean(answer.stress()[:, 0]) for name, answer in answers.items()}
+    draw_fields(field_grid(full, model.offline.sets.cells, fields), view, fields, cells, folder)
 
 
-def draw_histories(study, view: View, folder: Path) -> None:
-    """Pictures of a :class:`~hhr_dolfinx.study.study_histories.HistoryStudy` at its last test value.
-
-    RID, plastic strain and radial stress of the last step, also for ParaView; its contact pressures; and over time
-    the contact force, the largest plastic strain and the iterations of each step.
-    """
-    full, reduction, problem = study.full, study.reduction, study.full.problem
-    here, there, per_cell = study.history.points[-1], study.exact.points[-1], full.operator.per_cell
-    fields = {"full order": full.displacement(there), "HHR": reduction.displacement_everywhere(here)}
-    values = {
-        "plastic strain": (there.state.cumulated, reduction.plastic_strain_everywhere(here)),
-        f"first normal stress [{view.stress}]": (there.stress[:, 0], reduction.stress_everywhere(here)[:, 0]),
+def _draw_over_time(exact: History, found: History, folder: Path) -> None:
+    """Contact force, largest plastic strain and iterations of each step of a full and a reduced history."""
+    histories = {"full order": exact, "HHR": found}
+    quantities = {
+        "contact force": lambda history: [answer.forces().sum() for answer in history.answers],
+        "largest plastic strain": lambda history: [answer.gauss.state.cumulated.max() for answer in history.answers],
+        "iterations of a step": lambda history: history.iterations,
     }
-    cells = {
-        name: {model: points.reshape(-1, per_cell).mean(axis=1) for model, points in zip(fields, pair, strict=True)}
-        for name, pair in values.items()
-    }
-    draw_fields(field_grid(problem, reduction.model.sets.cells, fields), view, fields, cells, folder)
-    lines = {"full order": pressures(problem, view, there.forces)}
-    marks = {"HHR": pressures(problem, view, reduction.forces_everywhere(here))}
-    plot_curves(lines, folder / "pressures.png", (view.label, f"contact pressure [{view.stress}]"), marks=marks)
-    exact, reduced = study.exact.points, study.history.points
-    over_time = {
-        "contact force": ([p.forces.sum() for p in exact], [reduction.forces_everywhere(p).sum() for p in reduced]),
-        "largest plastic strain": (
-            [p.state.cumulated.max() for p in exact],
-            [p.state.cumulated.max() for p in reduced],
-        ),
-        "iterations of a step": (study.exact.iterations, study.history.iterations),
-    }
-    times = [point.time for point in exact]
-    for name, (full_values, values) in over_time.items():
-        lines = {"full order": (times, full_values), "HHR": (times, values)}
+    times = [answer.time for answer in exact.answers]
+    for name, quantity in quantities.items():
+        lines = {label: (times, quantity(history)) for label, history in histories.items()}
         plot_curves(lines, folder / f"{name.replace(' ', '_')}.png", ("time [s]", name))
 
 
@@ -107,7 +114,13 @@ def pressures(problem: ContactProblem, view: View, forces: np.ndarray) -> tuple[
     return view.position(problem.contact_points[pair]), forces[pair] / problem.contact_areas[pair]
 
 
-def draw_fields(grid: pyvista.UnstructuredGrid, view: View, fields: dict, cells: dict, folder: Path) -> None:
+def draw_fields(
+    grid: pyvista.UnstructuredGrid,
+    view: View,
+    fields: dict[str, np.ndarray],
+    cells: dict[str, dict[str, np.ndarray]],
+    folder: Path,
+) -> None:
     """Write ``fields.vtu`` and a picture of the RID and of scalar fields of several models.
 
     Args:
@@ -117,36 +130,38 @@ def draw_fields(grid: pyvista.UnstructuredGrid, view: View, fields: dict, cells:
         cells: values of cells by quantity and model.
         folder: where to.
     """
-    shown, dim = ["rid"], next(iter(fields.values())).size // grid.n_points
+    # the RID is drawn on the deformed mesh of the last model, every field on that of its own
+    shown = {"rid": list(fields)[-1]}
     if view.component is not None:
-        for model, field in fields.items():
-            shown.append(f"{view.component[1]}, {model}")
-            grid.point_data[shown[-1]] = field[view.component[0] :: dim]
+        component, label = view.component
+        for model in fields:
+            grid.point_data[f"{label}, {model}"] = grid.point_data[model][:, component]
+            shown[f"{label}, {model}"] = model
     for quantity, models in cells.items():
         for model, values in models.items():
-            shown.append(f"{quantity}, {model}")
-            grid.cell_data[shown[-1]] = values
+            grid.cell_data[f"{quantity}, {model}"] = values
+            shown[f"{quantity}, {model}"] = model
     grid.save(folder / "fields.vtu")
-    # each model on its own deformed mesh; the RID on that of the last
-    models = [next((model for model in fields if name.endswith(model)), model) for name in shown]
-    grids = [grid.warp_by_vector(model) if view.deformed else grid for model in models]
-    plot_fields(grids, shown, folder / "fields.png")
+    grids = [grid.warp_by_vector(model) if view.deformed else grid for model in shown.values()]
+    plot_fields(grids, list(shown), folder / "fields.png")
 
 
-def field_grid(problem: ContactProblem, rid_cells: np.ndarray, fields: dict[str, np.ndarray]):
+def field_grid(full: FullOrderModel, rid_cells: np.ndarray, fields: dict[str, np.ndarray]) -> pyvista.UnstructuredGrid:
     """Mesh with displacement fields by name, (N,) each, and the RID as the cell field ``rid``."""
-    dim = problem.points.shape[1]
-    kind = _VTK_CELLS[dim, problem.cell_nodes.shape[1]]
-    cells = problem.cell_nodes[:, _TENSOR_TO_VTK.get(kind, slice(None))]
-    grid = pyvista.UnstructuredGrid({pyvista.CellType[kind]: cells}, _in_space(problem.points))
+    # points are the nodes of the space, in the order of its dofs
+    grid = pyvista.UnstructuredGrid(*vtk_mesh(full.discretisation.space))
     for name, field in fields.items():
-        grid.point_data[name] = _in_space(field.reshape(-1, dim))
-    grid.cell_data["rid"] = np.isin(np.arange(len(cells)), rid_cells).astype(np.uint8)
+        vectors = field.reshape(grid.n_points, -1)
+        grid.point_data[name] = np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
+    grid.cell_data["rid"] = np.isin(np.arange(grid.n_cells), rid_cells).astype(np.uint8)
     return grid
 
 
 def plot_fields(grids: list[pyvista.UnstructuredGrid], names: list[str], path: Path) -> None:
     """Scalar fields of points or cells side by side, each on its mesh."""
+    if sys.platform == "linux" and "DISPLAY" not in os.environ:
+        # files only: without a display VTK would first look for an X server and complain
+        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
     flat = np.ptp(grids[0].points[:, 2]) == 0
     plotter = pyvista.Plotter(off_screen=True, shape=(1, len(names)), window_size=(420 * len(names), 700), border=False)
     bar = {"vertical": False, "title_font_size": 16, "label_font_size": 13, "n_labels": 3, "color": "k"}
@@ -165,7 +180,9 @@ def plot_fields(grids: list[pyvista.UnstructuredGrid], names: list[str], path: P
     plotter.close()
 
 
-def plot_maps(points, maps: dict[str, np.ndarray], labels: tuple[str, str], path: Path, top: float = 1.0) -> None:
+def plot_maps(
+    points: np.ndarray, maps: dict[str, np.ndarray], labels: tuple[str, str], path: Path, top: float = 1.0
+) -> None:
     """Relative errors over two parameters, one map per model on one logarithmic scale, thesis figure 3.9.
 
     Args:
@@ -175,7 +192,8 @@ def plot_maps(points, maps: dict[str, np.ndarray], labels: tuple[str, str], path
         path: picture file.
         top: error at the end of the colour scale.
     """
-    figure, axes = plt.subplots(1, len(maps), figsize=(4.6 * len(maps), 4), layout="constrained", squeeze=False)
+    figure = Figure(figsize=(4.6 * len(maps), 4), layout="constrained")
+    axes = figure.subplots(1, len(maps), squeeze=False)
     first, second = (np.unique(points[:, k]) for k in (0, 1))
     norm = LogNorm(1e-4, top)
     for axis, (name, errors) in zip(axes[0], maps.items(), strict=True):
@@ -186,7 +204,9 @@ def plot_maps(points, maps: dict[str, np.ndarray], labels: tuple[str, str], path
     _save(figure, path)
 
 
-def plot_curves(lines: dict, path: Path, labels: tuple[str, str], *, marks=None, logarithmic: bool = False) -> None:
+def plot_curves(
+    lines: Curves, path: Path, labels: tuple[str, str], *, marks: Curves | None = None, logarithmic: bool = False
+) -> None:
     """Curves by name, and marks in the colours of the curves at the same places of their list.
 
     Args:
@@ -196,7 +216,8 @@ def plot_curves(lines: dict, path: Path, labels: tuple[str, str], *, marks=None,
         marks: likewise, drawn as points.
         logarithmic: whether the values are.
     """
-    figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
+    figure = Figure(figsize=(7, 4.5), layout="constrained")
+    axes = figure.subplots()
     for k, (name, (where, values)) in enumerate(lines.items()):
         order = np.argsort(where)
         # zero has no logarithm
@@ -209,9 +230,10 @@ def plot_curves(lines: dict, path: Path, labels: tuple[str, str], *, marks=None,
     _save(figure, path)
 
 
-def plot_work_precision(rows: list[dict], path: Path) -> None:
+def plot_work_precision(rows: list[dict[str, Any]], path: Path) -> None:
     """Error against run time of every method; those exact to round-off stand as lines at their time."""
-    figure, axes = plt.subplots(1, 2, figsize=(11, 4.5), layout="constrained")
+    figure = Figure(figsize=(11, 4.5), layout="constrained")
+    axes = figure.subplots(1, 2)
     for axis, error in zip(axes, ("primal_l2", "dual_full_floored"), strict=True):
         measured = [row for row in rows if "online_s" in row]
         for method in dict.fromkeys(row["method"] for row in measured):
@@ -237,11 +259,5 @@ def plot_work_precision(rows: list[dict], path: Path) -> None:
     _save(figure, path)
 
 
-def _in_space(vectors):
-    """Pad 2D vectors with a zero third component, as VTK wants them."""
-    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
-
-
-def _save(figure, path):
+def _save(figure: Figure, path: Path) -> None:
     figure.savefig(path, dpi=150)
-    plt.close(figure)

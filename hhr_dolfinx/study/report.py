@@ -5,148 +5,133 @@ from __future__ import annotations
 import json
 import math
 import platform
-from dataclasses import is_dataclass
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from mpi4py import MPI
 
 from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.compat import versions
 from hhr_dolfinx.files import replacing
+from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.study.console import Column, Console, Table
+from hhr_dolfinx.study.measure import Measurement, Row
 
-_COMPARED = ("fom_naive", "fom_best", "condensed")
-_TIMED = (*_COMPARED, "condensed_full", "online", "online_lapack", "online_full")
+if TYPE_CHECKING:
+    from hhr_dolfinx.study.training import Training
 
 
-def make_report(study) -> dict:
-    """Collect what a :class:`~hhr_dolfinx.study.study_scene.SceneStudy` measured; SI units, seconds, fractions."""
-    full_order, hyper = study.training.full_order, study.hyper
-    iterations, cycles = zip(*study.answers, strict=True)
+def make_report(
+    training: Training, model: ReducedModel, measured: Measurement, rows: list[dict[str, Any]], seed: int
+) -> dict[str, Any]:
+    """All figures of a study under the keys that scenes share; SI units, seconds, fractions.
+
+    Args:
+        training: of the model.
+        model: the model under study.
+        measured: what was measured of it.
+        rows: the work-precision table.
+        seed: of test points.
+    """
     report = {
-        **frame(
-            full_order,
-            hyper,
-            study.settings.reduction,
-            study.settings.seed,
-            len(study.training.snapshots.points),
-        ),
-        "errors": study.errors.summaries(),
-        "kkt": study.errors.residuals,
-        "times": {
-            "offline": {**study.training.log.times, **hyper.log.times},
-            **_times(study.times["warm"], _TIMED),
-            "cold_start": _times(study.times["cold"], (*_COMPARED, "online", "online_lapack")),
-        },
-        "ratios": {**_ratios(study.times["warm"]), "cold_start": _ratios(study.times["cold"])},
-        "work_precision": study.work_precision,
-        "active_set": {
-            "iterations_median": float(np.median(iterations)),
-            "iterations_max": max(iterations),
-            "cycles": sum(cycles),
-        },
+        **frame(training, model, seed),
+        "errors": measured.own.errors.summaries(),
+        "kkt": measured.own.errors.residuals,
+        **measured.report,
+        "work_precision": rows,
     }
-    report["skipped"] = [*study.training.log.skipped, *report["skipped"]]
+    report["times"] = {"offline": {**training.log.times, **model.offline.log.times}, **report["times"]}
+    report["skipped"] += measured.skipped
     report["break_even"] = break_even(report["times"])
-    return {**report, "advice": advice(report)}
+    return {**report, "advice": advice(report)} if "condensed_full" in report["times"] else report
 
 
-def model_report(hyper, errors, seconds) -> dict:
+def model_report(model: ReducedModel, row: Row) -> dict[str, Any]:
     """One of the ``models`` of a report.
 
     Args:
-        hyper: a reduced model.
-        errors: its errors at the test points.
-        seconds: of its queries.
+        model: a reduced model.
+        row: its errors and the seconds of its answers.
     """
     return {
-        "sizes": reduced_sizes(hyper),
-        "stability": hyper.stability.as_report(),
-        "errors": errors.summaries(),
-        "kkt": errors.residuals,
-        "times": {"offline": dict(hyper.log.times), "online": summary(seconds)},
+        "sizes": reduced_sizes(model),
+        "stability": model.offline.stability.as_report(),
+        "errors": row.errors.summaries(),
+        "kkt": row.errors.residuals,
+        "times": {"offline": dict(model.offline.log.times), "online": summary(row.seconds)},
     }
 
 
-def reduced_sizes(reduction) -> dict:
+def reduced_sizes(model: ReducedModel) -> dict[str, int]:
     """Numbers of functions, conditions and cells of a reduced model."""
-    functions = reduction.basis.shape[1]
+    offline = model.offline
+    functions = offline.basis.shape[1]
+    # where bodies flow, cells of the RID that no test function sees cost nothing
+    cells = offline.sets.cells if model.flow is None else model.flow.cells
     return {
-        "ell": functions - len(reduction.enrichment.added),
+        "ell": functions - len(offline.enrichment.added),
         "ell_bar": functions,
-        "N_lambda_C": len(reduction.sets.A_lambda),
-        "rid_cells": len(reduction.sets.cells),
+        "N_lambda_C": len(offline.sets.A_lambda),
+        "rid_cells": len(cells),
     }
 
 
-def break_even(times: dict) -> dict[str, float | None]:
+def break_even(times: dict[str, Any]) -> dict[str, float | None]:
     """Queries after which training and reduced answers are cheaper than the best full order; None if they never are.
 
-    Forces alone by the reduced model, or fields and all forces.
+    Forces alone by the reduced model, or fields and all forces. A history is asked for as a whole.
     """
     offline = sum(times["offline"].values())
-    full = times["fom_best"]["median"]
-    found = {}
-    for name, kind in (("forces", "online"), ("fields", "online_full")):
-        saved = full - times[kind]["median"]
+    kinds = {"forces": "online", "fields": "online_full"} if "online_full" in times else {"fields": "online"}
+    found: dict[str, float | None] = {"forces": None}
+    for name, kind in kinds.items():
+        saved = times["fom_best"]["median"] - times[kind]["median"]
         found[name] = offline / saved if saved > 0 else None
     return found
 
 
-def frame(full_order, reduction, recipe, seed: int, snapshots: int) -> dict:
-    """The part of a report that all kinds of scenes share.
+def frame(training: Training, model: ReducedModel, seed: int) -> dict[str, Any]:
+    """The part of a report that needs no measurement.
 
     Args:
-        full_order: the full model.
-        reduction: a reduced model with ``basis``, ``sets``, ``stability``, ``enrichment`` and ``log``.
-        recipe: the settings asked for; the RID may have grown by layers since.
+        training: of the model.
+        model: a reduced model as it was built.
         seed: of test points.
-        snapshots: number of training solutions.
     """
-    problem = full_order.problem
+    problem, offline = training.full_order.problem, model.offline
+    stability = offline.stability.as_report()
+    if offline.tangent_margin is not None:
+        stability["tangent"] = offline.tangent_margin
     return {
-        "scene": full_order.scene.name,
+        "scene": training.full_order.scene.name,
         "seed": seed,
         **environment(),
         "sizes": {
             "N": problem.free.size,
             "N_lambda": problem.contact.shape[0],
-            **reduced_sizes(reduction),
+            **reduced_sizes(model),
             "cells": len(problem.cell_nodes),
-            "layers": recipe.layers + len(reduction.log.refused),
-            "snapshots": snapshots,
+            "layers": offline.layers,
+            "snapshots": len(training.snapshots.points),
         },
         "stability": {
-            **reduction.stability.as_report(),
+            **stability,
             # kappa(B~) after each added function; the first row is the basis before any
-            "enrichment": [{"added": k, "kappa": kappa} for k, kappa in enumerate(reduction.enrichment.kappas)],
+            "enrichment": [{"added": k, "kappa": kappa} for k, kappa in enumerate(offline.enrichment.kappas)],
         },
-        "recipe": _described(recipe),
-        "skipped": list(reduction.log.skipped),
-        "refused_before": list(reduction.log.refused),
+        "recipe": offline.recipe.described(),
+        "skipped": [*training.log.skipped, *offline.log.skipped],
+        "refused_before": list(offline.log.refused),
     }
 
 
-def _described(settings) -> dict:
-    """Settings as plain values; a function by its name."""
-    return {name: _plain(getattr(settings, name)) for name in settings.__dataclass_fields__}
-
-
-def _plain(value):
-    if is_dataclass(value):
-        return _described(value)
-    if isinstance(value, np.generic):
-        return value.item()
-    return value if isinstance(value, bool | int | float | str | None) else getattr(value, "__name__", repr(value))
-
-
-def environment() -> dict:
+def environment() -> dict[str, Any]:
     """The ``versions`` and ``machine`` parts of a report."""
     return {"versions": versions(), "machine": {"cpu": _cpu(), "threads": 1, "ranks": MPI.COMM_WORLD.size}}
 
 
-def advice(report: dict) -> str:
+def advice(report: dict[str, Any]) -> str:
     """Which method an elastic scene should use, and why, in words.
 
     Exact condensation has no reduction error; it is advised unless it is much slower than the reduced model
@@ -168,7 +153,7 @@ def advice(report: dict) -> str:
     return f"Use the hyper-reduced model: {figures}. Use exact condensation where no error can be afforded."
 
 
-def write_report(report: dict | list[dict], folder: str | Path, name: str = "report") -> Path:
+def write_report(report: dict[str, Any] | list[dict[str, Any]], folder: str | Path, name: str = "report") -> Path:
     """Write ``report.json``, or rows under another name; numbers that are not finite become null, as JSON wants it.
 
     Raises:
@@ -181,7 +166,7 @@ def write_report(report: dict | list[dict], folder: str | Path, name: str = "rep
     return path
 
 
-def print_rows(title: str, rows: list[dict], console: Console) -> None:
+def print_rows(title: str, rows: list[dict[str, Any]], console: Console) -> None:
     """Print rows that share their keys as a table; long texts are cut, which the file has whole."""
     table = Table(*rows[0], title=title)
     for row in rows:
@@ -191,7 +176,7 @@ def print_rows(title: str, rows: list[dict], console: Console) -> None:
     console.print(table)
 
 
-def print_report(report: dict, console: Console) -> None:
+def print_report(report: dict[str, Any], console: Console) -> None:
     """Print the figures a reader looks for first."""
     size, stability, online = report["sizes"], report["stability"], report["times"]["online"]["median"]
     shown = {"kappa_B": "kappa(B~)", "cond_K": "cond(K~)", "tangent": "tangents"}
@@ -238,17 +223,7 @@ def print_beside(title: str, ours: dict[str, dict], theirs: dict[str, dict], con
     console.print(table)
 
 
-def _times(times, names):
-    """Summaries by name; null for a model that was not run."""
-    return {name: summary(times[name]) if name in times else None for name in names}
-
-
-def _ratios(times):
-    online = np.median(times["online"])
-    return {f"{name}/online": float(np.median(times[name]) / online) if name in times else None for name in _COMPARED}
-
-
-def _lines(name, row):
+def _lines(name: str, row: dict[str, Any] | None) -> Iterator[str]:
     """Seconds by name in words, of tables within tables too; summaries have a table of their own."""
     if row is None or "median" in row:
         return
@@ -260,7 +235,7 @@ def _lines(name, row):
             yield from _lines(f"{name}, {key}", value)
 
 
-def _path_lines(paths):
+def _path_lines(paths: dict[str, Any]) -> Iterator[str]:
     """What a model did on paths inside and outside of its training, in words."""
     inside, outside = paths["inside"], paths["outside"]
     if inside:
@@ -270,14 +245,14 @@ def _path_lines(paths):
     yield f"paths outside: {outside['warned']} of {outside['n']} warned of; worst errors without a warning: {silent}"
 
 
-def _seconds(value):
+def _seconds(value: float) -> str:
     for unit, size in (("us", 1e-6), ("ms", 1e-3)):
         if value < 1000 * size:
             return f"{value / size:.2f} {unit}"
     return f"{value:.2f} s"
 
 
-def _cpu():
+def _cpu() -> str:
     """Name of the processor, as far as the system tells."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.exists() else []
@@ -285,7 +260,7 @@ def _cpu():
     return names[0] if names else platform.processor() or platform.machine()
 
 
-def _finite(value):
+def _finite(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

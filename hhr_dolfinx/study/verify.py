@@ -2,13 +2,14 @@
 
 The full order is checked against an independent solver (a saddle-point matrix factored anew for each set of statuses),
 against itself from other statuses and against the contact conditions, each pair by the forces of its own bodies; where
-an answer is known, against that; the reduced model against the full order at random parameters.
+an answer is known, against that; the reduced model against the full order at random parameters. Where bodies flow, two
+search operators must find the same history, and the reduced one must follow it.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -18,13 +19,16 @@ from mpi4py import MPI
 from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx import errors
-from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.certify.accuracy import contact_residuals, relative_error
-from hhr_dolfinx.full_order.elastic import FullOrderModel
-from hhr_dolfinx.reduction.offline import ReductionSettings, build_reduced_model
+from hhr_dolfinx.certify.compare import floor_of, largest_errors
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.models.answer import History, Model
+from hhr_dolfinx.models.path import MarchSettings
+from hhr_dolfinx.reduction.build import build
+from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
-from hhr_dolfinx.study.yardstick import Yardstick
 
 FULL_TOLERANCE = 1e-6
 """Two exact solvers differ by round-off times cond(K), which reaches 1e10 in extreme cases."""
@@ -32,6 +36,10 @@ REDUCED_WORST = {"primal_l2": 0.05, "dual_full_floored": 0.3}
 """At the worst point, on the whole mesh. Forces of neighbouring nodes change places where contact grazes."""
 REDUCED_P95 = {"primal_l2": 0.02, "dual_full_floored": 0.1}
 """At 95 % of the points."""
+HISTORY_TOLERANCE = 2e-3
+"""Two searches stop at residuals of 1e-5; where a body is near its limit load the displacement moves 100 times that."""
+HISTORY_WORST = {"displacement": 0.05, "forces": 0.2}
+"""Largest errors over the largest size in the history; two training histories of 20 steps on a coarse mesh."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +56,7 @@ class Known:
     error: Callable[[Any], float]
     tolerance: float
 
-    def row(self, case: str, found: Any, warned: list[str]) -> dict:
+    def row(self, case: str, found: Any, warned: list[str]) -> Line:
         """Row of what was found: right, or told to be wrong by a warning, or wrong."""
         error = self.error(found)
         verdict = "right" if error <= self.tolerance else "warned" if warned else "WRONG"
@@ -62,7 +70,7 @@ class Case:
     Attributes:
         name: what is extreme.
         scene: the scene.
-        recipe: how to reduce.
+        recipe: how to reduce; None for the usual way.
         select: maps the training solutions to those used.
         counts: training points along each parameter; None takes those of the run.
         known: what is known of the full order's answers; None if nothing is.
@@ -72,12 +80,54 @@ class Case:
 
     name: str
     scene: Scene
-    recipe: ReductionSettings = ReductionSettings()
+    recipe: Recipe | None = None
     select: Callable[[SnapshotSet], SnapshotSet] = lambda snapshots: snapshots
     counts: tuple[int, ...] | None = None
     known: Known | None = None
     tests: int = 40
     worst_force: float = REDUCED_WORST["dual_full_floored"]
+
+
+@dataclass(frozen=True)
+class HistoryCase:
+    """A scene that flows, its path in time, and how it is reduced.
+
+    Attributes:
+        name: what is extreme.
+        scene: makes the scene; what it raises counts as refused.
+        path: times and parameters for a value.
+        values: the first and the last are trained on, the middle one is tried.
+        recipe: how to reduce; None for the usual way.
+        tried: the path compared, for the middle value; None for the family that was trained.
+        known: what is known of the history compared, or of the part kept of one that is refused; None if nothing is.
+    """
+
+    name: str
+    scene: Callable[[], Scene]
+    path: Callable[[float], Sequence]
+    values: tuple[float, float, float]
+    recipe: Recipe | None = None
+    tried: Callable[[float], Sequence] | None = None
+    known: Known | None = None
+
+
+@dataclass(frozen=True)
+class _Checked:
+    """What was found of a full model.
+
+    Attributes:
+        worst: largest difference to another search.
+        tolerance: what round-off, or the tolerance of the searches, explains.
+        why: what was compared.
+        shown: what the error of a known answer is told by.
+        training: histories to train on, where bodies flow.
+    """
+
+    worst: float
+    tolerance: float
+    why: str
+    shown: Any
+    training: Sequence[History] = ()
 
 
 OWN_WARNINGS = tuple(
@@ -98,17 +148,21 @@ def said() -> Iterator[list[str]]:
     messages += [str(item.message) for item in caught if issubclass(item.category, OWN_WARNINGS)]
 
 
-def answer(case: str, model: str, figure: float, verdict: str, why: str) -> dict:
+Line = dict[str, Any]
+"""A row of the table: case, model, outcome, figure, why."""
+
+
+def answer(case: str, model: str, figure: float, verdict: str, why: str) -> Line:
     """Row of an answer, ``right``, ``warned`` or ``WRONG``."""
     return {"case": case, "model": model, "outcome": verdict, "figure": float(figure), "why": why}
 
 
-def refusal(case: str, model: str, error: Exception) -> dict:
+def refusal(case: str, model: str, error: Exception) -> Line:
     """Row of a refusal and its reason."""
     return {"case": case, "model": model, "outcome": "refused", "figure": None, "why": str(error)}
 
 
-def verify(case: Case, counts: tuple[int, ...], seed: int) -> Iterator[dict]:
+def verify(case: Case | HistoryCase, counts: tuple[int, ...], seed: int) -> Iterator[Line]:
     """Rows of the full order and, where it is not refused, of the reduced model.
 
     Args:
@@ -116,28 +170,52 @@ def verify(case: Case, counts: tuple[int, ...], seed: int) -> Iterator[dict]:
         counts: training points along each parameter, where the case does not say it.
         seed: of random parameters.
     """
+    flows = isinstance(case, HistoryCase)
     try:
         with said() as warned:
-            full_order = FullOrderModel(case.scene, MPI.COMM_SELF)
-        naive, space = NaiveFullOrder(full_order), full_order.problem.parameters
-        bodies = _dofs_of_pairs(full_order.problem)
-        points = space.random(5, seed + 7)
-        worst = np.max([_disagreement(full_order, naive, point, bodies) for point in points])
-        known = max(FULL_TOLERANCE, *(_lost(full_order, point) for point in points))
+            full = FullOrderModel(case.scene() if flows else case.scene, MPI.COMM_SELF)
+        checked = _two_searches(case, full) if flows else _two_solvers(full, seed)
     except errors.HHRError as error:
         yield refusal(case.name, "full", error)
+        if case.known is not None and hasattr(error, "history"):
+            yield case.known.row(case.name, error.history, warned)
         return
-    why = "; warned: ".join(["two solvers and the contact conditions", *warned])
-    yield answer(case.name, "full", worst, "right" if worst <= known else "WRONG", why)
+    verdict = "right" if checked.worst <= checked.tolerance else "WRONG"
+    yield answer(case.name, "full", checked.worst, verdict, "; warned: ".join([checked.why, *warned]))
     try:
         if case.known is not None:
-            yield case.known.row(case.name, full_order, warned)
-        yield _verify_reduced(case, full_order, case.counts or counts, seed)
+            yield case.known.row(case.name, checked.shown, warned)
+        if flows:
+            yield _reduced_history(case, full, checked)
+        else:
+            yield _reduced_points(case, full, case.counts or counts, seed)
     except errors.HHRError as error:
         yield refusal(case.name, "reduced", error)
 
 
-def _dofs_of_pairs(problem) -> list[tuple[np.ndarray, np.ndarray]]:
+def _two_solvers(full: FullOrderModel, seed: int) -> _Checked:
+    """The full model beside an independent solver at random parameters."""
+    from hhr_dolfinx.baselines.naive import NaiveFullOrder
+
+    naive, bodies, points = NaiveFullOrder(full), _dofs_of_pairs(full.problem), full.parameters.random(5, seed + 7)
+    worst = np.max([_disagreement(full, naive, point, bodies) for point in points])
+    tolerance = max(FULL_TOLERANCE, *(_lost(full, point) for point in points))
+    return _Checked(worst, tolerance, "two solvers and the contact conditions", full)
+
+
+def _two_searches(case: HistoryCase, full: FullOrderModel) -> _Checked:
+    """A full history beside that of another search operator."""
+    first, middle, last = case.values
+    training = [full.march(case.path(value)) for value in (first, last)]
+    tried = (case.tried or case.path)(middle)
+    exact, other = (full.march(tried, settings) for settings in (MarchSettings(), MarchSettings("tangent")))
+    worst = max(relative_error(p.unknown, q.unknown) for p, q in zip(exact.answers, other.answers, strict=True))
+    iterations = f"{sum(exact.iterations)} and {sum(other.iterations)} iterations"
+    why = f"two search operators, {iterations}, {exact.cuts} cuts"
+    return _Checked(worst, HISTORY_TOLERANCE, why, exact, training)
+
+
+def _dofs_of_pairs(problem: ContactProblem) -> list[tuple[np.ndarray, np.ndarray]]:
     """For each contact pair its conditions, and the dofs of the bodies that it joins, both as masks."""
     _, body = connected_components(problem.stiffness, directed=False)
     found = []
@@ -147,42 +225,47 @@ def _dofs_of_pairs(problem) -> list[tuple[np.ndarray, np.ndarray]]:
     return found
 
 
-def _lost(full_order, point) -> float:
+def _lost(full: FullOrderModel, point: np.ndarray) -> float:
     """Relative error of the forces K U by round-off of their products: what no solver in double precision knows.
 
     Ten last digits, for rows of some twenty entries. Next to nothing, but where bodies are carried by 1e8 times their
     size, or keep their volume to ten digits.
     """
-    stiffness, field = full_order.problem.stiffness, full_order.solve(point).primal
+    stiffness, field = full.problem.stiffness, full.solve(point).displacement()
     products = np.linalg.norm(abs(stiffness) @ np.abs(field))
     return float(10 * np.finfo(float).eps * products / (np.linalg.norm(stiffness @ field) or 1.0))
 
 
-def _disagreement(full_order, naive, point, bodies) -> float:
+def _disagreement(
+    full: FullOrderModel, naive: Model, point: np.ndarray, bodies: list[tuple[np.ndarray, np.ndarray]]
+) -> float:
     """Difference of two solvers and of two starts, and what the first leaves of the contact conditions."""
-    problem, ours, theirs = full_order.problem, full_order.solve(point), naive.solve(point)
-    closed = full_order.solve(point, start=np.ones(len(problem.contact_pairs), dtype=bool))
-    worst = [relative_error(ours.primal, theirs.primal)]
+    problem, ours, theirs = full.problem, full.solve(point), naive.solve(point)
+    closed = full.solve(point, start=np.ones(len(problem.contact_pairs), dtype=bool)).forces()
+    displacement, forces, expected = ours.displacement(), ours.forces(), theirs.forces()
+    worst = [relative_error(displacement, theirs.displacement())]
     # of whole displacements: a rigid motion has no forces, while K lift, its reaction, would hide all of them
-    internal = problem.stiffness @ theirs.primal
+    internal = problem.stiffness @ theirs.displacement()
     for rows, dofs in bodies:
         # beside the forces of a stronger pair those of a weak one would count as nothing
         floor = float(np.linalg.norm(internal[dofs]))
-        worst += [relative_error(found.forces[rows], theirs.forces[rows], floor=floor) for found in (ours, closed)]
-        worst.append(relative_error(np.minimum(ours.forces[rows], 0.0), np.zeros(rows.sum()), floor=floor))
-    worst += asdict(contact_residuals(problem, ours.primal, ours.forces, problem.theta(point))).values()
+        worst += [relative_error(found[rows], expected[rows], floor=floor) for found in (forces, closed)]
+        worst.append(relative_error(np.minimum(forces[rows], 0.0), np.zeros(rows.sum()), floor=floor))
+    worst += asdict(contact_residuals(problem, displacement, forces, problem.theta(point))).values()
     return float(np.max(worst))  # NaN stays NaN
 
 
-def _verify_reduced(case, full_order, counts, seed) -> dict:
-    """Row of the reduced model."""
-    space = full_order.problem.parameters
+def _reduced_points(case: Case, full: FullOrderModel, counts: tuple[int, ...], seed: int) -> Line:
+    """Row of the reduced model at random parameters."""
+    from hhr_dolfinx.study.yardstick import Yardstick
+
+    space = full.parameters
     with said() as warned:
-        snapshots = case.select(compute_snapshots(full_order, space.grid(counts)))
-        held_out = compute_snapshots(full_order, space.random(case.tests + 10, seed + 1))
-        reduction = build_reduced_model(full_order, snapshots, case.recipe, held_out)
+        snapshots = case.select(compute_snapshots(full, space.grid(counts)))
+        held_out = compute_snapshots(full, space.random(case.tests + 10, seed + 1))
+        model = build(full, snapshots, case.recipe, held_out)
     points, limits = space.random(case.tests, seed), {**REDUCED_WORST, "dual_full_floored": case.worst_force}
-    found = Yardstick.at(points, full_order, snapshots).errors(reduction)
+    found = Yardstick.at(points, full, snapshots).errors(model)
     within, parts = True, []
     for name, label in (("primal_l2", "displacement"), ("dual_full_floored", "forces")):
         values = found.values[name]
@@ -196,11 +279,30 @@ def _verify_reduced(case, full_order, counts, seed) -> dict:
     return answer(case.name, "reduced", found.values["dual_full_floored"].max(), verdict, "; ".join(parts))
 
 
-def as_report(rows: list[dict], seed: int) -> dict:
+def _reduced_history(case: HistoryCase, full: FullOrderModel, checked: _Checked) -> Line:
+    """Row of the reduced model along the path of the full one."""
+    exact, snapshots = checked.shown, SnapshotSet.of_histories(checked.training)
+    with said() as doubts:
+        model = build(full, snapshots, case.recipe)
+    with said() as told:
+        found = model.march(exact.path)
+    high = dict(zip(HISTORY_WORST, largest_errors(full, found, exact, floor_of(full, snapshots)), strict=True))
+    within = all(high[name] <= limit for name, limit in HISTORY_WORST.items())
+    parts = [*(f"{name} {value:.1e}" for name, value in high.items()), f"{model.offline.layers} layers"]
+    parts += [f"warned: {message}" for message in (*doubts, *told)]
+    if case.tried is None:
+        verdict = "right" if within else "warned" if doubts or told else "WRONG"
+    else:
+        # where nothing was trained a good answer is luck, and only the model itself can say so when it is asked
+        verdict = "warned" if told else "right" if within else "WRONG"
+    return answer(case.name, "reduced", max(high.values()), verdict, ", ".join(parts))
+
+
+def as_report(rows: list[Line], seed: int) -> dict[str, Any]:
     """Rows of cases as a report: what each figure measures, what it is held against, and what came of it.
 
     Args:
-        rows: of :func:`verify` and of histories.
+        rows: of :func:`verify`.
         seed: of random parameters.
     """
     cases = [

@@ -13,43 +13,15 @@ from hhr_dolfinx.certify.accuracy import (
     contact_residuals,
     energy_minimum,
     force_floor,
-    relative_error,
-    summary,
 )
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, OutsideTrainingWarning
 from hhr_dolfinx.models.answer import Model
-from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
+from hhr_dolfinx.snapshots.records import Progress, SnapshotSet, compute_snapshots
+from hhr_dolfinx.study.measure import Errors, answer_errors
 
 NAMES = ("primal_l2", "primal_energy", "primal_euclid", "energy_minimum",
          "dual_rid", "dual_rid_floored", "dual_full", "dual_full_floored")  # fmt: skip
-
-
-@dataclass(frozen=True)
-class PointErrors:
-    """Errors at every point, in the order of the points.
-
-    Attributes:
-        values: errors by name, (n,) each; infinite where there is no answer.
-        answered: whether there is one, (n,) bool.
-        false_contact: number of points with forces where the full order has none.
-        residuals: largest ones of the answers, the ``kkt`` part of a report.
-    """
-
-    values: dict[str, np.ndarray]
-    answered: np.ndarray
-    false_contact: int
-    residuals: dict[str, float]
-
-    @property
-    def unanswered(self) -> int:
-        """Number of points without an answer."""
-        return int((~self.answered).sum())
-
-    def summaries(self) -> dict:
-        """The ``errors`` part of a report."""
-        counts = {"points_with_false_contact": self.false_contact, "unconverged": self.unanswered}
-        return {**{name: summary(values) for name, values in self.values.items()}, **counts}
 
 
 @dataclass(frozen=True)
@@ -67,12 +39,12 @@ class Yardstick:
     floor: float
 
     @classmethod
-    def at(cls, points: np.ndarray, full_order: Any, training: SnapshotSet, progress=iter) -> Yardstick:
+    def at(cls, points: np.ndarray, full_order: Any, training: SnapshotSet, progress: Progress = iter) -> Yardstick:
         """Solve the full model at test points, (n, P); the floor is that of its training solutions."""
         references = compute_snapshots(full_order, points, progress)
         return cls(full_order.problem, references, force_floor(full_order.problem, training))
 
-    def errors(self, model: Model, inside: np.ndarray | None = None) -> PointErrors:
+    def errors(self, model: Model, inside: np.ndarray | None = None) -> Errors:
         """Errors of a model at every point; see :func:`answer_errors`.
 
         Args:
@@ -104,22 +76,5 @@ class Yardstick:
         names = [name for name in NAMES if inside is not None or not name.startswith("dual_rid")]
         values = {name: np.array([np.inf if row is None else row[name] for row in rows]) for name in names}
         kkt = {name: max((row[name] for row in residuals), default=np.inf) for name in Residuals.__dataclass_fields__}
-        return PointErrors(values, answered, false_contact, kkt)
-
-
-def answer_errors(problem: ContactProblem, answer, exact, floor: float, inside: np.ndarray | None = None) -> dict:
-    """Relative errors of displacement and forces, pairs of (N,) and (N_lambda,), against exact ones.
-
-    ``*_floored`` divides by at least ``floor``, since a relative error means nothing near grazing contact.
-    ``dual_full`` looks at the whole contact surface, ``dual_rid`` at the conditions ``inside`` the RID.
-    """
-    errors = {
-        "primal_l2": relative_error(answer[0], exact[0], problem.mass),
-        "primal_energy": relative_error(answer[0], exact[0], problem.stiffness),
-        "primal_euclid": relative_error(answer[0], exact[0]),
-    }
-    parts = {"dual_full": slice(None)} if inside is None else {"dual_rid": inside, "dual_full": slice(None)}
-    for name, part in parts.items():
-        errors[name] = relative_error(answer[1][part], exact[1][part])
-        errors[f"{name}_floored"] = relative_error(answer[1][part], exact[1][part], floor=floor)
-    return errors
+        counts = {"points_with_false_contact": false_contact, "unconverged": int((~answered).sum())}
+        return Errors(values, answered, kkt, counts)

@@ -1,0 +1,120 @@
+"""What a study measures of a model, at single points or along histories: one kind of errors, one of measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.certify.accuracy import relative_error, summary
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.models.answer import Model
+from hhr_dolfinx.models.reduced import ReducedModel
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors at every point or history, in their order; none is dropped.
+
+    Attributes:
+        values: errors by name, (n,) each; infinite where there is no answer.
+        answered: whether there is one, (n,) bool.
+        residuals: largest ones of the answers, the ``kkt`` part of a report.
+        counts: what else was counted, by name.
+    """
+
+    values: dict[str, np.ndarray]
+    answered: np.ndarray
+    residuals: dict[str, float]
+    counts: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def unanswered(self) -> int:
+        """Number of points without an answer."""
+        return int((~self.answered).sum())
+
+    def summaries(self) -> dict[str, Any]:
+        """The ``errors`` part of a report."""
+        return {name: summary(values) for name, values in self.values.items()} | dict(self.counts)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A method of the work-precision table.
+
+    Attributes:
+        method: its name.
+        setting: what distinguishes it from others of the same method.
+        seconds: of its answers, (n,).
+        errors: at the test points or histories.
+    """
+
+    method: str
+    setting: str
+    seconds: np.ndarray
+    errors: Errors
+
+    def as_report(self) -> dict[str, Any]:
+        """Medians as in every scene, and the tails beside them."""
+        row = {
+            "method": self.method,
+            "setting": self.setting,
+            "online_s": float(np.median(self.seconds)),
+            "unconverged": self.errors.unanswered,
+        }
+        for name in ("primal_l2", "dual_full_floored"):
+            figures = summary(self.errors.values[name])
+            row |= {name: figures["median"], f"{name}_p95": figures["p95"], f"{name}_max": figures["max"]}
+        return row
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What was measured of the model under study, and how others are measured beside it.
+
+    Attributes:
+        own: errors and seconds of the model under study.
+        exact: those of the methods without reduction error.
+        beside: measures another model, from its method, its setting and itself.
+        report: parts that only this kind of measurement has, ``times`` and ``ratios`` among them.
+        skipped: what was left out, and why.
+        drawn: what pictures need besides: the full and the reduced history at the last test; nothing of points.
+    """
+
+    own: Row
+    exact: Sequence[Row]
+    beside: Callable[[str, str, Model], Row]
+    report: dict[str, Any]
+    skipped: Sequence[dict[str, str]] = ()
+    drawn: tuple = ()
+
+
+def conditions_inside(model: Model) -> np.ndarray | None:
+    """Contact conditions in the RID of a model, if it has one."""
+    return model.fields.A_lambda if isinstance(model, ReducedModel) else None
+
+
+Pair = tuple[np.ndarray, np.ndarray]
+"""Displacement (N,) and contact forces (N_lambda,) on the whole mesh."""
+
+
+def answer_errors(
+    problem: ContactProblem, answer: Pair, exact: Pair, floor: float, inside: np.ndarray | None = None
+) -> dict[str, float]:
+    """Relative errors of displacement and forces against exact ones.
+
+    ``*_floored`` divides by at least ``floor``, since a relative error means nothing near grazing contact.
+    ``dual_full`` looks at the whole contact surface, ``dual_rid`` at the conditions ``inside`` the RID.
+    """
+    errors = {
+        "primal_l2": relative_error(answer[0], exact[0], problem.mass),
+        "primal_energy": relative_error(answer[0], exact[0], problem.stiffness),
+        "primal_euclid": relative_error(answer[0], exact[0]),
+    }
+    parts = {"dual_full": slice(None)} if inside is None else {"dual_rid": inside, "dual_full": slice(None)}
+    for name, part in parts.items():
+        errors[name] = relative_error(answer[1][part], exact[1][part])
+        errors[f"{name}_floored"] = relative_error(answer[1][part], exact[1][part], floor=floor)
+    return errors

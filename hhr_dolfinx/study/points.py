@@ -1,0 +1,140 @@
+"""Error against run time at single parameters: every way to answer one, on the same points in the same process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.baselines.condensation import exact_condensation
+from hhr_dolfinx.baselines.naive import NaiveFullOrder
+from hhr_dolfinx.certify.accuracy import summary
+from hhr_dolfinx.linear.dense import Factorise, LapackLU, PetscLU
+from hhr_dolfinx.models.answer import Model
+from hhr_dolfinx.models.condensed import CondensedModel
+from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.study.measure import Measurement, Row, conditions_inside
+from hhr_dolfinx.study.training import Progress, Training
+from hhr_dolfinx.study.yardstick import Yardstick
+from hhr_dolfinx.timing import time_queries
+
+COMPARED = ("fom_naive", "fom_best", "condensed")
+TIMED = (*COMPARED, "condensed_full", "online", "online_lapack", "online_full")
+COLD = (*COMPARED, "online", "online_lapack")
+
+Queries = dict[str, Callable[[np.ndarray], Any]]
+"""Queries of a parameter by name."""
+Times = dict[str, np.ndarray]
+"""Seconds per query by name."""
+
+
+def measure_points(
+    training: Training, model: ReducedModel, settings: Any, points: np.ndarray, progress: Progress
+) -> Measurement:
+    """Errors of the reduced model at test points, and its time beside that of all other models.
+
+    Args:
+        training: of the model.
+        model: the model under study.
+        settings: a :class:`~hhr_dolfinx.study.study.StudySettings`.
+        points: test points, (n, P).
+        progress: for progress bars.
+    """
+    full, space = training.full_order, training.full_order.parameters
+    yardstick = Yardstick.at(points, full, training.snapshots, progress("references"))
+    answers = [model.solve(point, raise_on_failure=False, outside="ignore") for point in points]
+    # those that are timed are neither trained nor tested on
+    fresh, others = (space.random(settings.queries + 5, settings.seed + k) for k in (1000, 4000))
+    known = training.snapshots.known_statuses()
+    forces_only, condensed = (exact_condensation(full, known, field=field) for field in (False, True))
+    naive = NaiveFullOrder(full) if settings.naive else None
+    warm = time_queries(_warm(training, model, forces_only, condensed, naive), fresh)
+    cold = time_queries(_cold(training, model, forces_only, naive), others)
+
+    def beside(method: str, setting: str, other: Model) -> Row:
+        errors = yardstick.errors(other, conditions_inside(other))
+        return Row(method, setting, time_queries({"online": other.solve}, fresh)["online"], errors)
+
+    own = Row("HHR", "this model", warm["online"], yardstick.errors(model, conditions_inside(model)))
+    exact = {"condensed": yardstick.errors(condensed), "fom_best": yardstick.errors(full)}
+    skipped = []
+    if naive is None:
+        why = "not asked for: one query takes too long to measure a hundred"
+        skipped.append({"stage": "fom_naive", "why": why})
+    else:
+        # the same statuses by another solver: what differs is round-off, which tests of the full order measure
+        exact["fom_naive"] = exact["fom_best"]
+    rows = [Row(name, "exact", warm[name], errors) for name, errors in exact.items()]
+    iterations = [answer.iterations for answer in answers]
+    report = {
+        "times": {**_summaries(warm, TIMED), "cold_start": _summaries(cold, COLD)},
+        "ratios": {**_ratios(warm), "cold_start": _ratios(cold)},
+        "active_set": {
+            "iterations_median": float(np.median(iterations)),
+            "iterations_max": max(iterations),
+            "cycles": sum(answer.cycled for answer in answers),
+        },
+    }
+    return Measurement(own, rows, beside, report, skipped)
+
+
+def _warm(
+    training: Training,
+    model: ReducedModel,
+    forces_only: CondensedModel,
+    condensed: CondensedModel,
+    naive: NaiveFullOrder | None,
+) -> Queries:
+    """Queries of all models, each started from the nearest known statuses."""
+    known, whole = training.snapshots.known_statuses(), _twin(model, PetscLU)
+
+    def near(solve: Callable) -> Callable:
+        return lambda point: solve(point, start=known.active[known.nearest(point)])
+
+    def everywhere(point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        answer = whole.solve(point)
+        return answer.displacement(), answer.forces()
+
+    queries = {
+        "fom_best": near(training.full_order.solve),
+        "online": model.solve,
+        "online_lapack": _twin(model, LapackLU).solve,
+        "online_full": everywhere,
+        "condensed": forces_only.solve,
+        "condensed_full": condensed.solve,
+    }
+    return queries if naive is None else queries | {"fom_naive": near(naive.solve)}
+
+
+def _cold(
+    training: Training, model: ReducedModel, forces_only: CondensedModel, naive: NaiveFullOrder | None
+) -> Queries:
+    """Queries of all models, each started from no statuses."""
+    models: dict[str, Model] = {
+        "fom_best": training.full_order,
+        "online": model,
+        "online_lapack": _twin(model, LapackLU),
+        "condensed": forces_only,
+    }
+    models |= {} if naive is None else {"fom_naive": naive}
+
+    def unaided(solve: Callable) -> Callable:
+        return lambda point: solve(point, start=None)
+
+    return {name: unaided(item.solve) for name, item in models.items()}
+
+
+def _twin(model: ReducedModel, factorise: Factorise) -> ReducedModel:
+    """A model without what it kept from earlier queries."""
+    return ReducedModel(model.problem, model.parameters, model.fields, known=model.known, factorise=factorise)
+
+
+def _summaries(times: Times, names: tuple[str, ...]) -> dict[str, Any]:
+    """Summaries by name; null for a model that was not run."""
+    return {name: summary(times[name]) if name in times else None for name in names}
+
+
+def _ratios(times: Times) -> dict[str, float | None]:
+    online = np.median(times["online"])
+    return {f"{name}/online": float(np.median(times[name]) / online) if name in times else None for name in COMPARED}

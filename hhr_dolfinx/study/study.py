@@ -1,0 +1,276 @@
+"""Error against run time of one scene, elastic or flowing: every model on the same questions in the same process."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from hhr_dolfinx.errors import HHRError, StabilityWarning, StudyError
+from hhr_dolfinx.models.answer import Model
+from hhr_dolfinx.models.answer import Path as HistoryPath
+from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings
+from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.reduction.recipe import Recipe
+from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.study.console import Console, make_console
+from hhr_dolfinx.study.measure import Measurement
+from hhr_dolfinx.study.report import make_report, model_report, print_report, write_report
+from hhr_dolfinx.study.training import (
+    Progress,
+    Training,
+    check_counts,
+    checked_folder,
+    silent,
+    train,
+    training_paths,
+)
+from hhr_dolfinx.study.view import View
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another approximation to compare with.
+
+    Attributes:
+        method: its name.
+        setting: what distinguishes it from others of the same method.
+        model: any object with ``solve(mu)``, or ``march(path, settings)`` where bodies flow, whose answers have
+            ``displacement()`` (N,) and ``forces()`` (N_lambda,). The call is timed, the fields are compared.
+    """
+
+    method: str
+    setting: str
+    model: Model
+
+
+@dataclass(frozen=True)
+class StudySettings:
+    """What to train on and what to measure.
+
+    Attributes:
+        training: training points along each parameter, or points (S, P); where bodies flow a list of paths.
+        recipe: the recipe under study; None for the usual one of the scene.
+        variants: further recipes by label, for the work-precision table.
+        models: recipes that the report shows in full beside the one under study, built as they are, by name.
+        tests: random test points; where bodies flow paths by label, such as the value of a parameter.
+        held_out: for the trust check, random solutions or paths; None for the usual number of solutions, or no path.
+        seed: of test points; those that are timed are neither trained nor tested on.
+        queries: timed queries per model, at least 100 for a figure to quote; of scenes in which nothing flows.
+        naive: whether to time the naive full order too, likewise; in space one of its queries takes many seconds.
+        march: how histories are solved.
+        repetitions: histories timed for each test path.
+
+    Raises:
+        StudyError: for a count that is not positive, a negative seed, nothing to train or to test on, or what is no
+            recipe.
+    """
+
+    training: Any
+    recipe: Recipe | None = None
+    variants: Sequence[tuple[str, Recipe]] = ()
+    models: Mapping[str, Recipe] = field(default_factory=dict)
+    tests: int | Mapping[Any, Any] = 200
+    held_out: Any = None
+    seed: int = 1
+    queries: int = 200
+    naive: bool = True
+    march: MarchSettings = DEFAULT_MARCH
+    repetitions: int = 3
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be measured, before anything is computed."""
+        check_counts(queries=(self.queries, 1), repetitions=(self.repetitions, 1), seed=(self.seed, 0))
+        if not isinstance(self.held_out, Sequence | None):
+            check_counts(held_out=(self.held_out, 0))
+        if not isinstance(self.tests, Mapping):
+            check_counts(tests=(self.tests, 1))
+        for name in ("training", "tests"):
+            given = getattr(self, name)
+            if hasattr(given, "__len__") and not len(given):
+                raise StudyError(f"{name} = {given!r} must hold at least one entry")
+        recipes = {f"variant {label!r}": recipe for label, recipe in self.variants}
+        recipes |= {f"model {label!r}": recipe for label, recipe in self.models.items()}
+        recipes |= {} if self.recipe is None else {"recipe": self.recipe}
+        for name, recipe in recipes.items():
+            if not isinstance(recipe, Recipe):
+                raise StudyError(f"{name} = {recipe!r} of a study must be a Recipe")
+
+    def asked(self, *, seed: int, quick: bool) -> StudySettings:
+        """These settings with another seed, and few points if it has to be quick."""
+        few: dict[str, Any] = {"queries": 15} if quick else {}
+        if quick and not isinstance(self.tests, Mapping):
+            few["tests"] = 20
+        return replace(self, seed=seed, **few)
+
+
+@dataclass(frozen=True)
+class Study:
+    """Measurements of a scene.
+
+    Attributes:
+        training: full model and training answers.
+        model: the reduced model under study.
+        tests: test points, (n, P), or paths by label.
+        measured: errors and times of the model and of what it is compared with.
+        settings: what was asked for.
+        report: all figures under the keys that scenes share; a demo may add its own.
+    """
+
+    training: Training
+    model: ReducedModel
+    tests: np.ndarray | dict[Any, HistoryPath]
+    measured: Measurement
+    settings: StudySettings
+    report: dict[str, Any]
+
+    def write(self, folder: str | Path, console: Console | None = None, view: View | None = None) -> None:
+        """Write and print the report, keep the model, draw the pictures of a view."""
+        from hhr_dolfinx.online.model_file import save_model
+
+        console, folder = console or make_console(), checked_folder(folder)
+        write_report(self.report, folder)
+        print_report(self.report, console)
+        save_model(folder / "model.npz", self.model)
+        if view is not None:
+            from hhr_dolfinx.study.plots import draw_study
+
+            draw_study(self, view, folder)
+        console.print(f"report, pictures, fields and model are in {folder}")
+
+
+def study_scene(
+    scene: Scene,
+    settings: StudySettings,
+    folder: str | Path,
+    *,
+    points: Any = None,
+    rivals: Callable[[Training], Iterable[Rival]] = lambda training: (),
+    progress: Progress = silent,
+) -> Study | None:
+    """Train on all ranks, then build, measure and report on the first; None on the others.
+
+    Args:
+        scene: the scene.
+        settings: what to measure.
+        folder: where training answers are kept and found again.
+        points: test points, (n, P); None takes those of the settings.
+        rivals: makes other approximations for the work-precision table.
+        progress: for progress bars.
+
+    Raises:
+        StudyError: for a folder that is a file, or a training or tests that do not suit the scene.
+        ParameterError: for test points that are none.
+        HHRError: if the reduced model under study is refused.
+    """
+    folder = checked_folder(folder)
+    _tests_of(scene, settings, points)
+    training = train(
+        scene,
+        settings.training,
+        held_out=settings.held_out,
+        seed=settings.seed,
+        folder=folder / "snapshots",
+        march=settings.march,
+        progress=progress,
+    )
+    if MPI.COMM_WORLD.rank > 0:
+        return None
+    return run_study(training, settings, points, rivals=list(rivals(training)), progress=progress)
+
+
+def run_study(
+    training: Training,
+    settings: StudySettings,
+    points: Any = None,
+    *,
+    rivals: Sequence[Rival] = (),
+    progress: Progress = silent,
+) -> Study:
+    """Build the reduced model, measure its errors and time it against all other models; see :func:`study_scene`.
+
+    Raises:
+        ValueError: if the full model is spread over ranks: what it is compared with is serial.
+        ConvergenceError: if a history, full or reduced, does not converge.
+    """
+    full = training.full_order
+    if full.comm.size > 1:
+        raise ValueError("a study runs on one rank: give it a full model on MPI.COMM_SELF, as train does")
+    tests = _tests_of(full.scene, settings, points)
+    model = training.build(settings.recipe)
+    measured = _measured(training, model, settings, tests, progress)
+    rows = [measured.own.as_report()]
+    rows += [_variant(training, measured, *variant) for variant in progress("variants")(settings.variants)]
+    rows += [_rival(measured, rival) for rival in progress("rivals")(rivals)]
+    rows += [row.as_report() for row in measured.exact]
+    report = make_report(training, model, measured, rows, settings.seed)
+    if settings.models:
+        others = {name: training.build(recipe, checked=False) for name, recipe in settings.models.items()}
+        report["models"] = {"default": model_report(model, measured.own)}
+        report["models"] |= {
+            name: model_report(other, measured.beside("HHR", name, other)) for name, other in others.items()
+        }
+    return Study(training, model, tests, measured, settings, report)
+
+
+def _measured(
+    training: Training,
+    model: ReducedModel,
+    settings: StudySettings,
+    tests: np.ndarray | dict[Any, HistoryPath],
+    progress: Progress,
+) -> Measurement:
+    """Measure at points or along paths; what only the other kind needs is not loaded."""
+    if isinstance(tests, dict):
+        from hhr_dolfinx.study.histories import measure_histories
+
+        return measure_histories(training, model, settings, tests, progress)
+    from hhr_dolfinx.study.points import measure_points
+
+    return measure_points(training, model, settings, tests, progress)
+
+
+def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray | dict[Any, HistoryPath]:
+    """Test points, (n, P), or checked paths by label where bodies flow.
+
+    Raises:
+        StudyError: for the one where the other is needed.
+        ParameterError: for points that are none.
+    """
+    flows, paths = any(body.law is not None for body in scene.bodies), settings.tests
+    if flows and (points is not None or not isinstance(paths, Mapping)):
+        asked = f"tests = {paths!r}" if points is None else "points"
+        raise StudyError(f"bodies of scene '{scene.name}' flow: {asked} must be paths, tests={{label: path, ...}}")
+    if flows:
+        return dict(zip(paths, training_paths(scene, paths.values()), strict=True))
+    if points is not None:
+        return scene.parameters.points(points)
+    if isinstance(paths, Mapping):
+        raise StudyError(f"nothing flows in scene '{scene.name}': tests must be a number of random points, not paths")
+    return scene.parameters.random(paths, settings.seed)
+
+
+def _variant(training: Training, measured: Measurement, label: str, recipe: Recipe) -> dict[str, Any]:
+    """Row of another recipe; a refused model is a row with its reason, a doubtful one has a warning."""
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", StabilityWarning)
+            model = training.build(recipe)
+        size = f"{label} ({len(model.problem.stiffness)}+{len(model.problem.gaps)})"
+        row = measured.beside("HHR", size, model).as_report()
+    except HHRError as error:
+        return {"method": "HHR", "setting": label, "refused": str(error)}
+    return row | ({"warning": str(caught[0].message)} if caught else {})
+
+
+def _rival(measured: Measurement, rival: Rival) -> dict[str, Any]:
+    """Row of a rival; one without an answer is a row with the reason."""
+    try:
+        return measured.beside(rival.method, rival.setting, rival.model).as_report()
+    except HHRError as error:
+        return {"method": rival.method, "setting": rival.setting, "refused": str(error)}
