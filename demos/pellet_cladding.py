@@ -15,8 +15,10 @@ from pathlib import Path
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import pellet_cladding as geometry
+from hhr_dolfinx.study import cli
 
 GRID, QUICK_MESH = (25, 20), {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 2}
+VIEW = hhr.View(((30.0, 5.25), (170.0, 3.2)), lambda places: places[:, 1], "z [mm]", (0, "u_r [mm]"), "MPa")
 
 
 def scene(bottom: str = "obstacle", **mesh_options) -> hhr.Scene:
@@ -48,9 +50,6 @@ def scene(bottom: str = "obstacle", **mesh_options) -> hhr.Scene:
 
 def main() -> None:
     """Train, then study or answer a table of parameters."""
-    from hhr_dolfinx.study import cli
-
-    view = hhr.View(((30.0, 5.25), (170.0, 3.2)), lambda places: places[:, 1], "z [mm]", (0, "u_r [mm]"), "MPa")
     parser = cli.demo_parser("pellet_cladding", __doc__)
     parser.add_argument("--batch", type=Path, help="CSV file of parameters to answer, spread over the ranks")
     parser.add_argument("--study", choices=["thesis"], help="rows of the thesis' tables 3.1 to 3.3 beside ours")
@@ -68,7 +67,7 @@ def main() -> None:
         rivals = list(comparison.rivals(training, scene, options.quick))
         study = hhr.run_study(training, settings, rivals=rivals, progress=options.progress)
         study.report["thesis_size"] = comparison.thesis_size(study)
-        study.write(folder, options.console, view)
+        study.write(folder, options.console, VIEW)
         comparison.draw_maps(study, folder, options.quick)
         if options.study == "thesis":
             from parts.pellet_cladding_tables import thesis_tables
