@@ -26,4 +26,4 @@ def hertz_snapshots(hertz):
 @pytest.fixture(scope="session")
 def hertz_reduction(hertz, hertz_snapshots):
     """The thesis' recipe, as it is: its forces outside the RID are up to 22 % wrong, which the trust check says."""
-    return hhr.build_reduced_model(hertz, hertz_snapshots, dataclasses.replace(demo.THESIS, limits=None))
+    return hhr.build(hertz, hertz_snapshots, dataclasses.replace(demo.THESIS, trust=None))
