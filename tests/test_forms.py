@@ -1,6 +1,5 @@
 """The physics as UFL states it, held to the numbers that the package runs."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +10,6 @@ from dolfinx.fem import petsc
 from mpi4py import MPI
 from scenes import pressed_block
 from scipy.sparse import csr_matrix
-from test_mpi import launch
 from test_plastic import LAWS, POISSON, YOUNG, material, some_states
 
 import hhr_dolfinx as hhr
@@ -161,26 +159,3 @@ def test_unknown_hypothesis():
     line = mesh.create_unit_square(MPI.COMM_SELF, 1, 1)
     with pytest.raises(SceneError, match="unknown hypothesis 'flat', one of plane_strain"):
         elasticity.strain(ufl.TrialFunction(fem.functionspace(line, ("Lagrange", 1, (2,)))), "flat")
-
-
-PROGRAM = f"""
-import sys
-sys.path[:0] = [{str(Path(__file__).parent)!r}]
-import hhr_dolfinx
-from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.gauss_points import strain_operator
-from scenes import pressed_block
-discretisation = Discretisation(pressed_block("plane_strain"))
-try:
-    strain_operator(discretisation)
-except SceneError as error:
-    print(f"rank {{discretisation.comm.rank}}: {{error}}")
-"""
-
-
-def test_flow_on_several_ranks_is_refused_by_all_of_them():
-    said = launch(2, ["-c", PROGRAM])
-    for rank in (0, 1):
-        assert f"rank {rank}: the mesh of scene 'pressed_plane_strain' is spread over 2 ranks" in said
-    assert "give each rank a model on MPI.COMM_SELF" in said

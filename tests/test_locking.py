@@ -1,7 +1,6 @@
 """Bodies that keep their volume do not lock: limit loads, creep and nearly incompressible tubes by closed forms."""
 
 import dataclasses
-import json
 
 import contact_patch_test as patch
 import numpy as np
@@ -9,7 +8,6 @@ import pytest
 from dolfinx import mesh
 from scenes import pressed_block
 from test_full_order import lame_tube
-from test_mpi import TESTS, launch
 from test_plastic import YOUNG, in_time, tube
 
 import hhr_dolfinx as hhr
@@ -224,44 +222,6 @@ def test_ordinary_bodies_keep_full_integration():
     dofs = (2 * np.unique(cells)[:, None] + np.arange(2)).ravel()
     kept, still = (model.problem.stiffness[dofs][:, dofs] for model in (before, after))
     assert abs(kept - still).max() < 1e-14 * abs(kept).max()
-
-
-PROGRAM = """
-import dataclasses, json, sys
-sys.path[:0] = [{tests!r}, {demos!r}]
-import numpy as np
-import contact_patch_test as patch
-import hhr_dolfinx as hhr
-from scenes import pressed_block
-mixed = patch.scene(hhr.Mortar, (4, 3), (7, 3), poisson=0.3, angle=1.0, bulge=0.04, by_normal=True)
-mixed = dataclasses.replace(mixed, bodies=(dataclasses.replace(mixed.bodies[0], poisson=0.4999), mixed.bodies[1]))
-scenes = {{"axisymmetric": pressed_block("axisymmetric", poisson=0.4999), "mixed": mixed,
-          "solid": pressed_block("solid", poisson=0.4999, cells=3)}}
-found = {{}}
-for name, scene in scenes.items():
-    model = hhr.FullOrderModel(scene)
-    problem, solution = model.problem, model.solve([0.09, 0.03][: len(scene.parameters.names)])
-    # in an order of the places, which is that of all ranks
-    numbers = np.lexsort(problem.points.round(9).T)
-    dofs = (problem.block_size * numbers[:, None] + np.arange(problem.block_size)).ravel()
-    cells = np.lexsort(problem.points[problem.cell_nodes].mean(axis=1).round(9).T)
-    whole = problem.gathered(model.comm)
-    found[name + " stiffness"] = whole.stiffness[dofs][:, dofs].toarray().ravel().tolist()
-    found[name + " displacement"] = solution.displacement()[dofs].tolist()
-    found[name + " stress"] = solution.stress()[cells].ravel().tolist()
-if model.comm.rank == 0:
-    print(json.dumps(found))
-"""
-
-
-def test_ranks_have_the_same_stiffness():
-    """Of 1, 2 and 3 ranks, where some have no nearly incompressible cell; round-off times 5000 in the answers."""
-    program = PROGRAM.format(tests=str(TESTS), demos=str(TESTS.parent / "demos"))
-    serial, *others = (json.loads(launch(ranks, ["-c", program]).splitlines()[-1]) for ranks in (1, 2, 3))
-    for name, value in serial.items():
-        tolerance = 1e-14 if "stiffness" in name else 1e-9
-        for other in others:
-            assert np.abs(np.subtract(other[name], value)).max() < tolerance * np.abs(value).max(), name
 
 
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "axisymmetric", "solid"])

@@ -1,0 +1,93 @@
+"""The contact problem of a RID for itself: its equations, with what lies on its interface imposed.
+
+It is what an indicator (1.73) solves: how far the answer of a reduced model is from the one that the full equations
+have inside the RID, for the same values on the interface.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import csc_matrix, csr_matrix
+
+from hhr_dolfinx.contact.problem import ContactProblem, IndexSets, masked
+
+
+@dataclass(frozen=True)
+class Restriction:
+    """The problem of a RID, whose free dofs are A; those of its other nodes are imposed, the interface I among them.
+
+    Attributes:
+        problem: with U0 = 0 on what is imposed; loads are those of A, conditions those of A_lambda, (1.21).
+        dofs: number in the whole problem of each of its dofs, (n,).
+        conditions: A_lambda, number in the whole problem of each of its conditions.
+        load_of: load on A of a unit value on each imposed dof, -K, sparse, (n, n).
+        gap_of: by how much that closes each gap, -B, sparse, (N_lambda_C, n).
+    """
+
+    problem: ContactProblem
+    dofs: np.ndarray
+    conditions: np.ndarray
+    load_of: csr_matrix
+    gap_of: csr_matrix
+
+    def imposing(self, values: np.ndarray) -> ContactProblem:
+        """The problem for some values of U0 on what is imposed; its own U0 holds the difference to them.
+
+        Args:
+            values: U0 of another model on the dofs of the restriction, (n,); those of A do not count.
+        """
+        problem, imposed = self.problem, np.where(self.problem.free, 0.0, values)
+        gaps = problem.gaps.copy()
+        gaps[:, 0] += self.gap_of @ imposed
+        loads, lifts = (
+            whole + _first_column(column, whole.shape)
+            for whole, column in ((problem.loads, self.load_of @ imposed), (problem.lifts, imposed))
+        )
+        return replace(problem, loads=loads, lifts=lifts, gaps=gaps)
+
+
+def restricted(problem: ContactProblem, sets: IndexSets) -> Restriction:
+    """Cut the problem of a RID out of the whole one; a RID of everything gives the whole one back.
+
+    Args:
+        problem: the whole problem.
+        sets: index sets of a closed RID: no condition outside A_lambda acts on A.
+
+    Raises:
+        SceneError: where only some rows of the problem are held.
+    """
+    stiffness, size = problem.stiffness, problem.block_size
+    nodes = np.union1d(problem.cell_nodes[sets.cells].ravel(), sets.A_c_tilde // size)
+    dofs = (nodes[:, None] * size + np.arange(size)).ravel()
+    free = np.zeros(problem.free.size, dtype=bool)
+    free[sets.A] = True
+    free = free[dofs]
+    number = np.full(len(problem.points), -1)
+    number[nodes] = np.arange(nodes.size)
+    rows = problem.contact[sets.A_lambda][:, dofs]
+    part = replace(
+        problem,
+        stiffness_terms=tuple(term[dofs][:, dofs] for term in problem.stiffness_terms),
+        mass=problem.mass[dofs][:, dofs],
+        free=free,
+        loads=masked(problem.loads[dofs], free),
+        lifts=csc_matrix(problem.lifts[dofs]),
+        contact=csr_matrix(masked(rows.T, free).T),
+        gaps=np.asfortranarray(problem.gaps[sets.A_lambda]),
+        contact_slaves=number[problem.contact_slaves[sets.A_lambda]],
+        contact_pairs=problem.contact_pairs[sets.A_lambda],
+        contact_points=problem.contact_points[sets.A_lambda],
+        contact_areas=problem.contact_areas[sets.A_lambda],
+        cell_nodes=number[problem.cell_nodes[sets.cells]],
+        points=problem.points[nodes],
+    )
+    load_of = -csr_matrix(masked(csc_matrix(stiffness[dofs][:, dofs]), free))
+    return Restriction(part, dofs, sets.A_lambda, load_of, -csr_matrix(rows))
+
+
+def _first_column(column: np.ndarray, shape: tuple[int, int]) -> csc_matrix:
+    """A sparse matrix with a first column and no other."""
+    rows = np.flatnonzero(column)
+    return csc_matrix((column[rows], (rows, np.zeros_like(rows))), shape=shape)

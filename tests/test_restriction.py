@@ -1,0 +1,117 @@
+"""The problem of a RID for itself, consistent with the whole one."""
+
+import dataclasses
+
+import contact_patch_test as patch
+import numpy as np
+import pytest
+from scenes import whole_domain
+from scipy.sparse import issparse
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.contact.restriction import restricted
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.reduction.rid import open_conditions, reduced_domain
+
+
+def solved(problem, mu):
+    """U0 and contact forces of a problem of arrays, by dense matrices."""
+    free, theta = np.flatnonzero(problem.free), problem.theta(mu)
+    stiffness, contact = problem.stiffness[free][:, free].toarray(), problem.contact[:, free].toarray()
+    load = (problem.loads @ theta)[free]
+    per_force, unloaded = np.linalg.solve(stiffness, contact.T), np.linalg.solve(stiffness, load)
+    slack = problem.gaps @ theta - contact @ unloaded
+    found = active_set(SchurEqualities.of(contact @ per_force), slack, slack < 0, pairs=Pairs.of(problem.contact_pairs))
+    homogeneous = np.zeros(problem.free.size)
+    homogeneous[free] = unloaded - per_force @ found.forces
+    return homogeneous, found.forces
+
+
+def two_blocks(pairing):
+    """Turned blocks on meshes that do not match, pressed and pushed aside."""
+    return hhr.FullOrderModel(patch.scene(pairing, (8, 6), (14, 6), poisson=0.3, angle=1.0, bulge=0.04))
+
+
+@pytest.fixture(scope="module", params=["node_to_node", "node_to_surface", "mortar"])
+def case(request, hertz):
+    """A full model, a parameter, and a RID that leaves most of it and some contact out."""
+    if request.param == "node_to_node":
+        full, mu = hertz, 0.3123
+    else:
+        full, mu = two_blocks({"node_to_surface": hhr.NodeToSurface, "mortar": hhr.Mortar}[request.param]), [0.09, 0.03]
+    slaves = full.problem.contact_slaves
+    sets = reduced_domain(full.problem, slaves[len(slaves) // 2 : len(slaves) // 2 + 2], layers=1)
+    assert open_conditions(full.problem, sets).size == 0
+    assert 0 < len(sets.A_lambda) < len(slaves) and len(sets.cells) < 0.5 * len(full.problem.cell_nodes)
+    return full, mu, sets
+
+
+def test_the_restriction_to_everything_is_the_problem(case):
+    full, mu, _ = case
+    problem = full.problem
+    part = restricted(problem, whole_domain(problem))
+    assert np.array_equal(part.dofs, np.arange(problem.free.size))
+    assert np.array_equal(part.conditions, np.arange(len(problem.gaps)))
+    for given in (part.problem, part.imposing(np.ones(problem.free.size) * ~problem.free * 0.0)):
+        for item in dataclasses.fields(ContactProblem):
+            ours, theirs = getattr(given, item.name), getattr(problem, item.name)
+            if item.name == "stiffness_terms":
+                (ours,), (theirs,) = ours, theirs
+            if issparse(theirs):
+                assert abs(ours - theirs).max() == 0, item.name
+            elif isinstance(theirs, np.ndarray):
+                assert np.array_equal(ours, theirs), item.name
+            else:
+                assert ours is theirs or ours == theirs, item.name
+    answer = full.solve(mu)
+    homogeneous, forces = solved(part.problem, mu)
+    assert homogeneous == pytest.approx(answer.unknown, abs=1e-9 * np.abs(answer.unknown).max())
+    assert forces == pytest.approx(answer.forces(), abs=1e-8 * answer.forces().max())
+
+
+def test_a_rid_with_the_interface_of_the_full_solution_has_the_full_solution_inside(case):
+    full, mu, sets = case
+    answer = full.solve(mu)
+    part = restricted(full.problem, sets)
+    problem = part.imposing(answer.unknown[part.dofs])
+    assert np.array_equal(part.dofs[problem.free], sets.A) and not np.setdiff1d(sets.I, part.dofs).size
+    homogeneous, forces = solved(problem, mu)
+    assert answer.forces()[sets.A_lambda].any()
+    assert forces == pytest.approx(answer.forces()[sets.A_lambda], abs=1e-8 * answer.forces().max())
+    size = np.abs(answer.unknown).max()
+    assert homogeneous[problem.free] == pytest.approx(answer.unknown[sets.A], abs=1e-9 * size)
+    # lifts hold what is imposed: the displacement is that of the full model on all nodes of the RID
+    assert homogeneous + problem.lift(mu) == pytest.approx(answer.displacement()[part.dofs], abs=1e-9 * size)
+
+
+def test_other_interface_values_give_another_answer(case):
+    """What an indicator measures: without the interface, or with a wrong one, the inside moves."""
+    full, mu, sets = case
+    answer, part = full.solve(mu), restricted(full.problem, sets)
+    values = answer.unknown[part.dofs]
+    right, _ = solved(part.imposing(values), mu)
+    for wrong in (part.problem, part.imposing(1.01 * values)):
+        moved, _ = solved(wrong, mu)
+        assert np.linalg.norm(moved - right) > 1e-3 * np.linalg.norm(right)
+
+
+def test_parts_of_the_stiffness_are_restricted_one_by_one(case):
+    full, _, sets = case
+    problem = full.problem
+    parts = dataclasses.replace(problem, stiffness_terms=(0.25 * problem.stiffness, 0.75 * problem.stiffness))
+    one, two = restricted(problem, sets), restricted(parts, sets)
+    assert len(two.problem.stiffness_terms) == 2
+    assert abs(one.problem.stiffness - two.problem.stiffness).max() < 1e-12 * abs(problem.stiffness).max()
+    assert abs(one.load_of - two.load_of).max() < 1e-12 * abs(problem.stiffness).max()
+
+
+def test_rows_of_one_rank_are_not_enough(hertz):
+    problem, half = hertz.problem, 500
+    own = dataclasses.replace(
+        problem, stiffness_terms=(problem.stiffness[half:],), mass=problem.mass[half:], first=half
+    )
+    assert own.rows == slice(half, problem.free.size) and not own.whole
+    with pytest.raises(SceneError, match=rf"rows 500 to {problem.free.size - 1} of {problem.free.size} are held"):
+        restricted(own, whole_domain(problem))
