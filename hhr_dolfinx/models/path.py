@@ -158,5 +158,6 @@ def _unanswered(model: Equilibrium, parameter: np.ndarray) -> Answer:
     """An answer that is none."""
     nothing = np.full(model.size, np.nan), np.full(model.conditions, np.nan), np.zeros(model.conditions, dtype=bool)
     stress = np.full((model.material.gauss_points, model.material.components), np.nan)
-    gauss = GaussState(stress, model.material.at_rest())
+    rest = model.material.at_rest()
+    gauss = GaussState(stress, rest._make(np.full_like(part, np.nan) for part in rest))
     return Answer(parameter, *nothing, 0, Status.ITERATION_LIMIT, False, model.fields, gauss=gauss)

@@ -125,6 +125,8 @@ class Reconstruction:
         Raises:
             ConvergenceError: if the fit does not end.
         """
+        if not answer.converged:
+            return np.full(len(self.gaps), np.nan)
         outside, fitted, penalised = self._parts
         theta = self.amplitudes(answer.parameter)
         slack = self.gaps[outside] @ theta - self.contact_basis[outside] @ answer.unknown
