@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import dataclass, fields, replace
 
+import flowing
 import numpy as np
 import pellet_cladding
 import pellet_cladding_plastic as plastic_demo
@@ -22,8 +23,6 @@ from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.materials.update import Material
 from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.online import model_file
-
-SMALL_MESH = {"radial_cells": 4, "axial_cells": 6, "cladding_radial_cells": 2, "cladding_axial_cells": 5}
 
 
 @pytest.fixture
@@ -141,10 +140,7 @@ def pellet_path(pellet_reduction, tmp_path):
 
 @pytest.fixture(scope="module")
 def flowing_reduction():
-    """Plasticity against creep on a coarse mesh, as it is: only its arrays and its bits count."""
-    full_order = hhr.FullOrderModel(plastic_demo.scene(**SMALL_MESH))
-    histories = [full_order.march(plastic_demo.path(gap, 6)) for gap in (5.0, 12.0)]
-    return hhr.build(full_order, hhr.SnapshotSet.of_histories(histories), hhr.Recipe.flowing().as_it_is())
+    return flowing.flowing_reduction(flowing.flowing_full())
 
 
 @pytest.fixture
