@@ -8,7 +8,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 from hhr_dolfinx import files
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.answer import Answer, ElasticFields
 from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
 
 
@@ -33,11 +33,23 @@ def bare_problem(dofs=6, conditions=2):
     )
 
 
-def answer(dofs=6, conditions=2, seed=0):
+class BareFull(ElasticFields):
+    """A full model as far as a store looks at it."""
+
+    equilibrium = None
+
+    def __init__(self, problem=None, **sizes):
+        self.problem = bare_problem(**sizes) if problem is None else problem
+
+    def displacement(self, answer):
+        return answer.unknown
+
+
+def answer(point, dofs=6, conditions=2, seed=0):
     random_numbers = np.random.default_rng(seed)
     active = random_numbers.random(conditions) < 0.5
     values = random_numbers.random(dofs), random_numbers.random(conditions)
-    return Answer(np.zeros(2), *values, active, 3, Status.CONVERGED, False, None)
+    return Answer(np.array(point, dtype=float), *values, active, 3, Status.CONVERGED, False, None)
 
 
 def rewrite_signed(path, change):

@@ -18,13 +18,14 @@ from types import SimpleNamespace
 import numpy as np
 import pellet_cladding as demo
 import pytest
-from bare import answer, bare_problem, rewrite_signed
+from bare import BareFull, answer, bare_problem, rewrite_signed
 from mpi4py import MPI
 from rich.console import Console
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import files
 from hhr_dolfinx.errors import FileError, ParameterError, SnapshotFileWarning
+from hhr_dolfinx.online.batch import Answers
 from hhr_dolfinx.study import cli
 from hhr_dolfinx.study.report import write_report
 
@@ -39,7 +40,7 @@ def small():
 
 @pytest.fixture(scope="module")
 def small_reduction(small):
-    return hhr.build_reduced_model(small, hhr.compute_snapshots(small, small.problem.parameters.grid([8, 8])))
+    return hhr.build(small, hhr.compute_snapshots(small, small.parameters.grid([8, 8])))
 
 
 # ---------------------------------------------------------------- writing
@@ -56,7 +57,7 @@ WRITERS = {
     "model.npz": lambda folder, reduction: hhr.save_model(folder / "model.npz", reduction),
     "report.json": lambda folder, reduction: write_report({"a": 1.0}, folder),
     "answers.csv": lambda folder, reduction: hhr.write_answers(
-        folder / "answers.csv", reduction.model.parameters, [["1", "2", "ok"]]
+        folder / "answers.csv", reduction.parameters, Answers(np.ones((1, 2)), ["ok"], np.ones(1), np.ones((1, 3)))
     ),
 }
 
@@ -96,7 +97,7 @@ def test_a_file_in_the_place_of_a_folder(name, small_reduction, tmp_path):
     with pytest.raises(FileError, match=r"out cannot be made .*a file stands where a folder is needed"):
         WRITERS[name](tmp_path / "out", small_reduction)
     with pytest.raises(FileError, match="out cannot be made"):
-        hhr.SnapshotStore(tmp_path / "out", bare_problem())
+        hhr.SnapshotStore(tmp_path / "out", BareFull())
     (tmp_path / "other" / name).mkdir(parents=True)
     with pytest.raises(FileError, match="a folder has this name"):
         WRITERS[name](tmp_path / "other", small_reduction)
@@ -119,11 +120,11 @@ def test_what_a_living_process_writes_is_no_leftover(tmp_path):
     (tmp_path / "movie.part").write_text("somebody else's")
     with subprocess.Popen(command, stdout=subprocess.PIPE, stdin=subprocess.PIPE, text=True) as child:
         assert child.stdout.readline() == "there\n"
-        hhr.SnapshotStore(tmp_path, bare_problem())
+        hhr.SnapshotStore(tmp_path, BareFull())
         assert len(list(tmp_path.glob("a.bin.*.part"))) == 1
         child.kill()
     assert len(list(tmp_path.glob("a.bin.*.part"))) == 1
-    hhr.SnapshotStore(tmp_path, bare_problem())
+    hhr.SnapshotStore(tmp_path, BareFull())
     assert os.listdir(tmp_path) == ["movie.part"]
 
 
@@ -155,11 +156,11 @@ import sys
 sys.path.insert(0, {str(TESTS)!r})
 import numpy as np
 import hhr_dolfinx as hhr
-from bare import answer, bare_problem, rewrite_signed
-store = hhr.SnapshotStore(sys.argv[1], bare_problem(**{SIZES}))
+from bare import BareFull, answer
+store = hhr.SnapshotStore(sys.argv[1], BareFull(**{SIZES}))
 print("go", flush=True)
 for k in range(int(sys.argv[2]), 10**9):
-    store.save(np.array([k % 20, 1.0]), answer(**{SIZES}, seed=k % 20))
+    store.save(answer([k % 20, 1.0], **{SIZES}, seed=k % 20))
 """
 
 
@@ -177,12 +178,12 @@ def test_kills_leave_whole_snapshots_and_the_next_run_clears_up(kills, tmp_path)
             child.communicate()
         left += len(list(tmp_path.glob("*.part")))
     assert left > 0, "no process was killed in the middle of a file"
-    store = hhr.SnapshotStore(tmp_path, bare_problem(**SIZES))
+    store = hhr.SnapshotStore(tmp_path, BareFull(**SIZES))
     assert not list(tmp_path.glob("*.part"))
     loaded = [store.load(np.array([k, 1.0])) for k in range(20)]
     assert store.found == len(list(tmp_path.glob("*.npz"))) > 0
     for k, solution in enumerate(loaded):
-        assert solution is None or np.array_equal(solution.primal, answer(**SIZES, seed=k).primal)
+        assert solution is None or np.array_equal(solution.unknown, answer([k, 1.0], **SIZES, seed=k).unknown)
 
 
 # ---------------------------------------------------------------- reading
@@ -190,8 +191,8 @@ def test_kills_leave_whole_snapshots_and_the_next_run_clears_up(kills, tmp_path)
 
 @pytest.fixture
 def store(tmp_path):
-    store = hhr.SnapshotStore(tmp_path, bare_problem())
-    store.save(POINT, answer())
+    store = hhr.SnapshotStore(tmp_path, BareFull())
+    store.save(answer(POINT))
     return store
 
 
@@ -203,20 +204,20 @@ def only_file(folder):
 def refused(store, why):
     with pytest.warns(SnapshotFileWarning, match=f"{why}.*solved anew"):
         assert store.load(POINT) is None
-    store.save(POINT, answer())
-    assert np.array_equal(store.load(POINT).primal, answer().primal)
+    store.save(answer(POINT))
+    assert np.array_equal(store.load(POINT).unknown, answer(POINT).unknown)
 
 
 def test_a_snapshot_comes_back(store):
     solution = store.load(POINT)
-    for name in ("primal", "forces", "active"):
-        assert getattr(solution, name).tobytes() == getattr(answer(), name).tobytes()
+    for name in ("unknown", "multipliers", "active"):
+        assert getattr(solution, name).tobytes() == getattr(answer(POINT), name).tobytes()
     assert solution.converged and store.found == 1
 
 
 def test_a_snapshot_under_the_name_of_another_point_is_not_taken(store, tmp_path):
     here = only_file(tmp_path)
-    store.save(POINT + 1.0, answer(seed=1))
+    store.save(answer(POINT + 1.0, seed=1))
     (other,) = set(tmp_path.glob("*.npz")) - {here}
     shutil.copy(other, here)
     refused(store, f"{here.name} belongs to another problem or parameter")
@@ -225,20 +226,20 @@ def test_a_snapshot_under_the_name_of_another_point_is_not_taken(store, tmp_path
 def test_a_snapshot_of_another_problem_under_the_same_name_is_not_taken(store, tmp_path):
     (tmp_path / "other").mkdir()
     wider = dataclasses.replace(bare_problem(), gaps=2 * bare_problem().gaps)
-    hhr.SnapshotStore(tmp_path / "other", wider).save(POINT, answer(seed=1))
+    hhr.SnapshotStore(tmp_path / "other", BareFull(wider)).save(answer(POINT, seed=1))
     shutil.copy(only_file(tmp_path / "other"), only_file(tmp_path))
     refused(store, "belongs to another problem or parameter")
 
 
 CHANGES = {
-    "has type int64": lambda arrays: arrays.update(primal=np.arange(6)),
+    "has type int64": lambda arrays: arrays.update(unknown=np.arange(6)),
     "has type float64": lambda arrays: arrays.update(active=np.zeros(2)),
-    "no plain array of numbers": lambda arrays: arrays.update(forces=np.zeros(2, np.float32)),
-    "has shape": lambda arrays: arrays.update(primal=np.zeros((6, 1))),
-    r"must be \(N = 6\)": lambda arrays: arrays.update(primal=np.zeros(5)),
-    "is not finite": lambda arrays: arrays.update(forces=np.array([np.nan, 0.0])),
+    "no plain array of numbers": lambda arrays: arrays.update(multipliers=np.zeros(2, np.float32)),
+    "has shape": lambda arrays: arrays.update(unknown=np.zeros((6, 1))),
+    r"must be \(N = 6\)": lambda arrays: arrays.update(unknown=np.zeros(5)),
+    "is not finite": lambda arrays: arrays.update(multipliers=np.array([np.nan, 0.0])),
     "are missing": lambda arrays: arrays.pop("active"),
-    "holds no solution": lambda arrays: arrays.update(forces=-arrays["forces"]),
+    "holds no solution": lambda arrays: arrays.update(multipliers=-arrays["multipliers"]),
     "are unknown": lambda arrays: arrays.update(more=np.zeros(1)),
 }
 
@@ -275,12 +276,12 @@ def test_a_snapshot_that_is_no_file_stops_nothing(make, store, tmp_path, at_most
 def test_a_wider_box_finds_the_snapshots_of_the_narrower_one(store, tmp_path):
     space = bare_problem().parameters
     wider = dataclasses.replace(bare_problem(), parameters=dataclasses.replace(space, upper=(2.0, 20.0)))
-    assert hhr.SnapshotStore(tmp_path, wider).load(POINT) is not None
+    assert hhr.SnapshotStore(tmp_path, BareFull(wider)).load(POINT) is not None
 
 
 def test_another_version_of_the_package_solves_anew(store, tmp_path, monkeypatch):
     monkeypatch.setattr("hhr_dolfinx.snapshots.store.__version__", "999.0")
-    assert hhr.SnapshotStore(tmp_path, bare_problem()).load(POINT) is None
+    assert hhr.SnapshotStore(tmp_path, BareFull()).load(POINT) is None
 
 
 def test_the_package_says_its_version():
@@ -289,16 +290,16 @@ def test_the_package_says_its_version():
 
 def test_a_full_training_replaces_a_damaged_file(small, tmp_path):
     """One flipped bit in the description of an array: it stopped every later run."""
-    points = small.problem.parameters.grid([2, 1])
-    exact = hhr.compute_snapshots(small, points, store=hhr.SnapshotStore(tmp_path, small.problem))
+    points = small.parameters.grid([2, 1])
+    exact = hhr.compute_snapshots(small, points, store=hhr.SnapshotStore(tmp_path, small))
     for path in tmp_path.glob("*.npz"):
         content = bytearray(path.read_bytes())
         content[content.index(b"'shape': (") + 9] ^= 1
         path.write_bytes(content)
     with pytest.warns(SnapshotFileWarning, match="solved anew"):
-        again = hhr.compute_snapshots(small, points, store=hhr.SnapshotStore(tmp_path, small.problem))
+        again = hhr.compute_snapshots(small, points, store=hhr.SnapshotStore(tmp_path, small))
     assert np.array_equal(again.forces, exact.forces)
-    store = hhr.SnapshotStore(tmp_path, small.problem)
+    store = hhr.SnapshotStore(tmp_path, small)
     assert all(store.load(point) is not None for point in points)
 
 
@@ -315,19 +316,19 @@ def table(tmp_path):
 
 
 def test_lines_of_a_table_are_those_of_the_file(table, small):
-    rows = hhr.read_points(table, small.problem.parameters)
+    rows = hhr.read_points(table, small.parameters)
     assert [row.line for row in rows] == [2, 4, 5, 6, 7, 9, 10]
     assert rows[0].cells == ["170", "3.2"]
 
 
 def test_every_answer_has_all_columns_and_a_bad_one_names_its_column(table, small_reduction, tmp_path):
-    space = small_reduction.model.parameters
+    space = small_reduction.parameters
     console = Console(record=True, width=200, file=open(os.devnull, "w"))
     bad = hhr.answer_table(small_reduction, hhr.read_points(table, space), tmp_path / "answers.csv", console)
     with open(tmp_path / "answers.csv", newline="") as file:
         header, *rows = csv.reader(file)
     assert bad == 5 and len(rows) == 7
-    assert {len(row) for row in rows} == {len(header)} == {5 + len(small_reduction.reconstruction.gaps)}
+    assert {len(row) for row in rows} == {len(header)} == {5 + len(small_reduction.fields.gaps)}
     assert [row[2] == "ok" for row in rows] == [True, False, False, False, False, True, False]
     assert all(not any(row[3:]) for row in rows if row[2] != "ok")
     assert rows[2][2] == "h1 = 'nine' is no number" and rows[4][2] == "h1 is empty"
@@ -342,14 +343,14 @@ def test_every_answer_has_all_columns_and_a_bad_one_names_its_column(table, smal
 def test_a_file_that_is_no_table(content, small, tmp_path):
     (tmp_path / "points.csv").write_bytes(content)
     with pytest.raises(ParameterError, match=r"points\.csv"):
-        hhr.read_points(tmp_path / "points.csv", small.problem.parameters)
+        hhr.read_points(tmp_path / "points.csv", small.parameters)
     with pytest.raises(ParameterError, match="cannot be read"):
-        hhr.read_points(tmp_path, small.problem.parameters)
+        hhr.read_points(tmp_path, small.parameters)
 
 
 def test_a_batch_with_bad_rows_ends_with_1(table, small_reduction, tmp_path):
     options = SimpleNamespace(out=tmp_path, console=Console(quiet=True), progress=lambda label: iter)
-    rows = hhr.read_points(table, small_reduction.model.parameters)
+    rows = hhr.read_points(table, small_reduction.parameters)
     for given, code in ((rows, 1), (rows[:1], 0)):
         with pytest.raises(SystemExit) as ended:
             cli.answer_and_exit(small_reduction, given, options)
@@ -371,14 +372,47 @@ class Trained:
     def __init__(self, scene, counts):
         full_order = hhr.FullOrderModel(scene)
         self.full_order = full_order
-        self.snapshots = hhr.compute_snapshots(full_order, full_order.problem.parameters.grid(counts))
+        self.snapshots = hhr.compute_snapshots(full_order, full_order.parameters.grid(counts))
 
     def build(self):
-        return hhr.build_reduced_model(self.full_order, self.snapshots)
+        return hhr.build(self.full_order, self.snapshots)
 
 
-def test_a_fault_of_the_program_is_no_reason_of_a_row(table, small_reduction, monkeypatch):
-    rows = hhr.read_points(table, small_reduction.model.parameters)
-    monkeypatch.setattr(type(small_reduction), "solve_everywhere", lambda *_: None + 1)
+def test_a_fault_of_the_program_is_no_reason_of_a_row(small_reduction, monkeypatch):
+    points = small_reduction.parameters.random(3, 1)
+    monkeypatch.setattr(type(small_reduction), "solve", lambda *_, **__: None + 1)
     with pytest.raises(TypeError):
-        hhr.answer_rows(small_reduction, rows, MPI.COMM_SELF)
+        hhr.answer_points(small_reduction, points, MPI.COMM_SELF)
+
+
+# ---------------------------------------------------------------- arrays
+
+
+def test_many_points_as_arrays(small_reduction):
+    """What a sampling wants: numbers, and a reason where there are none."""
+    space = small_reduction.parameters
+    points = np.vstack([space.random(5, 3), [[np.nan, 3.0], [1e9, 3.0]]])
+    found = hhr.answer_points(small_reduction, points)
+    assert found.status[:5] == ["ok"] * 5 and all("is outside" in why for why in found.status[5:])
+    assert found.forces.shape == (7, len(small_reduction.fields.gaps))
+    assert np.isnan(found.forces[5:]).all() and np.isnan(found.largest_displacement[5:]).all()
+    for k in range(5):
+        answer = small_reduction.solve(points[k])
+        assert np.array_equal(found.forces[k], answer.forces())
+        nodes = answer.displacement().reshape(-1, 2)
+        assert found.largest_displacement[k] == np.linalg.norm(nodes, axis=1).max()
+    none = hhr.answer_points(small_reduction, np.zeros((0, 2)))
+    assert none.status == [] and none.forces.shape == (0, found.forces.shape[1])
+    with pytest.raises(ParameterError, match=r"one row per point, a column for each of \('P1', 'h1'\)"):
+        hhr.answer_points(small_reduction, points[:, :1])
+
+
+def test_answers_without_a_table_are_written_as_numbers(small_reduction, tmp_path):
+    space = small_reduction.parameters
+    answers = hhr.answer_points(small_reduction, np.array([[170.0, 3.2], [np.nan, 3.2]]))
+    assert hhr.write_answers(tmp_path / "answers.csv", space, answers) == 1
+    with open(tmp_path / "answers.csv", newline="") as file:
+        header, one, two = csv.reader(file)
+    assert header[:6] == ["P1", "h1", "status", "largest_displacement", "total_force", "force_0"]
+    assert one[:3] == ["170.0", "3.2", "ok"] and two[0] == "nan" and not any(two[3:])
+    assert float(one[4]) == pytest.approx(answers.forces[0].sum(), rel=1e-11)  # 12 digits are written

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 from toy_law import Bingham
 
-from hhr_dolfinx.errors import FileContentError
+from hhr_dolfinx.errors import FileContentError, SceneError
 from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.materials.laws import Norton, Plasticity
 from hhr_dolfinx.parameters import Coverage
@@ -40,11 +40,12 @@ TABLES = st.sampled_from(["<f8", "<i8", "<i4", "?"]).flatmap(
         dtype, array_shapes(min_dims=0, max_dims=3, min_side=0), elements=None if dtype != "<f8" else REAL
     )
 )
+LINES = st.lists(REAL, min_size=2, max_size=5, unique=True).map(lambda places: np.array(sorted(places)))
 VALUES = st.one_of(
     st.builds(Plasticity, POSITIVE, st.floats(0.0, 1e300)),
     st.builds(Norton, POSITIVE, st.floats(1.0, 1e300)),
     st.builds(Bingham, st.integers(0, 10), POSITIVE),
-    st.builds(Coverage, WHOLE, arrays("<f8", 5, elements=REAL), WHOLE, REAL, arrays("<f8", 2, elements=REAL)),
+    st.builds(Coverage, LINES, st.integers(0, 1), REAL, arrays("<f8", 2, elements=REAL)),
     st.builds(
         Everything,
         REAL,
@@ -162,7 +163,7 @@ def test_wrong_numbers_are_refused(numbers):
     np.array([0.0, np.nan]), np.array([1j]), np.array(["a"]), np.array([None]), 1.0, np.float32([1.0]),
 ])  # fmt: skip
 def test_wrong_arrays_are_refused(table):
-    data, tables = as_plain(Coverage(1, np.arange(3.0), 0, 0.0, np.ones(2)))
+    data, tables = as_plain(Coverage(np.arange(3.0), 0, 0.0, np.ones(2)))
     with pytest.raises(FileContentError, match="positions"):
         restored(data, tables | {"positions": table}, KINDS)
 
@@ -270,3 +271,14 @@ def test_two_classes_of_one_name_are_refused():
     for kind in (Bare, Thawed, 3, Norton(1.0, 1.0)):
         with pytest.raises(FileContentError, match="is no class of values"):
             by_name([kind])
+
+
+@pytest.mark.parametrize("changed, why", [
+    ({"positions": np.array([0.0, 2.0, 1.0])}, "increase"), ({"positions": np.zeros(1)}, "at least two"),
+    ({"positions": np.zeros((2, 2))}, "increase"), ({"slopes": np.ones((1, 2))}, "slopes"),
+    ({"extent": 2}, "up to parameter 2"), ({"extent": -1}, "up to parameter -1"),
+])  # fmt: skip
+def test_a_partial_pressure_refuses_what_is_no_line_and_no_parameter(changed, why):
+    given = {"positions": np.arange(3.0), "extent": 0, "constant": 0.0, "slopes": np.ones(2)}
+    with pytest.raises(SceneError, match=why):
+        Coverage(**given | changed)

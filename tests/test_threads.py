@@ -8,21 +8,19 @@ import subprocess
 import sys
 import threading
 
+import flowing
 import numpy as np
 import pellet_cladding as pellet_demo
 import pellet_cladding_plastic as demo
 import pytest
 from petsc4py import PETSc
-from scenes import pressed_block, whole_domain
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.contact.active_set import SchurEqualities
-from hhr_dolfinx.errors import HHRError
+from hhr_dolfinx.errors import HHRError, OutsideTrainingError
 from hhr_dolfinx.linear.dense import LapackLU, PetscLU
-from hhr_dolfinx.models.reconstruct import OnlineModel
-from hhr_dolfinx.reduction.plastic import PlasticReduced
 
 THREADS = 8
 
@@ -61,7 +59,7 @@ def at_once(jobs):
 def answers(model, points):
     """Primal unknowns and forces, as bytes: equal to the last bit or not at all."""
     solutions = [model.solve(point) for point in points]
-    return [(solution.primal.tobytes(), solution.forces.tobytes()) for solution in solutions]
+    return [(solution.unknown.tobytes(), solution.multipliers.tobytes()) for solution in solutions]
 
 
 def check_threads(models, points):
@@ -80,35 +78,37 @@ def check_threads(models, points):
 def pellet():
     """A full model whose queries mostly change statuses, with its training."""
     full_order = hhr.FullOrderModel(pellet_demo.scene(**pellet_demo.QUICK_MESH))
-    space = full_order.problem.parameters
+    space = full_order.parameters
     return full_order, hhr.compute_snapshots(full_order, space.grid([6, 6])), space.random(150, 5)
 
 
 @pytest.fixture(scope="module")
 def reduced(pellet):
     full_order, snapshots, _ = pellet
-    return hhr.build_reduced_model(full_order, snapshots, hhr.ReductionSettings(limits=None))
+    return hhr.build(full_order, snapshots, hhr.Recipe().as_it_is())
+
+
+def twin(model):
+    """A model of the same arrays, with factors of its own."""
+    return hhr.ReducedModel(model.problem, model.parameters, model.fields, model.trained, known=model.known)
 
 
 def test_one_reduced_model(pellet, reduced):
-    check_threads([reduced.model] * THREADS, pellet[2])
+    check_threads([reduced] * THREADS, pellet[2])
 
 
 def test_reduced_models_of_their_own(pellet, reduced):
     """Blocks of one size share nothing between models."""
-    model = reduced.model
-    twins = [hhr.ReducedModel(model.problem, model.parameters, model.amplitudes, model.known) for _ in range(THREADS)]
-    check_threads(twins, pellet[2])
+    check_threads([twin(reduced) for _ in range(THREADS)], pellet[2])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("own", [False, True], ids=["one model", "models of their own"])
 def test_a_hundred_thousand_queries_by_each_thread(pellet, reduced, own):
     """Every answer is hashed and compared with that of one thread."""
-    model, points = reduced.model, pellet[0].problem.parameters.random(2000, 8)
-    make = lambda: hhr.ReducedModel(model.problem, model.parameters, model.amplitudes, model.known)  # noqa: E731
-    models = [make() if own else model for _ in range(THREADS)]
-    expected = [hash(answer) for answer in answers(make(), points)]
+    points = pellet[0].parameters.random(2000, 8)
+    models = [twin(reduced) if own else reduced for _ in range(THREADS)]
+    expected = [hash(answer) for answer in answers(twin(reduced), points)]
 
     def job(k):
         order = np.random.default_rng(k)
@@ -135,40 +135,42 @@ def test_the_naive_full_model(pellet):
     check_threads([NaiveFullOrder(pellet[0])] * THREADS, pellet[2][:4])
 
 
+@pytest.fixture(scope="module")
+def small_flow():
+    full = flowing.flowing_full()
+    return {"full": full, "reduced": flowing.flowing_reduction(full)}
+
+
+def history_bits(model, gap, steps, settings=None):
+    """All that the steps of a history left behind, as bytes."""
+    history = model.march(demo.path(gap, steps), settings or hhr.MarchSettings(outside="ignore"))
+    parts = [(a.unknown, a.multipliers, a.displacement(), a.forces(), a.stress()) for a in history.answers]
+    return [part.tobytes() for step in parts for part in step]
+
+
 @pytest.mark.parametrize(
     ("kind", "search", "steps"), [("full", "frozen", 12), ("full", "elastic", 6), ("reduced", "elastic", 6)]
 )
-def test_histories_on_one_model(kind, search, steps):
+def test_histories_on_one_model(kind, search, steps, small_flow):
     """The tangents of one history are not solved with the factors of another."""
-    full = hhr.PlasticFullOrder(
-        demo.scene(radial_cells=4, axial_cells=6, cladding_radial_cells=2, cladding_axial_cells=5)
-    )
-    free = np.flatnonzero(full.problem.free)
-    basis = np.zeros((full.size, free.size))
-    basis[free, np.arange(free.size)] = 1.0
-    model = full if kind == "full" else PlasticReduced(full, basis, whole_domain(full.problem))
-    gaps, settings = (5.0, 8.0, 10.0, 12.0), hhr.MarchSettings(search, iterations=300)
-
-    def job(gap):
-        points = hhr.march(model, demo.path(gap, steps), settings).points
-        return [(point.unknown.tobytes(), point.forces.tobytes(), point.stress.tobytes()) for point in points]
-
-    expected = [job(gap) for gap in gaps]
-    assert at_once([lambda gap=gap: job(gap) for gap in gaps]) == expected
+    model, settings = small_flow[kind], hhr.MarchSettings(search, iterations=300, outside="ignore")
+    jobs = [lambda gap=gap: history_bits(model, gap, steps, settings) for gap in (5.0, 8.0, 10.0, 12.0)]
+    expected = [job() for job in jobs]
+    assert at_once(jobs) == expected
 
 
-def test_an_operator_outlives_the_next_one():
+def test_an_operator_outlives_the_next_one(small_flow):
     """Factors that another linearisation has replaced are made again, not mixed up."""
-    full = hhr.PlasticFullOrder(pressed_block("plane_strain"))
-    theta, elastic = full.amplitudes(np.array([0.05])), full.material
-    strain = full.strain(np.zeros(full.size), theta)
-    tangents = elastic.update(strain, elastic.at_rest(), 1.0, tangent=True).tangents
-    residual, x, active = full.problem.loads @ theta, np.zeros(full.size), np.ones(full.conditions, dtype=bool)
-    first = full.linearised(tangents)
+    full, model = small_flow["full"], small_flow["full"].equilibrium
+    theta, material = model.amplitudes(np.array([100.0, 0.9, 4e-3])), model.material
+    strain = model.strain(np.zeros(model.size), theta)
+    tangents = material.update(strain, material.at_rest(), 1.0, tangent=True).tangents
+    residual, x, active = full.problem.loads @ theta, np.zeros(model.size), np.ones(model.conditions, dtype=bool)
+    first = model.linearised(tangents)
     before = first.correct(residual, x, theta, active)
-    full.linearised(2 * tangents).correct(residual, x, theta, active)
+    model.linearised(2 * tangents).correct(residual, x, theta, active)
     after = first.correct(residual, x, theta, ~active)
-    assert np.array_equal(after.change, before.change) and np.array_equal(after.forces, before.forces)
+    assert np.array_equal(after.change, before.change) and np.array_equal(after.found.forces, before.found.forces)
 
 
 @pytest.mark.parametrize("factorise", [PetscLU, LapackLU])
@@ -232,28 +234,48 @@ def test_a_set_beyond_the_bound_is_answered_and_not_kept():
     assert equalities.kept_bytes <= 100
 
 
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda model: pickle.loads(pickle.dumps(model))])
+COPIES = pytest.mark.parametrize("copied", [copy.deepcopy, lambda model: pickle.loads(pickle.dumps(model))])
+
+
+def whole(model, points):
+    """Whole fields, as bytes."""
+    found = [model.solve(point) for point in points]
+    return [(answer.displacement().tobytes(), answer.forces().tobytes()) for answer in found]
+
+
+@COPIES
 def test_copies_answer_alike(copied, pellet, reduced):
     full_order, snapshots, points = pellet
-    for model in (reduced.model, exact_condensation(full_order, snapshots.known_statuses())):
+    for model in (reduced, exact_condensation(full_order, snapshots.known_statuses())):
         again = copied(model)
         assert type(again) is type(model) and answers(again, points) == answers(model, points)
+        assert whole(again, points[:10]) == whole(model, points[:10])
         assert not again.known.active.flags.writeable
-    whole, online = copied(reduced), OnlineModel(reduced.model, reduced.reconstruction, reduced.dimension)
-    for model in (whole, copied(online)):
-        for point in points[:10]:
-            assert all(map(np.array_equal, model.solve_everywhere(point), reduced.solve_everywhere(point)))
-    assert whole.stability == reduced.stability and np.array_equal(whole.sets.A, reduced.sets.A)
+    assert copied(reduced).offline is None
 
 
-def test_workers_of_a_pool(pellet, reduced):
+@COPIES
+def test_copies_of_bodies_that_flow_march_alike(copied, small_flow):
+    """With what they were trained on, which asks at their door too."""
+    model = small_flow["reduced"]
+    again = copied(model)
+    assert history_bits(again, 10.0, 6) == history_bits(model, 10.0, 6)
+    assert again.trained.imbalance == again.equilibrium.trained.imbalance == model.trained.imbalance
+    with pytest.raises(OutsideTrainingError):
+        again.march(demo.path(16.0, 6), hhr.MarchSettings(outside="refuse"))
+
+
+def test_workers_of_a_pool(pellet, reduced, small_flow):
     """Processes that start from nothing get the model by pickle."""
     points = pellet[2][:8]
     with multiprocessing.get_context("spawn").Pool(2) as pool:
-        found = pool.map(reduced.solve_everywhere, list(points))
-    for (displacement, forces), point in zip(found, points, strict=True):
-        here = reduced.solve_everywhere(point)
-        assert np.array_equal(displacement, here[0]) and np.array_equal(forces, here[1])
+        found = pool.map(reduced.solve, list(points))
+        histories = pool.starmap(history_bits, [(small_flow["reduced"], gap, 6) for gap in (8.0, 10.0)])
+    for there, point in zip(found, points, strict=True):
+        here = reduced.solve(point)
+        assert np.array_equal(there.displacement(), here.displacement())
+        assert np.array_equal(there.forces(), here.forces())
+    assert histories == [history_bits(small_flow["reduced"], gap, 6) for gap in (8.0, 10.0)]
 
 
 def test_a_machine_without_petsc_answers(tmp_path, pellet, reduced):
@@ -266,12 +288,12 @@ def test_a_machine_without_petsc_answers(tmp_path, pellet, reduced):
         "sys.modules.update(dict.fromkeys(missing))\n"
         "import hhr_dolfinx as hhr\n"
         f"model = hhr.load_model({str(tmp_path / 'model.npz')!r})\n"
-        f"print(json.dumps([model.solve_everywhere(point)[1].tolist() for point in {points}]))\n"
+        f"print(json.dumps(hhr.answer_points(model, {points}).forces.tolist()))\n"
     )
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=100)
     assert run.returncode == 0, run.stderr[-2000:]
     for found, point in zip(json.loads(run.stdout), points, strict=True):
-        forces = reduced.solve_everywhere(point)[1]
+        forces = reduced.solve(point).forces()
         assert found == pytest.approx(forces, abs=1e-8 * max(forces.max(), 1e-300))
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.errors import HHRError, SceneError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import Answer, ElasticFields
 from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses
@@ -17,24 +19,37 @@ class ExactFields(ElasticFields):
     """What completes answers of exact condensation, see :class:`hhr_dolfinx.models.answer.Fields`.
 
     Attributes:
-        full: the full model.
+        problem: the full problem.
+        per_force: K^-1 B^T, (N, N_lambda).
         unloaded: K^-1 loads, (N, 1 + T).
+        stress_of: stress of a displacement; None of a copy, since a mesh belongs to one process.
     """
 
-    full: FullOrderModel
+    problem: ContactProblem
+    per_force: np.ndarray
     unloaded: np.ndarray
+    stress_of: Callable[[np.ndarray], np.ndarray] | None
+
+    def __reduce__(self) -> tuple:
+        """Copy and pickle by the arrays."""
+        return ExactFields, (self.problem, self.per_force, self.unloaded, None)
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """K^-1 (loads - B^T λ) and the lift, (N,); a model that answers with fields has it at hand."""
-        problem, unknown = self.full.problem, answer.unknown
-        theta = problem.amplitudes(answer.parameter)
+        theta, unknown = self.problem.amplitudes(answer.parameter), answer.unknown
         if unknown.size == 0:
-            unknown = self.unloaded @ theta - self.full.per_force @ answer.multipliers
-        return unknown + problem.lifts @ theta
+            unknown = self.unloaded @ theta - self.per_force @ answer.multipliers
+        return unknown + self.problem.lifts @ theta
 
     def stress(self, answer: Answer) -> np.ndarray:
-        """Stress in the middle of each cell, Kelvin's notation."""
-        return self.full.stress_of(self.displacement(answer))
+        """Stress in the middle of each cell, Kelvin's notation.
+
+        Raises:
+            HHRError: for a copy.
+        """
+        if self.stress_of is None:
+            raise HHRError("a copied model has no mesh, and stress needs one: ask the model it was copied from")
+        return self.stress_of(self.displacement(answer))
 
 
 def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: bool = True) -> CondensedModel:
@@ -64,6 +79,6 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
         free_slack=problem.gaps - problem.contact @ free,
         schur=full.schur,
     )
-    fields = ExactFields(full, free)
+    fields = ExactFields(problem, full.per_force, free, full.stress_of)
     given = problem.parameters, problem.amplitudes, responses, known, fields
     return CondensedModel(*given, pairs=problem.contact_pairs)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.sparse import coo_matrix
 
-from hhr_dolfinx.errors import FileContentError, HHRError, ModelFileError, ModelFileWarning
+from hhr_dolfinx.errors import FileContentError, HHRError, ModelFileError, ModelFileWarning, SceneError
 from hhr_dolfinx.files import check_layout, read_arrays, write_arrays
 from hhr_dolfinx.materials.laws import Norton, Plasticity
 from hhr_dolfinx.models.condensed import KnownStatuses
@@ -146,7 +146,7 @@ def save_model(path: str | Path, model: ReducedModel) -> None:
             arrays |= {f"{what}{k}.{name}": own for k, (_, parts) in enumerate(plain) for name, own in parts.items()}
         _checked(header, arrays, kinds)
         write_arrays(path, header, arrays)
-    except FileContentError as error:
+    except (FileContentError, SceneError) as error:
         raise ModelFileError(f"this model cannot be kept in {path}: {error}") from error
 
 

@@ -1,0 +1,338 @@
+"""Histories in a store: what was solved is never solved again, whatever ended the run; and only what is the same."""
+
+import importlib.util
+import os
+import subprocess
+import sys
+from collections import Counter
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import flowing
+import numpy as np
+import pellet_cladding
+import pellet_cladding_plastic as demo
+import pytest
+from bare import BareFull, bare_problem
+from scenes import pressed_block
+from toy_law import Bingham
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import ConvergenceError, FileContentError, SnapshotFileWarning
+from hhr_dolfinx.materials.laws import Norton
+from hhr_dolfinx.materials.update import Group
+from hhr_dolfinx.models import march
+from hhr_dolfinx.parameters import Amplitudes
+from hhr_dolfinx.snapshots.store import _digest_of
+
+TESTS = Path(__file__).parent
+PATH = demo.path(10.0, flowing.STEPS)
+RENEWED = hhr.MarchSettings("tangent")
+"""New tangents in each iteration: nothing but answers passes from step to step, and a resumed history is the same."""
+LONG, KEPT = demo.path(10.0, 20), 12
+"""The twelfth of these steps leaves its tangent to the next one: it takes four iterations, at most ``PATIENCE``."""
+MOVED = 1e-4
+"""A resumed history has another tangent there; both end where a step moves the stress by ``relative_stress`` = 1e-5 of
+itself, in several iterations. Measured: 9e-6."""
+
+
+@pytest.fixture(scope="module")
+def full():
+    return flowing.flowing_full()
+
+
+@pytest.fixture(scope="module")
+def whole(full):
+    """The history without a store."""
+    return full.march(PATH, RENEWED)
+
+
+@pytest.fixture
+def solved(monkeypatch):
+    """Counts the steps that are solved."""
+    counts, advance = Counter(), march._advance
+
+    def counting(*arguments):
+        counts["steps"] += 1
+        return advance(*arguments)
+
+    monkeypatch.setattr(march, "_advance", counting)
+    return counts
+
+
+def computed(full, folder, path=PATH, settings=RENEWED):
+    """A history with a store of its own, as a new run would have it."""
+    store = hhr.SnapshotStore(folder, full)
+    (history,) = hhr.compute_histories(full, [path], store=store, settings=settings)
+    return history, store
+
+
+def bits(history):
+    parts = [(a.unknown, a.multipliers, a.active, a.gauss.stress, *a.gauss.state) for a in history.answers]
+    return [part.tobytes() for step in parts for part in step]
+
+
+def ends_after(monkeypatch, steps, error):
+    """Lets the law of the cladding raise once some steps are kept."""
+    flow, folder = Norton.flow, {}
+
+    def ending(self, *arguments):
+        if len(list(folder["path"].glob("*.npz"))) >= steps:
+            raise error
+        return flow(self, *arguments)
+
+    monkeypatch.setattr(Norton, "flow", ending)
+    return folder
+
+
+# ---------------------------------------------------------------- runs that ended
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), ArithmeticError("no root")], ids=["interrupt", "failed step"])
+def test_a_history_goes_on_behind_its_last_file(error, full, whole, solved, tmp_path, monkeypatch):
+    with monkeypatch.context() as patch:
+        ends_after(patch, 3, error)["path"] = tmp_path
+        # an interrupt passes; a law that finds no flow is a step that fails, in parts too
+        with pytest.raises(KeyboardInterrupt if isinstance(error, KeyboardInterrupt) else ConvergenceError) as ended:
+            computed(full, tmp_path)
+    assert len(ended.value.history.answers) == len(list(tmp_path.glob("*.npz"))) == 3
+    solved.clear()
+    history, store = computed(full, tmp_path)
+    assert store.found == 3 and solved["steps"] == flowing.STEPS - 3
+    assert [answer.time for answer in history.answers] == [time for time, _ in PATH[1:]]
+    assert bits(history) == bits(whole) and history.iterations == whole.iterations
+    solved.clear()
+    again, store = computed(full, tmp_path)
+    assert solved["steps"] == 0 and store.found == flowing.STEPS and bits(again) == bits(history)
+    assert again.iterations == history.iterations and again.signs == history.signs
+
+
+def test_kept_tangents_stay_behind_and_answers_agree(full, tmp_path, monkeypatch):
+    settings = hhr.MarchSettings()
+    with monkeypatch.context() as patch:
+        ends_after(patch, KEPT, KeyboardInterrupt())["path"] = tmp_path
+        with pytest.raises(KeyboardInterrupt):
+            computed(full, tmp_path, LONG, settings)
+    (history, _), whole = computed(full, tmp_path, LONG, settings), full.march(LONG, settings)
+    assert bits(history) != bits(whole), "the tangent was not kept: nothing is tested"
+    for one, two in zip(history.answers, whole.answers, strict=True):
+        for name in ("displacement", "forces", "stress", "plastic_strain"):
+            found, expected = getattr(one, name)(), getattr(two, name)()
+            assert np.linalg.norm(found - expected) <= MOVED * np.linalg.norm(expected), name
+
+
+KILLED = f"""
+import os, signal, sys
+sys.path[:0] = [{str(TESTS)!r}, {str(TESTS.parent / "demos")!r}]
+import numpy as np
+import test_history_files as tests
+whole, written = np.savez, []
+def killing(file, **arrays):
+    written.append(file)
+    if len(written) == 4:  # in the middle of a file
+        file.write(b"half")
+        file.flush()
+        os.kill(os.getpid(), signal.SIGKILL)
+    whole(file, **arrays)
+np.savez = killing
+tests.computed(tests.flowing.flowing_full(), sys.argv[1])
+"""
+
+
+def test_a_killed_run_leaves_whole_steps(full, whole, solved, tmp_path):
+    run = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], capture_output=True, text=True, timeout=150)
+    assert run.returncode == -9, run.stderr[-2000:]
+    assert len(list(tmp_path.glob("*.npz"))) == 3 and len(list(tmp_path.glob("*.part"))) == 1
+    history, store = computed(full, tmp_path)
+    # another process assembles the same bits, or nothing would be found
+    assert store.found == 3 and solved["steps"] == flowing.STEPS - 3 and bits(history) == bits(whole)
+    assert not list(tmp_path.glob("*.part"))
+
+
+def test_a_damaged_step_is_warned_of_and_solved_anew(full, whole, solved, tmp_path):
+    _, store = computed(full, tmp_path)
+    path = store._path(store.steps(PATH, RENEWED)._questions[4])
+    content = bytearray(path.read_bytes())
+    content[-200] ^= 1
+    path.write_bytes(content)
+    solved.clear()
+    with pytest.warns(SnapshotFileWarning, match=f"{path.name}.*solved anew"):
+        history, store = computed(full, tmp_path)
+    # what follows is solved from the new step
+    assert store.found == 3 and solved["steps"] == flowing.STEPS - 3 and bits(history) == bits(whole)
+    assert computed(full, tmp_path)[1].found == flowing.STEPS
+
+
+def test_a_training_is_resumed(solved, tmp_path, monkeypatch):
+    scene, paths = demo.scene(**flowing.SMALL_MESH), [demo.path(gap, flowing.STEPS) for gap in (5.0, 12.0)]
+    with monkeypatch.context() as patch:
+        ends_after(patch, flowing.STEPS + 2, KeyboardInterrupt())["path"] = tmp_path
+        with pytest.raises(KeyboardInterrupt):
+            hhr.train(scene, paths, folder=tmp_path, march=RENEWED)
+    solved.clear()
+    training = hhr.train(scene, paths, folder=tmp_path, march=RENEWED)
+    assert solved["steps"] == flowing.STEPS - 2
+    (skipped,) = [item["why"] for item in training.log.skipped if item["stage"] == "snapshots"]
+    assert skipped.startswith(f"{flowing.STEPS + 2} of {2 * flowing.STEPS} answers were read")
+    expected = [training.full_order.march(path, RENEWED) for path in paths]
+    assert [bits(history) for history in training.snapshots.histories] == [bits(history) for history in expected]
+
+
+def test_unloaded_bodies_are_solutions_too(tmp_path):
+    """Beside no forces at all the last digits of those before would be a residual of any size."""
+    scene = pressed_block("plane_strain")
+    full = hhr.FullOrderModel(replace(scene, bodies=(replace(scene.bodies[0], law=hhr.Plasticity(1e9)),)))
+    path = [(float(k), (push,)) for k, push in enumerate((0.0, 0.05, 0.1, 0.05, 0.0))]
+    computed(full, tmp_path, path)
+    assert computed(full, tmp_path, path)[1].found == 4
+
+
+def test_histories_of_elastic_bodies(tmp_path):
+    full = hhr.FullOrderModel(pellet_cladding.scene(**pellet_cladding.QUICK_MESH))
+    path = [(0.0, (5.0, 0.6)), (1.0, (100.0, 2.0)), (2.0, (170.0, 3.2))]
+    history, _ = computed(full, tmp_path, path)
+    again, store = computed(full, tmp_path, path)
+    assert store.found == 2
+    for one, two in zip(again.answers, history.answers, strict=True):
+        assert np.array_equal(one.unknown, two.unknown) and one.time == two.time and one.fields is full
+
+
+# ---------------------------------------------------------------- the same, and no other
+
+
+def test_a_longer_path_begins_with_the_steps_of_a_shorter_one(full, solved, tmp_path):
+    computed(full, tmp_path, PATH[:4])
+    solved.clear()
+    _, store = computed(full, tmp_path)
+    assert store.found == 3 and solved["steps"] == flowing.STEPS - 3
+    assert computed(full, tmp_path, PATH[:6])[1].found == 5
+
+
+def test_what_is_another_question_has_other_files(full, tmp_path):
+    computed(full, tmp_path, PATH[:3])
+    later = [(time + (k > 0), point) for k, (time, point) in enumerate(PATH[:3])]
+    wider = [(time, point + np.array([0.0, 0.0, 1e-3])) for time, point in PATH[:3]]
+    others = [
+        (full, later, RENEWED),
+        (full, [(-1.0, PATH[0][1]), *PATH[1:3]], RENEWED),  # starts earlier
+        (full, wider, RENEWED),
+        (full, PATH[:1] + PATH[2:3], RENEWED),  # the second step at once
+        (full, PATH[:3], hhr.MarchSettings()),
+        (full, PATH[:3], replace(RENEWED, relative_force=1e-6)),
+        (full, PATH[:3], replace(RENEWED, iterations=61)),
+        (hhr.FullOrderModel(demo.scene(exponent=5.0, **flowing.SMALL_MESH)), PATH[:3], RENEWED),
+    ]
+    files = set(tmp_path.glob("*.npz"))
+    for other, path, settings in others:
+        history, store = computed(other, tmp_path, path, settings)
+        assert store.found == 0
+        now = set(tmp_path.glob("*.npz"))
+        assert len(now - files) == len(history.answers)
+        files = now
+    # but not by what decides nothing, or another way to write a number
+    same = replace(RENEWED, outside="refuse", iterations=np.int64(60), cuts=np.int32(6))
+    assert computed(full, tmp_path, PATH[:3], same)[1].found == 2
+
+
+class Plain:
+    """A law of a user's own that is no dataclass."""
+
+    def __init__(self, **constants):
+        vars(self).update(constants)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A law or an amplitude with an array."""
+
+    values: np.ndarray
+    count = 1
+
+    def __call__(self, point):
+        return [0], [self.values @ point]
+
+
+def digest(law=None, amplitude=None, groups=None):
+    problem = bare_problem()
+    if amplitude is not None:
+        problem = replace(problem, amplitudes=Amplitudes(np.ones(1), np.zeros((1, 2)), (amplitude,)))
+    full = BareFull(problem)
+    groups = (Group(np.arange(3), 1.0, 0.3, law),) if groups is None else groups
+    full.equilibrium = SimpleNamespace(material=SimpleNamespace(groups=groups))
+    return _digest_of(full)
+
+
+def test_laws_and_amplitudes_are_told_apart():
+    laws = [
+        None,
+        hhr.Plasticity(1.0, 2.0),
+        hhr.Plasticity(2.0, 1.0),
+        hhr.Norton(1.0, 2.0),
+        Bingham(1.0, 2.0),
+        Table(np.ones(2)),
+        Table(np.array([1.0, 2.0])),
+        Table(np.ones((2, 1))),
+        Plain(yield_stress=1.0),
+        Plain(yield_stress=2.0),
+        Plain(viscosity=1.0),
+        Plain(yield_stress=None),
+        Plain(yield_stress="1.0"),
+        Plain(table=[1.0, 2.0]),
+        Plain(table=[1.0, None, 2.0]),
+        Plain(table=[[1.0], [2.0]]),
+        Plain(table={"a": 1.0}),
+        Plain(table={"b": 1.0}),
+        Plain(inner=Plain(a=1.0)),
+        Plain(inner=Plain(a=2.0)),
+    ]
+    digests = [digest(law) for law in laws] + [digest(amplitude=item) for item in laws[5:8]]
+    assert len(set(digests)) == len(digests)
+    assert digests[:1] != [digest(groups=(Group(np.arange(3), 2.0, 0.3, None),))]
+
+
+MADE_AGAIN = f"""
+import sys
+sys.path[:0] = [{str(TESTS)!r}, {str(TESTS.parent / "demos")!r}]
+import numpy as np
+from test_history_files import Plain, Table, digest
+room = [bytes(k) for k in range(int(sys.argv[1]))]  # other addresses
+values = Table(np.ones(2)), Plain(a=1.0, b=[1, "x"], c={{"u": 1, "v": None}}, d=Plain(e=np.arange(3)))
+print(*(digest(value).hex() for value in values), digest(amplitude=values[0]).hex())
+"""
+
+
+def test_no_address_and_no_order_of_sets_counts():
+    found = set()
+    for seed in ("1", "2"):
+        command = [sys.executable, "-c", MADE_AGAIN, seed * 4]
+        environment = os.environ | {"PYTHONHASHSEED": seed}
+        run = subprocess.run(command, capture_output=True, text=True, timeout=100, env=environment)
+        assert run.returncode == 0, run.stderr[-2000:]
+        found.add(run.stdout)
+    assert len(found) == 1 and len(set(found.pop().split())) == 3
+
+
+class Slots:
+    __slots__ = ("a",)
+
+
+@pytest.mark.parametrize("value", [lambda x: x, len, Slots(), {1, 2}, np.array([{}]), Norton, 1j], ids=repr)
+def test_what_numbers_do_not_tell_apart_is_refused(value):
+    """Two lambdas look alike, and answers of one would be handed out for the other."""
+    with pytest.raises(FileContentError, match=r"cannot be told from others by numbers.*keep no snapshots"):
+        digest(Plain(value=value))
+
+
+def test_a_law_that_was_edited_is_another_one(tmp_path):
+    """The same name and the same numbers: what it does is what counts."""
+    digests = []
+    for factor in ("1.0", "2.0", "1.0"):
+        path = tmp_path / f"law_{len(digests)}.py"
+        path.write_text(f"class Own:\n    def flow(self, trial, *_):\n        return {factor} * trial, 0 * trial\n")
+        spec = importlib.util.spec_from_file_location(path.stem, path)
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[path.stem] = module
+        spec.loader.exec_module(module)
+        digests.append(digest(module.Own()))
+    assert digests[0] == digests[2] != digests[1]
