@@ -7,7 +7,6 @@ from argparse import Namespace
 import hertz_half_discs as demo
 import numpy as np
 import pytest
-from scenes import as_it_is
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import compat
@@ -27,9 +26,9 @@ def unbuilt():
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ({"counts": [31, 2]}, r"training of scene 'hertz_half_discs': counts \[31, 2\] .* must be 1 positive integers"),
-        ({"counts": [0]}, r"counts \[0\] of a grid"),
-        ({"counts": [1]}, r"on \[1\] points: a reduced model needs at least 2"),
+        ({"training": [31, 2]}, r"training of scene 'hertz_half_discs': counts \[31, 2\] .* must be 1 positive integers"),
+        ({"training": [0]}, r"counts \[0\] of a grid"),
+        ({"training": [1]}, r"on \[1\] points: a reduced model needs at least 2"),
         ({"seed": -1}, "seed = -1 must be an integer of at least 0"),
         ({"seed": 1.5}, r"seed = 1\.5 must be an integer"),
         ({"held_out": -1}, "held_out = -1 must be an integer of at least 0"),
@@ -38,7 +37,7 @@ def unbuilt():
 )
 def test_trainings_that_cannot_be_run(asked, message):
     with pytest.raises(StudyError, match=message):
-        hhr.train(unbuilt(), **{"counts": [3]} | asked)
+        hhr.train(unbuilt(), **{"training": [3]} | asked)
 
 
 @pytest.mark.parametrize("below", ["", "snapshots"])
@@ -59,15 +58,20 @@ def test_a_folder_that_is_a_file(tmp_path, below):
         ({"tests": 0}, "tests = 0 must be an integer of at least 1"),
         ({"queries": 0}, "queries = 0 must be an integer of at least 1"),
         ({"queries": 10.0}, r"queries = 10\.0 must be an integer"),
-        ({"reduction": "thesis"}, "reduction = 'thesis' of a study must be ReductionSettings"),
-        ({"variants": [("few", 0.1)]}, r"variant 'few' = 0\.1 of a study must be ReductionSettings"),
+        ({"repetitions": 0}, "repetitions = 0 must be an integer of at least 1"),
+        ({"tests": {}}, r"tests = \{\} must hold at least one entry"),
+        ({"tests": ()}, r"tests = \(\) must be an integer of at least 1"),
+        ({"training": []}, r"training = \[\] must hold at least one entry"),
+        ({"recipe": "thesis"}, "recipe = 'thesis' of a study must be a Recipe"),
+        ({"variants": [("few", 0.1)]}, r"variant 'few' = 0\.1 of a study must be a Recipe"),
+        ({"models": {"few": None}}, "model 'few' = None of a study must be a Recipe"),
         ({"held_out": -1}, "held_out = -1 must be an integer of at least 0"),
         ({"seed": -1}, "seed = -1 must be an integer of at least 0"),
     ],
 )
 def test_studies_that_measure_nothing(settings, message):
     with pytest.raises(StudyError, match=message):
-        hhr.StudySettings([3], **settings)
+        hhr.StudySettings(**{"training": [3]} | settings)
     if "seed" in settings:
         with pytest.raises(StudyError, match=message):
             demo.SETTINGS.asked(seed=-1, quick=True)
@@ -96,10 +100,10 @@ def test_options_of_demos(tmp_path, capsys, arguments, message):
 def test_a_study_in_a_folder_given_as_text(tmp_path, monkeypatch):
     """From the training to the report, with test points of one parameter in a row."""
     monkeypatch.chdir(tmp_path)
-    settings = hhr.StudySettings([8], reduction=as_it_is(demo.THESIS), tests=2, queries=2, held_out=0, naive=False)
+    settings = hhr.StudySettings([8], recipe=demo.THESIS.as_it_is(), tests=2, queries=2, held_out=0, naive=False)
     scene = demo.scene(arc_segments=28, flat_segments=7)
     study = hhr.study_scene(scene, settings, "out/x", points=[0.2, 0.3])
-    assert study.points.shape == (2, 1) and len(list((tmp_path / "out/x/snapshots").iterdir())) == 8
+    assert study.tests.shape == (2, 1) and len(list((tmp_path / "out/x/snapshots").iterdir())) == 8
     study.write("out/x")
     assert (tmp_path / "out/x/report.json").exists() and (tmp_path / "out/x/model.npz").exists()
 
@@ -113,10 +117,3 @@ def test_a_petsc_of_complex_numbers(monkeypatch, kind):
         compat.require_dolfinx()
     with pytest.raises(ImportError, match="complex"):
         hhr.FullOrderModel(unbuilt())
-
-
-@pytest.mark.parametrize("changes", [{"training": []}, {"tests": ()}, {"repetitions": 0}, {"seed": -1}])
-def test_histories_that_cannot_be_measured(changes):
-    (name,) = changes
-    with pytest.raises(StudyError, match=name):
-        hhr.HistorySettings(**{"path": None, "training": [1.0], "tests": [2.0]} | changes)
