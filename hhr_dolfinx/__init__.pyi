@@ -1,5 +1,6 @@
 """The public names; each is loaded from its module when it is first used."""
 
+from .amplitudes import Amplitude as Amplitude
 from .baselines.condensation import exact_condensation as exact_condensation
 from .certify.trust import TrustLimits as TrustLimits
 from .full_order.full import FullOrderModel as FullOrderModel
@@ -24,7 +25,6 @@ from .pairings.node_to_node import NodeToNode as NodeToNode
 from .pairings.node_to_surface import DoublePass as DoublePass
 from .pairings.node_to_surface import NodeToSurface as NodeToSurface
 from .pairings.obstacle import Obstacle as Obstacle
-from .parameters import Amplitude as Amplitude
 from .parameters import ParameterSpace as ParameterSpace
 from .reduction.build import build as build
 from .reduction.recipe import Deim as Deim

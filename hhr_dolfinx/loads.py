@@ -12,19 +12,10 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from scipy.sparse import csc_matrix, hstack, issparse
 
+from hhr_dolfinx.amplitudes import Amplitude, Coverage, NonAffine, check_amplitude, checked_count
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
-from hhr_dolfinx.parameters import (
-    Amplitude,
-    Coverage,
-    NonAffine,
-    ParameterSpace,
-    as_tuple,
-    check_amplitude,
-    check_tag,
-    checked_count,
-    is_number,
-)
+from hhr_dolfinx.parameters import ParameterSpace, as_tuple, check_tag, is_number
 
 if TYPE_CHECKING:
     import ufl
@@ -37,7 +28,7 @@ class Term:
     """Columns of F and the amplitudes they are multiplied by.
 
     Attributes:
-        amplitude: affine, of a single column, or a :class:`~hhr_dolfinx.parameters.NonAffine` of several.
+        amplitude: affine, of a single column, or a :class:`~hhr_dolfinx.amplitudes.NonAffine` of several.
         columns: nodal forces for the amplitude 1, (N,), or sparse (N, k).
     """
 
@@ -172,7 +163,7 @@ class PartialPressure:
             )
 
     def terms(self, assembler: Assembler) -> list[Term]:
-        """Columns as :class:`~hhr_dolfinx.parameters.Coverage` counts them.
+        """Columns as :class:`~hhr_dolfinx.amplitudes.Coverage` counts them.
 
         Raises:
             SceneError: for what is no straight line in one piece along the axis.

@@ -1,24 +1,16 @@
-"""Parameters of a scene and the amplitudes of its loads, as plain data.
-
-Every load of a scene is a sum of terms, each an amplitude times a fixed shape. The amplitudes
-theta(mu) = (1, theta_1(mu), ..., theta_T(mu)) are affine in the parameters, or values that say by numbers what they
-are, so a model on disk is data only and nothing that is loaded is ever executed.
-"""
+"""The parameters of a scene: the box in which it is solved, and what counts as a number, a name or a tag."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from numbers import Integral, Real
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from hhr_dolfinx.errors import ParameterError, SceneError
-
-if TYPE_CHECKING:
-    from scipy.sparse import csc_matrix
 
 
 def is_number(value: Any) -> bool:
@@ -55,47 +47,6 @@ def check_tag(what: str, tag: Any) -> None:
     """
     if not is_whole(tag, 0):
         raise SceneError(f"the tag {tag!r} of a {what} must be an integer, as in the mesh")
-
-
-def check_amplitude(item: Any, what: str) -> None:
-    """Turn a number that is the amplitude of a frozen item into a constant amplitude, and refuse what is neither.
-
-    Raises:
-        SceneError: with what would do.
-    """
-    if is_number(item.amplitude):
-        object.__setattr__(item, "amplitude", Amplitude(item.amplitude))
-    if not isinstance(item.amplitude, Amplitude):
-        raise SceneError(
-            f"the amplitude {item.amplitude!r} of {what} must be a finite number or an Amplitude, for instance "
-            "Amplitude(slopes={'name of a parameter': 1.0})"
-        )
-
-
-@dataclass(frozen=True)
-class Amplitude:
-    """Affine function of the parameters: ``constant + sum(slopes[name] * value of name)``."""
-
-    constant: float = 0.0
-    slopes: Mapping[str, float] = field(default_factory=dict)
-
-    def __post_init__(self):
-        """Refuse what is no finite number."""
-        if not isinstance(self.slopes, Mapping):
-            raise SceneError(f"the slopes {self.slopes!r} of an amplitude need a number by parameter: {{'name': 1.0}}")
-        if not all(is_number(value) for value in (self.constant, *self.slopes.values())):
-            raise SceneError(f"amplitude {self.constant!r} with slopes {dict(self.slopes)} must be finite numbers")
-
-    def row(self, space: ParameterSpace) -> np.ndarray:
-        """Slopes in the order of the parameters, (P,).
-
-        Raises:
-            SceneError: if a slope names an unknown parameter.
-        """
-        unknown = set(self.slopes) - set(space.names)
-        if unknown:
-            raise SceneError(f"an amplitude names {sorted(unknown)}, the scene's parameters are {space.names}")
-        return np.array([self.slopes.get(name, 0.0) for name in space.names])
 
 
 @dataclass(frozen=True)
@@ -231,197 +182,3 @@ class ParameterSpace:
                 "the seed an integer that is not negative"
             )
         return np.random.default_rng(seed).uniform(self.lower, self.upper, (count, len(self.names)))
-
-
-class Theta:
-    """Amplitudes of all terms at one parameter, of which most may be zero.
-
-    ``matrix @ theta`` sums the columns of a matrix with one column per term, dense or sparse; it touches only the
-    columns of non-zero terms and is fastest on dense matrices in Fortran order and on sparse ones by columns (csc).
-
-    Attributes:
-        terms: numbers of the terms that are given, each once; a slice for all.
-        values: their amplitudes.
-    """
-
-    __slots__ = ("terms", "values")
-    __array_ufunc__ = None  # lets ndarray @ Theta come here; sparse matrices leave to it what they do not know
-
-    def __init__(self, terms: slice | np.ndarray, values: np.ndarray):
-        self.terms, self.values = terms, values
-
-    def __rmatmul__(self, matrix: np.ndarray | csc_matrix) -> np.ndarray:
-        """Sum the columns of ``matrix``, (n, 1 + T) -> (n,)."""
-        if isinstance(matrix, np.ndarray):
-            return matrix[:, self.terms] @ self.values
-        if isinstance(self.terms, slice):
-            return matrix @ self.values
-        matrix = matrix.tocsc()
-        total, starts = np.zeros(matrix.shape[0]), matrix.indptr
-        for term, value in zip(self.terms.tolist(), self.values.tolist(), strict=True):
-            entries = slice(starts[term], starts[term + 1])
-            # the rows of one column are distinct
-            total[matrix.indices[entries]] += matrix.data[entries] * value
-        return total
-
-
-class NonAffine(Protocol):
-    """Amplitudes of several columns of a load that are not affine in the parameters; a frozen dataclass of numbers.
-
-    Files and fingerprints of problems know it by its class and its fields.
-
-    Attributes:
-        count: number of its columns.
-    """
-
-    @property
-    def count(self) -> int:
-        """See above."""
-
-    def __call__(self, point: np.ndarray) -> tuple[Sequence[int], Sequence[float]]:
-        """Numbers among its own columns, each once, and the amplitudes of those that act at a point (P,)."""
-
-
-def checked_count(amplitude: Any, space: ParameterSpace, owner: object) -> int:
-    """Number of columns of an amplitude that is not affine, tried in the middle of the box.
-
-    Args:
-        amplitude: a :class:`NonAffine`, or what is given for one.
-        space: the box of the parameters.
-        owner: whose amplitude it is, for messages.
-
-    Raises:
-        SceneError: for what is none.
-    """
-    if isinstance(amplitude, type) or not callable(amplitude) or not hasattr(amplitude, "__dataclass_fields__"):
-        raise SceneError(
-            f"the amplitude {amplitude!r} of {owner!r} must be an Amplitude, or a frozen dataclass with a count that "
-            "returns (columns, values) for a point"
-        )
-    count: Any = getattr(amplitude, "count", None)
-    if not is_whole(count, 1):
-        raise SceneError(f"the count {count!r} of {amplitude!r} of {owner!r} must be its number of columns")
-    try:
-        columns, values = amplitude(np.mean([space.lower, space.upper], axis=0))
-        fits = len(columns) == len(values) == len(set(columns)) and all(is_number(value) for value in values)
-    except (TypeError, ValueError):
-        fits, columns = False, ()
-    if not fits or not all(is_whole(column, 0) and column < count for column in columns):
-        raise SceneError(
-            f"{amplitude!r} of {owner!r} must return columns, each once and below its count {count}, and as many values"
-        )
-    return count
-
-
-@dataclass(frozen=True)
-class Coverage:
-    """Amplitudes of a pressure on the part of a straight line up to a parameter, exact for linear elements.
-
-    A line of n nodes at increasing positions has n - 1 columns for whole edges from its start (column e is the
-    load on all edges before edge e) and n columns for its nodes. With the end of the pressure in edge e, at
-    the fraction s of its length L, the load is column e, plus L (s - s^2/2) on its first and L s^2/2 on its
-    second node.
-
-    Attributes:
-        positions: coordinates of the nodes along the line, increasing, (n,).
-        extent: index of the parameter up to which the pressure acts.
-        constant: amplitude at mu = 0.
-        slopes: slopes of the amplitude, (P,).
-
-    Raises:
-        SceneError: for no line that goes up, or an extent that is no parameter.
-    """
-
-    positions: np.ndarray
-    extent: int
-    constant: float
-    slopes: np.ndarray
-
-    def __post_init__(self) -> None:
-        """Refuse what would be looked up elsewhere."""
-        line, slopes = self.positions, self.slopes
-        if line.ndim != 1 or line.size < 2 or not (line[:-1] < line[1:]).all():
-            raise SceneError("positions of a partial pressure must be at least two and increase")
-        if slopes.ndim != 1 or not 0 <= self.extent < slopes.size:
-            raise SceneError(
-                f"a partial pressure extends up to parameter {self.extent}, and has slopes along {slopes.size} of them"
-            )
-
-    @property
-    def count(self) -> int:
-        """Number of columns."""
-        return 2 * len(self.positions) - 1
-
-    def __call__(self, point: np.ndarray) -> tuple[list[int], list[float]]:
-        """Numbers and amplitudes of the three columns that act at a point."""
-        positions, edges = self.positions, len(self.positions) - 1
-        edge = min(max(int(positions.searchsorted(point[self.extent])) - 1, 0), edges - 1)
-        length = positions[edge + 1] - positions[edge]
-        s = min(max((point[self.extent] - positions[edge]) / length, 0.0), 1.0)
-        amplitude = self.constant + self.slopes @ point
-        weights = [amplitude, amplitude * length * (s - s * s / 2), amplitude * length * s * s / 2]
-        return [edge, edges + edge, edges + edge + 1], weights
-
-
-@dataclass(frozen=True)
-class Amplitudes:
-    """All amplitudes of a scene: affine ones, constant + slopes @ mu, then those that are not.
-
-    Attributes:
-        constant: (1 + T0,), whose first entry is the 1 of the parameter-free part.
-        slopes: (1 + T0, P).
-        nonaffine: amplitudes of several terms each, one after another.
-    """
-
-    constant: np.ndarray
-    slopes: np.ndarray
-    nonaffine: tuple[NonAffine, ...] = ()
-
-    @classmethod
-    def collect(cls, amplitudes: Sequence[Amplitude | NonAffine], space: ParameterSpace) -> Amplitudes:
-        """Stack those that are affine behind the leading constant 1, and the others, each in their order, behind these.
-
-        Raises:
-            SceneError: if a slope names an unknown parameter.
-        """
-        affine = [amplitude for amplitude in amplitudes if isinstance(amplitude, Amplitude)]
-        others = tuple(amplitude for amplitude in amplitudes if not isinstance(amplitude, Amplitude))
-        constant = np.array([1.0] + [amplitude.constant for amplitude in affine])
-        slopes = np.array([np.zeros(len(space.names)), *(amplitude.row(space) for amplitude in affine)])
-        return cls(constant, slopes, others)
-
-    @cached_property
-    def firsts(self) -> list[int]:
-        """Number of the first term of each amplitude that is not affine, and behind them that of all terms."""
-        return np.cumsum([self.constant.size, *(amplitude.count for amplitude in self.nonaffine)]).tolist()
-
-    def __call__(self, point: np.ndarray) -> Theta:
-        """Evaluate theta at a checked point."""
-        affine = self.constant + self.slopes @ point
-        if not self.nonaffine:
-            return Theta(slice(None), affine)
-        terms, values = list(range(affine.size)), affine.tolist()
-        for first, amplitude in zip(self.firsts, self.nonaffine):  # noqa: B905 (hot path; the last is their end)
-            columns, weights = amplitude(point)
-            terms.extend([first + column for column in columns])
-            values.extend(weights)
-        return Theta(np.array(terms), np.array(values, dtype=float))
-
-    def sum_columns(self, matrix: np.ndarray | csc_matrix, points: np.ndarray) -> np.ndarray:
-        """``matrix @ theta`` at every point, (n, len(points))."""
-        return np.stack([matrix @ self(point) for point in points], axis=1)
-
-    def idle(self, space: ParameterSpace) -> tuple[str, ...]:
-        """Names of parameters on which no amplitude depends; those that are not affine are tried at random points."""
-        used = self.slopes.any(axis=0)
-        points = space.random(64, seed=0)
-        for place in np.flatnonzero(~used):
-            changed = points.copy()
-            changed[:, place] = np.roll(points[:, place], 1)
-            used[place] = any(
-                not np.array_equal(one, two)
-                for amplitude in self.nonaffine
-                for pair in zip(points, changed, strict=True)
-                for one, two in zip(*map(amplitude, pair), strict=True)
-            )
-        return tuple(name for name, known in zip(space.names, used, strict=True) if not known)

@@ -10,19 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hhr_dolfinx.amplitudes import Amplitude, check_amplitude
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.loads import Load
 from hhr_dolfinx.pairings import Pairing
-from hhr_dolfinx.parameters import (
-    Amplitude,
-    ParameterSpace,
-    as_tuple,
-    check_amplitude,
-    check_tag,
-    is_number,
-    is_whole,
-)
+from hhr_dolfinx.parameters import ParameterSpace, as_tuple, check_tag, is_number, is_whole
 
 if TYPE_CHECKING:
     from hhr_dolfinx.materials.laws import Flow

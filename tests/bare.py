@@ -6,10 +6,11 @@ import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx import files
+from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.models.answer import Answer, ElasticFields
-from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
+from hhr_dolfinx.parameters import ParameterSpace
 
 
 def bare_problem(dofs=6, conditions=2):

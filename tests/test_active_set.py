@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scenes import pressed_block, whole_domain
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
@@ -21,7 +22,7 @@ from hhr_dolfinx.linear.dense import LapackLU, PetscLU
 from hhr_dolfinx.models.answer import ElasticFields, found_as, outcome
 from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses
 from hhr_dolfinx.models.reduced import ADVICE, ReducedModel, ReducedProblem
-from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
+from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.reduction.completion import prepare_reconstruction
 from hhr_dolfinx.reduction.flow import project_flow
 from hhr_dolfinx.reduction.projection import project

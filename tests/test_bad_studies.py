@@ -26,7 +26,10 @@ def unbuilt():
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ({"training": [31, 2]}, r"training of scene 'hertz_half_discs': counts \[31, 2\] .* must be 1 positive integers"),
+        (
+            {"training": [31, 2]},
+            r"training of scene 'hertz_half_discs': counts \[31, 2\] .* must be 1 positive integers",
+        ),
         ({"training": [0]}, r"counts \[0\] of a grid"),
         ({"training": [1]}, r"on \[1\] points: a reduced model needs at least 2"),
         ({"seed": -1}, "seed = -1 must be an integer of at least 0"),

@@ -19,11 +19,11 @@ from scenes import pressed_block
 from toy_law import Bingham
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.errors import ConvergenceError, FileContentError, SnapshotFileWarning
 from hhr_dolfinx.materials.laws import Norton
 from hhr_dolfinx.materials.update import Group
 from hhr_dolfinx.models import march
-from hhr_dolfinx.parameters import Amplitudes
 from hhr_dolfinx.snapshots.store import _digest_of
 
 TESTS = Path(__file__).parent

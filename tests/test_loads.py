@@ -14,9 +14,9 @@ from toy_nonaffine_load import Square, WindLoad
 from toy_volume_load import Weight
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.amplitudes import Amplitudes, Coverage, Theta
 from hhr_dolfinx.errors import SceneWarning
 from hhr_dolfinx.geometries import block
-from hhr_dolfinx.parameters import Amplitudes, Coverage, Theta
 
 YOUNG, HEIGHT, WIDTH, GAP = 3.0, 2.0, 1.5, 0.01
 
@@ -76,7 +76,7 @@ def test_loads_on_two_ranks():
         f"import sys; sys.path[:0] = [{str(Path(__file__).parent)!r}, {str(Path(demo.__file__).parent)!r}]\n"
         "import pytest, ufl, test_loads as t, test_bad_input as bad, hhr_dolfinx as hhr\n"
         "for scene, mu in ((t.heavy_column(), (0.05, 0.03)), (t.windy_column(), (1.5,))):\n"
-        "    force = hhr.FullOrderModel(scene).solve(mu).forces.sum()\n"
+        "    force = hhr.FullOrderModel(scene).solve(mu).forces().sum()\n"
         "    assert force == pytest.approx(t.WIDTH * t.pressure_of(scene, mu), rel=1e-10)\n"
         "bad.test_loads_and_pairings_of_a_users_own(bad.of_form(lambda v, ds: ufl.inner(v, v) * ds), 'linear in v')\n"
         "print('all is well')\n"
@@ -125,7 +125,7 @@ def test_amplitudes_are_counted_one_after_another():
     line = Coverage(np.array([0.0, 1.0, 3.0]), 0, 1.0, np.array([0.0, 0.0]))
     space = hhr.ParameterSpace(("a", "b"), (0.0, 0.0), (3.0, 3.0))
     pushed = hhr.Amplitude(2.0, {"b": 1.0})
-    amplitudes = Amplitudes.collect([pushed], space, [Square(1, 5.0), line])
+    amplitudes = Amplitudes.collect([Square(1, 5.0), pushed, line], space)
     assert amplitudes.firsts == [2, 3, 8]
     theta = amplitudes(np.array([2.0, 3.0]))
     full = np.zeros(8)

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 from toy_law import Bingham
 
+from hhr_dolfinx.amplitudes import Coverage
 from hhr_dolfinx.errors import FileContentError, SceneError
 from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.materials.laws import Norton, Plasticity
-from hhr_dolfinx.parameters import Coverage
 from hhr_dolfinx.plain import as_plain, by_name, restored
 
 

@@ -23,7 +23,7 @@ class Square:
     count = 1
 
     def __call__(self, point: np.ndarray) -> tuple[list[int], list[float]]:
-        """Its column and its value; see :class:`hhr_dolfinx.parameters.NonAffine`."""
+        """Its column and its value; see :class:`hhr_dolfinx.amplitudes.NonAffine`."""
         return [0], [self.factor * point[self.place] ** 2]
 
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.parameters import Theta
 
 if TYPE_CHECKING:
     from hhr_dolfinx.snapshots.records import SnapshotSet

@@ -18,7 +18,7 @@ from scipy.sparse import csr_matrix, identity
 
 from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem, IndexSets
 from hhr_dolfinx.errors import NotSolvableError
-from hhr_dolfinx.models.reduced import ReducedProblem
+from hhr_dolfinx.models.projected import ReducedProblem
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, issparse, vstack
 
+from hhr_dolfinx.amplitudes import Amplitudes, Theta
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.parameters import Amplitudes, ParameterSpace, Theta
+from hhr_dolfinx.parameters import ParameterSpace
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm

@@ -16,10 +16,10 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx import compat
+from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.problem import ContactProblem, ContactRows
 from hhr_dolfinx.errors import NotSolvableError, SceneError, SceneWarning
 from hhr_dolfinx.linear.sparse import singular_stiffness
-from hhr_dolfinx.parameters import Amplitudes
 from hhr_dolfinx.scene import Scene
 
 CORNERS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}

@@ -19,6 +19,7 @@ from ufl.algorithms import compute_form_data
 from ufl.algorithms.check_arities import ArityMismatch
 
 from hhr_dolfinx import compat, ranks
+from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
 from hhr_dolfinx.contact.problem import ContactProblem, ContactRows, joined, masked
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import contact, elasticity
@@ -33,7 +34,6 @@ from hhr_dolfinx.full_order.checks import (
 from hhr_dolfinx.full_order.locking import QUADRATURE, mean_dilatation
 from hhr_dolfinx.loads import Assembler, Load, Term, checked_terms
 from hhr_dolfinx.pairings.surface import Surface, make_surface
-from hhr_dolfinx.parameters import Amplitude, Amplitudes
 from hhr_dolfinx.scene import Scene
 
 

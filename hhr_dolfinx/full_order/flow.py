@@ -11,6 +11,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
+from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
@@ -21,7 +22,6 @@ from hhr_dolfinx.materials.strain import ElasticPart, SparsePattern, StrainOpera
 from hhr_dolfinx.materials.update import Material
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.equilibrium import Correction
-from hhr_dolfinx.parameters import Theta
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.trained import Signs
 

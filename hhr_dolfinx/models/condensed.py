@@ -19,12 +19,13 @@ from typing import Any
 
 import numpy as np
 
+from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
 from hhr_dolfinx.errors import ParameterError, SingularError
 from hhr_dolfinx.linear.dense import Factor, Factorise, dense_factors, solve_columns
 from hhr_dolfinx.models.answer import Answer, Fields, History, Path, found_as, outcome
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
-from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
+from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedRange
 
 

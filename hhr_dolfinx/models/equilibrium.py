@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
+from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import Statuses
 from hhr_dolfinx.models.answer import Answer, Fields
-from hhr_dolfinx.parameters import ParameterSpace, Theta
+from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs, TrainedPaths
 
 if TYPE_CHECKING:

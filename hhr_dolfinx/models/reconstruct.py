@@ -11,9 +11,9 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.sparse import csc_matrix
 
+from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.errors import ConvergenceError, HHRError
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.parameters import Amplitudes
 
 
 class GappyField(NamedTuple):

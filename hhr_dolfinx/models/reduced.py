@@ -7,11 +7,8 @@ numba, where bodies flow).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ReductionError, SingularError
@@ -19,6 +16,7 @@ from hhr_dolfinx.linear.dense import Factorise, dense_factors
 from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses, checked_start
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, solve_along
+from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
@@ -32,30 +30,6 @@ ADVICE: Mapping[Status, str] = MappingProxyType(
         Status.CYCLING: "the reduced model is not trustworthy here, add RID layers or change the basis",
     }
 )
-
-
-@dataclass(frozen=True)
-class ReducedProblem:
-    """Find gamma and lambda >= 0 with K~ gamma + B~1^T lambda = loads θ, B~2 gamma <= gaps θ, thesis (5.23).
-
-    A generalised saddle point (5.27): where conditions of the RID touch its interface B~1 and B~2 differ;
-    elsewhere they are the same and it is (1.61).
-
-    Attributes:
-        stiffness: K~ = V[A]^T K[A, A u I] V[A u I], (1.63), (ell, ell), not symmetric.
-        contact_test: B~1 = B[A_lambda, A_c] V[A_c], (5.26), (N_lambda_C, ell): how forces act.
-        contact_trial: B~2 = B[A_lambda, A_c~] V[A_c~], (5.26), (N_lambda_C, ell): how gaps are read.
-        loads: V[A]^T loads[A], (ell, 1 + T).
-        gaps: gaps[A_lambda], (N_lambda_C, 1 + T).
-        pairs: number of the contact pair of each condition, (N_lambda_C,).
-    """
-
-    stiffness: np.ndarray
-    contact_test: np.ndarray
-    contact_trial: np.ndarray
-    loads: np.ndarray
-    gaps: np.ndarray
-    pairs: np.ndarray
 
 
 class ReducedModel:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
 
+from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.linear.dense import LapackLU
@@ -15,9 +16,9 @@ from hhr_dolfinx.materials.strain import ElasticPart, StrainOperator
 from hhr_dolfinx.materials.update import Material
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.equilibrium import Correction
+from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.models.reconstruct import Reconstruction
-from hhr_dolfinx.models.reduced import ReducedProblem
-from hhr_dolfinx.parameters import ParameterSpace, Theta
+from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs, TrainedPaths
 
 

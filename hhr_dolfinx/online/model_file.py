@@ -16,13 +16,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.sparse import coo_matrix
 
+from hhr_dolfinx.amplitudes import Amplitudes, Coverage, checked_count
 from hhr_dolfinx.errors import FileContentError, HHRError, ModelFileError, ModelFileWarning, SceneError
 from hhr_dolfinx.files import check_layout, read_arrays, write_arrays
 from hhr_dolfinx.materials.laws import Norton, Plasticity
 from hhr_dolfinx.models.condensed import KnownStatuses
+from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.models.reconstruct import FlowFields, GappyField, Reconstruction
-from hhr_dolfinx.models.reduced import ReducedModel, ReducedProblem
-from hhr_dolfinx.parameters import Amplitudes, Coverage, ParameterSpace, checked_count
+from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plain import as_plain, by_name, restored
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 

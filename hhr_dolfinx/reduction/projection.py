@@ -6,7 +6,7 @@ import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.models.reduced import ReducedProblem
+from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.reduction.rid import open_conditions
 
 
