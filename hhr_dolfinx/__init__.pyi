@@ -43,9 +43,7 @@ from .scene import Displacement as Displacement
 from .scene import Opening as Opening
 from .scene import Scene as Scene
 from .snapshots.records import SnapshotSet as SnapshotSet
-from .snapshots.records import compute_histories as compute_histories
 from .snapshots.records import compute_snapshots as compute_snapshots
-from .snapshots.records import spread_histories as spread_histories
 from .snapshots.records import spread_snapshots as spread_snapshots
 from .snapshots.store import SnapshotStore as SnapshotStore
 from .study.study import Rival as Rival

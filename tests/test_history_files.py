@@ -64,7 +64,7 @@ def solved(monkeypatch):
 def computed(full, folder, path=PATH, settings=RENEWED):
     """A history with a store of its own, as a new run would have it."""
     store = hhr.SnapshotStore(folder, full)
-    (history,) = hhr.compute_histories(full, [path], store=store, settings=settings)
+    (history,) = hhr.compute_snapshots(full, [path], store=store, settings=settings).histories
     return history, store
 
 

@@ -2,7 +2,6 @@
 
 import ast
 import doctest
-import fnmatch
 import graphlib
 import importlib
 import re
@@ -58,17 +57,6 @@ def imports(name):
     return [target for target in all_imports(name) if target.split(".")[0] == "hhr_dolfinx"]
 
 
-def closure(name):
-    """Modules of the package that a module imports, and what these import, and so on."""
-    found, rest = set(), [name]
-    while rest:
-        module = rest.pop()
-        if module not in found:
-            found.add(module)
-            rest.extend(target for target in imports(module) if target in MODULES)
-    return found
-
-
 def room(name):
     """First part of a module's name behind the package."""
     return name.split(".")[1] if "." in name else "__init__"
@@ -114,7 +102,7 @@ def test_a_module_imports_only_what_its_room_may(name):
 
 @pytest.mark.parametrize("name", sorted(MODULES))
 def test_a_module_imports_only_the_packages_of_others_that_its_room_may(name):
-    known = {"hhr_dolfinx", "numpy", "scipy", *sys.stdlib_module_names}
+    known = {"hhr_dolfinx", "numpy", "scipy", "lazy_loader", *sys.stdlib_module_names}
     others = {target.split(".")[0] for target in all_imports(name)} - known
     assert others <= {package for package, rooms in PACKAGES.items() if room(name) in rooms}
 
@@ -151,13 +139,6 @@ def test_files_and_functions_fit_on_a_screen():
                 assert node.end_lineno - node.lineno < 60, (path, node.name)
 
 
-UNANNOTATED = {
-    "parameters": 4, "materials": 3, "forms": 11, "contact": 4, "models": 14, "certify": 7, "scene": 2,
-    "full_order": 17, "snapshots": 3, "reduction": 21, "baselines": 4, "study": 21,
-}  # fmt: skip
-"""Public functions and methods of each room that do not say all their types yet; of rooms that are absent, none."""
-
-
 def without_types(path):
     """Names of the public functions and methods of a file that do not say what they take and return."""
     tree = ast.parse(path.read_text())
@@ -176,15 +157,7 @@ def without_types(path):
 def test_public_functions_say_their_types(name):
     found = [(path.name, function) for module, path in MODULES.items() if room(module) == name
              for function in without_types(path)]  # fmt: skip
-    assert len(found) <= UNANNOTATED.get(name, 0), found
-
-
-def test_what_types_are_not_asked_of_exists():
-    """A room that was renamed would stay in the list of those that are not annotated yet."""
-    overrides = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["mypy"]["overrides"]
-    names = {name.removeprefix("hhr_dolfinx.") for name in MODULES}
-    for pattern in (p for override in overrides if override.get("ignore_errors") for p in override["module"]):
-        assert fnmatch.filter(names, pattern.removeprefix("hhr_dolfinx.")), pattern
+    assert not found
 
 
 def test_one_clock():
@@ -197,58 +170,61 @@ def test_one_clock():
 
 # numba is not among them: DOLFINx loads it by itself where it is there; tests/test_extras.py does without
 UNNEEDED = {
-    "flow": ["hhr_dolfinx.materials.laws", "hhr_dolfinx.models.march", "hhr_dolfinx.full_order.plastic",
-             "hhr_dolfinx.full_order.gauss_points", "hhr_dolfinx.reduction.plastic",
-             "hhr_dolfinx.reduction.plastic_offline", "hhr_dolfinx.study.study_histories"],
+    "flow": ["hhr_dolfinx.materials.laws", "hhr_dolfinx.materials.update", "hhr_dolfinx.models.march",
+             "hhr_dolfinx.models.reduced_flow", "hhr_dolfinx.full_order.flow", "hhr_dolfinx.full_order.gauss_points",
+             "hhr_dolfinx.reduction.flow", "hhr_dolfinx.study.histories"],
     "meshes that do not match": ["hhr_dolfinx.pairings.node_to_surface", "hhr_dolfinx.pairings.mortar",
                                  "hhr_dolfinx.pairings.segments", "hhr_dolfinx.pairings.projection", "shapely"],
     "clustering and peers": ["sklearn", "hhr_dolfinx.baselines.peers", "hhr_dolfinx.baselines.coarser"],
     "pictures": ["hhr_dolfinx.study.plots", "matplotlib", "pyvista"],
 }  # fmt: skip
+"""What a study of an elastic scene on matching meshes does without; numba is not listed: DOLFINx loads it itself."""
+UNNEEDED_BY_FLOW = {
+    **{name: UNNEEDED[name] for name in ("clustering and peers", "pictures")},
+    "what only elastic scenes are compared with": [
+        "hhr_dolfinx.study.points", "hhr_dolfinx.study.yardstick", "hhr_dolfinx.baselines.naive",
+        "hhr_dolfinx.baselines.condensation", "hhr_dolfinx.study.verify"],
+}  # fmt: skip
+"""What a study of a scene that flows does without."""
+
+ELASTIC = """
+import hertz_half_discs as demo
+scene, settings = demo.scene(arc_segments=28, flat_segments=7), demo.SETTINGS.asked(seed=1, quick=True)
+"""
+FLOWING = """
+import pellet_cladding_plastic as demo
+mesh = {"radial_cells": 6, "axial_cells": 10, "cladding_radial_cells": 2, "cladding_axial_cells": 7}
+scene, paths = demo.scene(**mesh), {gap: demo.path(gap, 4) for gap in (5.0, 8.0, 10.0, 15.0)}
+settings = hhr.StudySettings([paths[5.0], paths[15.0]], held_out=[paths[8.0]], tests={"10": paths[10.0]}, repetitions=1)
+"""
 
 
-@pytest.fixture(scope="module")
-def loaded(tmp_path_factory):
-    """Modules loaded by a whole study of a matching elastic scene, report and model file included, pictures not."""
+def modules_of_a_study(program, folder):
+    """Modules loaded by a whole study, report and model file included, pictures not."""
     program = (
         f"import sys; sys.path.insert(0, {str(ROOT / 'demos')!r})\n"
-        "from pathlib import Path\n"
-        "import hertz_half_discs as demo, hhr_dolfinx as hhr\n"
-        "from rich.console import Console\n"
-        "settings = demo.SETTINGS.asked(seed=1, quick=True)\n"
-        "study = hhr.study_scene(demo.scene(arc_segments=28, flat_segments=7), settings, Path('.'))\n"
+        f"from pathlib import Path\nimport hhr_dolfinx as hhr\nfrom rich.console import Console\n{program}\n"
+        "study = hhr.study_scene(scene, settings, Path('.'))\n"
         "study.write(Path('.'), Console(quiet=True))\n"
         "print(*sys.modules, sep='\\n', file=open('modules', 'w'))\n"
     )
-    folder = tmp_path_factory.mktemp("study")
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=folder, timeout=300)
     assert run.returncode == 0, run.stderr[-3000:]
     assert (folder / "report.json").exists() and (folder / "model.npz").exists()
-    return set((folder / "modules").read_text().split())
+    found = set((folder / "modules").read_text().split())
+    assert "hhr_dolfinx.reduction.build" in found
+    return found
 
 
-@pytest.mark.parametrize("what", UNNEEDED)
-def test_a_matching_elastic_scene_does_not_load(loaded, what):
-    assert "hhr_dolfinx.reduction.offline" in loaded
-    assert not loaded & set(UNNEEDED[what])
-
-
-APART = {
-    "hhr_dolfinx.study.study_histories": ["hhr_dolfinx.study.study_scene", "hhr_dolfinx.study.verify",
-                                          "hhr_dolfinx.baselines.naive", "hhr_dolfinx.baselines.coarser",
-                                          "hhr_dolfinx.online.model_file"],
-}  # fmt: skip
-"""What a module never leads to, by no import, not even one inside a function: a flow study needs no elastic one."""
-
-
-@pytest.mark.parametrize("name", APART)
-def test_a_module_never_leads_to(name):
-    assert not closure(name) & set(APART[name])
+def test_a_scene_loads_what_it_names(tmp_path_factory):
+    for program, unneeded in ((ELASTIC, UNNEEDED), (FLOWING, UNNEEDED_BY_FLOW)):
+        found = modules_of_a_study(program, tmp_path_factory.mktemp("study"))
+        assert not {what: found & set(names) for what, names in unneeded.items() if found & set(names)}
 
 
 def test_what_is_not_loaded_exists():
     """A module that was renamed would be absent for the wrong reason."""
-    for names in (*UNNEEDED.values(), *APART.values()):
+    for names in (*UNNEEDED.values(), *UNNEEDED_BY_FLOW.values()):
         assert {name for name in names if name.startswith("hhr_dolfinx")} <= set(MODULES)
 
 

@@ -159,5 +159,6 @@ def _unanswered(model: Equilibrium, parameter: np.ndarray) -> Answer:
     nothing = np.full(model.size, np.nan), np.full(model.conditions, np.nan), np.zeros(model.conditions, dtype=bool)
     stress = np.full((model.material.gauss_points, model.material.components), np.nan)
     rest = model.material.at_rest()
-    gauss = GaussState(stress, rest._make(np.full_like(part, np.nan) for part in rest))
+    unknown = rest._replace(plastic=np.full_like(rest.plastic, np.nan), cumulated=np.full_like(rest.cumulated, np.nan))
+    gauss = GaussState(stress, unknown)
     return Answer(parameter, *nothing, 0, Status.ITERATION_LIMIT, False, model.fields, gauss=gauss)

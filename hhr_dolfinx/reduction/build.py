@@ -95,6 +95,11 @@ class _Offline:
     log: StageLog
 
 
+def usual_recipe(full: Any) -> Recipe:
+    """The recipe that a scene gets by default."""
+    return Recipe() if full.equilibrium is None else Recipe.flowing()
+
+
 def build(
     full: Any, snapshots: SnapshotSet, recipe: Recipe | None = None, held_out: SnapshotSet | None = None
 ) -> ReducedModel:
@@ -120,8 +125,7 @@ def build(
         StabilityWarning: if the trust check doubts it, or no training answer has contact or flow.
         UncheckedWarning: if it was not compared with answers kept out of training.
     """
-    if recipe is None:
-        recipe = Recipe() if full.equilibrium is None else Recipe.flowing()
+    recipe = usual_recipe(full) if recipe is None else recipe
     _check_given(full, snapshots, recipe, held_out)
     log = StageLog()
     if recipe.trust is None:

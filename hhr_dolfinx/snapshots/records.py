@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -111,33 +111,54 @@ class SnapshotSet:
 
 
 def compute_snapshots(
-    full: Any, points: np.ndarray, progress: Progress = iter, store: SnapshotStore | None = None
+    full: Any,
+    queries: Any,
+    progress: Progress = iter,
+    store: SnapshotStore | None = None,
+    settings: MarchSettings = DEFAULT_MARCH,
 ) -> SnapshotSet:
-    """Solve the full model at every point, each from the statuses of the one before.
+    """Answer queries by the full model: single parameters, or paths where bodies flow.
 
     Args:
         full: the full model.
-        points: training parameters, (S, P).
+        queries: parameters, (S, P), each solved from the statuses of the one before; or paths, each with times and
+            parameters, the ones at rest first.
         progress: wraps the iteration, for a progress bar.
-        store: answers found there are not computed, the others are added to it.
+        store: answers found there are not computed, the others are kept as soon as they are there, step by step.
+        settings: how histories are solved.
 
     Raises:
-        ParameterError: if a point is not finite or outside the box.
-        ConvergenceError: if a training point does not converge.
+        ParameterError: if a point or a path is none.
+        ConvergenceError: if a query does not converge.
     """
+    with ranks.together(full.comm, "solving for snapshots"):
+        if not _are_paths(queries):
+            return SnapshotSet.of_answers(_answers(full, full.parameters.points(queries), progress, store))
+        return SnapshotSet.of_histories(_histories(full, queries, progress, store, settings))
+
+
+def _are_paths(queries: Any) -> bool:
+    """Whether queries are paths, pairs of times and parameters: these make no table."""
+    try:
+        return np.ndim(np.array(queries, dtype=float)) > 2
+    except (TypeError, ValueError):
+        return True
+
+
+def _answers(full: Any, points: np.ndarray, progress: Progress, store: SnapshotStore | None) -> list[Answer]:
+    """Answers at some points."""
     answers: list[Answer] = []
     start: Any = "nearest"
-    with ranks.together(full.comm, "solving for snapshots"):
-        for point in progress(full.parameters.points(points)):
-            answer = _stored(full, store, point)
-            if answer is None:
-                answer = full.solve(point, start=start)
-                if store is not None and full.comm.rank == 0:
-                    store.save(answer)
-            start = answer.active
-            answers.append(answer)
-            _log.debug("answer %d at %s: %d iterations", len(answers), point, answer.iterations)
-    return SnapshotSet.of_answers(answers)
+    for point in progress(points):
+        answer = _stored(full, store, point)
+        if answer is None:
+            answer = full.solve(point, start=start)
+            if store is not None and full.comm.rank == 0:
+                store.save(answer)
+        start = answer.active
+        answers.append(answer)
+        _log.debug("answer %d at %s: %d iterations", len(answers), point, answer.iterations)
+    return answers
 
 
 def _stored(full: Any, store: SnapshotStore | None, point: np.ndarray) -> Answer | None:
@@ -149,93 +170,61 @@ def _stored(full: Any, store: SnapshotStore | None, point: np.ndarray) -> Answer
     return None if answer is None else answer._replace(fields=full)
 
 
-def compute_histories(
-    full: Any,
-    paths: Sequence[Path],
-    progress: Progress = iter,
-    store: SnapshotStore | None = None,
-    settings: MarchSettings = DEFAULT_MARCH,
-) -> list[History]:
-    """Solve the full model along every path; with a store, steps that were solved before are not solved again.
-
-    Args:
-        full: the full model.
-        paths: times and parameters, each with the ones at rest first.
-        progress: wraps the iteration over the paths.
-        store: each step is kept there as soon as it is solved, so that nothing is lost that was computed.
-        settings: how histories are solved.
-
-    Raises:
-        ParameterError: if a path is none.
-        ConvergenceError: if a step does not converge.
-    """
-    histories = []
+def _histories(
+    full: Any, paths: Sequence[Path], progress: Progress, store: SnapshotStore | None, settings: MarchSettings
+) -> Iterator[History]:
+    """Histories along some paths, which go on behind the steps that are kept."""
     for number, path in enumerate(progress(paths), start=1):
         _log.info("history %d of %d, %d steps", number, len(paths), len(path) - 1)
         if store is None:
-            histories.append(full.march(path, settings))
+            yield full.march(path, settings)
         else:
             kept = store.steps(path, settings)
-            histories.append(full.march(path, settings, known=kept.load(), keep=kept.save))
-    return histories
+            yield full.march(path, settings, known=kept.load(), keep=kept.save)
 
 
-def spread(full: Any, queries: Any, comm: Comm, compute: Callable[[Any], Any]) -> list:
-    """Share queries out over the ranks of ``comm``, each with a full model of its own; every rank gets all results.
+def spread_snapshots(
+    full: Any,
+    queries: Any,
+    comm: Comm,
+    progress: Progress = iter,
+    store: SnapshotStore | None = None,
+    settings: MarchSettings = DEFAULT_MARCH,
+) -> SnapshotSet:
+    """As :func:`compute_snapshots`, shared out over the ranks of ``comm``; every rank gets all answers.
 
     Args:
         full: a full model of its own on each rank (communicator of one).
         queries: the same on all ranks.
         comm: communicator over which they are spread.
-        compute: what a rank does with its part of them.
-
-    Returns:
-        Results of the ranks that had a part, in their order.
+        progress, store, settings: see :func:`compute_snapshots`; the ranks share the folder of the store.
 
     Raises:
         ConvergenceError: on all ranks, if a query does not converge on any.
         RankError: where another rank failed with an error that is none of this package's.
     """
-    own = None
+    queries = queries if _are_paths(queries) else full.parameters.points(queries)
+    own: Any = None
     with ranks.each_for_itself(comm, "solving for snapshots"):
         # neighbours stay together, so that each start is a good one
         mine = np.array_split(np.arange(len(queries)), comm.size)[comm.rank]
         if mine.size:
-            own = compute([queries[k] for k in mine])
-    return [part for part in comm.allgather(own) if part is not None]
-
-
-def spread_snapshots(
-    full: Any, points: np.ndarray, comm: Comm, progress: Progress = iter, store: SnapshotStore | None = None
-) -> SnapshotSet:
-    """As :func:`compute_snapshots`, shared out over the ranks of ``comm``; see :func:`spread`."""
-    points = full.parameters.points(points)
-    parts = spread(full, points, comm, lambda mine: compute_snapshots(full, np.array(mine), progress, store))
-    columns = zip(*(part._columns() for part in parts), strict=True)
-    joined: list[Any] = [None if item[0] is None else np.concatenate(item, axis=1) for item in columns]
-    return SnapshotSet(points, *joined)
-
-
-def spread_histories(
-    full: Any,
-    paths: Sequence[Path],
-    comm: Comm,
-    progress: Progress = iter,
-    store: SnapshotStore | None = None,
-    settings: MarchSettings = DEFAULT_MARCH,
-) -> list[History]:
-    """As :func:`compute_histories`, shared out over the ranks of ``comm``; see :func:`spread`."""
-
-    def compute(mine):
-        # an answer knows its model, which belongs to one rank
-        return [_with_fields(history, _NOWHERE) for history in compute_histories(full, mine, progress, store, settings)]
-
-    parts = spread(full, paths, comm, compute)
-    return [_with_fields(history, full) for part in parts for history in part]
+            own = compute_snapshots(full, [queries[k] for k in mine], progress, store, settings)
+    if comm.size == 1:
+        return own
+    if not _are_paths(queries):
+        parts = [part for part in comm.allgather(own) if part is not None]
+        columns: list[Any] = [
+            np.concatenate(item, axis=1) for item in zip(*(part._columns()[:3] for part in parts), strict=True)
+        ]
+        return SnapshotSet(queries, *columns)
+    # an answer knows its model, which belongs to one rank
+    sent = () if own is None else [_with_fields(history, _NOWHERE) for history in own.histories]
+    return SnapshotSet.of_histories(_with_fields(item, full) for part in comm.allgather(sent) for item in part)
 
 
 _NOWHERE: Any = None
-"""Fields of an answer that is sent to another rank: its model belongs to one."""
+"""Fields of an answer that is sent to another rank."""
 
 
 def _with_fields(history: History, fields: Any) -> History:

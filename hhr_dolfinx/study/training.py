@@ -17,11 +17,11 @@ from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import is_whole
-from hhr_dolfinx.reduction.build import build
+from hhr_dolfinx.reduction.build import build, usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.held_out import held_out_points
-from hhr_dolfinx.snapshots.records import SnapshotSet, spread_histories, spread_snapshots
+from hhr_dolfinx.snapshots.records import SnapshotSet, spread_snapshots
 from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.timing import StageLog
 
@@ -57,7 +57,8 @@ class Training:
         """
         if checked:
             return build(self.full_order, self.snapshots, recipe, self.held_out)
-        return build(self.full_order, self.snapshots, (recipe or Recipe()).as_it_is())
+        given = usual_recipe(self.full_order) if recipe is None else recipe
+        return build(self.full_order, self.snapshots, given.as_it_is())
 
 
 def train(
@@ -90,38 +91,36 @@ def train(
     """
     log = StageLog()
     with ranks.each_for_itself(comm, "checking what was asked for"):
-        if not isinstance(scene, Scene):
-            raise StudyError(f"{scene!r} is no scene: give a Scene")
-        flows = any(body.law is not None for body in scene.bodies)
-        held_out = (() if flows else 100) if held_out is None else held_out
-        check_counts(seed=(seed, 0), **({} if flows else {"held_out": (held_out, 0)}))
-        asked = training_paths(scene, training) if flows else training_points(scene, training)
+        asked, apart = _checked(scene, training, held_out, seed)
         folder = None if folder is None else checked_folder(folder)
     with ranks.each_for_itself(comm, f"building the full model of scene '{scene.name}'"):
         with log.stage("full_order"):
             full = FullOrderModel(scene, MPI.COMM_SELF)
         store = None if folder is None else SnapshotStore(folder, full)
     with log.stage("snapshots"):
-        if flows:
-            solved = spread_histories(full, asked, comm, progress("training"), store, march)
-            snapshots = SnapshotSet.of_histories(solved)
-        else:
-            snapshots = spread_snapshots(full, asked, comm, progress("snapshots"), store)
-    kept = None
-    if flows and len(held_out):
+        snapshots, kept = spread_snapshots(full, asked, comm, progress("snapshots"), store, march), None
+    if apart:
         with log.stage("held_out"):
-            paths = training_paths(scene, held_out)
-            kept = SnapshotSet.of_histories(spread_histories(full, paths, comm, progress("held out"), store, march))
-    elif not flows and held_out > 0:
-        with log.stage("held_out"):
-            points = held_out_points(full.problem, snapshots, held_out, seed + 2000)
-            # forces decide on them, whose last digits may differ between machines
-            kept = spread_snapshots(full, comm.bcast(points), comm, progress("held out"), store)
+            # forces decide on points, whose last digits may differ between machines
+            given = apart if isinstance(apart, list) else held_out_points(full.problem, snapshots, apart, seed + 2000)
+            kept = spread_snapshots(full, comm.bcast(given), comm, progress("held out"), store, march)
     found = comm.allreduce(0 if store is None else store.found)
     if found:
         count = len(snapshots.points) + (0 if kept is None else len(kept.points))
         log.skip("snapshots", f"{found} of {count} answers were read from {folder}: the times cover the others")
     return Training(full, snapshots, kept, log)
+
+
+def _checked(scene: Scene, training: Any, held_out: Any, seed: Any) -> tuple[Any, Any]:
+    """Points or paths to train on; how many points, or which paths, are held out."""
+    if not isinstance(scene, Scene):
+        raise StudyError(f"{scene!r} is no scene: give a Scene")
+    check_counts(seed=(seed, 0))
+    if any(body.law is not None for body in scene.bodies):
+        return training_paths(scene, training), training_paths(scene, held_out) if held_out else []
+    count = 100 if held_out is None else held_out
+    check_counts(held_out=(count, 0))
+    return training_points(scene, training), count
 
 
 def training_points(scene: Scene, training: Any) -> np.ndarray:
