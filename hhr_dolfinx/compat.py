@@ -80,6 +80,8 @@ def require_dolfinx() -> None:
             "this PETSc was built with complex numbers, and contact is a problem in real ones: install a real build, "
             "`petsc=*=real*` with conda or `petsc-real` with apt, or set PETSC_DIR and PETSC_ARCH to one"
         )
+    # where one rank alone starts SLEPc, as when it alone reduces, the run never ends: the end of PETSc waits for all
+    from slepc4py import SLEPc  # noqa: F401
 
 
 def versions() -> dict[str, str]:
