@@ -45,6 +45,17 @@ def timed(call: Callable, repetitions: int = 1):
         return result, (time.perf_counter() - start) / repetitions
 
 
+@contextmanager
+def _settled_memory() -> Iterator[None]:
+    """What is there already is not looked through for garbage again, which takes 0.1 s for each block."""
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+
+
 def time_queries(models: dict[str, Callable], points: np.ndarray) -> dict[str, np.ndarray]:
     """Seconds per query of each model at every point, (len(points) less a warm-up,), on one thread.
 
@@ -70,17 +81,6 @@ def time_queries(models: dict[str, Callable], points: np.ndarray) -> dict[str, n
                 finally:
                     gc.enable()
     return {name: np.array(values) for name, values in times.items()}
-
-
-@contextmanager
-def _settled_memory() -> Iterator[None]:
-    """What is there already is not looked through for garbage again, which takes 0.1 s for each block."""
-    gc.collect()
-    gc.freeze()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
 
 
 def _query(solve, point):
