@@ -17,7 +17,7 @@ from scenes import node_dofs, whole_domain
 from scipy import linalg
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.certify.accuracy import force_floor
+from hhr_dolfinx.certify.accuracy import force_floor, relative_error
 from hhr_dolfinx.certify.compare import compare_points
 from hhr_dolfinx.certify.constants import FullConstants, assess
 from hhr_dolfinx.certify.trust import TrustLimits, check_solvable, check_stability
@@ -405,8 +405,11 @@ def test_a_turned_scene_has_the_same_reduced_model():
     assert max(errors.values()) < 2e-3
 
 
-def test_errors_of_the_demo_on_a_coarse_mesh(pellet):
+@pytest.mark.parametrize("pairing", ["node_to_surface", "mortar"])
+def test_errors_of_the_demo_on_a_coarse_mesh(pellet, pairing):
     """The default recipe on 20 random points: what the demo shows on the fine mesh holds on a coarse one."""
+    if pairing == "mortar":
+        pellet = hhr.train(demo.scene(pairing, **MESH), [12, 10], held_out=10, comm=MPI.COMM_SELF)
     reduction = pellet.build()
     problem = pellet.full_order.problem
     assert open_conditions(problem, reduction.offline.sets).size == 0
@@ -416,6 +419,8 @@ def test_errors_of_the_demo_on_a_coarse_mesh(pellet):
     assert errors.unanswered == 0 and not any(reduction.solve(point).cycled for point in points)
     assert np.median(errors.values["dual_full_floored"]) < 0.02
     assert np.percentile(errors.values["primal_l2"], 95) < 0.01
+    found, exact = (model.solve(demo.POINT).displacement() for model in (reduction, pellet.full_order))
+    assert relative_error(found, exact, problem.mass) < 0.01
 
 
 def run_quick(name, out, *arguments):
@@ -424,7 +429,7 @@ def run_quick(name, out, *arguments):
     assert run.returncode == 0, run.stderr[-3000:]
 
 
-@pytest.mark.parametrize("pairing", ["node_to_surface", "mortar"])
+@pytest.mark.parametrize("pairing", ["node_to_surface", pytest.param("mortar", marks=pytest.mark.slow)])
 def test_quick_pellet(tmp_path, pairing):
     run_quick("pellet_cladding_nonmatching", tmp_path, "--pairing", pairing)
     report = json.loads((tmp_path / "report.json").read_text())
