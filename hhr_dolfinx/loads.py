@@ -14,15 +14,14 @@ from scipy.sparse import csc_matrix, hstack, issparse
 
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
+from hhr_dolfinx.nonaffine import Coverage, checked_count
 from hhr_dolfinx.parameters import (
     Amplitude,
-    Coverage,
     NonAffine,
     ParameterSpace,
     as_tuple,
     check_amplitude,
     check_tag,
-    checked_count,
     is_number,
 )
 
@@ -172,7 +171,7 @@ class PartialPressure:
             )
 
     def terms(self, assembler: Assembler) -> list[Term]:
-        """Columns as :class:`~hhr_dolfinx.parameters.Coverage` counts them.
+        """Columns as :class:`~hhr_dolfinx.nonaffine.Coverage` counts them.
 
         Raises:
             SceneError: for what is no straight line in one piece along the axis.

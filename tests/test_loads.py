@@ -13,7 +13,8 @@ from toy_volume_load import Weight
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import SceneWarning
 from hhr_dolfinx.geometries import block
-from hhr_dolfinx.parameters import Amplitudes, Coverage, Theta
+from hhr_dolfinx.nonaffine import Coverage
+from hhr_dolfinx.parameters import Amplitudes, Theta
 
 YOUNG, HEIGHT, WIDTH, GAP = 3.0, 2.0, 1.5, 0.01
 

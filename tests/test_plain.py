@@ -14,7 +14,7 @@ from toy_law import Bingham
 from hhr_dolfinx.errors import FileContentError, SceneError
 from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.materials.laws import Norton, Plasticity
-from hhr_dolfinx.parameters import Coverage
+from hhr_dolfinx.nonaffine import Coverage
 from hhr_dolfinx.plain import as_plain, by_name, restored
 
 

@@ -22,7 +22,8 @@ from hhr_dolfinx.materials.laws import Norton, Plasticity
 from hhr_dolfinx.models.condensed import KnownStatuses
 from hhr_dolfinx.models.reconstruct import FlowFields, GappyField, Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel, ReducedProblem
-from hhr_dolfinx.parameters import Amplitudes, Coverage, ParameterSpace, checked_count
+from hhr_dolfinx.nonaffine import Coverage, checked_count
+from hhr_dolfinx.parameters import Amplitudes, ParameterSpace
 from hhr_dolfinx.plain import as_plain, by_name, restored
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
