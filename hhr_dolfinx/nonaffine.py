@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -72,12 +72,12 @@ def checked_count(amplitude: Any, space: ParameterSpace, owner: object) -> int:
     Raises:
         SceneError: for what is none.
     """
-    if isinstance(amplitude, type) or not callable(amplitude) or not is_dataclass(amplitude):
+    if isinstance(amplitude, type) or not callable(amplitude) or not hasattr(amplitude, "__dataclass_fields__"):
         raise SceneError(
             f"the amplitude {amplitude!r} of {owner!r} must be an Amplitude, or a frozen dataclass with a count that "
             "returns (columns, values) for a point"
         )
-    count = getattr(amplitude, "count", None)
+    count: Any = getattr(amplitude, "count", None)
     if not is_whole(count, 1):
         raise SceneError(f"the count {count!r} of {amplitude!r} of {owner!r} must be its number of columns")
     try:

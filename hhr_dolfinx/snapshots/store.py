@@ -51,6 +51,8 @@ SOLVED = 1e-2
 class SnapshotStore:
     """Full-order answers of one problem in a folder.
 
+    Laws and amplitudes of a user's own must be told apart by numbers: else a FileContentError says what to do.
+
     Args:
         folder: where the files are; made if missing. Several problems and processes may share it.
         full: the full model whose answers are kept. Any change of its problem or of its laws gives other files, but for
@@ -61,7 +63,6 @@ class SnapshotStore:
 
     Raises:
         FileError: if the folder cannot be made.
-        FileContentError: for a law or an amplitude of a user's own that numbers do not tell apart.
     """
 
     def __init__(self, folder: str | Path, full: Any):
