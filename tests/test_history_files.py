@@ -329,7 +329,8 @@ def test_a_law_that_was_edited_is_another_one(tmp_path):
     digests = []
     for factor in ("1.0", "2.0", "1.0"):
         path = tmp_path / f"law_{len(digests)}.py"
-        path.write_text(f"class Own:\n    def flow(self, trial, *_):\n        return {factor} * trial, 0 * trial\n")
+        base = f"class Base:\n    def flow(self, trial, *_):\n        return {factor} * trial, 0 * trial\n"
+        path.write_text(f"{base}\n\nclass Own(Base):\n    pass\n")
         spec = importlib.util.spec_from_file_location(path.stem, path)
         module = importlib.util.module_from_spec(spec)
         sys.modules[path.stem] = module

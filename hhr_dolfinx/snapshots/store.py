@@ -11,6 +11,7 @@ import hashlib
 import inspect
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import astuple, fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -49,6 +50,8 @@ SOLVED = 1e-2
 
 class SnapshotStore:
     """Full-order answers of one problem in a folder.
+
+    Laws and amplitudes of a user's own must be told apart by numbers: else a FileContentError says what to do.
 
     Args:
         folder: where the files are; made if missing. Several problems and processes may share it.
@@ -235,7 +238,7 @@ def _add(digest: Any, value: Any) -> None:
         for item in value:
             _add(digest, item)
     elif isinstance(value, Mapping):
-        _add(digest, sorted(value.items()))
+        _add(digest, sorted(value.items(), key=lambda item: repr(item[0])))
     elif isinstance(value, np.ndarray | np.generic | bool | int | float):
         array = np.ascontiguousarray(value)
         if array.dtype.hasobject:
@@ -252,12 +255,11 @@ def _add(digest: Any, value: Any) -> None:
 
 def _source(kind: type) -> str:
     """What a class is known by: its name, and of a user's own what it does, which the version of the package omits."""
-    if kind.__module__.startswith("hhr_dolfinx."):
-        return kind.__qualname__
-    try:
-        return inspect.getsource(kind)
-    except (OSError, TypeError):  # typed in, where no file holds it
-        return kind.__qualname__
+    texts = [kind.__qualname__]
+    with suppress(OSError, TypeError):  # typed in, or of Python itself: no file holds it
+        own = (base for base in kind.__mro__[:-1] if not base.__module__.startswith("hhr_dolfinx."))
+        texts.extend(inspect.getsource(base) for base in own)
+    return "\0".join(texts)
 
 
 def _indistinct(value: Any) -> str:
