@@ -84,15 +84,15 @@ def _why_not_writable(folder: Path) -> str:
         with tempfile.NamedTemporaryFile(dir=folder) as probe:
             probe.write(b"results")
             probe.flush()
-    except PermissionError as error:
-        return (
-            f"--out {folder}: results cannot be written, {error.strerror.lower()}: {_owner(folder)}. Name a folder of "
-            "yours by --out. For a folder mounted in a container: on the host, make it first (mkdir -p out) or make it "
-            'yours (sudo chown "$(id -u)" out), and start the container as its owner (--user "$(id -u):$(id -g)")'
-        )
     except OSError as error:
-        why = (error.strerror or str(error)).lower()
-        return f"--out {folder}: results cannot be written, {why}. Name another folder"
+        why = f"--out {folder}: results cannot be written, {(error.strerror or str(error)).lower()}"
+        if not isinstance(error, PermissionError):
+            return f"{why}. Name another folder"
+        return (
+            f"{why}: {_owner(folder)}. Name a folder of yours by --out. For a folder mounted in a container: on the "
+            'host, make it first (mkdir -p out) or make it yours (sudo chown "$(id -u)" out), and start the container '
+            'as its owner (--user "$(id -u):$(id -g)")'
+        )
     return ""
 
 

@@ -44,8 +44,8 @@ def progress_on(console: Console) -> Callable[[str], Callable[[Iterable], Iterat
     return lambda label: lambda items: shown(label, items, console)
 
 
-def _bar(label: str, items: Iterable, console: Console) -> Iterable:
-    return track(items, description=f"{label:10}", console=console, transient=True)
+def _bar(label: str, items: Iterable, console: Console) -> Iterator:
+    yield from track(items, description=f"{label:10}", console=console, transient=True)
 
 
 def _line(label: str, items: Iterable, console: Console) -> Iterator:

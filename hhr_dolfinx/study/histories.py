@@ -99,8 +99,8 @@ def history_errors(
         floor: force norm below which a relative error means nothing.
     """
     here, there = history.answers[-1], exact.answers[-1]
-    pairs = ((answer.displacement(), answer.forces()) for answer in (here, there))
-    errors = answer_errors(full.problem, *pairs, floor, conditions_inside(model))
+    found, known = ((answer.displacement(), answer.forces()) for answer in (here, there))
+    errors = answer_errors(full.problem, found, known, floor, conditions_inside(model))
     stress, flowed = there.stress(), there.plastic_strain()
     if isinstance(model, ReducedModel):
         inside = model.equilibrium.points

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from hhr_dolfinx.certify.accuracy import relative_error, summary
 from hhr_dolfinx.certify.compare import largest_errors
 from hhr_dolfinx.errors import HHRError, OutsideTrainingWarning
-from hhr_dolfinx.models.answer import Model
+from hhr_dolfinx.models.answer import Model, Path
 from hhr_dolfinx.models.path import MarchSettings
 from hhr_dolfinx.models.reduced import ReducedModel
 
@@ -28,7 +28,7 @@ class PathCase:
     """
 
     name: str
-    path: Sequence[tuple[float, np.ndarray]]
+    path: Path
     inside: bool
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.linear.dense import Factorise, LapackLU, PetscLU
 from hhr_dolfinx.models.answer import Model
-from hhr_dolfinx.models.condensed import CondensedModel
+from hhr_dolfinx.models.condensed import KnownStatuses
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.study.measure import Measurement, Row, conditions_inside
 from hhr_dolfinx.study.training import Progress, Training
@@ -41,31 +42,36 @@ def measure_points(
         points: test points, (n, P).
         progress: for progress bars.
     """
-    full, space = training.full_order, training.full_order.parameters
+    full, space, known = training.full_order, training.full_order.parameters, training.snapshots.known_statuses()
     yardstick = Yardstick.at(points, full, training.snapshots, progress("references"))
     answers = [model.solve(point, raise_on_failure=False, outside="ignore") for point in points]
+    forces_only, condensed = (exact_condensation(full, known, field=field) for field in (False, True))
+    models: dict[str, Model] = {
+        "fom_best": full,
+        "online": model,
+        "online_lapack": _twin(model, LapackLU),
+        "condensed": forces_only,
+    }
+    if settings.naive:
+        models["fom_naive"] = NaiveFullOrder(full)
     # those that are timed are neither trained nor tested on
     fresh, others = (space.random(settings.queries + 5, settings.seed + k) for k in (1000, 4000))
-    known = training.snapshots.known_statuses()
-    forces_only, condensed = (exact_condensation(full, known, field=field) for field in (False, True))
-    naive = NaiveFullOrder(full) if settings.naive else None
-    warm = time_queries(_warm(training, model, forces_only, condensed, naive), fresh)
-    cold = time_queries(_cold(training, model, forces_only, naive), others)
+    whole = {"online_full": _everywhere(_twin(model, PetscLU)), "condensed_full": condensed.solve}
+    warm = time_queries(_warm(models, known) | whole, fresh)
+    cold = time_queries({name: partial(item.solve, start=None) for name, item in models.items()}, others)
 
     def beside(method: str, setting: str, other: Model) -> Row:
         errors = yardstick.errors(other, conditions_inside(other))
         return Row(method, setting, time_queries({"online": other.solve}, fresh)["online"], errors)
 
-    own = Row("HHR", "this model", warm["online"], yardstick.errors(model, conditions_inside(model)))
     exact = {"condensed": yardstick.errors(condensed), "fom_best": yardstick.errors(full)}
     skipped = []
-    if naive is None:
-        why = "not asked for: one query takes too long to measure a hundred"
-        skipped.append({"stage": "fom_naive", "why": why})
-    else:
+    if settings.naive:
         # the same statuses by another solver: what differs is round-off, which tests of the full order measure
         exact["fom_naive"] = exact["fom_best"]
-    rows = [Row(name, "exact", warm[name], errors) for name, errors in exact.items()]
+    else:
+        why = "not asked for: one query takes too long to measure a hundred"
+        skipped.append({"stage": "fom_naive", "why": why})
     iterations = [answer.iterations for answer in answers]
     report = {
         "times": {**_summaries(warm, TIMED), "cold_start": _summaries(cold, COLD)},
@@ -76,53 +82,28 @@ def measure_points(
             "cycles": sum(answer.cycled for answer in answers),
         },
     }
+    own = Row("HHR", "this model", warm["online"], yardstick.errors(model, conditions_inside(model)))
+    rows = [Row(name, "exact", warm[name], errors) for name, errors in exact.items()]
     return Measurement(own, rows, beside, report, skipped)
 
 
-def _warm(
-    training: Training,
-    model: ReducedModel,
-    forces_only: CondensedModel,
-    condensed: CondensedModel,
-    naive: NaiveFullOrder | None,
-) -> Queries:
-    """Queries of all models, each started from the nearest known statuses."""
-    known, whole = training.snapshots.known_statuses(), _twin(model, PetscLU)
+def _warm(models: dict[str, Model], known: KnownStatuses) -> Queries:
+    """Queries started from the nearest known statuses, of which full models have to be told."""
 
     def near(solve: Callable) -> Callable:
         return lambda point: solve(point, start=known.active[known.nearest(point)])
 
-    def everywhere(point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        answer = whole.solve(point)
+    return {name: near(model.solve) if name.startswith("fom") else model.solve for name, model in models.items()}
+
+
+def _everywhere(model: Model) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Queries of a model for fields and all forces."""
+
+    def query(point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        answer = model.solve(point)
         return answer.displacement(), answer.forces()
 
-    queries = {
-        "fom_best": near(training.full_order.solve),
-        "online": model.solve,
-        "online_lapack": _twin(model, LapackLU).solve,
-        "online_full": everywhere,
-        "condensed": forces_only.solve,
-        "condensed_full": condensed.solve,
-    }
-    return queries if naive is None else queries | {"fom_naive": near(naive.solve)}
-
-
-def _cold(
-    training: Training, model: ReducedModel, forces_only: CondensedModel, naive: NaiveFullOrder | None
-) -> Queries:
-    """Queries of all models, each started from no statuses."""
-    models: dict[str, Model] = {
-        "fom_best": training.full_order,
-        "online": model,
-        "online_lapack": _twin(model, LapackLU),
-        "condensed": forces_only,
-    }
-    models |= {} if naive is None else {"fom_naive": naive}
-
-    def unaided(solve: Callable) -> Callable:
-        return lambda point: solve(point, start=None)
-
-    return {name: unaided(item.solve) for name, item in models.items()}
+    return query
 
 
 def _twin(model: ReducedModel, factorise: Factorise) -> ReducedModel:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -205,8 +206,10 @@ def run_study(
     model = training.build(settings.recipe)
     measured = _measured(training, model, settings, tests, progress)
     rows = [measured.own.as_report()]
-    rows += [_variant(training, measured, *variant) for variant in progress("variants")(settings.variants)]
-    rows += [_rival(measured, rival) for rival in progress("rivals")(rivals)]
+    for label, recipe in progress("variants")(settings.variants):
+        rows.append(_row(measured, "HHR", label, partial(training.build, recipe)))
+    for rival in progress("rivals")(rivals):
+        rows.append(_row(measured, rival.method, rival.setting, partial(_same, rival.model)))
     rows += [row.as_report() for row in measured.exact]
     report = make_report(training, model, measured, rows, settings.seed)
     if settings.models:
@@ -242,35 +245,33 @@ def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray 
         StudyError: for the one where the other is needed.
         ParameterError: for points that are none.
     """
-    flows, paths = any(body.law is not None for body in scene.bodies), settings.tests
-    if flows and (points is not None or not isinstance(paths, Mapping)):
-        asked = f"tests = {paths!r}" if points is None else "points"
-        raise StudyError(f"bodies of scene '{scene.name}' flow: {asked} must be paths, tests={{label: path, ...}}")
-    if flows:
-        return dict(zip(paths, training_paths(scene, paths.values()), strict=True))
+    asked = settings.tests
+    if any(body.law is not None for body in scene.bodies):
+        if points is None and isinstance(asked, Mapping):
+            return dict(zip(asked, training_paths(scene, asked.values()), strict=True))
+        what = f"tests = {asked!r}" if points is None else "points"
+        raise StudyError(f"bodies of scene '{scene.name}' flow: {what} must be paths, tests={{label: path, ...}}")
     if points is not None:
         return scene.parameters.points(points)
-    if isinstance(paths, Mapping):
+    if isinstance(asked, Mapping):
         raise StudyError(f"nothing flows in scene '{scene.name}': tests must be a number of random points, not paths")
-    return scene.parameters.random(paths, settings.seed)
+    return scene.parameters.random(asked, settings.seed)
 
 
-def _variant(training: Training, measured: Measurement, label: str, recipe: Recipe) -> dict[str, Any]:
-    """Row of another recipe; a refused model is a row with its reason, a doubtful one has a warning."""
+def _same(model: Model) -> Model:
+    """A rival is there already."""
+    return model
+
+
+def _row(measured: Measurement, method: str, setting: str, make: Callable[[], Model]) -> dict[str, Any]:
+    """Row of another model; one that is refused has the reason in its place, a doubtful one a warning."""
     try:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", StabilityWarning)
-            model = training.build(recipe)
-        size = f"{label} ({len(model.problem.stiffness)}+{len(model.problem.gaps)})"
-        row = measured.beside("HHR", size, model).as_report()
+            model = make()
+        if isinstance(model, ReducedModel):
+            setting = f"{setting} ({len(model.problem.stiffness)}+{len(model.problem.gaps)})"
+        row = measured.beside(method, setting, model).as_report()
     except HHRError as error:
-        return {"method": "HHR", "setting": label, "refused": str(error)}
+        return {"method": method, "setting": setting, "refused": str(error)}
     return row | ({"warning": str(caught[0].message)} if caught else {})
-
-
-def _rival(measured: Measurement, rival: Rival) -> dict[str, Any]:
-    """Row of a rival; one without an answer is a row with the reason."""
-    try:
-        return measured.beside(rival.method, rival.setting, rival.model).as_report()
-    except HHRError as error:
-        return {"method": rival.method, "setting": rival.setting, "refused": str(error)}

@@ -23,7 +23,7 @@ from hhr_dolfinx.certify.accuracy import contact_residuals, relative_error
 from hhr_dolfinx.certify.compare import floor_of, largest_errors
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.models.answer import History, Model
+from hhr_dolfinx.models.answer import History, Model, Path
 from hhr_dolfinx.models.path import MarchSettings
 from hhr_dolfinx.reduction.build import build
 from hhr_dolfinx.reduction.recipe import Recipe
@@ -40,94 +40,6 @@ HISTORY_TOLERANCE = 2e-3
 """Two searches stop at residuals of 1e-5; where a body is near its limit load the displacement moves 100 times that."""
 HISTORY_WORST = {"displacement": 0.05, "forces": 0.2}
 """Largest errors over the largest size in the history; two training histories of 20 steps on a coarse mesh."""
-
-
-@dataclass(frozen=True)
-class Known:
-    """What is known of an answer beforehand.
-
-    Attributes:
-        name: what it is, in words.
-        error: maps the full model, or the history of a scene that flows as far as it came, to an error.
-        tolerance: error up to which an answer is right.
-    """
-
-    name: str
-    error: Callable[[Any], float]
-    tolerance: float
-
-    def row(self, case: str, found: Any, warned: list[str]) -> Line:
-        """Row of what was found: right, or told to be wrong by a warning, or wrong."""
-        error = self.error(found)
-        verdict = "right" if error <= self.tolerance else "warned" if warned else "WRONG"
-        return answer(case, "known answer", error, verdict, "; warned: ".join([self.name, *warned]))
-
-
-@dataclass(frozen=True)
-class Case:
-    """A scene, and how it is trained and reduced.
-
-    Attributes:
-        name: what is extreme.
-        scene: the scene.
-        recipe: how to reduce; None for the usual way.
-        select: maps the training solutions to those used.
-        counts: training points along each parameter; None takes those of the run.
-        known: what is known of the full order's answers; None if nothing is.
-        tests: random points at which the reduced model is compared, and ten more held out of its training.
-        worst_force: limit of the largest force error, smaller where no contact changes its place.
-    """
-
-    name: str
-    scene: Scene
-    recipe: Recipe | None = None
-    select: Callable[[SnapshotSet], SnapshotSet] = lambda snapshots: snapshots
-    counts: tuple[int, ...] | None = None
-    known: Known | None = None
-    tests: int = 40
-    worst_force: float = REDUCED_WORST["dual_full_floored"]
-
-
-@dataclass(frozen=True)
-class HistoryCase:
-    """A scene that flows, its path in time, and how it is reduced.
-
-    Attributes:
-        name: what is extreme.
-        scene: makes the scene; what it raises counts as refused.
-        path: times and parameters for a value.
-        values: the first and the last are trained on, the middle one is tried.
-        recipe: how to reduce; None for the usual way.
-        tried: the path compared, for the middle value; None for the family that was trained.
-        known: what is known of the history compared, or of the part kept of one that is refused; None if nothing is.
-    """
-
-    name: str
-    scene: Callable[[], Scene]
-    path: Callable[[float], Sequence]
-    values: tuple[float, float, float]
-    recipe: Recipe | None = None
-    tried: Callable[[float], Sequence] | None = None
-    known: Known | None = None
-
-
-@dataclass(frozen=True)
-class _Checked:
-    """What was found of a full model.
-
-    Attributes:
-        worst: largest difference to another search.
-        tolerance: what round-off, or the tolerance of the searches, explains.
-        why: what was compared.
-        shown: what the error of a known answer is told by.
-        training: histories to train on, where bodies flow.
-    """
-
-    worst: float
-    tolerance: float
-    why: str
-    shown: Any
-    training: Sequence[History] = ()
 
 
 OWN_WARNINGS = tuple(
@@ -162,6 +74,163 @@ def refusal(case: str, model: str, error: Exception) -> Line:
     return {"case": case, "model": model, "outcome": "refused", "figure": None, "why": str(error)}
 
 
+@dataclass(frozen=True)
+class Known:
+    """What is known of an answer beforehand.
+
+    Attributes:
+        name: what it is, in words.
+        error: maps the full model, or the history of a scene that flows as far as it came, to an error.
+        tolerance: error up to which an answer is right.
+    """
+
+    name: str
+    error: Callable[[Any], float]
+    tolerance: float
+
+    def row(self, case: str, found: Any, warned: list[str]) -> Line:
+        """Row of what was found: right, or told to be wrong by a warning, or wrong."""
+        error = self.error(found)
+        verdict = "right" if error <= self.tolerance else "warned" if warned else "WRONG"
+        return answer(case, "known answer", error, verdict, "; warned: ".join([self.name, *warned]))
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What was found of a full model.
+
+    Attributes:
+        worst: largest difference to another search.
+        tolerance: what round-off, or the tolerance of the searches, explains.
+        why: what was compared.
+        shown: what the error of a known answer is told by.
+        training: histories to train on, where bodies flow.
+    """
+
+    worst: float
+    tolerance: float
+    why: str
+    shown: Any
+    training: Sequence[History] = ()
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene, and how it is trained and reduced.
+
+    Attributes:
+        name: what is extreme.
+        scene: the scene.
+        recipe: how to reduce; None for the usual way.
+        select: maps the training solutions to those used.
+        counts: training points along each parameter; None takes those of the run.
+        known: what is known of the full order's answers; None if nothing is.
+        tests: random points at which the reduced model is compared, and ten more held out of its training.
+        worst_force: limit of the largest force error, smaller where no contact changes its place.
+    """
+
+    name: str
+    scene: Scene
+    recipe: Recipe | None = None
+    select: Callable[[SnapshotSet], SnapshotSet] = lambda snapshots: snapshots
+    counts: tuple[int, ...] | None = None
+    known: Known | None = None
+    tests: int = 40
+    worst_force: float = REDUCED_WORST["dual_full_floored"]
+
+    def built(self) -> FullOrderModel:
+        """The full model."""
+        return FullOrderModel(self.scene, MPI.COMM_SELF)
+
+    def check(self, full: FullOrderModel, seed: int) -> Checked:
+        """The full model beside an independent solver at random parameters."""
+        from hhr_dolfinx.baselines.naive import NaiveFullOrder
+
+        naive, bodies, points = NaiveFullOrder(full), _dofs_of_pairs(full.problem), full.parameters.random(5, seed + 7)
+        worst = np.max([_disagreement(full, naive, point, bodies) for point in points])
+        tolerance = max(FULL_TOLERANCE, *(_lost(full, point) for point in points))
+        return Checked(worst, tolerance, "two solvers and the contact conditions", full)
+
+    def check_reduced(self, full: FullOrderModel, checked: Checked, counts: tuple[int, ...], seed: int) -> Line:
+        """Row of the reduced model at random parameters."""
+        from hhr_dolfinx.study.yardstick import Yardstick
+
+        space = full.parameters
+        with said() as warned:
+            snapshots = self.select(compute_snapshots(full, space.grid(self.counts or counts)))
+            held_out = compute_snapshots(full, space.random(self.tests + 10, seed + 1))
+            model = build(full, snapshots, self.recipe, held_out)
+        points, limits = space.random(self.tests, seed), {**REDUCED_WORST, "dual_full_floored": self.worst_force}
+        found = Yardstick.at(points, full, snapshots).errors(model)
+        within, parts = True, []
+        for name, label in (("primal_l2", "displacement"), ("dual_full_floored", "forces")):
+            values = found.values[name]
+            worst, high = values.max(), np.percentile(values, 95, method="higher")
+            within &= bool(worst <= limits[name] and high <= REDUCED_P95[name])
+            parts.append(f"{label} {high:.1e} at 95 %, {worst:.1e} at {space.described(points[values.argmax()])}")
+        unanswered = [space.described(point) for point in points[~found.answered]]
+        parts += [f"no answer at {'; '.join(unanswered)}"] if unanswered else []
+        parts += [f"warned: {message}" for message in warned]
+        verdict = "right" if within else "warned" if warned else "WRONG"
+        return answer(self.name, "reduced", found.values["dual_full_floored"].max(), verdict, "; ".join(parts))
+
+
+@dataclass(frozen=True)
+class HistoryCase:
+    """A scene that flows, its path in time, and how it is reduced.
+
+    Attributes:
+        name: what is extreme.
+        scene: makes the scene; what it raises counts as refused.
+        path: times and parameters for a value.
+        values: the first and the last are trained on, the middle one is tried.
+        recipe: how to reduce; None for the usual way.
+        tried: the path compared, for the middle value; None for the family that was trained.
+        known: what is known of the history compared, or of the part kept of one that is refused; None if nothing is.
+    """
+
+    name: str
+    scene: Callable[[], Scene]
+    path: Callable[[float], Path]
+    values: tuple[float, float, float]
+    recipe: Recipe | None = None
+    tried: Callable[[float], Path] | None = None
+    known: Known | None = None
+
+    def built(self) -> FullOrderModel:
+        """The full model."""
+        return FullOrderModel(self.scene(), MPI.COMM_SELF)
+
+    def check(self, full: FullOrderModel, seed: int) -> Checked:
+        """A full history beside that of another search operator."""
+        first, middle, last = self.values
+        training = [full.march(self.path(value)) for value in (first, last)]
+        tried = (self.tried or self.path)(middle)
+        exact, other = (full.march(tried, settings) for settings in (MarchSettings(), MarchSettings("tangent")))
+        worst = max(relative_error(p.unknown, q.unknown) for p, q in zip(exact.answers, other.answers, strict=True))
+        iterations = f"{sum(exact.iterations)} and {sum(other.iterations)} iterations"
+        why = f"two search operators, {iterations}, {exact.cuts} cuts"
+        return Checked(worst, HISTORY_TOLERANCE, why, exact, training)
+
+    def check_reduced(self, full: FullOrderModel, checked: Checked, counts: tuple[int, ...], seed: int) -> Line:
+        """Row of the reduced model along the path of the full one."""
+        exact, snapshots = checked.shown, SnapshotSet.of_histories(checked.training)
+        with said() as doubts:
+            model = build(full, snapshots, self.recipe)
+        with said() as told:
+            found = model.march(exact.path)
+        high = dict(zip(HISTORY_WORST, largest_errors(full, found, exact, floor_of(full, snapshots)), strict=True))
+        within = all(high[name] <= limit for name, limit in HISTORY_WORST.items())
+        parts = [*(f"{name} {value:.1e}" for name, value in high.items()), f"{model.offline.layers} layers"]
+        parts += [f"warned: {message}" for message in (*doubts, *told)]
+        if self.tried is None:
+            verdict = "right" if within else "warned" if doubts or told else "WRONG"
+        else:
+            # where nothing was trained a good answer is luck, and only the model itself can say so when it is asked
+            verdict = "warned" if told else "right" if within else "WRONG"
+        return answer(self.name, "reduced", max(high.values()), verdict, ", ".join(parts))
+
+
 def verify(case: Case | HistoryCase, counts: tuple[int, ...], seed: int) -> Iterator[Line]:
     """Rows of the full order and, where it is not refused, of the reduced model.
 
@@ -170,11 +239,10 @@ def verify(case: Case | HistoryCase, counts: tuple[int, ...], seed: int) -> Iter
         counts: training points along each parameter, where the case does not say it.
         seed: of random parameters.
     """
-    flows = isinstance(case, HistoryCase)
     try:
         with said() as warned:
-            full = FullOrderModel(case.scene() if flows else case.scene, MPI.COMM_SELF)
-        checked = _two_searches(case, full) if flows else _two_solvers(full, seed)
+            full = case.built()
+        checked = case.check(full, seed)
     except errors.HHRError as error:
         yield refusal(case.name, "full", error)
         if case.known is not None and hasattr(error, "history"):
@@ -185,34 +253,9 @@ def verify(case: Case | HistoryCase, counts: tuple[int, ...], seed: int) -> Iter
     try:
         if case.known is not None:
             yield case.known.row(case.name, checked.shown, warned)
-        if flows:
-            yield _reduced_history(case, full, checked)
-        else:
-            yield _reduced_points(case, full, case.counts or counts, seed)
+        yield case.check_reduced(full, checked, counts, seed)
     except errors.HHRError as error:
         yield refusal(case.name, "reduced", error)
-
-
-def _two_solvers(full: FullOrderModel, seed: int) -> _Checked:
-    """The full model beside an independent solver at random parameters."""
-    from hhr_dolfinx.baselines.naive import NaiveFullOrder
-
-    naive, bodies, points = NaiveFullOrder(full), _dofs_of_pairs(full.problem), full.parameters.random(5, seed + 7)
-    worst = np.max([_disagreement(full, naive, point, bodies) for point in points])
-    tolerance = max(FULL_TOLERANCE, *(_lost(full, point) for point in points))
-    return _Checked(worst, tolerance, "two solvers and the contact conditions", full)
-
-
-def _two_searches(case: HistoryCase, full: FullOrderModel) -> _Checked:
-    """A full history beside that of another search operator."""
-    first, middle, last = case.values
-    training = [full.march(case.path(value)) for value in (first, last)]
-    tried = (case.tried or case.path)(middle)
-    exact, other = (full.march(tried, settings) for settings in (MarchSettings(), MarchSettings("tangent")))
-    worst = max(relative_error(p.unknown, q.unknown) for p, q in zip(exact.answers, other.answers, strict=True))
-    iterations = f"{sum(exact.iterations)} and {sum(other.iterations)} iterations"
-    why = f"two search operators, {iterations}, {exact.cuts} cuts"
-    return _Checked(worst, HISTORY_TOLERANCE, why, exact, training)
 
 
 def _dofs_of_pairs(problem: ContactProblem) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -253,49 +296,6 @@ def _disagreement(
         worst.append(relative_error(np.minimum(forces[rows], 0.0), np.zeros(rows.sum()), floor=floor))
     worst += asdict(contact_residuals(problem, displacement, forces, problem.theta(point))).values()
     return float(np.max(worst))  # NaN stays NaN
-
-
-def _reduced_points(case: Case, full: FullOrderModel, counts: tuple[int, ...], seed: int) -> Line:
-    """Row of the reduced model at random parameters."""
-    from hhr_dolfinx.study.yardstick import Yardstick
-
-    space = full.parameters
-    with said() as warned:
-        snapshots = case.select(compute_snapshots(full, space.grid(counts)))
-        held_out = compute_snapshots(full, space.random(case.tests + 10, seed + 1))
-        model = build(full, snapshots, case.recipe, held_out)
-    points, limits = space.random(case.tests, seed), {**REDUCED_WORST, "dual_full_floored": case.worst_force}
-    found = Yardstick.at(points, full, snapshots).errors(model)
-    within, parts = True, []
-    for name, label in (("primal_l2", "displacement"), ("dual_full_floored", "forces")):
-        values = found.values[name]
-        worst, high = values.max(), np.percentile(values, 95, method="higher")
-        within &= bool(worst <= limits[name] and high <= REDUCED_P95[name])
-        parts.append(f"{label} {high:.1e} at 95 %, {worst:.1e} at {space.described(points[values.argmax()])}")
-    unanswered = [space.described(point) for point in points[~found.answered]]
-    parts += [f"no answer at {'; '.join(unanswered)}"] if unanswered else []
-    parts += [f"warned: {message}" for message in warned]
-    verdict = "right" if within else "warned" if warned else "WRONG"
-    return answer(case.name, "reduced", found.values["dual_full_floored"].max(), verdict, "; ".join(parts))
-
-
-def _reduced_history(case: HistoryCase, full: FullOrderModel, checked: _Checked) -> Line:
-    """Row of the reduced model along the path of the full one."""
-    exact, snapshots = checked.shown, SnapshotSet.of_histories(checked.training)
-    with said() as doubts:
-        model = build(full, snapshots, case.recipe)
-    with said() as told:
-        found = model.march(exact.path)
-    high = dict(zip(HISTORY_WORST, largest_errors(full, found, exact, floor_of(full, snapshots)), strict=True))
-    within = all(high[name] <= limit for name, limit in HISTORY_WORST.items())
-    parts = [*(f"{name} {value:.1e}" for name, value in high.items()), f"{model.offline.layers} layers"]
-    parts += [f"warned: {message}" for message in (*doubts, *told)]
-    if case.tried is None:
-        verdict = "right" if within else "warned" if doubts or told else "WRONG"
-    else:
-        # where nothing was trained a good answer is luck, and only the model itself can say so when it is asked
-        verdict = "warned" if told else "right" if within else "WRONG"
-    return answer(case.name, "reduced", max(high.values()), verdict, ", ".join(parts))
 
 
 def as_report(rows: list[Line], seed: int) -> dict[str, Any]:

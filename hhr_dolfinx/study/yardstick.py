@@ -51,8 +51,8 @@ class Yardstick:
             model: any with ``solve(mu)``, whose displacements and forces on the whole mesh are compared.
             inside: conditions of its RID, if it has one.
         """
-        rows, residuals, references, problem = [], [], self.references, self.problem
-        false_contact = 0
+        rows: list[dict[str, float] | None] = []
+        residuals, references, problem, false_contact = [], self.references, self.problem, 0
         for point, homogeneous, forces in zip(
             references.points, references.displacements.T, references.forces.T, strict=True
         ):
