@@ -441,6 +441,15 @@ def test_a_body_that_flows_is_never_answered_for_as_an_elastic_one(name):
     assert answer.displacement() == pytest.approx(step.displacement(), rel=1e-4, abs=1e-9)
 
 
+def test_a_query_starts_where_the_box_is_nearest_to_zero(monkeypatch):
+    """At the lower end of a box around zero the bar would be pushed by all of it: no place to be at rest."""
+    full, asked = hhr.FullOrderModel(bar(LAWS["plasticity"])), []
+    honest = full.march
+    monkeypatch.setattr(full, "march", lambda path, settings: asked.append(path) or honest(path, settings))
+    full.solve(0.01)
+    assert [point.tolist() for _, point in asked[0]] == [[0.0], [0.01]]
+
+
 class Nonsense:
     """A law whose flow is not a number."""
 
