@@ -132,10 +132,15 @@ def save_model(path: str | Path, model: ReducedModel) -> None:
         why = "the indicator stays behind: answers of the model read from it have no estimate"
         warnings.warn(f"{path} holds no code, {why}", ModelFileWarning, stacklevel=2)
     laws = [group.law for group in model.flow.material.groups] if model.flow is not None else []
-    values = {"amplitudes": list(model.fields.amplitudes.nonaffine), "laws": laws}
+    values: dict[str, list[Any]] = {"amplitudes": list(model.fields.amplitudes.nonaffine), "laws": laws}
     space = model.parameters
     box = {"names": space.names, "lower": [float(x) for x in space.lower], "upper": [float(x) for x in space.upper]}
-    header = {"format": FORMAT, "version": VERSION, "parameters": box, "dimension": int(model.dimension)}
+    header: dict[str, Any] = {
+        "format": FORMAT,
+        "version": VERSION,
+        "parameters": box,
+        "dimension": int(model.dimension),
+    }
     try:
         kinds = by_name([*_BUILT_IN, *(type(item) for group in values.values() for item in group if item is not None)])
         fields = _taken_apart(model)
@@ -194,7 +199,7 @@ def _taken_apart(model: ReducedModel) -> dict[str, Any]:
         range_ = getattr(model.trained, "parameters", model.trained)
         values |= {f"trained.{name}": item for name, item in vars(range_).items()}
         values |= {f"paths.{name}": item for name, item in vars(model.trained).items()}
-    if model.flow is not None:
+    if model.flow is not None and model.fields.flow is not None:
         values |= _flow_taken_apart(model.flow, model.fields.flow)
     for name in PACKED.keys() & values.keys():
         entries = coo_matrix(values[name])
@@ -328,14 +333,13 @@ def _model(content: _Content) -> ReducedModel:
             entries = coo_matrix((values, (rows, columns)), shape=[content.sizes[label] for label in shape])
             parts[part][name] = entries.toarray(order=form) if form in "CF" else entries.asformat(form)
     theta = Amplitudes(**parts["amplitudes"], nonaffine=tuple(content.amplitudes))
-    flow, completion, trained = None, None, None
-    if "flow" in parts:
-        flow, completion = _flow(parts["flow"], parts["completion"], content)
+    trained: TrainedRange | TrainedPaths | None = None
     if "trained" in parts:
-        trained = TrainedRange(content.space.names, **parts["trained"])
-    if "paths" in parts:
-        steps = tuple(parts["paths"].pop("steps").tolist())
-        trained = TrainedPaths(trained, steps=steps, **parts["paths"])
+        trained = range_ = TrainedRange(content.space.names, **parts["trained"])
+        if "paths" in parts:
+            steps = tuple(parts["paths"].pop("steps").tolist())
+            trained = TrainedPaths(range_, steps=steps, **parts["paths"])
+    flow, completion = _flow(parts["flow"], parts["completion"], content) if "flow" in parts else (None, None)
     fields = Reconstruction(theta, **parts["fields"], dimension=content.dimension, flow=completion)
     known = KnownStatuses(**parts["known"]) if "known" in parts else None
     return ReducedModel(ReducedProblem(**parts["reduced"]), content.space, fields, trained, known=known, flow=flow)
@@ -350,7 +354,7 @@ def _flow(flow: dict, completion: dict, content: _Content) -> tuple[ReducedFlow,
     sizes, number = content.sizes, flow.pop("group").ravel()
     constants = zip(flow.pop("young").tolist(), flow.pop("poisson").tolist(), content.laws, strict=True)
     groups = [Group(np.flatnonzero(number == k), *item) for k, item in enumerate(constants)]
-    operator = StrainOperator(*(flow.pop(name) for name in ("gradients", "weights", "dofs")), sizes["n"])
+    operator = StrainOperator(flow.pop("gradients"), flow.pop("weights"), flow.pop("dofs"), sizes["n"])
     part = ReducedFlow(operator, Material(groups, sizes["components"]), **flow)
     stress, cumulated = (
         GappyField(completion[f"{name}_modes"], completion[f"{name}_fit"]) for name in ("stress", "cumulated")
