@@ -18,7 +18,6 @@ from scipy.sparse import coo_matrix
 
 from hhr_dolfinx.errors import FileContentError, HHRError, ModelFileError, ModelFileWarning, SceneError
 from hhr_dolfinx.files import check_layout, read_arrays, write_arrays
-from hhr_dolfinx.materials.laws import Norton, Plasticity
 from hhr_dolfinx.models.condensed import KnownStatuses
 from hhr_dolfinx.models.reconstruct import FlowFields, GappyField, Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel, ReducedProblem
@@ -108,7 +107,6 @@ _PRODUCTS = {
 }
 _TYPES = {"float": np.float64, "int": np.int64, "bool": np.bool_}
 _MAY_BE_NONE = {"force snapshots", "stress modes", "strain modes", *(f"entries of {name}" for name in PACKED)}
-_BUILT_IN = (Coverage, Plasticity, Norton)
 
 
 def save_model(path: str | Path, model: ReducedModel) -> None:
@@ -142,8 +140,8 @@ def save_model(path: str | Path, model: ReducedModel) -> None:
         "dimension": int(model.dimension),
     }
     try:
-        kinds = by_name([*_BUILT_IN, *(type(item) for group in values.values() for item in group if item is not None)])
         fields = _taken_apart(model)
+        kinds = _kinds(fields, {type(item) for items in values.values() for item in items if item is not None})
         layout = _layout(fields)
         arrays = {name: np.asarray(fields[name], dtype=_TYPES[kind[0]]) for name, kind in layout.items()}
         for what, items in values.items():
@@ -166,13 +164,13 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> ReducedModel:
     Raises:
         ModelFileError: if the file is missing, no model, of another version, or damaged, or holds an unknown class.
     """
-    kinds = by_name([*_BUILT_IN, *known])
     try:
         header, arrays = read_arrays(path, FORMAT, VERSION)
     except FileNotFoundError:
         raise ModelFileError(f"there is no model file {path}") from None
     except FileContentError as error:
         raise ModelFileError(f"{error}: build the model again") from error
+    kinds = _kinds(arrays, known)
     try:
         return _model(_checked(header, arrays, kinds))
     except ModelFileError as error:  # a class that was not passed: nothing is wrong with the file
@@ -181,9 +179,23 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> ReducedModel:
         raise ModelFileError(f"{path} is damaged or no model file ({error}): build the model again") from error
 
 
+def _flows(names: Iterable[str]) -> bool:
+    """Whether arrays of these names are of bodies that flow."""
+    return any(name.startswith("flow.") for name in names)
+
+
+def _kinds(names: Iterable[str], own: Iterable[type]) -> dict[str, type]:
+    """Classes of values that a file may hold, by name: those of this package, laws where bodies flow, and a user's."""
+    if not _flows(names):
+        return by_name([Coverage, *own])
+    from hhr_dolfinx.materials.laws import Norton, Plasticity
+
+    return by_name([Coverage, Plasticity, Norton, *own])
+
+
 def _layout(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
     """The part of the table that belongs to a model: elastic or flowing, with a training or not."""
-    flows, trained = "flow.cells" in names, "trained.lower" in names
+    flows, trained = _flows(names), "trained.lower" in names
     parts = {"reduced", "fields", "amplitudes", *(("flow", "completion") if flows else ("known",))}
     parts |= {"trained", *(("paths",) if flows else ())} if trained else set()
     return {name: kind for name, kind in LAYOUT.items() if name.split(".")[0] in parts}
@@ -252,7 +264,7 @@ def _checked(header: dict, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
     # compiled loops multiply indices, for which four bytes may be too few
     arrays = {name: arrays[name].astype(_TYPES[kind[0]], copy=False) for name, kind in layout.items()}
     content = _Content(space, header["dimension"], arrays, sizes, amplitudes, laws)
-    if "flow.cells" in arrays:
+    if _flows(arrays):
         _check_flow(content)
     elif laws:
         raise FileContentError("it has laws of flow, and nothing flows")
