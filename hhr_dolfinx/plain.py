@@ -113,7 +113,7 @@ def restored(data: object, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
 
 def _taken_apart(value: object) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Kind and numbers of a value, and its arrays."""
-    kind = type(value)
+    kind: Any = type(value)
     if not _is_kind(kind):
         raise FileContentError(f"{_shown(value)} cannot be kept: {_REMEDY}")
     fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(kind) if field.init}
@@ -123,9 +123,10 @@ def _taken_apart(value: object) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     return {"kind": kind.__name__, "numbers": numbers}, arrays
 
 
-def _is_kind(kind: object) -> bool:
+def _is_kind(kind: Any) -> bool:
     """Whether a class is a frozen dataclass."""
-    return isinstance(kind, type) and dataclasses.is_dataclass(kind) and kind.__dataclass_params__.frozen
+    parameters = getattr(kind, "__dataclass_params__", None)
+    return isinstance(kind, type) and parameters is not None and parameters.frozen
 
 
 def _checked(name: str, value: object) -> Any:
@@ -145,7 +146,7 @@ def _checked(name: str, value: object) -> Any:
 
 def _scalar(name: str, value: object) -> bool | int | float | str:
     """A number, string or truth value; numbers of numpy become Python's own."""
-    plain = value.item() if isinstance(value, np.generic) else value
+    plain: Any = value.item() if isinstance(value, np.generic) else value
     if type(plain) in (bool, str) or (type(plain) is float and math.isfinite(plain)):
         return plain
     if type(plain) is int and abs(plain) < 2**63:
@@ -171,9 +172,11 @@ def _fits(value: object, hint: object) -> bool:
     if origin is not tuple:
         return True
     items = get_args(hint)
+    if not isinstance(value, tuple):
+        return False
     if items[1:] == (Ellipsis,):
-        return isinstance(value, tuple) and all(_fits(item, items[0]) for item in value)
-    alike = isinstance(value, tuple) and (not items or len(items) == len(value))
+        return all(_fits(item, items[0]) for item in value)
+    alike = not items or len(items) == len(value)
     return alike and all(_fits(*pair) for pair in zip(value, items, strict=False))
 
 

@@ -19,7 +19,6 @@ from scipy.sparse import coo_matrix
 from hhr_dolfinx.amplitudes import Amplitudes, Coverage, checked_count
 from hhr_dolfinx.errors import FileContentError, HHRError, ModelFileError, ModelFileWarning, SceneError
 from hhr_dolfinx.files import check_layout, read_arrays, write_arrays
-from hhr_dolfinx.materials.laws import Norton, Plasticity
 from hhr_dolfinx.models.condensed import KnownStatuses
 from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.models.reconstruct import FlowFields, GappyField, Reconstruction
@@ -109,7 +108,6 @@ _PRODUCTS = {
 }
 _TYPES = {"float": np.float64, "int": np.int64, "bool": np.bool_}
 _MAY_BE_NONE = {"force snapshots", "stress modes", "strain modes", *(f"entries of {name}" for name in PACKED)}
-_BUILT_IN = (Coverage, Plasticity, Norton)
 
 
 def save_model(path: str | Path, model: ReducedModel) -> None:
@@ -133,13 +131,18 @@ def save_model(path: str | Path, model: ReducedModel) -> None:
         why = "the indicator stays behind: answers of the model read from it have no estimate"
         warnings.warn(f"{path} holds no code, {why}", ModelFileWarning, stacklevel=2)
     laws = [group.law for group in model.flow.material.groups] if model.flow is not None else []
-    values = {"amplitudes": list(model.fields.amplitudes.nonaffine), "laws": laws}
+    values: dict[str, list[Any]] = {"amplitudes": list(model.fields.amplitudes.nonaffine), "laws": laws}
     space = model.parameters
     box = {"names": space.names, "lower": [float(x) for x in space.lower], "upper": [float(x) for x in space.upper]}
-    header = {"format": FORMAT, "version": VERSION, "parameters": box, "dimension": int(model.dimension)}
+    header: dict[str, Any] = {
+        "format": FORMAT,
+        "version": VERSION,
+        "parameters": box,
+        "dimension": int(model.dimension),
+    }
     try:
-        kinds = by_name([*_BUILT_IN, *(type(item) for group in values.values() for item in group if item is not None)])
         fields = _taken_apart(model)
+        kinds = _kinds(fields, {type(item) for items in values.values() for item in items if item is not None})
         layout = _layout(fields)
         arrays = {name: np.asarray(fields[name], dtype=_TYPES[kind[0]]) for name, kind in layout.items()}
         for what, items in values.items():
@@ -162,13 +165,13 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> ReducedModel:
     Raises:
         ModelFileError: if the file is missing, no model, of another version, or damaged, or holds an unknown class.
     """
-    kinds = by_name([*_BUILT_IN, *known])
     try:
         header, arrays = read_arrays(path, FORMAT, VERSION)
     except FileNotFoundError:
         raise ModelFileError(f"there is no model file {path}") from None
     except FileContentError as error:
         raise ModelFileError(f"{error}: build the model again") from error
+    kinds = _kinds(arrays, known)
     try:
         return _model(_checked(header, arrays, kinds))
     except ModelFileError as error:  # a class that was not passed: nothing is wrong with the file
@@ -177,9 +180,23 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> ReducedModel:
         raise ModelFileError(f"{path} is damaged or no model file ({error}): build the model again") from error
 
 
+def _flows(names: Iterable[str]) -> bool:
+    """Whether arrays of these names are of bodies that flow."""
+    return any(name.startswith("flow.") for name in names)
+
+
+def _kinds(names: Iterable[str], own: Iterable[type]) -> dict[str, type]:
+    """Classes of values that a file may hold, by name: those of this package, laws where bodies flow, and a user's."""
+    if not _flows(names):
+        return by_name([Coverage, *own])
+    from hhr_dolfinx.materials.laws import Norton, Plasticity
+
+    return by_name([Coverage, Plasticity, Norton, *own])
+
+
 def _layout(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
     """The part of the table that belongs to a model: elastic or flowing, with a training or not."""
-    flows, trained = "flow.cells" in names, "trained.lower" in names
+    flows, trained = _flows(names), "trained.lower" in names
     parts = {"reduced", "fields", "amplitudes", *(("flow", "completion") if flows else ("known",))}
     parts |= {"trained", *(("paths",) if flows else ())} if trained else set()
     return {name: kind for name, kind in LAYOUT.items() if name.split(".")[0] in parts}
@@ -195,7 +212,7 @@ def _taken_apart(model: ReducedModel) -> dict[str, Any]:
         range_ = getattr(model.trained, "parameters", model.trained)
         values |= {f"trained.{name}": item for name, item in vars(range_).items()}
         values |= {f"paths.{name}": item for name, item in vars(model.trained).items()}
-    if model.flow is not None:
+    if model.flow is not None and model.fields.flow is not None:
         values |= _flow_taken_apart(model.flow, model.fields.flow)
     for name in PACKED.keys() & values.keys():
         entries = coo_matrix(values[name])
@@ -248,7 +265,7 @@ def _checked(header: dict, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
     # compiled loops multiply indices, for which four bytes may be too few
     arrays = {name: arrays[name].astype(_TYPES[kind[0]], copy=False) for name, kind in layout.items()}
     content = _Content(space, header["dimension"], arrays, sizes, amplitudes, laws)
-    if "flow.cells" in arrays:
+    if _flows(arrays):
         _check_flow(content)
     elif laws:
         raise FileContentError("it has laws of flow, and nothing flows")
@@ -329,14 +346,13 @@ def _model(content: _Content) -> ReducedModel:
             entries = coo_matrix((values, (rows, columns)), shape=[content.sizes[label] for label in shape])
             parts[part][name] = entries.toarray(order=form) if form in "CF" else entries.asformat(form)
     theta = Amplitudes(**parts["amplitudes"], nonaffine=tuple(content.amplitudes))
-    flow, completion, trained = None, None, None
-    if "flow" in parts:
-        flow, completion = _flow(parts["flow"], parts["completion"], content)
+    trained: TrainedRange | TrainedPaths | None = None
     if "trained" in parts:
-        trained = TrainedRange(content.space.names, **parts["trained"])
-    if "paths" in parts:
-        steps = tuple(parts["paths"].pop("steps").tolist())
-        trained = TrainedPaths(trained, steps=steps, **parts["paths"])
+        trained = range_ = TrainedRange(content.space.names, **parts["trained"])
+        if "paths" in parts:
+            steps = tuple(parts["paths"].pop("steps").tolist())
+            trained = TrainedPaths(range_, steps=steps, **parts["paths"])
+    flow, completion = _flow(parts["flow"], parts["completion"], content) if "flow" in parts else (None, None)
     fields = Reconstruction(theta, **parts["fields"], dimension=content.dimension, flow=completion)
     known = KnownStatuses(**parts["known"]) if "known" in parts else None
     return ReducedModel(ReducedProblem(**parts["reduced"]), content.space, fields, trained, known=known, flow=flow)
@@ -351,7 +367,7 @@ def _flow(flow: dict, completion: dict, content: _Content) -> tuple[ReducedFlow,
     sizes, number = content.sizes, flow.pop("group").ravel()
     constants = zip(flow.pop("young").tolist(), flow.pop("poisson").tolist(), content.laws, strict=True)
     groups = [Group(np.flatnonzero(number == k), *item) for k, item in enumerate(constants)]
-    operator = StrainOperator(*(flow.pop(name) for name in ("gradients", "weights", "dofs")), sizes["n"])
+    operator = StrainOperator(flow.pop("gradients"), flow.pop("weights"), flow.pop("dofs"), sizes["n"])
     part = ReducedFlow(operator, Material(groups, sizes["components"]), **flow)
     stress, cumulated = (
         GappyField(completion[f"{name}_modes"], completion[f"{name}_fit"]) for name in ("stress", "cumulated")

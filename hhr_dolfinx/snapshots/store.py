@@ -31,12 +31,12 @@ from hhr_dolfinx.version import __version__
 
 FORMAT, VERSION = "hhr_dolfinx snapshot", 4
 
-_LAYOUT = {
+_LAYOUT: dict[str, tuple[str, ...]] = {
     "unknown": ("float", "N"),
     "multipliers": ("float", "N_lambda"),
     "active": ("bool", "N_lambda"),
 }
-_GAUSS = {
+_GAUSS: dict[str, tuple[str, ...]] = {
     "stress": ("float", "points", "components"),
     "plastic": ("float", "points", "components"),
     "cumulated": ("float", "points"),
@@ -139,8 +139,9 @@ class SnapshotStore:
             state = self._full.equilibrium.material.at_rest()
             state = state._replace(plastic=arrays["plastic"], cumulated=arrays["cumulated"])
             gauss, iterations = GaussState(arrays["stress"], state), int(arrays["iterations"])
-        parts = (arrays[name] for name in _LAYOUT)
-        return Answer(point, *parts, iterations, Status.CONVERGED, False, self._full, gauss=gauss)
+        unknown, multipliers, active = (arrays[name] for name in _LAYOUT)
+        how = iterations, Status.CONVERGED, False, self._full
+        return Answer(point, unknown, multipliers, active, *how, gauss=gauss)
 
     def _residual(self, answer: Answer, forces: float) -> float:
         """Largest relative residual of an answer, whatever the checksum of its file says.
