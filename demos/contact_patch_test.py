@@ -7,7 +7,9 @@ for contact problems in two dimensions", 1991); two passes give the right stress
     python demos/contact_patch_test.py [--out DIR] [--quick] [--seed N]
 """
 
+from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -22,7 +24,15 @@ PAIRINGS = {"node_to_surface": hhr.NodeToSurface, "double_pass": hhr.DoublePass,
 PAIRINGS["mortar, standard"] = partial(hhr.Mortar, multipliers="standard")
 
 
-def scene(pairing=hhr.Mortar, lower=(3, 3), upper=(5, 4), poisson=0.0, by_normal=True, slave=geometry.UPPER, **shape):
+def scene(
+    pairing: Callable[..., Any] = hhr.Mortar,
+    lower: tuple[int, ...] = (3, 3),
+    upper: tuple[int, ...] = (5, 4),
+    poisson: float = 0.0,
+    by_normal: bool = True,
+    slave: int = geometry.UPPER,
+    **shape: Any,
+) -> hhr.Scene:
     """The lower block clamped, the upper pushed down by its top and aside; ``shape``: :func:`stacked_blocks`."""
     dim, master, turn = len(lower), 3 - slave, geometry.rotation(len(lower), shape.get("angle", 0.0))
     towards = turn[:, -1] if slave == geometry.LOWER else -turn[:, -1]
@@ -43,7 +53,7 @@ def scene(pairing=hhr.Mortar, lower=(3, 3), upper=(5, 4), poisson=0.0, by_normal
     )
 
 
-def solve(built):
+def solve(built: hhr.Scene) -> tuple[np.ndarray, np.ndarray, float]:
     """Positions along the first axis, nodal pressures over the exact one, and the largest relative stress error."""
     full = hhr.FullOrderModel(built, MPI.COMM_SELF)
     problem, answer = full.problem, full.solve([PUSH, 0.0])

@@ -12,6 +12,8 @@ cells and more nodes, and answers to round-off in the same time.
     python demos/hertz_half_discs.py [--out DIR] [--quick] [--seed N]
 """
 
+from typing import Any
+
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import hertz_half_discs as geometry
 from hhr_dolfinx.study import cli
@@ -24,7 +26,7 @@ VIEW = hhr.View(points=((0.168,), (0.255,), (0.435,), (0.345,)), deformed=True)
 """None is a training value."""
 
 
-def scene(**mesh_options) -> hhr.Scene:
+def scene(**mesh_options: Any) -> hhr.Scene:
     """The scene; ``mesh_options`` go to :func:`geometry.half_discs`. Units: m, Pa."""
     towards = {geometry.LOWER_FLAT: 0.5, geometry.UPPER_FLAT: -0.5}
     return hhr.Scene(

@@ -12,6 +12,7 @@ a RID with two more layers of cells and FE functions on the contact nodes bring 
 """
 
 from pathlib import Path
+from typing import Any
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import pellet_cladding as geometry
@@ -21,7 +22,7 @@ GRID, QUICK_MESH = (25, 20), {"radial_cells": 12, "axial_cells": 20, "cladding_r
 VIEW = hhr.View(((30.0, 5.25), (170.0, 3.2)), lambda places: places[:, 1], "z [mm]", (0, "u_r [mm]"), "MPa")
 
 
-def scene(bottom: str = "obstacle", **mesh_options) -> hhr.Scene:
+def scene(bottom: str = "obstacle", **mesh_options: Any) -> hhr.Scene:
     """The scene in mm and MPa.
 
     Args:

@@ -10,12 +10,17 @@ a RID converges to a wrong path with the smallest residuals; eigenvalues of the 
         [--train 5 7.5 15 --pod 1e-11 --layers 6]
 """
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from pellet_cladding import QUICK_MESH, VIEW
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.compare import floor_of
+from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.geometries import pellet_cladding as geometry
+from hhr_dolfinx.models.answer import Path
 from hhr_dolfinx.study import cli, report
 from hhr_dolfinx.study.paths import summarise_paths, try_path
 
@@ -25,7 +30,7 @@ THESIS = {"10 um": (0.0089, 0.067, 0.046, 0.022), "12.5 um": (0.028, 0.025, 0.02
 HEIGHT, PRESSURE, NOMINAL = 0.9, 450.0, 10e-3
 
 
-def scene(exponent=4.0, **mesh_options) -> hhr.Scene:
+def scene(exponent: float = 4.0, **mesh_options: Any) -> hhr.Scene:
     """The scene in mm, MPa and s; the mesh has the nominal gap, and the parameter opens or closes it."""
     mesh_options = {"cladding_axial_cells": 76, **mesh_options}
     held = (geometry.PELLET_BOTTOM, geometry.CLADDING_BOTTOM, geometry.CLADDING_TOP)
@@ -45,13 +50,13 @@ def scene(exponent=4.0, **mesh_options) -> hhr.Scene:
     )
 
 
-def path(gap, steps=40):
+def path(gap: float, steps: int = 40) -> Path:
     """Times and parameters of the history for a gap in um, the start first."""
     shares = np.arange(steps + 1) / steps
     return history(shares, shares, gap)
 
 
-def history(times, shares, gap, height=HEIGHT):
+def history(times: Sequence[float], shares: Sequence[float], gap: float, height: float = HEIGHT) -> Path:
     """Times and parameters: the pressure as shares of the largest one, a gap in um and a height in mm."""
     return [
         (float(time), np.array([PRESSURE * share, height, gap * 1e-3]))
@@ -59,7 +64,7 @@ def history(times, shares, gap, height=HEIGHT):
     ]
 
 
-def pressed_nodes(problem):
+def pressed_nodes(problem: ContactProblem) -> np.ndarray:
     """Nodes of the cladding under pressure, which are part of the RID (section 6.2.3)."""
     r, z = problem.points.T
     return np.flatnonzero((r > r.max() * (1 - 1e-9)) & (z <= HEIGHT))

@@ -10,6 +10,9 @@ has to solve for and keep a displacement field for each of its conditions; with 
     python demos/sphere_on_block.py [--out DIR] [--quick] [--seed N]
 """
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from mpi4py import MPI
 
@@ -29,7 +32,7 @@ VIEW = hhr.View(((0.21, 60.0),), lambda x: np.hypot(x[:, 0], x[:, 1]), "distance
                 closed_form=lambda r, quarter: hertz(4 * quarter)[2](r))  # fmt: skip
 
 
-def scene(pairing=hhr.Mortar, **mesh_options) -> hhr.Scene:
+def scene(pairing: Callable[..., Any] = hhr.Mortar, **mesh_options: Any) -> hhr.Scene:
     """The scene in mm and MPa; ``mesh_options`` go to :func:`geometry.sphere_on_block`."""
     held = [hhr.Displacement(tag, axis) for axis, tags in geometry.SYMMETRY.items() for tag in tags]
     push = hhr.Displacement(geometry.SPHERE_TOP, 2, hhr.Amplitude(slopes={"push": -1.0}))
@@ -45,7 +48,7 @@ def scene(pairing=hhr.Mortar, **mesh_options) -> hhr.Scene:
     )
 
 
-def hertz(load):
+def hertz(load: float) -> tuple[float, float, Callable[[np.ndarray], np.ndarray]]:
     """Hertz (1882): radius a^3 = 3 P R / (4 E*), peak p0 = 3 P / (2 pi a^2), and the pressure over the distance."""
     modulus = 1 / sum((1 - POISSON**2) / young for young in YOUNG.values())
     radius = (3 * load * RADIUS / (4 * modulus)) ** (1 / 3)
@@ -53,9 +56,9 @@ def hertz(load):
     return radius, peak, lambda r: peak * np.sqrt(np.maximum(1 - (r / radius) ** 2, 0.0))
 
 
-def beside_hertz(full_order, push) -> dict:
+def beside_hertz(full: hhr.FullOrderModel, push: float) -> dict[str, float]:
     """Radius, by the second moment 2 a^2 P / 5 of the pressure, and pressures relative to Hertz under the same load."""
-    problem, forces = full_order.problem, full_order.solve([push, 0.0]).forces()
+    problem, forces = full.problem, full.solve([push, 0.0]).forces()
     r, pressure = VIEW.position(problem.contact_points), forces / problem.contact_areas
     radius, peak, _ = hertz(4 * forces.sum())
     ours = np.sqrt(2.5 * forces @ r**2 / forces.sum()) / radius, pressure.max() / peak, pressure[r.argmin()] / peak

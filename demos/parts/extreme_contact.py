@@ -1,6 +1,7 @@
 """Extreme contact, for ``extreme_cases.py``: press fits, half-discs by poor recipes, pairs of unlike forces."""
 
 import dataclasses
+from collections.abc import Iterator
 
 import contact_patch_test as patch
 import hertz_half_discs as discs
@@ -15,7 +16,7 @@ from parts.three_rings import three_rings
 MESH = demo.QUICK_MESH
 
 
-def contact_cases():
+def contact_cases() -> Iterator[Case]:
     """Contact that never opens, forces outside the RID, contact that counts as round-off, unlike pairs."""
     # so small a RID leaves most forces to be completed
     small, tall = hhr.Recipe(domain=hhr.Rid(layers=0)), {**MESH, "axial_cells": 40}
@@ -39,14 +40,14 @@ def contact_cases():
     yield Case("far obstacle at 1e8", dataclasses.replace(base, contacts=(*base.contacts, far)))
 
 
-def curved_block():
+def curved_block() -> hhr.Scene:
     """The upper of two blocks, bulged, pushed down from where it does not touch."""
     base = patch.scene(hhr.NodeToSurface, (8, 4), (11, 4), poisson=0.3, bulge=0.02)
     space = hhr.ParameterSpace(("push",), (0.0,), (0.1,))
     return dataclasses.replace(base, parameters=space, loads=())
 
 
-def carried(length):
+def carried(length: float) -> hhr.Scene:
     """The half-discs, moved aside by a length as they are pressed."""
     base = discs.scene()
     moved = tuple(
@@ -56,7 +57,7 @@ def carried(length):
     return dataclasses.replace(base, displacements=moved)
 
 
-def unlike():
+def unlike() -> hhr.Scene:
     """Two blocks of E = 1e11 and 1, each on a floor of its own; a side pull lifts a part of the soft one.
 
     The stiff one is squeezed between its top and its floor, free at its sides: its pressure is known.
@@ -80,7 +81,7 @@ def unlike():
     )
 
 
-def off_pressure(full_order):
+def off_pressure(full: hhr.FullOrderModel) -> float:
     """Relative error of the stiff block's contact force, E push / (1 - nu^2) per unit of length."""
-    forces = full_order.solve(0.03).forces()[full_order.problem.contact_pairs == 0]
+    forces = full.solve(0.03).forces()[full.problem.contact_pairs == 0]
     return float(abs(np.sum(forces) / (1e11 * 0.03 / (1 - 0.3**2)) - 1))

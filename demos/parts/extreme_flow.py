@@ -2,18 +2,23 @@
 
 import dataclasses
 import functools
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import pellet_cladding_plastic as demo
 from pellet_cladding import QUICK_MESH
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.materials.laws import Flow
+from hhr_dolfinx.models.answer import Path
 from hhr_dolfinx.study.verify import HistoryCase
 
+Family = Callable[[float], Path]
+"""Times and parameters for a gap in um."""
 VALUES, RECIPE = (5.0, 10.0, 15.0), demo.recipe()
 
 
-def with_laws(pellet=None, cladding=None):
+def with_laws(pellet: Flow | None = None, cladding: Flow | None = None) -> hhr.Scene:
     """The scene with other laws."""
     base = demo.scene(**QUICK_MESH, cladding_axial_cells=15)
     laws = (pellet or base.bodies[0].law, cladding or base.bodies[1].law)
@@ -21,12 +26,12 @@ def with_laws(pellet=None, cladding=None):
     return dataclasses.replace(base, bodies=bodies)
 
 
-def paced(seconds):
+def paced(seconds: float) -> Family:
     """The path at another pace."""
     return lambda gap: [(seconds * time, parameter) for time, parameter in demo.path(gap, 20)]
 
 
-def shares(parts, top=demo.PRESSURE, times=None):
+def shares(parts: Sequence[float], top: float = demo.PRESSURE, times: Sequence[float] | None = None) -> Family:
     """A path of pressures as parts of the largest one, within a second where no times are given."""
     times = np.arange(len(parts)) / (len(parts) - 1) if times is None else times
     return lambda gap: [
@@ -34,7 +39,7 @@ def shares(parts, top=demo.PRESSURE, times=None):
     ]
 
 
-def in_gigapascals():
+def in_gigapascals() -> hhr.Scene:
     """The scene with all stresses in GPa."""
     base, unit = with_laws(hhr.Plasticity(0.08, 1.0), hhr.Norton(1.0, 4.0)), 1e-3
     bodies = tuple(dataclasses.replace(body, young=body.young * unit) for body in base.bodies)
@@ -43,7 +48,7 @@ def in_gigapascals():
     return dataclasses.replace(base, bodies=bodies, parameters=hhr.ParameterSpace(space.names, space.lower, upper))
 
 
-def untrained():
+def untrained() -> Iterator[tuple[str, Family]]:
     """Paths outside the family that is trained: one second up, at one height."""
     up = np.linspace(0, 1, 21)
     yield "held for 10 s", shares([*up, *np.ones(10)], times=[*up, *(1 + np.arange(1, 11))])
@@ -52,7 +57,7 @@ def untrained():
     yield "pressed up to 1.4 mm", lambda gap: demo.history(up, up, gap, height=1.4)
 
 
-def flow_cases():
+def flow_cases() -> Iterator[HistoryCase]:
     """Exponents, resistances, paces, coarse steps, perfect plasticity, softening, unloading, no flow at all."""
     case = functools.partial(HistoryCase, values=VALUES, recipe=RECIPE)
     plain = paced(1.0)

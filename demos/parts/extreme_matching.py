@@ -1,6 +1,7 @@
 """Extreme cases of matching meshes, for ``extreme_cases.py``: stiffness, contact, units, recipes, training."""
 
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 import pellet_cladding as demo
@@ -18,7 +19,7 @@ BOXES = {
 }
 
 
-def matching_cases():
+def matching_cases() -> Iterator[Case]:
     """One change each."""
     base = demo.scene(**MESH)
     yield Case("nothing changed", base)
@@ -49,7 +50,7 @@ def matching_cases():
     yield Case("two snapshots", base, select=lambda s: s.take([0, -1]))
 
 
-def in_units(length):
+def in_units(length: float) -> hhr.Scene:
     """The scene with all lengths times ``length``, and E and P1 in N per new unit of area."""
     area, scene = length**-2, demo.scene(**MESH, **{name: value * length for name, value in SIZES.items()})
     bodies = tuple(dataclasses.replace(body, young=body.young * area) for body in scene.bodies)
@@ -57,7 +58,7 @@ def in_units(length):
     return dataclasses.replace(scene, bodies=bodies, parameters=box)
 
 
-def collinear(snapshots):
+def collinear(snapshots: hhr.SnapshotSet) -> hhr.SnapshotSet:
     """Snapshots joined by twice themselves."""
     both, factor = (
         snapshots.take(np.tile(np.arange(len(snapshots.points)), 2)),

@@ -1,10 +1,12 @@
 """Extreme cases of meshes that do not match, for ``extreme_cases.py``."""
 
 import dataclasses
+from collections.abc import Iterator
 
 import contact_patch_test as patch
 import numpy as np
 import pellet_cladding_nonmatching as demo
+from mpi4py.MPI import Comm
 from pellet_cladding import QUICK_MESH as MESH
 
 import hhr_dolfinx as hhr
@@ -12,7 +14,7 @@ from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.study.verify import Case
 
 
-def non_matching_cases():
+def non_matching_cases() -> Iterator[Case]:
     """Ratios of meshes, swapped and curved surfaces, turned scenes, double passes, one slave node."""
     for pairing in ("node_to_surface", "mortar"):
         coarse = demo.scene(pairing, **MESH, cladding_axial_cells=1)
@@ -30,11 +32,11 @@ def non_matching_cases():
     yield Case("one slave node", patch.scene(hhr.NodeToSurface, (3, 3), (1, 1), poisson=0.3, shift=0.9))
 
 
-def barrelled(pairing):
+def barrelled(pairing: str) -> hhr.Scene:
     """The gap between pellet and cladding wider by 1 to 4 um towards both ends; normals found by the pairing."""
     base = demo.scene(pairing, **MESH, cladding_axial_cells=15)
 
-    def bent(comm):
+    def bent(comm: Comm) -> tuple:
         mesh, *tags = base.geometry(comm)
         x = mesh.geometry.x
         # nothing moves at the outer radius, which stays a straight line

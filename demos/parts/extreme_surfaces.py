@@ -1,7 +1,10 @@
 """Surfaces that mislead a search for partners, for ``extreme_cases.py``: thin bodies, facets off a curve."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from dolfinx import mesh as dmesh
+from mpi4py.MPI import Comm
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import two_blocks
@@ -10,7 +13,7 @@ from hhr_dolfinx.study.verify import Case, Known
 THICKNESS, GAP, INNER, FIT, OUTER = 0.02, 0.01, 0.5, 1.0, 1.6
 
 
-def surface_cases():
+def surface_cases() -> Iterator[Case]:
     """Strips whose back sides are nearer than their ends, rings that overlap by less than their facets sag."""
     nothing = Known("no force without a load", force_at_rest, 1e-12)
     yield Case("strips .02 thick, mortar without normal", strips(), counts=(41,), known=nothing)
@@ -21,11 +24,11 @@ def surface_cases():
         yield Case(f"overlap {word} sag of facets", rings((12, 17), sag / part), counts=(11,), known=lame)
 
 
-def strips():
+def strips() -> hhr.Scene:
     """Two strips above each other, held at their ends; both long sides of each are one surface, no normal is given."""
     boxes = [((0.0, low), (1.0, low + THICKNESS), (cells, 1)) for low, cells in ((0.0, 20), (THICKNESS + GAP, 23))]
 
-    def geometry(comm):
+    def geometry(comm: Comm) -> tuple:
         mesh, bodies, sides = two_blocks.two_blocks(comm, first=boxes[0], second=boxes[1])
         values = sides.values.copy()
         for body in (1, 2):
@@ -45,16 +48,16 @@ def strips():
     )
 
 
-def force_at_rest(full_order):
+def force_at_rest(full: hhr.FullOrderModel) -> float:
     """Largest contact force without a load over the largest with it."""
-    rest, loaded = (np.abs(full_order.solve(load).forces()).max() for load in (0.0, 5.0))
+    rest, loaded = (np.abs(full.solve(load).forces()).max() for load in (0.0, 5.0))
     return float(rest / loaded) if loaded > 0 else np.inf
 
 
-def rings(counts, overlap):
+def rings(counts: tuple[int, int], overlap: float) -> hhr.Scene:
     """Quarter rings that overlap, with ``counts`` cells along the arc, and hardly a load."""
 
-    def bend(points, _):
+    def bend(points: np.ndarray, _: int) -> np.ndarray:
         angle, radius = points.T
         return np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
 
@@ -73,9 +76,9 @@ def rings(counts, overlap):
     )
 
 
-def off_lame(full_order, overlap):
+def off_lame(full: hhr.FullOrderModel, overlap: float) -> float:
     """Relative error of the mean pressure between rings of one material, E = 1 and nu = 0.3, in plane strain."""
-    found = full_order.solve(0.0).forces().sum() / full_order.problem.contact_areas.sum()
+    found = full.solve(0.0).forces().sum() / full.problem.contact_areas.sum()
     inner = (FIT**2 + INNER**2) / (FIT**2 - INNER**2)
     outer = (OUTER**2 + FIT**2) / (OUTER**2 - FIT**2)
     return float(abs(found / (overlap / FIT / (1 - 0.3**2) / (inner + outer)) - 1))

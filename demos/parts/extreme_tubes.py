@@ -1,11 +1,14 @@
 """Tubes that flow, whose limit load and creep are known, for ``extreme_cases.py``."""
 
+from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block
+from hhr_dolfinx.materials.laws import Flow
+from hhr_dolfinx.models.answer import History, Path
 from hhr_dolfinx.study.verify import HistoryCase, Known
 
 LIMIT = 2 / np.sqrt(3) * np.log(2)
@@ -14,7 +17,7 @@ SHARES = (0.0, 0.4, 0.7, 0.9, 0.95, 0.98, 0.99, 1.01)
 RESISTANCE, EXPONENT = 2.0, 4.0
 
 
-def tube_cases():
+def tube_cases() -> Iterator[HistoryCase]:
     """A load beyond the limit, steady creep, and the same on cells that lock."""
     limit = Known("limit load", lambda history: abs(history.path[-1][1][0] / LIMIT - 1), 0.02)
     perfect = partial(tube, hhr.Plasticity(1.0))
@@ -26,7 +29,7 @@ def tube_cases():
         yield HistoryCase(f"Norton tube{cells}", scene, held, (0.4, 0.5, 0.6), known=creep)
 
 
-def tube(law, simplices=False):
+def tube(law: Flow, simplices: bool = False) -> hhr.Scene:
     """Tube 1 <= r <= 2 held axially, with inner pressure, and a wall that it never touches."""
     return hhr.Scene(
         name="tube",
@@ -40,18 +43,18 @@ def tube(law, simplices=False):
     )
 
 
-def beyond(share):
+def beyond(share: float) -> Path:
     """Pressures up to beyond the limit load, in steps of a hundredth around it."""
     return [(float(time), np.array([part * LIMIT])) for time, part in enumerate((*SHARES, share))]
 
 
-def held(pressure):
+def held(pressure: float) -> Path:
     """A pressure that stays until creep is steady."""
     times = np.concatenate([[0.0, 1e-3], np.geomspace(1e-2, 17.0, 30)])
     return [(time, np.array([pressure if time else 0.0])) for time in times]
 
 
-def off_creep(history):
+def off_creep(history: History) -> float:
     """Relative error of the radial speed, C / r with p = m K / sqrt(3) (2 C / sqrt(3))^(1/m) (1 - 2^(-2/m))."""
     before, last = history.answers[-2:]
     pressure = last.parameter[0]

@@ -1,5 +1,6 @@
 """Tables 3.1, 3.2 and 3.3 of the thesis beside ours, for ``pellet_cladding.py --study thesis``."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +48,7 @@ def thesis_tables(training: Training, folder: Path, console: Console) -> None:
     write_report(rows, folder, "thesis_tables")
 
 
-def _errors(training, console):
+def _errors(training: Training, console: Console) -> Iterator[dict]:
     table = Table("eps 2", "size", "errors % at (170, 3.2)", "at (30, 5.25)", title="table 3.1: thesis | here")
     yardstick = Yardstick.at(POINTS, training.full_order, training.snapshots)
     for epsilon, size, *theirs in ERRORS:
@@ -64,7 +65,7 @@ def _errors(training, console):
     console.print(table)
 
 
-def _times(training, console):
+def _times(training: Training, console: Console) -> Iterator[dict]:
     table = Table("table", "recipe", "size: thesis | here", "time: thesis | here", "x full order: thesis | here")
     fresh = training.full_order.problem.parameters.random(105, 5)
     full = float(np.median(time_queries({"full": training.full_order.solve}, fresh)["full"]))

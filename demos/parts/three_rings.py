@@ -13,12 +13,12 @@ ENDS = 1
 """Facet tag of the lower ends of all rings."""
 
 
-def side(ring, outer):
+def side(ring: int, outer: bool) -> int:
     """Facet tag of the inner or outer side of a ring, 0 to 2."""
     return 10 * (ring + 1) + int(outer)
 
 
-def build(comm):
+def build(comm: MPI.Comm) -> tuple:
     """Mesh and tags: each ring begins ``OVERLAP`` inside the one before."""
     boxes = [(inner - OVERLAP * (ring > 0), outer) for ring, (inner, outer) in enumerate(RADII)]
     parts = [block.block(MPI.COMM_SELF, lower=(inner, 0.0), upper=(outer, HEIGHT), cells=CELLS)[0]
@@ -42,7 +42,7 @@ def build(comm):
     return mesh, dmesh.meshtags(mesh, 2, np.arange(rings.size, dtype=np.int32), rings), sides
 
 
-def three_rings():
+def three_rings() -> hhr.Scene:
     """Pressed from outside up to a height, in mm and MPa; contact never opens."""
     normal = (1.0, 0.0)
     return hhr.Scene(

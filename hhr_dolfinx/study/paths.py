@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.certify.accuracy import relative_error, summary
-from hhr_dolfinx.certify.compare import largest_errors
+from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.errors import HHRError, OutsideTrainingWarning
-from hhr_dolfinx.models.answer import Model, Path
+from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.models.answer import Path
 from hhr_dolfinx.models.path import MarchSettings
 from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.study.histories import history_errors
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,9 @@ class PathCase:
     inside: bool
 
 
-def try_path(full: Model, model: ReducedModel, case: PathCase, floor: float, settings: MarchSettings) -> dict[str, Any]:
+def try_path(
+    full: FullOrderModel, model: ReducedModel, case: PathCase, floor: float, settings: MarchSettings
+) -> dict[str, Any]:
     """Errors and warnings on one path.
 
     Args:
@@ -55,16 +58,15 @@ def try_path(full: Model, model: ReducedModel, case: PathCase, floor: float, set
         except HHRError as error:
             return {**row, "warned": True, "failed": str(error)}
     warned = any(issubclass(item.category, OutsideTrainingWarning) for item in caught)
-    displacement, forces = largest_errors(full, found, exact, floor)
-    here, there = found.answers[-1], exact.answers[-1]
-    return {
-        **row,
+    errors = history_errors(full, model, found, exact, floor)
+    largest = max(sign.imbalance for sign in found.signs)
+    return row | {
         "warned": warned,
-        "displacement": displacement,
-        "forces": forces,
-        "stress_rr": relative_error(here.stress()[:, 0], there.stress()[:, 0]),
-        "plastic_strain": relative_error(here.plastic_strain(), there.plastic_strain()),
-        "imbalance": max(sign.imbalance for sign in found.signs) / model.trained.imbalance,
+        "displacement": errors["largest_displacement"],
+        "forces": errors["largest_forces"],
+        "stress_rr": errors["stress_rr_everywhere"],
+        "plastic_strain": errors["plastic_strain_everywhere"],
+        "imbalance": largest / model.trained.imbalance,
     }
 
 
