@@ -103,7 +103,7 @@ class Reconstruction:
 
     @cached_property
     def _lifted(self) -> tuple[np.ndarray, np.ndarray]:
-        """Terms with a lift, which are affine and so the first of θ, and their columns: as a sparse matrix 5 us more."""
+        """Terms with a lift, which are affine and so the first of θ, and their columns; sparse ones take 5 us."""
         moved = np.flatnonzero(np.diff(self.lifts.tocsc().indptr))
         return moved, self.lifts[:, moved].toarray(order="F")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,6 @@ from hhr_dolfinx.certify.compare import floor_of, largest_errors, residuals_of
 from hhr_dolfinx.errors import ConvergenceError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import History, Model, Path
-from hhr_dolfinx.models.equilibrium import Equilibrium
 from hhr_dolfinx.models.path import SEARCHES, MarchSettings
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.study.measure import Errors, Measurement, Row, answer_errors, conditions_inside
@@ -39,21 +39,14 @@ def measure_histories(
     full, floor = training.full_order, floor_of(training.full_order, training.snapshots)
     exact, found, rows, full_seconds, seconds = [], [], [], [], []
     for label, path in progress("tests")(list(tests.items())):
-        history, taken = timed(lambda path=path: full.march(path, settings.march))
+        history, taken = timed(partial(full.march, path, settings.march))
         exact.append(history)
         full_seconds.append(taken)
         history, taken = _repeated(model, path, settings)
         found.append(history)
         seconds.append(taken)
-        rows.append(
-            {
-                "value": label,
-                **history_errors(full, model, history, exact[-1], floor),
-                "cuts": history.cuts,
-                "iterations": history.iterations,
-                "full_iterations": exact[-1].iterations,
-            }
-        )
+        counts = {"cuts": history.cuts, "iterations": history.iterations, "full_iterations": exact[-1].iterations}
+        rows.append({"value": label, **history_errors(full, model, history, exact[-1], floor), **counts})
 
     def beside(method: str, setting: str, other: Model) -> Row:
         runs = [_repeated(other, path, settings) for path in tests.values()]
@@ -62,29 +55,45 @@ def measure_histories(
         ]
         return Row(method, setting, np.array([taken for _, taken in runs]), _errors(errors))
 
-    searches, skipped = _time_searches(full, next(iter(tests.values())), settings.march)
-    searches[settings.march.search] = float(np.median(full_seconds))
-    parts = {
-        "fom": seconds_of_parts(full.equilibrium, exact[-1]),
-        "online": seconds_of_parts(model.equilibrium, found[-1]),
-    }
-    ratio = float(np.median(full_seconds)) / float(np.median(seconds))
-    report = {
-        "histories": rows,
-        "times": {
-            "fom_best": summary(full_seconds),
-            "fom_searches": searches,
-            "condensed": None,
-            "online": summary(seconds),
-            "parts": parts,
-        },
-        "ratios": {"fom_best/online": ratio, "laws": parts["fom"]["laws"] / parts["online"]["laws"]},
-    }
+    report, skipped = _times(full, model, (exact[-1], found[-1]), (full_seconds, seconds), settings.march)
     own = Row("HHR", "this model", np.array(seconds), _errors(rows))
     nothing = Errors({name: np.zeros(len(rows)) for name in own.errors.values}, own.errors.answered, {})
     best = Row("fom_best", settings.march.search, np.array(full_seconds), nothing)
+    return Measurement(own, [best], beside, {"histories": rows, **report}, skipped, (exact[-1], found[-1]))
+
+
+def _times(
+    full: FullOrderModel,
+    model: ReducedModel,
+    last: tuple[History, History],
+    seconds: tuple[list[float], list[float]],
+    march: MarchSettings,
+) -> tuple[dict[str, Any], list[dict[str, str]]]:
+    """The ``times`` and ``ratios`` of a report, and what was left out.
+
+    Args:
+        full, model: full and reduced.
+        last: histories of both at the last test.
+        seconds: of both at each test.
+        march: how histories are solved.
+    """
+    searches, skipped = _time_searches(full, last[0].path, march)
+    medians = [float(np.median(taken)) for taken in seconds]
+    searches[march.search] = medians[0]
+    parts = {
+        "fom": seconds_of_parts(full.equilibrium, last[0]),
+        "online": seconds_of_parts(model.equilibrium, last[1]),
+    }
+    times = {
+        "fom_best": summary(seconds[0]),
+        "fom_searches": searches,
+        "condensed": None,
+        "online": summary(seconds[1]),
+        "parts": parts,
+    }
+    ratios = {"fom_best/online": medians[0] / medians[1], "laws": parts["fom"]["laws"] / parts["online"]["laws"]}
     skipped.append({"stage": "condensed", "why": "the stiffness changes with the flow"})
-    return Measurement(own, [best], beside, report, skipped, (exact[-1], found[-1]))
+    return {"times": times, "ratios": ratios}, skipped
 
 
 def history_errors(
@@ -103,9 +112,9 @@ def history_errors(
     errors = answer_errors(full.problem, found, known, floor, conditions_inside(model))
     stress, flowed = there.stress(), there.plastic_strain()
     if isinstance(model, ReducedModel):
-        inside = model.equilibrium.points
-        errors["stress_rr"] = relative_error(here.gauss.stress[:, 0], stress[inside, 0])
-        errors["plastic_strain"] = relative_error(here.gauss.state.cumulated, flowed[inside])
+        inside = model.fields.flow.points if model.fields.flow is not None else slice(None)
+        errors["stress_rr"] = relative_error(here.state().stress[:, 0], stress[inside, 0])
+        errors["plastic_strain"] = relative_error(here.state().state.cumulated, flowed[inside])
     errors["plastic_strain_everywhere"] = relative_error(here.plastic_strain(), flowed)
     errors["stress_rr_everywhere"] = relative_error(here.stress()[:, 0], stress[:, 0])
     errors["largest_displacement"], errors["largest_forces"] = largest_errors(full, history, exact, floor)
@@ -121,7 +130,7 @@ def _errors(rows: list[dict[str, Any]]) -> Errors:
 
 def _repeated(model: Model, path: Path, settings: Any) -> tuple[History, float]:
     """A history, and its median seconds over repetitions."""
-    runs = [timed(lambda: model.march(path, settings.march)) for _ in range(settings.repetitions)]
+    runs = [timed(partial(model.march, path, settings.march)) for _ in range(settings.repetitions)]
     return runs[0][0], float(np.median([seconds for _, seconds in runs]))
 
 
@@ -134,23 +143,23 @@ def _time_searches(
         if search != march.search:
             other = replace(march, search=search, iterations=200)
             try:
-                seconds[search] = timed(lambda other=other: full.march(path, other))[1]
+                seconds[search] = timed(partial(full.march, path, other))[1]
             except ConvergenceError as error:
                 skipped.append({"stage": f"fom_searches, {search}", "why": str(error)})
     return seconds, skipped
 
 
-def seconds_of_parts(model: Equilibrium, history: History, repetitions: int = 20) -> dict[str, float]:
-    """Seconds of each part of an iteration in the last step of a history, and of a new tangent."""
+def seconds_of_parts(model: Any, history: History, repetitions: int = 20) -> dict[str, float]:
+    """Seconds of each part of an iteration of an equilibrium in the last step of a history, and of a new tangent."""
     answer, before = history.answers[-1], history.path[-2][0]
     theta, step = model.amplitudes(answer.parameter), answer.time - before
     strain = model.strain(answer.unknown, theta)
-    update = model.material.update(strain, answer.gauss.state, step, tangent=True)
+    update = model.material.update(strain, answer.state().state, step, tangent=True)
     residual, _ = model.residual(update.stress, theta)
     operator = model.linearised(update.tangents)
     parts = {
         "strain": lambda: model.strain(answer.unknown, theta),
-        "laws": lambda: model.material.update(strain, answer.gauss.state, step, tangent=False),
+        "laws": lambda: model.material.update(strain, answer.state().state, step, tangent=False),
         "residual": lambda: model.residual(update.stress, theta),
         "tangent": lambda: model.linearised(update.tangents),
         "contact": lambda: operator.correct(residual, answer.unknown, theta, answer.active),

@@ -59,7 +59,8 @@ def draw_study(study: Study, view: View, folder: Path) -> None:
     if len(names) == 1:
         values = study.measured.own.errors.values
         shown = ("primal_euclid", "primal_energy", "dual_rid", "energy_minimum")
-        curves = {name: (np.ravel(study.tests), values[name]) for name in shown}
+        where = np.ravel(np.asarray(study.tests))
+        curves: Curves = {name: (where, values[name]) for name in shown}
         plot_curves(curves, folder / "errors.png", (names[0], "error"), logarithmic=True)
     labels = ("".join(f", {name} = {x:g}" for name, x in zip(names, mu, strict=True)) for mu in view.points)
     pairs = {label: (full.solve(mu), model.solve(mu)) for label, mu in zip(labels, view.points, strict=True)}
