@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, replace
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,7 +14,6 @@ from hhr_dolfinx.certify.compare import floor_of, largest_errors, residuals_of
 from hhr_dolfinx.errors import ConvergenceError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import History, Model, Path
-from hhr_dolfinx.models.equilibrium import Equilibrium
 from hhr_dolfinx.models.path import SEARCHES, MarchSettings
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.study.measure import Errors, Measurement, Row, answer_errors, conditions_inside
@@ -37,54 +37,52 @@ def measure_histories(
         ConvergenceError: if a history, full or reduced, does not converge.
     """
     full, floor = training.full_order, floor_of(training.full_order, training.snapshots)
-    exact, found, rows, full_seconds, seconds = [], [], [], [], []
-    for label, path in progress("tests")(list(tests.items())):
-        history, taken = timed(lambda path=path: full.march(path, settings.march))
-        exact.append(history)
-        full_seconds.append(taken)
-        history, taken = _repeated(model, path, settings)
-        found.append(history)
-        seconds.append(taken)
-        rows.append(
-            {
-                "value": label,
-                **history_errors(full, model, history, exact[-1], floor),
-                "cuts": history.cuts,
-                "iterations": history.iterations,
-                "full_iterations": exact[-1].iterations,
-            }
-        )
+    exact, found = [], []
+    for path in progress("tests")(list(tests.values())):
+        exact.append(_run(full, path, settings.march, 1))
+        found.append(_run(model, path, settings.march, settings.repetitions))
+
+    def errors_of(other: Model, runs: list[_Run]) -> list[dict[str, Any]]:
+        pairs = zip(runs, exact, strict=True)
+        return [history_errors(full, other, run.history, known.history, floor) for run, known in pairs]
 
     def beside(method: str, setting: str, other: Model) -> Row:
-        runs = [_repeated(other, path, settings) for path in tests.values()]
-        errors = [
-            history_errors(full, other, run, history, floor) for (run, _), history in zip(runs, exact, strict=True)
-        ]
-        return Row(method, setting, np.array([taken for _, taken in runs]), _errors(errors))
+        runs = [_run(other, path, settings.march, settings.repetitions) for path in tests.values()]
+        return _row(method, setting, runs, errors_of(other, runs))
 
+    errors = errors_of(model, found)
+    rows = [
+        {
+            "value": label,
+            **row,
+            "cuts": run.history.cuts,
+            "iterations": run.history.iterations,
+            "full_iterations": known.history.iterations,
+        }
+        for label, row, run, known in zip(tests, errors, found, exact, strict=True)
+    ]
+    own = _row("HHR", "this model", found, errors)
+    nothing: dict[str, Any] = dict.fromkeys(own.errors.values, 0.0)
+    best = _row("fom_best", settings.march.search, exact, [nothing | {"kkt": {}}] * len(exact))
     searches, skipped = _time_searches(full, next(iter(tests.values())), settings.march)
-    searches[settings.march.search] = float(np.median(full_seconds))
-    parts = {
-        "fom": seconds_of_parts(full.equilibrium, exact[-1]),
-        "online": seconds_of_parts(model.equilibrium, found[-1]),
-    }
-    ratio = float(np.median(full_seconds)) / float(np.median(seconds))
+    searches[settings.march.search] = float(np.median(best.seconds))
+    parts = {"fom": seconds_of_parts(full, exact[-1].history), "online": seconds_of_parts(model, found[-1].history)}
     report = {
         "histories": rows,
         "times": {
-            "fom_best": summary(full_seconds),
+            "fom_best": summary(best.seconds),
             "fom_searches": searches,
             "condensed": None,
-            "online": summary(seconds),
+            "online": summary(own.seconds),
             "parts": parts,
         },
-        "ratios": {"fom_best/online": ratio, "laws": parts["fom"]["laws"] / parts["online"]["laws"]},
+        "ratios": {
+            "fom_best/online": float(np.median(best.seconds) / np.median(own.seconds)),
+            "laws": parts["fom"]["laws"] / parts["online"]["laws"],
+        },
     }
-    own = Row("HHR", "this model", np.array(seconds), _errors(rows))
-    nothing = Errors({name: np.zeros(len(rows)) for name in own.errors.values}, own.errors.answered, {})
-    best = Row("fom_best", settings.march.search, np.array(full_seconds), nothing)
     skipped.append({"stage": "condensed", "why": "the stiffness changes with the flow"})
-    return Measurement(own, [best], beside, report, skipped, (exact[-1], found[-1]))
+    return Measurement(own, [best], beside, report, skipped, (exact[-1].history, found[-1].history))
 
 
 def history_errors(
@@ -102,8 +100,8 @@ def history_errors(
     found, known = ((answer.displacement(), answer.forces()) for answer in (here, there))
     errors = answer_errors(full.problem, found, known, floor, conditions_inside(model))
     stress, flowed = there.stress(), there.plastic_strain()
-    if isinstance(model, ReducedModel):
-        inside = model.equilibrium.points
+    if isinstance(model, ReducedModel) and model.flow is not None and here.gauss is not None:
+        inside = model.flow.points
         errors["stress_rr"] = relative_error(here.gauss.stress[:, 0], stress[inside, 0])
         errors["plastic_strain"] = relative_error(here.gauss.state.cumulated, flowed[inside])
     errors["plastic_strain_everywhere"] = relative_error(here.plastic_strain(), flowed)
@@ -112,17 +110,24 @@ def history_errors(
     return {**errors, "kkt": asdict(residuals_of(full, here))}
 
 
-def _errors(rows: list[dict[str, Any]]) -> Errors:
-    """Errors of some histories, from one row each."""
-    names = [name for name, value in rows[0].items() if isinstance(value, float) and name != "value"]
-    kkt = {name: max(row["kkt"][name] for row in rows) for name in rows[0]["kkt"]}
-    return Errors({name: np.array([row[name] for row in rows]) for name in names}, np.ones(len(rows), dtype=bool), kkt)
-
-
-def _repeated(model: Model, path: Path, settings: Any) -> tuple[History, float]:
+class _Run(NamedTuple):
     """A history, and its median seconds over repetitions."""
-    runs = [timed(lambda: model.march(path, settings.march)) for _ in range(settings.repetitions)]
-    return runs[0][0], float(np.median([seconds for _, seconds in runs]))
+
+    history: History
+    seconds: float
+
+
+def _run(model: Model, path: Path, march: MarchSettings, repetitions: int) -> _Run:
+    runs = [timed(partial(model.march, path, march)) for _ in range(repetitions)]
+    return _Run(runs[0][0], float(np.median([seconds for _, seconds in runs])))
+
+
+def _row(method: str, setting: str, runs: list[_Run], errors: list[dict[str, Any]]) -> Row:
+    """Row of a method, from its histories and the errors of each."""
+    values = {name: np.array([row[name] for row in errors]) for name in errors[0] if name != "kkt"}
+    kkt = {name: max(row["kkt"][name] for row in errors) for name in errors[0]["kkt"]}
+    found = Errors(values, np.ones(len(errors), dtype=bool), kkt)
+    return Row(method, setting, np.array([run.seconds for run in runs]), found)
 
 
 def _time_searches(
@@ -134,23 +139,27 @@ def _time_searches(
         if search != march.search:
             other = replace(march, search=search, iterations=200)
             try:
-                seconds[search] = timed(lambda other=other: full.march(path, other))[1]
+                seconds[search] = timed(partial(full.march, path, other))[1]
             except ConvergenceError as error:
                 skipped.append({"stage": f"fom_searches, {search}", "why": str(error)})
     return seconds, skipped
 
 
-def seconds_of_parts(model: Equilibrium, history: History, repetitions: int = 20) -> dict[str, float]:
+def seconds_of_parts(
+    full_or_reduced: FullOrderModel | ReducedModel, history: History, repetitions: int = 20
+) -> dict[str, float]:
     """Seconds of each part of an iteration in the last step of a history, and of a new tangent."""
-    answer, before = history.answers[-1], history.path[-2][0]
-    theta, step = model.amplitudes(answer.parameter), answer.time - before
+    model: Any = full_or_reduced.equilibrium
+    (before, _), (time, _), answer = *history.path[-2:], history.answers[-1]
+    theta, step = model.amplitudes(answer.parameter), time - before
+    gauss: Any = answer.gauss
     strain = model.strain(answer.unknown, theta)
-    update = model.material.update(strain, answer.gauss.state, step, tangent=True)
+    update = model.material.update(strain, gauss.state, step, tangent=True)
     residual, _ = model.residual(update.stress, theta)
     operator = model.linearised(update.tangents)
     parts = {
         "strain": lambda: model.strain(answer.unknown, theta),
-        "laws": lambda: model.material.update(strain, answer.gauss.state, step, tangent=False),
+        "laws": lambda: model.material.update(strain, gauss.state, step, tangent=False),
         "residual": lambda: model.residual(update.stress, theta),
         "tangent": lambda: model.linearised(update.tangents),
         "contact": lambda: operator.correct(residual, answer.unknown, theta, answer.active),

@@ -56,7 +56,7 @@ def measure_points(
         models["fom_naive"] = NaiveFullOrder(full)
     # those that are timed are neither trained nor tested on
     fresh, others = (space.random(settings.queries + 5, settings.seed + k) for k in (1000, 4000))
-    whole = {"online_full": _everywhere(_twin(model, PetscLU)), "condensed_full": condensed.solve}
+    whole: Queries = {"online_full": _everywhere(_twin(model, PetscLU)), "condensed_full": condensed.solve}
     warm = time_queries(_warm(models, known) | whole, fresh)
     cold = time_queries({name: partial(item.solve, start=None) for name, item in models.items()}, others)
 
