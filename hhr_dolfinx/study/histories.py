@@ -51,16 +51,6 @@ def measure_histories(
         return _row(method, setting, runs, errors_of(other, runs))
 
     errors = errors_of(model, found)
-    rows = [
-        {
-            "value": label,
-            **row,
-            "cuts": run.history.cuts,
-            "iterations": run.history.iterations,
-            "full_iterations": known.history.iterations,
-        }
-        for label, row, run, known in zip(tests, errors, found, exact, strict=True)
-    ]
     own = _row("HHR", "this model", found, errors)
     nothing: dict[str, Any] = dict.fromkeys(own.errors.values, 0.0)
     best = _row("fom_best", settings.march.search, exact, [nothing | {"kkt": {}}] * len(exact))
@@ -68,7 +58,7 @@ def measure_histories(
     searches[settings.march.search] = float(np.median(best.seconds))
     parts = {"fom": seconds_of_parts(full, exact[-1].history), "online": seconds_of_parts(model, found[-1].history)}
     report = {
-        "histories": rows,
+        "histories": _described(tests, errors, found, exact),
         "times": {
             "fom_best": summary(best.seconds),
             "fom_searches": searches,
@@ -128,6 +118,22 @@ def _row(method: str, setting: str, runs: list[_Run], errors: list[dict[str, Any
     kkt = {name: max(row["kkt"][name] for row in errors) for name in errors[0]["kkt"]}
     found = Errors(values, np.ones(len(errors), dtype=bool), kkt)
     return Row(method, setting, np.array([run.seconds for run in runs]), found)
+
+
+def _described(
+    tests: Mapping[Any, Path], errors: list[dict[str, Any]], found: list[_Run], exact: list[_Run]
+) -> list[dict[str, Any]]:
+    """The ``histories`` part of a report."""
+    return [
+        {
+            "value": label,
+            **row,
+            "cuts": run.history.cuts,
+            "iterations": run.history.iterations,
+            "full_iterations": known.history.iterations,
+        }
+        for label, row, run, known in zip(tests, errors, found, exact, strict=True)
+    ]
 
 
 def _time_searches(
