@@ -38,10 +38,10 @@ ELASTIC = """
 training = hhr.train(pressed_block("plane_strain"), [8], held_out=20)
 reduction = training.build()
 hhr.save_model("block.npz", reduction)
-answer = hhr.load_model("block.npz").model.solve({"push": 0.05})
+answer = hhr.load_model("block.npz").solve({"push": 0.05})
 # E / (1 - nu^2) (push - gap) / 2 on a width of 1.5
-print(answer.status.name, f"{answer.forces.sum() / (3.0 / 0.91 * 0.04 / 2 * 1.5) - 1:.1e}")
-assert callable(hhr.answer_rows)
+print(answer.status.name, f"{answer.forces().sum() / (3.0 / 0.91 * 0.04 / 2 * 1.5) - 1:.1e}")
+assert callable(hhr.answer_points)
 print(*sys.modules, sep="\\n", file=open("modules", "w"))
 """
 

@@ -380,7 +380,7 @@ class Trained:
 
 def test_a_fault_of_the_program_is_no_reason_of_a_row(small_reduction, monkeypatch):
     points = small_reduction.parameters.random(3, 1)
-    monkeypatch.setattr(type(small_reduction), "solve", lambda *_, **__: None + 1)
+    monkeypatch.setattr(small_reduction, "solve", lambda *_, **__: None + 1)
     with pytest.raises(TypeError):
         hhr.answer_points(small_reduction, points, MPI.COMM_SELF)
 

@@ -23,7 +23,7 @@ def test_a_build_tells_its_stages(training, caplog):
     with caplog.at_level(logging.DEBUG, logger="hhr_dolfinx"):
         training.build()
     told = [(record.levelno, record.getMessage()) for record in caplog.records]
-    for stage in ("primal_basis", "rid", "projection", "stability", "validation"):
+    for stage in ("basis", "rid", "projection", "stability", "validation"):
         assert (logging.INFO, f"{stage} begins") in told
         assert any(level == logging.INFO and text.startswith(f"{stage} ends after ") for level, text in told)
     assert any(level == logging.DEBUG and text.startswith("extended_pod is left out: ") for level, text in told)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,63 +37,42 @@ def measure_histories(
         ConvergenceError: if a history, full or reduced, does not converge.
     """
     full, floor = training.full_order, floor_of(training.full_order, training.snapshots)
-    exact, found, rows, full_seconds, seconds = [], [], [], [], []
-    for label, path in progress("tests")(list(tests.items())):
-        history, taken = timed(partial(full.march, path, settings.march))
-        exact.append(history)
-        full_seconds.append(taken)
-        history, taken = _repeated(model, path, settings)
-        found.append(history)
-        seconds.append(taken)
-        counts = {"cuts": history.cuts, "iterations": history.iterations, "full_iterations": exact[-1].iterations}
-        rows.append({"value": label, **history_errors(full, model, history, exact[-1], floor), **counts})
+    exact, found = [], []
+    for path in progress("tests")(list(tests.values())):
+        exact.append(_run(full, path, settings.march, 1))
+        found.append(_run(model, path, settings.march, settings.repetitions))
+
+    def errors_of(other: Model, runs: list[_Run]) -> list[dict[str, Any]]:
+        pairs = zip(runs, exact, strict=True)
+        return [history_errors(full, other, run.history, known.history, floor) for run, known in pairs]
 
     def beside(method: str, setting: str, other: Model) -> Row:
-        runs = [_repeated(other, path, settings) for path in tests.values()]
-        errors = [
-            history_errors(full, other, run, history, floor) for (run, _), history in zip(runs, exact, strict=True)
-        ]
-        return Row(method, setting, np.array([taken for _, taken in runs]), _errors(errors))
+        runs = [_run(other, path, settings.march, settings.repetitions) for path in tests.values()]
+        return _row(method, setting, runs, errors_of(other, runs))
 
-    report, skipped = _times(full, model, (exact[-1], found[-1]), (full_seconds, seconds), settings.march)
-    own = Row("HHR", "this model", np.array(seconds), _errors(rows))
-    nothing = Errors({name: np.zeros(len(rows)) for name in own.errors.values}, own.errors.answered, {})
-    best = Row("fom_best", settings.march.search, np.array(full_seconds), nothing)
-    return Measurement(own, [best], beside, {"histories": rows, **report}, skipped, (exact[-1], found[-1]))
-
-
-def _times(
-    full: FullOrderModel,
-    model: ReducedModel,
-    last: tuple[History, History],
-    seconds: tuple[list[float], list[float]],
-    march: MarchSettings,
-) -> tuple[dict[str, Any], list[dict[str, str]]]:
-    """The ``times`` and ``ratios`` of a report, and what was left out.
-
-    Args:
-        full, model: full and reduced.
-        last: histories of both at the last test.
-        seconds: of both at each test.
-        march: how histories are solved.
-    """
-    searches, skipped = _time_searches(full, last[0].path, march)
-    medians = [float(np.median(taken)) for taken in seconds]
-    searches[march.search] = medians[0]
-    parts = {
-        "fom": seconds_of_parts(full.equilibrium, last[0]),
-        "online": seconds_of_parts(model.equilibrium, last[1]),
+    errors = errors_of(model, found)
+    own = _row("HHR", "this model", found, errors)
+    nothing: dict[str, Any] = dict.fromkeys(own.errors.values, 0.0)
+    best = _row("fom_best", settings.march.search, exact, [nothing | {"kkt": {}}] * len(exact))
+    searches, skipped = _time_searches(full, next(iter(tests.values())), settings.march)
+    searches[settings.march.search] = float(np.median(best.seconds))
+    parts = {"fom": seconds_of_parts(full, exact[-1].history), "online": seconds_of_parts(model, found[-1].history)}
+    report = {
+        "histories": _described(tests, errors, found, exact),
+        "times": {
+            "fom_best": summary(best.seconds),
+            "fom_searches": searches,
+            "condensed": None,
+            "online": summary(own.seconds),
+            "parts": parts,
+        },
+        "ratios": {
+            "fom_best/online": float(np.median(best.seconds) / np.median(own.seconds)),
+            "laws": parts["fom"]["laws"] / parts["online"]["laws"],
+        },
     }
-    times = {
-        "fom_best": summary(seconds[0]),
-        "fom_searches": searches,
-        "condensed": None,
-        "online": summary(seconds[1]),
-        "parts": parts,
-    }
-    ratios = {"fom_best/online": medians[0] / medians[1], "laws": parts["fom"]["laws"] / parts["online"]["laws"]}
     skipped.append({"stage": "condensed", "why": "the stiffness changes with the flow"})
-    return {"times": times, "ratios": ratios}, skipped
+    return Measurement(own, [best], beside, report, skipped, (exact[-1].history, found[-1].history))
 
 
 def history_errors(
@@ -111,27 +90,50 @@ def history_errors(
     found, known = ((answer.displacement(), answer.forces()) for answer in (here, there))
     errors = answer_errors(full.problem, found, known, floor, conditions_inside(model))
     stress, flowed = there.stress(), there.plastic_strain()
-    if isinstance(model, ReducedModel):
-        inside = model.fields.flow.points if model.fields.flow is not None else slice(None)
-        errors["stress_rr"] = relative_error(here.state().stress[:, 0], stress[inside, 0])
-        errors["plastic_strain"] = relative_error(here.state().state.cumulated, flowed[inside])
+    if isinstance(model, ReducedModel) and model.flow is not None and here.gauss is not None:
+        inside = model.flow.points
+        errors["stress_rr"] = relative_error(here.gauss.stress[:, 0], stress[inside, 0])
+        errors["plastic_strain"] = relative_error(here.gauss.state.cumulated, flowed[inside])
     errors["plastic_strain_everywhere"] = relative_error(here.plastic_strain(), flowed)
     errors["stress_rr_everywhere"] = relative_error(here.stress()[:, 0], stress[:, 0])
     errors["largest_displacement"], errors["largest_forces"] = largest_errors(full, history, exact, floor)
     return {**errors, "kkt": asdict(residuals_of(full, here))}
 
 
-def _errors(rows: list[dict[str, Any]]) -> Errors:
-    """Errors of some histories, from one row each."""
-    names = [name for name, value in rows[0].items() if isinstance(value, float) and name != "value"]
-    kkt = {name: max(row["kkt"][name] for row in rows) for name in rows[0]["kkt"]}
-    return Errors({name: np.array([row[name] for row in rows]) for name in names}, np.ones(len(rows), dtype=bool), kkt)
-
-
-def _repeated(model: Model, path: Path, settings: Any) -> tuple[History, float]:
+class _Run(NamedTuple):
     """A history, and its median seconds over repetitions."""
-    runs = [timed(partial(model.march, path, settings.march)) for _ in range(settings.repetitions)]
-    return runs[0][0], float(np.median([seconds for _, seconds in runs]))
+
+    history: History
+    seconds: float
+
+
+def _run(model: Model, path: Path, march: MarchSettings, repetitions: int) -> _Run:
+    runs = [timed(partial(model.march, path, march)) for _ in range(repetitions)]
+    return _Run(runs[0][0], float(np.median([seconds for _, seconds in runs])))
+
+
+def _row(method: str, setting: str, runs: list[_Run], errors: list[dict[str, Any]]) -> Row:
+    """Row of a method, from its histories and the errors of each."""
+    values = {name: np.array([row[name] for row in errors]) for name in errors[0] if name != "kkt"}
+    kkt = {name: max(row["kkt"][name] for row in errors) for name in errors[0]["kkt"]}
+    found = Errors(values, np.ones(len(errors), dtype=bool), kkt)
+    return Row(method, setting, np.array([run.seconds for run in runs]), found)
+
+
+def _described(
+    tests: Mapping[Any, Path], errors: list[dict[str, Any]], found: list[_Run], exact: list[_Run]
+) -> list[dict[str, Any]]:
+    """The ``histories`` part of a report."""
+    return [
+        {
+            "value": label,
+            **row,
+            "cuts": run.history.cuts,
+            "iterations": run.history.iterations,
+            "full_iterations": known.history.iterations,
+        }
+        for label, row, run, known in zip(tests, errors, found, exact, strict=True)
+    ]
 
 
 def _time_searches(
@@ -149,17 +151,21 @@ def _time_searches(
     return seconds, skipped
 
 
-def seconds_of_parts(model: Any, history: History, repetitions: int = 20) -> dict[str, float]:
-    """Seconds of each part of an iteration of an equilibrium in the last step of a history, and of a new tangent."""
-    answer, before = history.answers[-1], history.path[-2][0]
-    theta, step = model.amplitudes(answer.parameter), answer.time - before
+def seconds_of_parts(
+    full_or_reduced: FullOrderModel | ReducedModel, history: History, repetitions: int = 20
+) -> dict[str, float]:
+    """Seconds of each part of an iteration in the last step of a history, and of a new tangent."""
+    model: Any = full_or_reduced.equilibrium
+    (before, _), (time, _), answer = *history.path[-2:], history.answers[-1]
+    theta, step = model.amplitudes(answer.parameter), time - before
+    gauss: Any = answer.gauss
     strain = model.strain(answer.unknown, theta)
-    update = model.material.update(strain, answer.state().state, step, tangent=True)
+    update = model.material.update(strain, gauss.state, step, tangent=True)
     residual, _ = model.residual(update.stress, theta)
     operator = model.linearised(update.tangents)
     parts = {
         "strain": lambda: model.strain(answer.unknown, theta),
-        "laws": lambda: model.material.update(strain, answer.state().state, step, tangent=False),
+        "laws": lambda: model.material.update(strain, gauss.state, step, tangent=False),
         "residual": lambda: model.residual(update.stress, theta),
         "tangent": lambda: model.linearised(update.tangents),
         "contact": lambda: operator.correct(residual, answer.unknown, theta, answer.active),

@@ -16,7 +16,6 @@ from hhr_dolfinx.models.answer import Path
 from hhr_dolfinx.models.path import MarchSettings
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.study.histories import history_errors
-from hhr_dolfinx.trained import TrainedPaths
 
 
 @dataclass(frozen=True)
@@ -60,15 +59,15 @@ def try_path(
             return {**row, "warned": True, "failed": str(error)}
     warned = any(issubclass(item.category, OutsideTrainingWarning) for item in caught)
     errors = history_errors(full, model, found, exact, floor)
-    largest, trained = max(sign.imbalance for sign in found.signs), model.trained
-    known = trained.imbalance if isinstance(trained, TrainedPaths) else np.nan
+    largest = max(sign.imbalance for sign in found.signs)
+    trained: Any = model.trained
     return row | {
         "warned": warned,
         "displacement": errors["largest_displacement"],
         "forces": errors["largest_forces"],
         "stress_rr": errors["stress_rr_everywhere"],
         "plastic_strain": errors["plastic_strain_everywhere"],
-        "imbalance": largest / known,
+        "imbalance": largest / trained.imbalance,
     }
 
 

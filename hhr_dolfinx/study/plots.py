@@ -56,7 +56,7 @@ def draw_study(study: Study, view: View, folder: Path) -> None:
         _draw_over_time(exact, found, folder)
         return
     names = full.parameters.names
-    if len(names) == 1:
+    if len(names) == 1 and isinstance(study.tests, np.ndarray):
         values = study.measured.own.errors.values
         shown = ("primal_euclid", "primal_energy", "dual_rid", "energy_minimum")
         where = np.ravel(np.asarray(study.tests))
