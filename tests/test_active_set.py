@@ -23,7 +23,7 @@ from hhr_dolfinx.models.answer import ElasticFields, found_as, outcome
 from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses
 from hhr_dolfinx.models.reduced import ADVICE, ReducedModel, ReducedProblem
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.reduction.completion import prepare_reconstruction
+from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.flow import project_flow
 from hhr_dolfinx.reduction.projection import project
 
@@ -259,7 +259,9 @@ def test_every_model_keeps_its_pairs_apart(kind, unlike):
         model = full if kind == "full" else NaiveFullOrder(full)
         forces = model.solve(point, start=everything).forces()
     elif kind in ("condensed", "reduced"):
-        fields = prepare_reconstruction(problem, basis, sets, hhr.SnapshotSet.of_answers([full.solve(point)]))
+        fields = Completion.of(problem, hhr.SnapshotSet.of_answers([full.solve(point)])).reconstruction(
+            problem, basis, sets
+        )
         reduced = ReducedModel(project(problem, basis, sets), problem.parameters, fields, known=known)
         forces = (exact_condensation(full, known) if kind == "condensed" else reduced).solve(point).forces()
     else:

@@ -26,7 +26,7 @@ from hhr_dolfinx.errors import NotSolvableError, ReductionError, StabilityWarnin
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.condensed import KnownStatuses
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.reduction.completion import prepare_reconstruction
+from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.enrichment import enrich
 from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.reduction.projection import project
@@ -173,7 +173,7 @@ def test_the_reduced_model_finds_the_exact_solution_of_a_saddle_point_with_two_m
     modes = pod(pellet.snapshots.displacements, 1e-5)[0][:, :4]
     basis = enrich(problem, np.linalg.qr(np.column_stack([homogeneous, modes]))[0], sets, 3.0).basis
     known = KnownStatuses(point[None], solution.active[sets.A_lambda][None])
-    fields = prepare_reconstruction(problem, basis, sets, pellet.snapshots)
+    fields = Completion.of(problem, pellet.snapshots).reconstruction(problem, basis, sets)
     model = ReducedModel(project(problem, basis, sets), problem.parameters, fields, known=known)
     exact = solution.forces()[sets.A_lambda]
     assert exact.any()

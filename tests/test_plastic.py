@@ -28,7 +28,7 @@ from hhr_dolfinx.geometries import block, two_blocks
 from hhr_dolfinx.materials.update import Group, Material, State
 from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.reduction.completion import prepare_reconstruction
+from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.flow import project_flow, tangent_margin
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.recipe import Deim, FlowDeim, ForceDeim, LoadNodes, Pod, Rid, StressDeim, Zone
@@ -255,7 +255,7 @@ def of_all_functions(full, history):
     basis[free, np.arange(free.size)] = 1.0
     sets = whole_domain(problem)
     flow = project_flow(full.equilibrium, basis, sets)
-    fields = prepare_reconstruction(problem, basis, sets, hhr.SnapshotSet.of_histories([history]), flow)
+    fields = Completion.of(problem, hhr.SnapshotSet.of_histories([history])).reconstruction(problem, basis, sets, flow)
     return ReducedModel(project(problem, basis, sets), full.parameters, fields, flow=flow)
 
 

@@ -10,7 +10,7 @@ from scenes import THESIS, check_contact_conditions, node_dofs, whole_domain
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.models.condensed import KnownStatuses
-from hhr_dolfinx.reduction.completion import prepare_reconstruction
+from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.deim import deim
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.rid import reduced_domain
@@ -64,7 +64,7 @@ def test_full_basis_on_the_whole_domain_is_the_full_order(hertz, hertz_snapshots
     problem = hertz.problem
     basis = np.eye(problem.free.size)[:, problem.free]
     sets = whole_domain(problem)
-    fields = prepare_reconstruction(problem, basis, sets, hertz_snapshots)
+    fields = Completion.of(problem, hertz_snapshots).reconstruction(problem, basis, sets)
     known = hertz_snapshots.known_statuses()
     model = hhr.ReducedModel(project(problem, basis, sets), problem.parameters, fields, known=known)
     for mu in (0.1513, 0.3, 0.4321):

@@ -27,7 +27,7 @@ from hhr_dolfinx.errors import (
     UncheckedWarning,
     UnstableModelError,
 )
-from hhr_dolfinx.reduction.completion import prepare_reconstruction, spanning_rays
+from hhr_dolfinx.reduction.completion import Completion, spanning_rays
 from hhr_dolfinx.reduction.rid import reduced_domain, zone_of_interest
 from hhr_dolfinx.study.yardstick import Yardstick
 
@@ -68,7 +68,7 @@ def test_each_pair_has_a_scale_of_its_own(press_fit):
     forces = np.vstack([snapshots.forces, np.zeros((1, snapshots.forces.shape[1]))])
     sets = reduced_domain(problem, np.arange(len(problem.points)))
     basis = np.eye(problem.free.size)[:, :2]
-    scale = prepare_reconstruction(far, basis, sets, dataclasses.replace(snapshots, forces=forces)).gap_scale
+    scale = Completion.of(far, dataclasses.replace(snapshots, forces=forces)).gap_scale
     assert scale[:rows] == pytest.approx(0.01) and scale[rows] == 1e8
 
 

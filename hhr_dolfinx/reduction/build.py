@@ -26,7 +26,7 @@ from hhr_dolfinx.certify.trust import (
 from hhr_dolfinx.contact.problem import IndexSets
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.reduction.completion import prepare_reconstruction
+from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.recipe import Recipe
@@ -80,6 +80,7 @@ class _Offline:
         basis: before enrichment, (N, ell).
         nodes: that make the RID.
         constants: of the full model.
+        completion: of the answers.
         states: tangents at training states and the stiffness they make.
         log: told of every stage.
     """
@@ -91,6 +92,7 @@ class _Offline:
     basis: np.ndarray
     nodes: np.ndarray
     constants: FullConstants
+    completion: Completion
     states: list[tuple[np.ndarray, Any]]
     log: StageLog
 
@@ -138,6 +140,8 @@ def build(
         nodes = np.unique(np.concatenate([_nodes_of(step, full.problem, snapshots, basis) for step in recipe.nodes]))
     with log.stage("full_constants"):
         constants = FullConstants.of(full.problem, full.schur)
+    with log.stage("reconstruction"):
+        completion = Completion.of(full.problem, snapshots)
     states = []
     if full.equilibrium is None or recipe.tangents is None:
         log.skip(
@@ -151,7 +155,7 @@ def build(
             states = training_tangents(full.equilibrium, snapshots.histories, recipe.tangents.states)
     if recipe.indicator is None:
         log.skip("indicator", "no estimate of the error of each answer was asked for")
-    shared = _Offline(full, snapshots, held_out, recipe, basis, nodes, constants, states, log)
+    shared = _Offline(full, snapshots, held_out, recipe, basis, nodes, constants, completion, states, log)
     return first_trusted(lambda layers: _attempt(shared, layers), recipe.domain.layers, recipe.domain.most_layers, log)
 
 
@@ -239,7 +243,7 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
         if recipe.trust is not None:
             check_stability(stability, recipe.trust)
     with log.stage("reconstruction"):
-        fields = prepare_reconstruction(problem, basis, sets, shared.snapshots, flow)
+        fields = shared.completion.reconstruction(problem, basis, sets, flow)
         fields = replace(fields, stress_of=full.stress_of)
         if recipe.indicator is not None:
             fields = replace(fields, indicator=recipe.indicator.prepared(problem, basis, sets))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.optimize import nnls
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
+from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.reconstruct import FlowFields, GappyField, Reconstruction
 from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.snapshots.records import SnapshotSet
@@ -24,38 +26,55 @@ IN_THE_CONE = 1e-3
 largest force below which a relative force error means nothing."""
 
 
-def prepare_reconstruction(
-    problem: ContactProblem,
-    basis: np.ndarray,
-    sets: IndexSets,
-    snapshots: SnapshotSet,
-    flow: ReducedFlow | None = None,
-) -> Reconstruction:
-    """Collect what :class:`Reconstruction` needs; snapshots inside the cone of the others are left out, see (1.70)."""
-    return Reconstruction(
-        amplitudes=problem.amplitudes,
-        basis=basis,
-        lifts=problem.lifts,
-        contact_basis=csr_matrix(problem.contact) @ basis,
-        gaps=problem.gaps,
-        A_lambda=sets.A_lambda,
-        force_snapshots=spanning_rays(snapshots.forces, IN_THE_CONE),
-        gap_scale=_gap_scale(problem, snapshots),
-        dimension=problem.block_size,
-        flow=None if flow is None else _flow_fields(flow, snapshots),
-    )
+@dataclass(frozen=True)
+class Completion:
+    """What completes answers, as far as it depends on training alone, computed once for all attempts.
 
+    Attributes:
+        force_snapshots: forces whose cone holds all of training, see (1.70), (N_lambda, S').
+        gap_scale: length by which gaps are measured, (N_lambda,).
+        stress, plastic_strain: POD modes of the fields of Gauss points; None where nothing flows, or flowed.
+    """
 
-def _flow_fields(flow: ReducedFlow, snapshots: SnapshotSet) -> FlowFields:
-    """How stress and cumulated plastic strain are completed, from POD modes of training states (section 6.2.3)."""
-    components, points = flow.material.components, flow.points
-    stresses, cumulated_strains = snapshots.fields_of_flow()
-    values = (points[:, None] * components + np.arange(components)).ravel()
-    stress = GappyField.fitted(pod(stresses, STRESS)[0], values)
-    cumulated = None
-    if np.any(cumulated_strains):
-        cumulated = GappyField.fitted(pod(cumulated_strains, PLASTIC_STRAIN)[0], points)
-    return FlowFields(points, stress, cumulated, len(cumulated_strains))
+    force_snapshots: np.ndarray
+    gap_scale: np.ndarray
+    stress: np.ndarray | None = None
+    plastic_strain: np.ndarray | None = None
+
+    @classmethod
+    def of(cls, problem: ContactProblem, snapshots: SnapshotSet) -> Completion:
+        """Of training answers."""
+        rays, scale = spanning_rays(snapshots.forces, IN_THE_CONE), _gap_scale(problem, snapshots)
+        if snapshots.stress is None or snapshots.cumulated is None:
+            return cls(rays, scale)
+        flowed = pod(snapshots.cumulated, PLASTIC_STRAIN)[0] if np.any(snapshots.cumulated) else None
+        return cls(rays, scale, pod(snapshots.stress, STRESS)[0], flowed)
+
+    def reconstruction(
+        self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets, flow: ReducedFlow | None = None
+    ) -> Reconstruction:
+        """What one reduced model hands out fields with."""
+        return Reconstruction(
+            amplitudes=problem.amplitudes,
+            basis=basis,
+            lifts=problem.lifts,
+            contact_basis=csr_matrix(problem.contact) @ basis,
+            gaps=problem.gaps,
+            A_lambda=sets.A_lambda,
+            force_snapshots=self.force_snapshots,
+            gap_scale=self.gap_scale,
+            dimension=problem.block_size,
+            flow=None if flow is None else self._flow_fields(flow),
+        )
+
+    def _flow_fields(self, flow: ReducedFlow) -> FlowFields:
+        """How stress and cumulated plastic strain are completed from the Gauss points of the RID (section 6.2.3)."""
+        if self.stress is None:
+            raise ReductionError("these snapshots hold no stress: give histories of a scene whose bodies flow")
+        components, points = flow.material.components, flow.points
+        values = (points[:, None] * components + np.arange(components)).ravel()
+        flowed = None if self.plastic_strain is None else GappyField.fitted(self.plastic_strain, points)
+        return FlowFields(points, GappyField.fitted(self.stress, values), flowed, len(self.stress) // components)
 
 
 def spanning_rays(columns: np.ndarray, tolerance: float) -> np.ndarray:

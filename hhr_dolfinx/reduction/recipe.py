@@ -323,8 +323,8 @@ class Recipe:
         return cls(**({"basis": Pod(3e-10)} | usual | changes))
 
     def as_it_is(self) -> Recipe:
-        """The same without a trust check and without growth, to measure what it gives."""
-        return replace(self, trust=None, domain=replace(self.domain, most_layers=self.domain.layers))
+        """The same without any check and without growth, to measure what it gives."""
+        return replace(self, trust=None, tangents=None, domain=replace(self.domain, most_layers=self.domain.layers))
 
     def described(self) -> dict[str, Any]:
         """Steps and their numbers as plain values, for a report; a function by its name."""

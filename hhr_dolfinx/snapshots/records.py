@@ -81,16 +81,6 @@ class SnapshotSet:
             raise ReductionError("a reduced model needs at least one training history, with at least one step")
         return cls.of_answers([answer for history in histories for answer in history.answers], histories)
 
-    def fields_of_flow(self) -> tuple[np.ndarray, np.ndarray]:
-        """Stress and cumulated plastic strain of all columns.
-
-        Raises:
-            ReductionError: where nothing flows.
-        """
-        if self.stress is None or self.cumulated is None:
-            raise ReductionError("these snapshots hold no stress: give histories of a scene whose bodies flow")
-        return self.stress, self.cumulated
-
     def take(self, columns: Any) -> SnapshotSet:
         """Some of the columns, possibly several times, as answers at single parameters."""
         parts: list[Any] = [None if part is None else part[:, columns] for part in self._columns()]
