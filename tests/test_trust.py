@@ -28,7 +28,7 @@ from hhr_dolfinx.errors import (
     UnstableModelError,
 )
 from hhr_dolfinx.reduction.completion import Completion, spanning_rays
-from hhr_dolfinx.reduction.rid import reduced_domain, zone_of_interest
+from hhr_dolfinx.reduction.rid import zone_of_interest
 from hhr_dolfinx.study.yardstick import Yardstick
 
 COARSE = {"arc_segments": 28, "flat_segments": 7}
@@ -66,8 +66,6 @@ def test_each_pair_has_a_scale_of_its_own(press_fit):
         contact_pairs=np.append(problem.contact_pairs, 1),
     )
     forces = np.vstack([snapshots.forces, np.zeros((1, snapshots.forces.shape[1]))])
-    sets = reduced_domain(problem, np.arange(len(problem.points)))
-    basis = np.eye(problem.free.size)[:, :2]
     scale = Completion.of(far, dataclasses.replace(snapshots, forces=forces)).gap_scale
     assert scale[:rows] == pytest.approx(0.01) and scale[rows] == 1e8
 
