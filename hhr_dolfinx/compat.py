@@ -173,11 +173,11 @@ def geometry_dofmap(mesh: Mesh) -> np.ndarray:
     return geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
 
 
-def quadrature(mesh: Mesh, degree: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points and weights of DOLFINx's rule of a degree on the reference cell."""
+def quadrature(cell: str, degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points and weights of DOLFINx's rule of a degree on a reference cell, given by its name."""
     import basix
 
-    return basix.make_quadrature(basix.CellType[mesh.topology.cell_name()], degree)
+    return basix.make_quadrature(basix.CellType[cell], degree)
 
 
 def compiled(**options: Any) -> Callable[[Callable], Callable]:

@@ -75,7 +75,7 @@ def _tabulated(discretisation: Discretisation, cells: np.ndarray) -> StrainOpera
     """Strain at the Gauss points of some cells of this rank, in its own numbers of the dofs; collective."""
     mesh, space, hypothesis = discretisation.mesh, discretisation.space, discretisation.scene.hypothesis
     cells = cells.astype(np.int32)
-    points, weights = compat.quadrature(mesh, QUADRATURE)
+    points, weights = compat.quadrature(mesh.topology.cell_name(), QUADRATURE)
     table = fem.Expression(strain_vector(ufl.TrialFunction(space), hypothesis), points).eval(mesh, cells)
     measure = volume_weight(mesh, hypothesis) * abs(ufl.JacobianDeterminant(mesh))
     volumes = weights * fem.Expression(measure, points).eval(mesh, cells).reshape(len(cells), len(weights))

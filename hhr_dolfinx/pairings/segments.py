@@ -7,31 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hhr_dolfinx.compat import extra
+from hhr_dolfinx.compat import extra, quadrature
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.projection import local_coordinates, shape_functions
 from hhr_dolfinx.pairings.surface import Surface
 
-_GAUSS_3 = np.polynomial.legendre.leggauss(3)
-# degree 4 on a triangle, 6 points (D. A. Dunavant, Int. J. Numer. Methods Eng. 21, 1985)
-_A, _B = 0.445948490915965, 0.091576213509771
-_TRIANGLE = (
-    np.array([[_A, _A], [1 - 2 * _A, _A], [_A, 1 - 2 * _A], [_B, _B], [1 - 2 * _B, _B], [_B, 1 - 2 * _B]]),
-    np.array([0.223381589678011] * 3 + [0.109951743655322] * 3),
-)
-
-
-def _collapsed_square(order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Rule on a triangle from Gauss points of the square, whose one side becomes a corner; weights of sum 1."""
-    nodes, weights = np.polynomial.legendre.leggauss(order)
-    x, y = np.meshgrid((nodes + 1) / 2, (nodes + 1) / 2, indexing="ij")
-    scale = np.outer(weights, weights) / 4 * (1 - x) * 2
-    return np.column_stack([x.ravel(), ((1 - x) * y).ravel()]), scale.ravel()
-
-
-_RULES = ((_TRIANGLE, -1.0, 1e-10), (_collapsed_square(8), 1e-10, 0.2), (_collapsed_square(16), 0.2, np.inf))
-"""Quadrature by skewness of the facets: on quadrilaterals that are no parallelograms shape functions are rational,
-and 1e-10 of the load of a node takes more points."""
+_SKEWED = ((4, -1.0, 1e-10), (14, 1e-10, 0.2), (30, 0.2, np.inf))
+"""Degree of quadrature by skewness of the facets: on quadrilaterals that are no parallelograms shape functions are
+rational, and 1e-10 of the load of a node takes more points."""
 
 
 class Segments(NamedTuple):
@@ -70,7 +53,8 @@ def _segments(slave: Surface, master: Surface, directions: np.ndarray, here: np.
     low, high = np.maximum(ends.min(axis=0), 0.0), np.minimum(ends.max(axis=0), 1.0)
     common = high - low > 1e-12
     here, there, low, high, ends = here[common], there[common], low[common], high[common], ends[:, common]
-    nodes, weights = (_GAUSS_3[0] + 1) / 2, _GAUSS_3[1] / 2
+    points, weights = quadrature("interval", 4)
+    nodes = points[:, 0]
     position = low[:, None] + (high - low)[:, None] * nodes
     on_master = (position - ends[0][:, None]) / (ends[1] - ends[0])[:, None]
     slave_values, master_values = (np.stack([1 - t, t], axis=-1).reshape(-1, 2) for t in (position, on_master))
@@ -93,7 +77,9 @@ def _polygons(slave: Surface, master: Surface, directions: np.ndarray, here: np.
     tilt = np.einsum("pd,pd->p", slave.outward[here], directions[here])
     skew = np.maximum(*(_skewness(corners) for corners in flat))[pair] if pair.size else np.zeros(0)
     parts = []
-    for rule, low, high in _RULES:
+    for degree, low, high in _SKEWED:
+        points, weights = quadrature("triangle", degree)
+        rule = points, 2 * weights  # shares of the area
         which = np.flatnonzero((skew > low) & (skew <= high))
         (slave_values, master_values), measures = _on_triangles(flat, pair[which], triangles[which], *rule)
         facet = np.repeat(pair[which], len(rule[1]))
