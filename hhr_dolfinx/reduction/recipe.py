@@ -27,13 +27,6 @@ MOST_LAYERS = 1000
 """Layers of cells beyond which any mesh of ours is covered."""
 
 
-def _check_tolerance(step: str, value: Any) -> None:
-    if not (isinstance(value, Real) and 0 < float(value) < 1):
-        raise ReductionError(
-            f"tolerance = {value} of {step} must lie in (0, 1): it is the part of the snapshots left out"
-        )
-
-
 def _weights(columns: np.ndarray) -> np.ndarray:
     """One over the norm of each column, 1 for columns of zeros."""
     sizes = np.linalg.norm(columns, axis=0)
@@ -68,23 +61,40 @@ class Indicator(Protocol):
 
 
 @dataclass(frozen=True)
-class Pod:
+class Tolerant:
+    """A step that decomposes snapshots.
+
+    Attributes:
+        tolerance: epsilon of (1.53), in (0, 1): the part of the squared snapshots that is left out.
+    """
+
+    tolerance: float
+
+    def __post_init__(self) -> None:
+        """Refuse what leaves out nothing or everything."""
+        if not (isinstance(self.tolerance, Real) and 0 < float(self.tolerance) < 1):
+            raise ReductionError(
+                f"tolerance = {self.tolerance} of {type(self).__name__} must lie in (0, 1): it is the part of the "
+                "snapshots left out"
+            )
+
+
+@dataclass(frozen=True)
+class Pod(Tolerant):
     """Proper orthogonal decomposition of the displacements, thesis (1.49)-(1.54).
 
     Attributes:
-        tolerance: epsilon of (1.53), in (0, 1).
         relative: divide each snapshot by its norm first, so that grazing contact counts as much as strong contact; the
             thesis does not.
         norm: ``euclidean`` as in the thesis, ``energy`` or ``l2``.
     """
 
-    tolerance: float
     relative: bool = False
     norm: str = "euclidean"
 
     def __post_init__(self) -> None:
         """Refuse what no decomposition can do."""
-        _check_tolerance("Pod", self.tolerance)
+        super().__post_init__()
         if self.norm not in ("euclidean", "energy", "l2"):
             raise ReductionError(f"norm = '{self.norm}' of a Pod is unknown: 'euclidean', 'energy' or 'l2'")
 
@@ -112,20 +122,14 @@ class Deim:
 
 
 @dataclass(frozen=True)
-class ForceDeim:
+class ForceDeim(Tolerant):
     """Slave nodes of the contact conditions that DEIM picks on a POD of the contact forces, section 1.4.3.
 
     Attributes:
-        tolerance: epsilon of (1.53).
         relative: divide the forces of each snapshot by the norm of its displacement first.
     """
 
-    tolerance: float
     relative: bool = False
-
-    def __post_init__(self) -> None:
-        """Refuse a tolerance that is none."""
-        _check_tolerance("ForceDeim", self.tolerance)
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
         """See :class:`Nodes`; without contact in training one node, since a RID needs at least one condition."""
@@ -136,18 +140,8 @@ class ForceDeim:
 
 
 @dataclass(frozen=True)
-class StressDeim:
-    """Nodes of the cells in which DEIM picks Gauss points on a POD of the stress, section 6.2.3.
-
-    Attributes:
-        tolerance: epsilon of (1.53).
-    """
-
-    tolerance: float
-
-    def __post_init__(self) -> None:
-        """Refuse a tolerance that is none."""
-        _check_tolerance("StressDeim", self.tolerance)
+class StressDeim(Tolerant):
+    """Nodes of the cells in which DEIM picks Gauss points on a POD of the stress, section 6.2.3."""
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
         """See :class:`Nodes`; none where nothing can flow."""
@@ -157,18 +151,8 @@ class StressDeim:
 
 
 @dataclass(frozen=True)
-class FlowDeim:
-    """Nodes of the cells in which DEIM picks Gauss points on a POD of the cumulated plastic strain, section 6.2.3.
-
-    Attributes:
-        tolerance: epsilon of (1.53).
-    """
-
-    tolerance: float
-
-    def __post_init__(self) -> None:
-        """Refuse a tolerance that is none."""
-        _check_tolerance("FlowDeim", self.tolerance)
+class FlowDeim(Tolerant):
+    """Nodes of the cells in which DEIM picks Gauss points on a POD of the cumulated plastic strain, section 6.2.3."""
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
         """See :class:`Nodes`; none where nothing flowed in training."""
