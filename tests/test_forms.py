@@ -50,7 +50,11 @@ class Stated:
         for constant, value in zip(self._given, values, strict=True):
             constant.value = value
         cell = np.zeros(1, dtype=np.int32)
-        found = {name: np.squeeze(item.eval(self._line, cell)) for name, item in self._expressions.items()}
+        # one row of values, of the shape of the expression or flat, as the version of DOLFINx has it
+        found = {
+            name: np.reshape(item.eval(self._line, cell), item.ufl_expression.ufl_shape)
+            for name, item in self._expressions.items()
+        }
         return SimpleNamespace(**found)
 
 
