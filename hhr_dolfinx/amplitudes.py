@@ -225,13 +225,22 @@ class Amplitudes:
         return np.cumsum([self.constant.size, *(amplitude.count for amplitude in self.nonaffine)]).tolist()
 
     def __call__(self, point: np.ndarray) -> Theta:
-        """Evaluate theta at a checked point."""
+        """Evaluate theta at a checked point.
+
+        Raises:
+            SceneError: if an amplitude that is not affine answers with columns of others.
+        """
         affine = self.constant + self.slopes @ point
         if not self.nonaffine:
             return Theta(slice(None), affine)
         terms, values = list(range(affine.size)), affine.tolist()
         for first, amplitude in zip(self.firsts, self.nonaffine):  # noqa: B905 (hot path; the last is their end)
             columns, weights = amplitude(point)
+            if len(columns) != len(weights) or not all(0 <= column < amplitude.count for column in columns):
+                raise SceneError(
+                    f"{amplitude!r} returns columns {columns} and {len(weights)} values at {point.tolist()}: give as "
+                    f"many values as columns, 0 to {amplitude.count - 1}"
+                )
             terms.extend([first + column for column in columns])
             values.extend(weights)
         return Theta(np.array(terms), np.array(values, dtype=float))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,6 +31,16 @@ SMALL = 1e-3
 training to round-off, any other answer would seem far outside."""
 
 
+def check_outside(outside: Any) -> None:
+    """Refuse a word that says nothing, before it is needed.
+
+    Raises:
+        ParameterError: if ``outside`` is none of :data:`OUTSIDE`.
+    """
+    if outside not in OUTSIDE:
+        raise ParameterError(f"outside = {outside!r} is unknown, one of {', '.join(OUTSIDE)}")
+
+
 def announce(message: str, outside: str) -> None:
     """Warn of a query outside what was trained, or refuse it, or let it pass.
 
@@ -41,8 +51,7 @@ def announce(message: str, outside: str) -> None:
     Warns:
         OutsideTrainingWarning: if it is ``warn``.
     """
-    if outside not in OUTSIDE:
-        raise ParameterError(f"outside = '{outside}' is unknown, one of {', '.join(OUTSIDE)}")
+    check_outside(outside)
     if outside == "refuse":
         raise OutsideTrainingError(message)
     if outside == "warn":
@@ -190,8 +199,7 @@ class Watch:
     """
 
     def __init__(self, trained: TrainedPaths | None, outside: str):
-        if outside not in OUTSIDE:
-            raise ParameterError(f"outside = '{outside}' is unknown, one of {', '.join(OUTSIDE)}")
+        check_outside(outside)
         self._trained, self._outside = trained, outside
         self._said: set[str] = set()
         self._largest = 0.0

@@ -7,10 +7,11 @@ from argparse import Namespace
 import hertz_half_discs as demo
 import numpy as np
 import pytest
+from scenes import pressed_block
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import compat
-from hhr_dolfinx.errors import ParameterError, StudyError
+from hhr_dolfinx.errors import ParameterError, ReductionError, StudyError
 from hhr_dolfinx.study.cli import demo_parser
 
 
@@ -36,11 +37,23 @@ def unbuilt():
         ({"seed": 1.5}, r"seed = 1\.5 must be an integer"),
         ({"held_out": -1}, "held_out = -1 must be an integer of at least 0"),
         ({"folder": 7}, "the folder 7 must be a path"),
+        ({"folder": "a\0b"}, "cannot be made: embedded null byte. Choose another name"),
     ],
 )
 def test_trainings_that_cannot_be_run(asked, message):
     with pytest.raises(StudyError, match=message):
         hhr.train(unbuilt(), **{"training": [3]} | asked)
+
+
+def test_paths_held_out_may_be_an_array():
+    """Times and the one parameter, (paths, steps, 2), as for training."""
+    scene = pressed_block("plane_strain", cells=2)
+    body = dataclasses.replace(scene.bodies[0], law=hhr.Plasticity(0.06, 0.3))
+    paths = np.array([[[0.0, 0.0], [0.5, 0.05], [1.0, 0.1]]])
+    training = hhr.train(dataclasses.replace(scene, bodies=(body,)), paths, held_out=paths * [1.0, 0.8])
+    assert training.held_out.points.ravel() == pytest.approx([0.04, 0.08])
+    with pytest.raises(ReductionError, match="is no recipe"):
+        training.build({}, checked=False)
 
 
 @pytest.mark.parametrize("below", ["", "snapshots"])

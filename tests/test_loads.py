@@ -15,7 +15,7 @@ from toy_volume_load import Weight
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.amplitudes import Amplitudes, Coverage, Theta
-from hhr_dolfinx.errors import SceneWarning
+from hhr_dolfinx.errors import SceneError, SceneWarning
 from hhr_dolfinx.geometries import block
 
 YOUNG, HEIGHT, WIDTH, GAP = 3.0, 2.0, 1.5, 0.01
@@ -133,6 +133,32 @@ def test_amplitudes_are_counted_one_after_another():
     # up to the middle of the edge from 1 to 3: the whole first edge, 3/4 on its first and 1/4 on its second node
     assert full == pytest.approx(np.array([1.0, 5.0, 45.0, 0.0, 1.0, 0.0, 0.75, 0.25]))
     assert amplitudes.idle(space) == ()
+
+
+@dataclasses.dataclass(frozen=True)
+class Astray:
+    """An amplitude of one column that answers as it should in the middle of the box, where it is tried, and below.
+
+    Attributes:
+        answer: what it returns above.
+    """
+
+    answer: tuple
+    count = 1
+
+    def __call__(self, point):
+        """Its column and its value, or what leads astray."""
+        return self.answer if point[0] > 0.05 else ([0], [point[0]])
+
+
+@pytest.mark.parametrize("answer", [([-1], [0.1]), ([1], [0.1]), ([0], []), ([], [0.1])])
+def test_amplitudes_keep_to_their_columns(answer):
+    """With the column -1 they scaled the load of another amplitude, and answers were 94 % wrong without a word."""
+    space = hhr.ParameterSpace(("a",), (0.0,), (0.1,))
+    amplitudes = Amplitudes.collect([Astray(answer), hhr.Amplitude(2.0)], space)
+    assert amplitudes(np.array([0.04])).values.tolist() == [1.0, 2.0, 0.04]
+    with pytest.raises(SceneError, match=r"Astray.* at \[0\.08\]: give as many values as columns, 0 to 0"):
+        amplitudes(np.array([0.08]))
 
 
 @pytest.mark.parametrize("kind", [csc_matrix, csr_matrix, np.asarray, np.asfortranarray])

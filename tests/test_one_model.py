@@ -7,6 +7,8 @@ import dataclasses
 import inspect
 import json
 import pickle
+import warnings
+from contextlib import suppress
 
 import hertz_half_discs as demo
 import numpy as np
@@ -20,8 +22,9 @@ from toy_nodes import WholeSurface
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
+from hhr_dolfinx.baselines.peers import DualBasisModel
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import ConvergenceError, HHRError, NotSolvableError, ParameterError, ReductionError
+from hhr_dolfinx.errors import ConvergenceError, HHRError, NotSolvableError, ParameterError, ReductionError, SceneError
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.models.condensed import KnownStatuses
 
@@ -202,6 +205,46 @@ def test_starts_that_are_none(elastic, flowing, start):
             model.solve(mu, start=integers)
 
 
+@pytest.mark.parametrize("outside", ["warm", "", None, True])
+def test_what_outside_may_be(elastic, flowing, outside):
+    """Wherever the parameter lies, and whether or not there is anything outside what a model can answer."""
+    for model, mu in ((elastic, 0.3), (flowing, 0.05)):
+        with pytest.raises(ParameterError, match=r"outside .*unknown, one of warn, refuse, ignore"):
+            model.solve(mu, outside=outside)
+
+
+@pytest.mark.parametrize("keyword", ["raise_on_failrue", "durration", "settings"])
+def test_misspelt_keywords(elastic, flowing, keyword):
+    for model, mu in ((elastic, 0.3), (flowing, 0.05)):
+        with pytest.raises(TypeError, match=keyword):
+            model.solve(mu, **{keyword: False})
+
+
+def test_nothing_flows_and_a_step_takes_no_time(elastic):
+    with pytest.raises(TypeError, match="duration"):
+        elastic.solve(0.3, duration=2.0)
+
+
+@pytest.mark.parametrize("settings", [None, "frozen", {"outside": "ignore"}, hhr.MarchSettings])
+def test_settings_that_are_none(elastic, flowing, settings):
+    for model, path in ((elastic, ALONG), (flowing, UP_AND_DOWN)):
+        with pytest.raises(ParameterError, match=r"settings .* must be MarchSettings, or left out"):
+            model.march(path, settings)
+
+
+def test_rivals_that_know_no_flow_refuse_it(flowing_models):
+    """They answered as if nothing flowed."""
+    full = flowing_models["full"]
+    snapshots = hhr.SnapshotSet.of_histories([full.march(ramp(0.1))])
+    for rival in (
+        lambda: NaiveFullOrder(full),
+        lambda: DualBasisModel(full, snapshots, np.eye(len(full.schur)), 3),
+        lambda: hhr.exact_condensation(full, snapshots.known_statuses()),
+    ):
+        with pytest.raises(SceneError, match="flow"):
+            rival()
+
+
 def failing(kind, elastic_models, full):
     """A model without an answer: contact rows twice, or, of the reduced model, a negative Schur complement."""
     if kind == "reduced":
@@ -286,6 +329,20 @@ def test_fields_of_a_flowing_answer(flowing, flowing_models):
     assert np.array_equal(answer.stress()[points], answer.gauss.stress)
     assert np.array_equal(answer.plastic_strain()[points], answer.gauss.state.cumulated)
     assert answer.estimate() in (None, 0.0)
+
+
+def test_fields_are_the_callers_own(elastic, flowing):
+    """Forces in kN instead of N, in place: the answer stays what it was."""
+    for model, mu in ((elastic, 0.37), (flowing, 0.09)):
+        answer = model.solve(mu, outside="ignore")
+        for name in ("displacement", "forces", "stress", "plastic_strain"):
+            before = {other: getattr(answer, other)() for other in ("displacement", "forces", "stress")}
+            field = getattr(answer, name)()
+            kept = field.copy()
+            field *= 1e-3
+            assert np.array_equal(getattr(answer, name)(), kept), name
+            for other, values in before.items():
+                assert np.array_equal(getattr(answer, other)(), values), (name, other)
 
 
 def test_copies_answer_alike(elastic_models, flowing_models):
@@ -412,6 +469,9 @@ def test_nodes_that_are_none(coarse, made, why):
         (lambda: hhr.FlowDeim("1e-6"), "tolerance = 1e-6 of FlowDeim"),
         (lambda: hhr.Tangents(states=0), "states = 0 of Tangents"),
         (lambda: hhr.Tangents(least=1.0), r"least = 1\.0 of Tangents"),
+        (lambda: hhr.Tangents(least="a"), "least = a of Tangents"),
+        (lambda: hhr.Deim(1e-6), r"pod = 1e-06 of Deim must have modes"),
+        (lambda: hhr.Deim(hhr.Pod), "of Deim must have modes"),
         (lambda: hhr.Zone([1, 2]), "a zone is a function of the problem"),
     ],
 )
@@ -481,3 +541,61 @@ def test_a_recipe_is_described_in_plain_values(recipe):
     assert described["nodes"][0]["step"] == type(recipe.nodes[0]).__name__
     assert described["domain"]["layers"] == int(recipe.domain.layers)
     assert (described["enrichment"] is None) is (recipe.enrichment is None)
+
+
+# histories as training, of models that flow and of models that do not
+
+
+def over_two_parameters():
+    """A block on a floor under two loads, and a path along the diagonal of its box."""
+    scene = pressed_block("plane_strain")
+    *sides, _ = scene.displacements
+    held = (*sides, hhr.Displacement(block.side(1, True), 1))
+    loads = (
+        hhr.Traction(block.side(0, True), (0.0, -1.0), hhr.Amplitude(slopes={"down": 1.0})),
+        hhr.Pressure(block.side(0, True), hhr.Amplitude(slopes={"in": 1.0})),
+    )
+    space = hhr.ParameterSpace(("down", "in"), (0.0, 0.0), (0.1, 0.1))
+    scene = dataclasses.replace(scene, parameters=space, displacements=held, loads=loads)
+    return hhr.FullOrderModel(scene), [(k / 30, [k / 300, k / 300]) for k in range(31)]
+
+
+def warnings_of(snapshots, held_out, full):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        with suppress(ReductionError, NotSolvableError):
+            hhr.build(full, snapshots, None, held_out)
+    return " ".join(str(item.message) for item in caught)
+
+
+def test_an_elastic_history_is_as_good_as_its_points():
+    """Off a path that was trained, forces were 60 % wrong without a word; each step is a point like any other."""
+    full, path = over_two_parameters()
+    histories = hhr.SnapshotSet.of_histories([full.march(path)])
+    assert "of their box empty" in warnings_of(histories, histories, full)
+    one = hhr.SnapshotSet.of_histories([full.march([path[0], path[-1]])])
+    points = hhr.compute_snapshots(full, full.parameters.grid([5, 5]))
+    told = warnings_of(points, one, full)
+    assert "only 1 solutions were kept out of training" in told and "Give at least 20 as held_out" in told
+    assert "kept out of training" not in warnings_of(points, histories, full)
+
+
+def test_histories_of_another_kind_of_scene(flowing_models):
+    """As snapshots or held out, alone or beside others."""
+    full, elastic = flowing_models["full"], hhr.FullOrderModel(pressed_block("plane_strain", cells=8))
+    flows, stays = (model.march(ramp(0.1)) for model in (full, elastic))
+    flowed, stayed = (hhr.SnapshotSet.of_histories([history]) for history in (flows, stays))
+    mixed = hhr.SnapshotSet.of_histories([stays, flows])
+    for snapshots, held_out in ((stayed, None), (mixed, None), (flowed, stayed)):
+        with pytest.raises(ReductionError, match=r"bodies of the model flow, and none of .* do: .* another scene"):
+            hhr.build(full, snapshots, None, held_out)
+    for snapshots, held_out in ((flowed, None), (stayed, flowed)):
+        with pytest.raises(ReductionError, match="flow, and none of the model do: they belong to another scene"):
+            hhr.build(elastic, snapshots, hhr.Recipe(trust=None), held_out)
+
+
+def test_what_is_no_full_model(coarse):
+    full, snapshots = coarse
+    for model in (full.scene, snapshots, None):
+        with pytest.raises(ReductionError, match=r"is no full model: give FullOrderModel\(scene\)"):
+            hhr.build(model, snapshots)

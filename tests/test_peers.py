@@ -10,7 +10,7 @@ from hhr_dolfinx.baselines.coarser import CoarserMesh
 from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.baselines.peers import DualBasisModel, cone_projected_greedy, nonnegative_factors
-from hhr_dolfinx.errors import NotSolvableError
+from hhr_dolfinx.errors import NotSolvableError, SceneError
 from hhr_dolfinx.linear.dense import LapackLU, PetscLU
 
 
@@ -23,6 +23,14 @@ def test_naive_and_condensed_are_exact(hertz, hertz_snapshots, mu):
         assert answer.displacement() == pytest.approx(exact.displacement(), abs=1e-11)
         assert answer.forces() == pytest.approx(exact.forces(), abs=1e-11)
     assert forces_only.unknown.size == 0 and np.array_equal(forces_only.forces(), condensed.forces())
+
+
+def test_statuses_of_something_else(hertz, hertz_snapshots):
+    known = hertz_snapshots.known_statuses()
+    other = hertz_snapshots.known_statuses(slice(0, -1))
+    for given in (None, hertz_snapshots, known.active, other, hertz_snapshots.take([]).known_statuses()):
+        with pytest.raises(SceneError, match=r"conditions of this scene at one point or more: snapshots\.known"):
+            hhr.exact_condensation(hertz, given)
 
 
 def test_greedy_cone():

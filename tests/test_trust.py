@@ -345,6 +345,8 @@ def half_discs_coarse():
         (lambda s: dataclasses.replace(s, points=s.points.ravel()), "points of snapshots"),
         (lambda s: s.take([]), "points of snapshots"),
         (lambda s: dataclasses.replace(s, forces=s.forces + 1j), "finite real numbers"),
+        (lambda s: dataclasses.replace(s, points=s.points * np.nan), "points of snapshots are not finite"),
+        (lambda s: dataclasses.replace(s, active=s.active.astype(float)), "active of snapshots holds float64"),
         (lambda s: None, "must be a SnapshotSet"),
     ],
 )

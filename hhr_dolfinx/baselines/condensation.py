@@ -63,7 +63,7 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
         field: compute the displacement with each answer; without it only when it is asked for, and a query costs less.
 
     Raises:
-        SceneError: on several ranks, or where bodies flow.
+        SceneError: on several ranks, where bodies flow, or if ``known`` is not of this scene.
     """
     if full.comm.size > 1:
         raise SceneError("exact condensation is serial: give a full model on MPI.COMM_SELF")
@@ -72,6 +72,12 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
             f"bodies of scene '{full.scene.name}' flow: their stiffness changes, and no condensation is exact"
         )
     problem = full.problem
+    conditions = len(problem.gaps)
+    if not isinstance(known, KnownStatuses) or known.active.shape[1:] != (conditions,) or not known.active.size:
+        raise SceneError(
+            f"known, a {type(known).__name__}, must hold statuses of the {conditions} conditions of this scene at one "
+            "point or more: snapshots.known_statuses()"
+        )
     free = np.stack([full.solve_stiffness(column) for column in problem.loads.T.toarray()], axis=1)
     responses = Responses(
         free_primal=free if field else free[:0],

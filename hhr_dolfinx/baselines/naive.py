@@ -14,6 +14,7 @@ from hhr_dolfinx.full_order.full import FULL_ORDER_ADVICE, FullOrderModel
 from hhr_dolfinx.models.answer import Answer, History, Path, found_as, outcome
 from hhr_dolfinx.models.condensed import checked_start
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
+from hhr_dolfinx.trained import check_outside
 
 
 class NaiveFullOrder:
@@ -24,15 +25,24 @@ class NaiveFullOrder:
 
     Args:
         full_order: model whose scene is solved.
+
+    Raises:
+        SceneError: on several ranks, or where bodies flow.
     """
 
     def __init__(self, full_order: FullOrderModel):
         if full_order.comm.size > 1:
             raise SceneError("the naive baseline is serial: give a full model on MPI.COMM_SELF")
+        if full_order.equilibrium is not None:
+            raise SceneError(
+                f"bodies of scene '{full_order.scene.name}' flow, and the naive baseline solves elastic ones only: ask "
+                "the full model"
+            )
         self._full = full_order
 
     def solve(self, mu: Any, *, start: Any = "nearest", raise_on_failure: bool = True, outside: str = "warn") -> Answer:
         """Solve for one parameter; see :meth:`FullOrderModel.solve`."""
+        check_outside(outside)
         problem = self._full.problem
         start, point = checked_start(start, len(problem.gaps)), problem.parameters.point(mu)
         theta = problem.amplitudes(point)

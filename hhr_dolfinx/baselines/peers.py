@@ -17,6 +17,7 @@ from scipy import linalg
 from scipy.optimize import nnls
 
 from hhr_dolfinx.compat import extra
+from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.linear.dense import PetscLU
 from hhr_dolfinx.models.answer import Answer, ElasticFields
@@ -33,9 +34,14 @@ class DualBasisModel:
         snapshots: training solutions.
         dual_basis: Phi >= 0, (N_lambda, r).
         modes: number of POD modes of the displacement.
+
+    Raises:
+        SceneError: where bodies flow.
     """
 
     def __init__(self, full: FullOrderModel, snapshots: SnapshotSet, dual_basis: np.ndarray, modes: int):
+        if full.equilibrium is not None:
+            raise SceneError(f"bodies of scene '{full.scene.name}' flow, and this model projects their stiffness once")
         problem = full.problem
         basis, _ = pod(snapshots.displacements, 1e-15)
         supremizers = full.per_force @ dual_basis

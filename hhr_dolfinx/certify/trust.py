@@ -203,13 +203,17 @@ def check_comparison(comparison: Comparison, limits: TrustLimits) -> None:
             _warn(message)
 
 
-def warn_of_held_out(held_out: SnapshotSet | None) -> None:
-    """Warn that nothing, or little, was kept out of training; one history holds many steps.
+def warn_of_held_out(held_out: SnapshotSet | None, flows: bool) -> None:
+    """Warn that nothing, or little, was kept out of training; one history of bodies that flow counts as many points.
+
+    Args:
+        held_out: what was kept out.
+        flows: whether bodies do, so that these are histories.
 
     Warns:
         UncheckedWarning: if it was too little.
     """
-    if held_out is not None and (held_out.histories or len(held_out.points) >= FEW):
+    if held_out is not None and (flows or len(held_out.points) >= FEW):
         return
     told = (
         "no solutions were kept out of training: the model is compared with its own training only, and its error "
@@ -217,7 +221,7 @@ def warn_of_held_out(held_out: SnapshotSet | None) -> None:
         if held_out is None
         else f"only {len(held_out.points)} solutions were kept out of training: errors between them are hardly known"
     )
-    advice = f"Give at least {FEW}, or a history, as held_out, as train does"
+    advice = f"Give {'a history' if flows else f'at least {FEW}'} as held_out, as train does"
     warnings.warn(f"{told}. {advice}", UncheckedWarning, stacklevel=4)
 
 

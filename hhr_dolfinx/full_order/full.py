@@ -20,6 +20,7 @@ from hhr_dolfinx.models.answer import Answer, History, Path, found_as, outcome
 from hhr_dolfinx.models.condensed import checked_start
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, solve_along
 from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.trained import check_outside
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.flow import FullEquilibrium
@@ -127,13 +128,17 @@ class FullOrderModel:
             step: ``duration`` of a step of bodies that flow, see :func:`one_step`.
 
         Raises:
-            ParameterError: if ``mu`` is not finite or outside the box, or ``start`` is none.
+            ParameterError: if ``mu`` is not finite or outside the box, or ``start`` or ``outside`` is none.
+            TypeError: for any other keyword, and for a ``duration`` where nothing flows.
             ConvergenceError: if the statuses do not settle.
             NotSolvableError: if contact rows are dependent.
         """
         start = checked_start(start, len(self.schur))
         if self.equilibrium is not None:
             return one_step(self, mu, raise_on_failure, outside, **step)
+        if step:
+            raise TypeError(f"solve of a scene in which nothing flows has no {', '.join(step)}")
+        check_outside(outside)
         cold = start is None or isinstance(start, str)
         point = self.parameters.point(mu)
         theta = self.problem.amplitudes(point)
@@ -181,12 +186,12 @@ class FullOrderModel:
         return answer.unknown + self.problem.lifts @ self.problem.amplitudes(answer.parameter)
 
     def forces(self, answer: Answer) -> np.ndarray:
-        """The multipliers, (N_lambda,)."""
-        return answer.multipliers
+        """The multipliers, (N_lambda,), for the caller to change as he likes."""
+        return answer.multipliers.copy()
 
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress in Kelvin's notation: at all Gauss points where bodies flow, else in the middle of each cell."""
-        return self.stress_of(self.displacement(answer)) if answer.gauss is None else answer.gauss.stress
+        return self.stress_of(self.displacement(answer)) if answer.gauss is None else answer.gauss.stress.copy()
 
     def stress_of(self, displacement: np.ndarray) -> np.ndarray:
         """Elastic stress of a displacement (N,) in the middle of each cell, Kelvin's notation, (cells, components)."""
@@ -194,7 +199,7 @@ class FullOrderModel:
 
     def plastic_strain(self, answer: Answer) -> np.ndarray:
         """Cumulated plastic strain at all Gauss points; empty where nothing flows."""
-        return np.zeros(0) if answer.gauss is None else answer.gauss.state.cumulated
+        return np.zeros(0) if answer.gauss is None else answer.gauss.state.cumulated.copy()
 
     def estimate(self, answer: Answer) -> float:
         """None but that of the mesh, which is not estimated."""

@@ -12,6 +12,7 @@ and the physics is one scalar equation for Δp(q_tr), the *flow* of a law. A law
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
 from typing import Protocol
 
 import numpy as np
@@ -61,7 +62,8 @@ class Plasticity:
 
     def __post_init__(self) -> None:
         """Refuse softening, for which the problem depends on the mesh, and a yield stress that is none."""
-        if not (0 < self.yield_stress < np.inf and 0 <= self.hardening < np.inf):
+        numbers = isinstance(self.yield_stress, Real) and isinstance(self.hardening, Real)
+        if not (numbers and 0 < self.yield_stress < np.inf and 0 <= self.hardening < np.inf):
             raise SceneError(
                 f"yield stress {self.yield_stress} must be positive and hardening {self.hardening} not negative: "
                 "softening has no answer that does not depend on the mesh"
@@ -92,7 +94,8 @@ class Norton:
 
     def __post_init__(self) -> None:
         """Refuse what has no or no unique flow."""
-        if not (0 < self.resistance < np.inf and 1 <= self.exponent < np.inf):
+        numbers = isinstance(self.resistance, Real) and isinstance(self.exponent, Real)
+        if not (numbers and 0 < self.resistance < np.inf and 1 <= self.exponent < np.inf):
             raise SceneError(f"resistance {self.resistance} must be positive and exponent {self.exponent} at least 1")
 
     def flow(

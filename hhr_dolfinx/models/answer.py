@@ -44,8 +44,8 @@ class ElasticFields:
     """What all fields of models have in common in which nothing flows and whose conditions are all there."""
 
     def forces(self, answer: Answer) -> np.ndarray:
-        """The multipliers, (N_lambda,)."""
-        return answer.multipliers
+        """The multipliers, (N_lambda,), for the caller to change as he likes."""
+        return answer.multipliers.copy()
 
     def plastic_strain(self, answer: Answer) -> np.ndarray:
         """None."""

@@ -23,7 +23,7 @@ from hhr_dolfinx.errors import ConvergenceError, LawWarning, NotSolvableError
 from hhr_dolfinx.linear.anderson import Anderson
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Path, found_as
 from hhr_dolfinx.models.equilibrium import Equilibrium, Linearisation
-from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings
+from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, check_settings
 from hhr_dolfinx.trained import Watch
 
 _log = logging.getLogger(__name__)
@@ -64,6 +64,7 @@ def march(
         keep: told of each answer as soon as it is there.
 
     Raises:
+        ParameterError: for settings that are none.
         OutsideTrainingError: if a step is outside what was trained, and ``settings`` say to refuse that.
         ConvergenceError: with the step, the time and the worst point.
         Whatever ends a history, an interrupt from the keyboard too, has an attribute ``history`` with the steps before.
@@ -72,6 +73,7 @@ def march(
         OutsideTrainingWarning: if a step is outside what was trained, and ``settings`` do not say otherwise.
         LawWarning: if the slope of a law is not the derivative of its flow.
     """
+    check_settings(settings)
     history = History(*path[0])
     try:
         with model.lock:

@@ -66,6 +66,16 @@ class MarchSettings:
 DEFAULT_MARCH = MarchSettings()
 
 
+def check_settings(settings: Any) -> None:
+    """Refuse what says nothing of how to solve a history.
+
+    Raises:
+        ParameterError: with what was given.
+    """
+    if not isinstance(settings, MarchSettings):
+        raise ParameterError(f"the settings {settings!r} of a history must be MarchSettings, or left out")
+
+
 def checked_path(parameters: ParameterSpace, path: Iterable[tuple[float, Any]]) -> Path:
     """A whole path, before any of it is solved.
 
@@ -107,8 +117,10 @@ def solve_along(
         keep: told of each answer as soon as it is there.
 
     Raises:
+        ParameterError: for settings that are none.
         Whatever the model raises, with an attribute ``history`` that holds the steps before.
     """
+    check_settings(settings)
     history = History(*path[0])
     start: Any = "nearest"
     try:

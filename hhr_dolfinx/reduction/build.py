@@ -127,6 +127,8 @@ def build(
         StabilityWarning: if the trust check doubts it, or no training answer has contact or flow.
         UncheckedWarning: if it was not compared with answers kept out of training.
     """
+    if not hasattr(full, "equilibrium"):
+        raise ReductionError(f"{full!r} is no full model: give FullOrderModel(scene)")
     recipe = usual_recipe(full) if recipe is None else recipe
     _check_given(full, snapshots, recipe, held_out)
     log = StageLog()
@@ -177,9 +179,13 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
             continue
         check_of_problem(name, solutions, full.problem)
         if full.equilibrium is None:
+            if solutions.cumulated is not None:
+                raise ReductionError(f"bodies of {name} flow, and none of the model do: they belong to another scene")
             continue
         if not solutions.histories:
             raise ReductionError(f"{name} of a scene whose bodies flow must be histories: SnapshotSet.of_histories")
+        if solutions.cumulated is None:
+            raise ReductionError(f"bodies of the model flow, and none of {name} do: they belong to another scene")
         size = full.equilibrium.material.gauss_points
         if len(solutions.cumulated) != size:
             raise ReductionError(
@@ -210,13 +216,14 @@ def _nodes_of(step, problem, snapshots, basis) -> np.ndarray:
 
 def _warn_of_training(full, snapshots, held_out, log) -> None:
     """Say beforehand what no check of the model can make good: where it is trained, and what it is compared with."""
-    if not snapshots.histories:
+    flows = full.equilibrium is not None
+    if not flows:  # each step of an elastic history is a point like any other
         warn_of_gaps_in_training(snapshots.points)
     if not snapshots.any_contact(full.problem):
         warn_untouched()
-    if full.equilibrium is not None and full.equilibrium.material.flows and not np.any(snapshots.cumulated):
+    if flows and full.equilibrium.material.flows and not np.any(snapshots.cumulated):
         warn_no_flow()
-    warn_of_held_out(held_out)
+    warn_of_held_out(held_out, flows)
     if held_out is None:
         log.skip("held_out", "nothing was kept out of training: training answers were compared")
 

@@ -1,4 +1,4 @@
-"""A recipe: how to reduce a scene, as typed steps. A step that is not there is what a scene leaves out.
+"""A recipe: how to reduce a scene, as typed steps. One that is not given is the usual one; None leaves out what may be.
 
 A basis of your own is an object with ``modes(problem, snapshots)``, a choice of nodes one with ``nodes(problem,
 snapshots, basis)``, an indicator one with ``prepared(problem, basis, sets)``; each is listed where the ones below are.
@@ -115,6 +115,11 @@ class Deim:
     """
 
     pod: Pod | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what makes no modes."""
+        if self.pod is not None and not _has(self.pod, "modes"):
+            raise ReductionError(f"pod = {self.pod!r} of Deim must have modes(problem, snapshots), as Pod(1e-9) has")
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
         """See :class:`Nodes`."""
@@ -245,7 +250,7 @@ class Tangents:
         """Refuse numbers that mean nothing."""
         if not is_whole(self.states, 1):
             raise ReductionError(f"states = {self.states} of Tangents must be a whole number from 1")
-        if not 0 <= self.least < 1:
+        if not (isinstance(self.least, Real) and 0 <= self.least < 1):
             raise ReductionError(f"least = {self.least} of Tangents must lie in [0, 1): 1 is an RID of all cells")
 
 

@@ -235,6 +235,11 @@ def check_of_problem(name: str, solutions: Any, problem: ContactProblem) -> None
             f"the points of {name} have the shape {points}: one row for each solution, and columns "
             f"{problem.parameters.names}, are needed"
         )
+    if not np.isfinite(solutions.points).all():
+        raise ReductionError(f"the points of {name} are not finite: any query would seem outside what was trained")
+    kind = np.asarray(solutions.active).dtype
+    if kind.kind != "b":
+        raise ReductionError(f"active of {name} holds {kind}: statuses are bool")
     rows = {"displacements": problem.free.size, "forces": len(problem.gaps), "active": len(problem.gaps)}
     for field, size in rows.items():
         array = getattr(solutions, field)

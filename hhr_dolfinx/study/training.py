@@ -58,7 +58,9 @@ class Training:
         if checked:
             return build(self.full_order, self.snapshots, recipe, self.held_out)
         given = usual_recipe(self.full_order) if recipe is None else recipe
-        return build(self.full_order, self.snapshots, given.as_it_is())
+        if isinstance(given, Recipe):  # what is none build refuses
+            given = given.as_it_is()
+        return build(self.full_order, self.snapshots, given)
 
 
 def train(
@@ -117,7 +119,8 @@ def _checked(scene: Scene, training: Any, held_out: Any, seed: Any) -> tuple[Any
         raise StudyError(f"{scene!r} is no scene: give a Scene")
     check_counts(seed=(seed, 0))
     if any(body.law is not None for body in scene.bodies):
-        return training_paths(scene, training), training_paths(scene, held_out) if held_out else []
+        apart = held_out.tolist() if isinstance(held_out, np.ndarray) else held_out
+        return training_paths(scene, training), training_paths(scene, apart) if apart else []
     count = 100 if held_out is None else held_out
     check_counts(held_out=(count, 0))
     return training_points(scene, training), count
@@ -180,6 +183,8 @@ def checked_folder(folder: str | Path) -> Path:
         raise StudyError(f"the folder {folder!r} must be a path")
     path = Path(folder)
     try:
+        if "\0" in str(path):  # some versions of Python say that it is not there
+            raise ValueError("embedded null byte")
         path.exists()
     except (OSError, ValueError) as error:
         raise StudyError(f"the folder {str(path)[:80]!r} cannot be made: {error}. Choose another name") from None
