@@ -301,3 +301,10 @@ def test_petsc_asked_for_where_it_is_missing(monkeypatch):
     monkeypatch.setattr("hhr_dolfinx.linear.dense.PETSc", None)
     with pytest.raises(HHRError, match="LapackLU"):
         PetscLU(np.eye(2))
+
+
+def test_a_full_model_and_its_answers_stay_in_their_process(hertz):
+    """With what to hand on in their place."""
+    for item in (hertz, hertz.solve(0.3)):
+        with pytest.raises(TypeError, match=r"belongs to this process: hand on .* answer\.displacement\(\)"):
+            pickle.dumps(item)

@@ -47,6 +47,7 @@ class Status(Enum):
     ITERATION_LIMIT = "the statuses still changed at the iteration limit: start from statuses nearer to the answer"
     SINGULAR = "the contact conditions that touch are linearly dependent, thesis (1.67), so their forces are not unique"
     NOT_FINITE = "the contact problem is not finite: check loads, gaps and materials for NaN and infinite numbers"
+    DIVERGED = "the step did not converge: march along a path, in smaller steps"
     CYCLING = "the statuses repeat even one at a time, so the contact Schur complement is no P-matrix"
 
 

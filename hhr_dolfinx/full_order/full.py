@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import copy
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from mpi4py import MPI
@@ -100,13 +99,20 @@ class FullOrderModel:
         self._contact, self._pairs = contact, Pairs.of(problem.contact_pairs)
         self._equalities = SchurEqualities.of(self.schur)
 
+    def __reduce__(self) -> NoReturn:
+        """Refuse to be copied or pickled, answers included: factors and meshes belong to one process."""
+        raise TypeError(
+            f"the full model of scene '{self.scene.name}' belongs to this process: hand on what its answers say, "
+            "answer.displacement() and answer.forces(), and make a model from the scene where another is needed"
+        )
+
     def gathered(self) -> FullOrderModel:
         """The same model, whose problem has all rows on every rank, for what reduces and checks. Collective."""
         problem = self.problem.gathered(self.comm)
         if problem is self.problem:
             return self
-        model = copy(self)
-        model.problem = problem
+        model = object.__new__(FullOrderModel)
+        vars(model).update(vars(self), problem=problem)
         return model
 
     def factors_of(self, stiffness: csr_matrix, plane: str) -> FreeCholesky:

@@ -173,4 +173,4 @@ def _unanswered(model: Equilibrium, parameter: np.ndarray) -> Answer:
     rest = model.material.at_rest()
     unknown = rest._replace(plastic=np.full_like(rest.plastic, np.nan), cumulated=np.full_like(rest.cumulated, np.nan))
     gauss = GaussState(stress, unknown)
-    return Answer(parameter, *nothing, 0, Status.ITERATION_LIMIT, False, model.fields, gauss=gauss)
+    return Answer(parameter, *nothing, 0, Status.DIVERGED, False, model.fields, gauss=gauss)
