@@ -31,6 +31,16 @@ SMALL = 1e-3
 training to round-off, any other answer would seem far outside."""
 
 
+def checked_outside(outside: str) -> None:
+    """Refuse a word that means nothing, before anything lies outside.
+
+    Raises:
+        ParameterError: if ``outside`` is none of :data:`OUTSIDE`.
+    """
+    if outside not in OUTSIDE:
+        raise ParameterError(f"outside = '{outside}' is unknown, one of {', '.join(OUTSIDE)}")
+
+
 def announce(message: str, outside: str) -> None:
     """Warn of a query outside what was trained, or refuse it, or let it pass.
 
@@ -41,8 +51,7 @@ def announce(message: str, outside: str) -> None:
     Warns:
         OutsideTrainingWarning: if it is ``warn``.
     """
-    if outside not in OUTSIDE:
-        raise ParameterError(f"outside = '{outside}' is unknown, one of {', '.join(OUTSIDE)}")
+    checked_outside(outside)
     if outside == "refuse":
         raise OutsideTrainingError(message)
     if outside == "warn":
@@ -190,8 +199,7 @@ class Watch:
     """
 
     def __init__(self, trained: TrainedPaths | None, outside: str):
-        if outside not in OUTSIDE:
-            raise ParameterError(f"outside = '{outside}' is unknown, one of {', '.join(OUTSIDE)}")
+        checked_outside(outside)
         self._trained, self._outside = trained, outside
         self._said: set[str] = set()
         self._largest = 0.0

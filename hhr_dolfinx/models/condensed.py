@@ -26,7 +26,7 @@ from hhr_dolfinx.linear.dense import Factor, Factorise, dense_factors, solve_col
 from hhr_dolfinx.models.answer import Answer, Fields, History, Path, found_as, outcome
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.trained import TrainedRange
+from hhr_dolfinx.trained import TrainedRange, checked_outside
 
 
 @dataclass(frozen=True)
@@ -193,6 +193,7 @@ class CondensedModel:
             OutsideTrainingWarning: if it is outside what was trained, unless told otherwise.
         """
         point = self.parameters.point(mu)
+        checked_outside(outside)
         if self._door is not None:
             self._door.check(point, outside)
         start = checked_start(start, self._m)
