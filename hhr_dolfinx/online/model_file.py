@@ -341,6 +341,13 @@ def _check_flow(content: _Content) -> None:
     young, poisson = arrays["flow.young"], arrays["flow.poisson"]
     if not ((young > 0) & (poisson > -1) & (poisson < 0.5)).all():
         raise FileContentError(f"Young's moduli {young} and Poisson's ratios {poisson} are none")
+    if not (arrays["flow.weights"] > 0).all():
+        raise FileContentError(f"a Gauss point has the weight {arrays['flow.weights'].min()}, not positive")
+    if np.unique(arrays["flow.inner"]).size < sizes["a"]:
+        raise FileContentError("flow.inner has a dof twice")
+    steps = arrays.get("paths.steps", np.ones(2))
+    if not 0 < steps[0] <= steps[1]:
+        raise FileContentError(f"trained steps take {steps[0]:g} to {steps[1]:g} s, which is no range")
     if len(laws) != sizes["groups"] or not all(law is None or callable(getattr(law, "flow", None)) for law in laws):
         raise FileContentError(f"{len(laws)} laws for {sizes['groups']} groups: each must have a flow, or be none")
 
