@@ -21,6 +21,7 @@ import math
 import os
 import re
 import secrets
+import stat
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -53,7 +54,7 @@ def make_folder(folder: str | Path) -> Path:
     Raises:
         FileError: if it cannot be made.
     """
-    folder = Path(folder)
+    folder = _named(folder)
     with _explained(folder, "made"):
         folder.mkdir(parents=True, exist_ok=True)
     return folder
@@ -64,14 +65,14 @@ def replacing(path: str | Path, *, text: bool = False, tidy: bool = True) -> Ite
     """A file to write to, which becomes ``path`` when the block ends; if anything fails, ``path`` stays as it was.
 
     Args:
-        path: the target; its folder is made if missing.
+        path: the target; its folder is made if missing. A link stays one: what it points to is replaced.
         text: UTF-8 text rather than bytes; ends of lines stay as they are written.
         tidy: remove what killed processes left in the folder; for many files it is enough to do so once.
 
     Raises:
-        FileError: if the file cannot be written.
+        FileError: if the file cannot be written, or something stands there that is no file.
     """
-    path = Path(path)
+    path = _target(_named(path))
     folder = make_folder(path.parent)
     if tidy:
         clear_leftovers(folder)
@@ -207,9 +208,32 @@ def _explained(path: Path, what: str) -> Iterator[None]:
     """Turn what the system says into an error that names the file and says what to do."""
     try:
         yield
+    except FileError:
+        raise
     except OSError as error:
         remedy = _REMEDIES.get(error.errno or 0, "check the disk and the folder")
         raise FileError(f"{path} cannot be {what} ({error.strerror or error}): {remedy}") from error
+
+
+def _named(path: str | Path) -> Path:
+    """A path that a system can be asked about."""
+    if "\0" in str(path):
+        raise FileError(f"{str(path)!r} has a zero byte, which no name may have: choose another name")
+    return Path(path)
+
+
+def _target(path: Path) -> Path:
+    """Where a file is to be replaced, behind links; never a device or a pipe, which root would lose by it."""
+    if not path.name:
+        raise FileError(f"'{path}' names a folder: add the name of a file")
+    with _explained(path, "written"):
+        try:
+            kind = os.stat(path).st_mode
+        except (FileNotFoundError, NotADirectoryError):  # make_folder says more
+            kind = stat.S_IFREG
+        if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
+            raise FileError(f"{path} is a device or a pipe, and no file that could be replaced: choose another name")
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
 def _temporary(path: Path, text: bool) -> tuple[Path, IO[Any]]:

@@ -27,7 +27,8 @@ from hhr_dolfinx import files
 from hhr_dolfinx.errors import FileError, ParameterError, SnapshotFileWarning
 from hhr_dolfinx.online.batch import Answers
 from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import write_report
+from hhr_dolfinx.study.console import make_console
+from hhr_dolfinx.study.report import print_report, print_rows, write_report
 
 TESTS = Path(__file__).parent
 POINT = np.array([0.25, 3.0])
@@ -416,3 +417,68 @@ def test_answers_without_a_table_are_written_as_numbers(small_reduction, tmp_pat
     assert header[:6] == ["P1", "h1", "status", "largest_displacement", "total_force", "force_0"]
     assert one[:3] == ["170.0", "3.2", "ok"] and two[0] == "nan" and not any(two[3:])
     assert float(one[4]) == pytest.approx(answers.forces[0].sum(), rel=1e-11)  # 12 digits are written
+
+
+def test_a_link_stays_a_link(small_reduction, tmp_path):
+    (tmp_path / "release").mkdir()
+    for target in ("release/old.npz", "release/none_yet.npz"):
+        (tmp_path / "latest.npz").unlink(missing_ok=True)
+        (tmp_path / "latest.npz").symlink_to(target)
+        hhr.save_model(tmp_path / "latest.npz", small_reduction)
+        assert (tmp_path / "latest.npz").is_symlink() and (tmp_path / target).is_file()
+    assert os.listdir(tmp_path) in (["latest.npz", "release"], ["release", "latest.npz"])
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_pipe_or_a_device_is_never_replaced(name, small_reduction, tmp_path):
+    """Root would lose the device: a pipe stands for it here."""
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(FileError, match=rf"{name} is a device or a pipe.* choose another name"):
+        WRITERS[name](tmp_path, small_reduction)
+    assert (tmp_path / name).is_fifo() and os.listdir(tmp_path) == [name]
+
+
+def test_names_that_are_none(small, small_reduction, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for path in ("", ".", "/"):
+        with pytest.raises(FileError, match="names a folder: add the name of a file"):
+            hhr.save_model(path, small_reduction)
+    with pytest.raises(FileError, match="zero byte"):
+        hhr.save_model("a\0b.npz", small_reduction)
+    with pytest.raises(FileError, match="zero byte"):
+        hhr.SnapshotStore("a\0b", BareFull())
+    with pytest.raises(ParameterError, match="cannot be read"):
+        hhr.read_points("a\0b.csv", small.parameters)
+    with pytest.raises(FileError, match="Too many levels of symbolic links"):
+        os.symlink("loop", "loop")
+        hhr.save_model("loop", small_reduction)
+
+
+def test_brackets_in_names_are_printed(small_reduction, tmp_path, capsys):
+    """To rich ``[bold]`` is a colour, and ``[/x]`` the end of one that never began."""
+    folder = tmp_path / "run [bold] a[" / "x]"
+    hhr.answer_table(small_reduction, [], folder / "answers.csv", make_console())
+    assert f"{folder}/answers.csv" in capsys.readouterr().out
+    sizes = dict.fromkeys(("N", "N_lambda", "ell_bar", "N_lambda_C", "rid_cells", "cells", "snapshots"), 1)
+    report = {"scene": "a[/x]", "sizes": sizes, "stability": {}, "errors": {}, "skipped": []}
+    report |= {"times": {"online": {"median": 1.0, "p95": 1.0}}, "refused_before": [{"layers": 1, "why": "[red] [/]"}]}
+    print_report(report, make_console())
+    print_rows("rows", [{"case": "[0, 1] [red]"}], make_console())
+    printed = capsys.readouterr().out
+    assert all(text in printed for text in ("a[/x]", "[red] [/]", "[0, 1] [red]"))
+
+
+@pytest.mark.parametrize(
+    "points", ([["a", "b"]], [[1.0, 2.0], [1.0]], [[1j, 2.0]], {"P1": 1.0}, None, [1.0, 2.0]), ids=repr
+)
+def test_points_that_are_no_table(points, small_reduction):
+    with pytest.raises(ParameterError, match=r"(a|one) row per point"):
+        hhr.answer_points(small_reduction, points)
+
+
+def test_an_unknown_word_for_outside_is_refused_inside_too(small_reduction):
+    inside = np.array([[100.0, 3.0]])
+    with pytest.raises(ParameterError, match="outside = 'Refuse' is unknown, one of warn, refuse, ignore"):
+        hhr.answer_points(small_reduction, inside, outside="Refuse")
+    with pytest.raises(ParameterError, match="outside = 'Refuse' is unknown"):
+        small_reduction.solve(inside[0], outside="Refuse")

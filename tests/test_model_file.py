@@ -358,6 +358,9 @@ SIGNED_FLOWING = {
     "Young's moduli": entry("flow.young", 0, -1.0),
     "Poisson's ratios": entry("flow.poisson", 0, 0.5),
     "poisson has shape": array("flow.poisson", lambda a: a[:1]),
+    "a Gauss point has the weight": entry("flow.weights", (0, 0), 0.0),
+    "flow.inner has a dof twice": array("flow.inner", np.zeros_like),
+    "trained steps take": array("paths.steps", lambda a: np.array([2.0, 1.0])),
     "1 laws for 2 groups": lambda header, arrays: header["laws"].pop(),
     "each must have a flow": lambda header, arrays: header["laws"].__setitem__(1, TOY),
     "Plasticity refuses": number("laws", yield_stress=-1.0),
@@ -542,3 +545,19 @@ def test_an_amplitude_of_a_users_own(tmp_path):
         hhr.load_model(tmp_path / "wind.npz")
     stored = hhr.load_model(tmp_path / "wind.npz", known=[Square])
     assert all(map(np.array_equal, bits(stored.solve(0.07)), bits(model.solve(0.07))))
+
+
+@pytest.mark.parametrize("known", [Bingham, "Bingham", 3, None], ids=repr)
+def test_known_must_be_a_list(known, flowing_path):
+    with pytest.raises(ModelFileError, match=r"must be a list of classes, load_model\(path, known=\[MyLaw\]\)"):
+        hhr.load_model(flowing_path, known=known)
+
+
+def test_a_missing_package_is_no_damage(flowing_path):
+    """Nobody should build a model again where the loops of its flow cannot be compiled."""
+    program = (
+        f"import sys\nsys.modules['numba'] = None\nimport hhr_dolfinx as hhr\nhhr.load_model({str(flowing_path)!r})"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    last = run.stderr.strip().splitlines()[-1]
+    assert last.startswith("hhr_dolfinx.errors.MissingPackageError") and "hhr_dolfinx[flow]" in last

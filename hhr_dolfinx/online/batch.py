@@ -9,7 +9,7 @@ import csv
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from hhr_dolfinx.files import replacing
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.timing import timed
+from hhr_dolfinx.trained import check_outside
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -86,18 +87,14 @@ def answer_points(
         The answers on rank 0; None elsewhere.
 
     Raises:
-        ParameterError: for what is no table of points.
+        ParameterError: for what is no table of points, or an unknown ``outside``.
         HHRError: on all ranks, if anything but a row went wrong on another one.
     """
-    points = np.array(points, dtype=float)
-    if points.ndim != 2 or points.shape[1] != len(model.parameters.names):
-        raise ParameterError(
-            f"points have the shape {points.shape}: give one row per point, a column for each of "
-            f"{model.parameters.names}"
-        )
     rank, size = (0, 1) if comm is None else (comm.rank, comm.size)
-    mine = np.array_split(np.arange(len(points)), size)[rank]
     with nullcontext() if comm is None else ranks.each_for_itself(comm, "answering the table"):
+        check_outside(outside)
+        points = _table(points, model.parameters)
+        mine = np.array_split(np.arange(len(points)), size)[rank]
         rows = [_answer(model, points[k], outside) for k in progress(mine)]
     parts = [rows] if comm is None else comm.gather(rows, root=0)
     if parts is None:
@@ -119,7 +116,7 @@ def read_points(path: str | Path, space: ParameterSpace) -> list[TableRow]:
             rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if row not in ([], [""])]
     except FileNotFoundError:
         raise ParameterError(f"there is no table of parameters {path}") from None
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except (OSError, ValueError, csv.Error) as error:
         raise ParameterError(f"{path} cannot be read as a table of UTF-8 text ({error})") from error
     header = rows[0][1] if rows else []
     wrong = sorted(name for name in space.names if header.count(name) != 1)
@@ -157,7 +154,8 @@ def answer_table(
             bad = write_answers(path, space, answers._replace(status=status), [row.cells for row in rows])
     bad = comm.bcast(bad)
     if answers is not None:
-        console.print(f"{len(rows) - bad} answers and {bad} bad rows on {comm.size} ranks in {seconds:.1f} s: {path}")
+        done = f"{len(rows) - bad} answers and {bad} bad rows on {comm.size} ranks in {seconds:.1f} s: {path}"
+        console.print(done, markup=False)
         for row, why in zip(rows, status, strict=True):
             if why != OK:
                 given = ", ".join(row.cells)
@@ -191,6 +189,19 @@ def write_answers(
             )
             writer.writerow([*row, status, *values])
     return sum(status != OK for status in answers.status)
+
+
+def _table(points: Any, space: ParameterSpace) -> np.ndarray:
+    """Points as a table of numbers."""
+    try:
+        table = np.array(points, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ParameterError(f"points are no table of numbers, a row per point ({error})") from None
+    if table.ndim != 2 or table.shape[1] != len(space.names):
+        raise ParameterError(
+            f"points have the shape {table.shape}: give one row per point, a column for each of {space.names}"
+        )
+    return table
 
 
 def _row(line: int, cells: list[str], columns: list[int], width: int) -> TableRow:

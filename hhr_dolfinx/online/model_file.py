@@ -17,7 +17,14 @@ import numpy as np
 from scipy.sparse import coo_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes, Coverage, checked_count
-from hhr_dolfinx.errors import FileContentError, HHRError, ModelFileError, ModelFileWarning, SceneError
+from hhr_dolfinx.errors import (
+    FileContentError,
+    HHRError,
+    MissingPackageError,
+    ModelFileError,
+    ModelFileWarning,
+    SceneError,
+)
 from hhr_dolfinx.files import check_layout, read_arrays, write_arrays
 from hhr_dolfinx.models.condensed import KnownStatuses
 from hhr_dolfinx.models.projected import ReducedProblem
@@ -164,7 +171,10 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> ReducedModel:
 
     Raises:
         ModelFileError: if the file is missing, no model, of another version, or damaged, or holds an unknown class.
+        MissingPackageError: for a model of bodies that flow, where what compiles their loops is missing.
     """
+    if isinstance(known, type | str) or not isinstance(known, Iterable):
+        raise ModelFileError(f"known = {known!r} must be a list of classes, load_model(path, known=[MyLaw])")
     try:
         header, arrays = read_arrays(path, FORMAT, VERSION)
     except FileNotFoundError:
@@ -176,6 +186,8 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> ReducedModel:
         return _model(_checked(header, arrays, kinds))
     except ModelFileError as error:  # a class that was not passed: nothing is wrong with the file
         raise ModelFileError(f"{path} cannot be read: {error}") from error
+    except MissingPackageError:  # nothing is wrong with the file here either
+        raise
     except (HHRError, MemoryError) as error:
         raise ModelFileError(f"{path} is damaged or no model file ({error}): build the model again") from error
 
@@ -329,6 +341,13 @@ def _check_flow(content: _Content) -> None:
     young, poisson = arrays["flow.young"], arrays["flow.poisson"]
     if not ((young > 0) & (poisson > -1) & (poisson < 0.5)).all():
         raise FileContentError(f"Young's moduli {young} and Poisson's ratios {poisson} are none")
+    if not (arrays["flow.weights"] > 0).all():
+        raise FileContentError(f"a Gauss point has the weight {arrays['flow.weights'].min()}, not positive")
+    if np.unique(arrays["flow.inner"]).size < sizes["a"]:
+        raise FileContentError("flow.inner has a dof twice")
+    steps = arrays.get("paths.steps", np.ones(2))
+    if not 0 < steps[0] <= steps[1]:
+        raise FileContentError(f"trained steps take {steps[0]:g} to {steps[1]:g} s, which is no range")
     if len(laws) != sizes["groups"] or not all(law is None or callable(getattr(law, "flow", None)) for law in laws):
         raise FileContentError(f"{len(laws)} laws for {sizes['groups']} groups: each must have a flow, or be none")
 

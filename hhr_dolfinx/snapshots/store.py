@@ -8,10 +8,8 @@ and by how it is solved: an interrupted history goes on behind its last file.
 from __future__ import annotations
 
 import hashlib
-import inspect
 import warnings
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import astuple, fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +25,7 @@ from hhr_dolfinx.files import check_layout, clear_leftovers, make_folder, read_a
 from hhr_dolfinx.models.answer import Answer, GaussState
 from hhr_dolfinx.models.answer import Path as History_path
 from hhr_dolfinx.models.path import MarchSettings, checked_path
+from hhr_dolfinx.snapshots.meaning import meaning
 from hhr_dolfinx.version import __version__
 
 FORMAT, VERSION = "hhr_dolfinx snapshot", 4
@@ -246,21 +245,12 @@ def _add(digest: Any, value: Any) -> None:
             raise FileContentError(_indistinct(value))
         digest.update(f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
     elif hasattr(value, "__dict__") and not isinstance(value, type) and (is_dataclass(value) or not callable(value)):
-        _add(digest, _source(type(value)))
+        _add(digest, meaning(type(value)))
         # what an instance keeps beside its fields may change as it is used
         names = [item.name for item in fields(value)] if is_dataclass(value) else sorted(vars(value))
         _add(digest, [(name, getattr(value, name)) for name in names])
     else:
         raise FileContentError(_indistinct(value))
-
-
-def _source(kind: type) -> str:
-    """What a class is known by: its name, and of a user's own what it does, which the version of the package omits."""
-    texts = [kind.__qualname__]
-    with suppress(OSError, TypeError):  # typed in, or of Python itself: no file holds it
-        own = (base for base in kind.__mro__[:-1] if not base.__module__.startswith("hhr_dolfinx."))
-        texts.extend(inspect.getsource(base) for base in own)
-    return "\0".join(texts)
 
 
 def _indistinct(value: Any) -> str:

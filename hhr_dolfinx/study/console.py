@@ -21,15 +21,15 @@ def make_console(quiet: bool = False) -> Console:
     """A console on standard output, which breaks lines only where a window has an edge.
 
     A line of a log is what ``grep`` finds: it is kept whole, however long. Colours are left to rich, which writes none
-    off a terminal unless it is asked to (``FORCE_COLOR``).
+    off a terminal unless it is asked to (``FORCE_COLOR``). Brackets are printed, as names of folders have them.
 
     Args:
         quiet: print nothing, as all ranks but the first do.
     """
-    console = Console(quiet=quiet)
+    console = Console(quiet=quiet, markup=False)
     if _is_watched(console):
         return console
-    return Console(quiet=quiet, width=_NO_LIMIT, height=_ANY_HEIGHT)
+    return Console(quiet=quiet, markup=False, width=_NO_LIMIT, height=_ANY_HEIGHT)
 
 
 def progress_on(console: Console) -> Callable[[str], Callable[[Iterable], Iterator]]:

@@ -182,7 +182,7 @@ def print_report(report: dict[str, Any], console: Console) -> None:
     shown = {"kappa_B": "kappa(B~)", "cond_K": "cond(K~)", "tangent": "tangents"}
     constants = ", ".join(f"{name} {stability[key]:.2g}" for key, name in shown.items() if key in stability)
     console.print(
-        f"[bold]{report['scene']}[/bold]: {size['N']} dofs, {size['N_lambda']} contacts -> {size['ell_bar']} modes, "
+        f"{report['scene']}: {size['N']} dofs, {size['N_lambda']} contacts -> {size['ell_bar']} modes, "
         f"{size['N_lambda_C']} contacts on {size['rid_cells']} of {size['cells']} cells, "
         f"{size['snapshots']} snapshots; {constants}"
     )

@@ -142,7 +142,7 @@ class Study:
             from hhr_dolfinx.study.plots import draw_study
 
             draw_study(self, view, folder)
-        console.print(f"report, pictures, fields and model are in {folder}")
+        console.print(f"report, pictures, fields and model are in {folder}", markup=False)
 
 
 def study_scene(
