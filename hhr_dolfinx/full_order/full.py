@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
@@ -99,8 +100,14 @@ class FullOrderModel:
         self._contact, self._pairs = contact, Pairs.of(problem.contact_pairs)
         self._equalities = SchurEqualities.of(self.schur)
 
+    def __copy__(self) -> FullOrderModel:
+        """Another model with the same factors."""
+        model = object.__new__(FullOrderModel)
+        vars(model).update(vars(self))
+        return model
+
     def __reduce__(self) -> NoReturn:
-        """Refuse to be copied or pickled, answers included: factors and meshes belong to one process."""
+        """Refuse to leave the process, answers included, as its factors and mesh cannot."""
         raise TypeError(
             f"the full model of scene '{self.scene.name}' belongs to this process: hand on what its answers say, "
             "answer.displacement() and answer.forces(), and make a model from the scene where another is needed"
@@ -111,8 +118,8 @@ class FullOrderModel:
         problem = self.problem.gathered(self.comm)
         if problem is self.problem:
             return self
-        model = object.__new__(FullOrderModel)
-        vars(model).update(vars(self), problem=problem)
+        model = copy(self)
+        model.problem = problem
         return model
 
     def factors_of(self, stiffness: csr_matrix, plane: str) -> FreeCholesky:

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import hashlib
 import warnings
-from collections.abc import Mapping
-from dataclasses import astuple, fields, is_dataclass
+from dataclasses import astuple, fields
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import issparse
@@ -22,13 +22,16 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import FileContentError, SnapshotFileWarning
 from hhr_dolfinx.files import check_layout, clear_leftovers, make_folder, read_arrays, write_arrays
+from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.models.answer import Answer, GaussState
 from hhr_dolfinx.models.answer import Path as History_path
 from hhr_dolfinx.models.path import MarchSettings, checked_path
-from hhr_dolfinx.snapshots.meaning import meaning
 from hhr_dolfinx.version import __version__
 
-FORMAT, VERSION = "hhr_dolfinx snapshot", 4
+if TYPE_CHECKING:
+    from hhr_dolfinx.materials.update import Group
+
+FORMAT, VERSION = "hhr_dolfinx snapshot", 5
 
 _LAYOUT: dict[str, tuple[str, ...]] = {
     "unknown": ("float", "N"),
@@ -49,8 +52,6 @@ SOLVED = 1e-2
 
 class SnapshotStore:
     """Full-order answers of one problem in a folder.
-
-    Laws and amplitudes of a user's own must be told apart by numbers: else a FileContentError says what to do.
 
     Args:
         folder: where the files are; made if missing. Several problems and processes may share it.
@@ -82,7 +83,7 @@ class SnapshotStore:
     def load(self, point: np.ndarray) -> Answer | None:
         """The answer kept at a parameter, or None if there is none or its file is damaged, which is warned of."""
         point = np.array(point, dtype=float, ndmin=1)
-        return self._load(point, point.tolist())
+        return self._load(point, self._asked(point))
 
     def save(self, answer: Answer) -> None:
         """Keep the answer at a parameter.
@@ -90,11 +91,16 @@ class SnapshotStore:
         Raises:
             FileError: if its file cannot be written.
         """
-        self._save(answer, answer.parameter.tolist())
+        self._save(answer, self._asked(answer.parameter))
 
     def steps(self, path: History_path, settings: MarchSettings) -> KeptSteps:
         """What is kept of a history."""
         return KeptSteps(self, checked_path(self._problem.parameters, path), settings)
+
+    def _asked(self, point: np.ndarray) -> list[float]:
+        """A point, and what amplitudes that are not affine are there."""
+        driven = [amplitude(point) for amplitude in self._problem.amplitudes.nonaffine]
+        return [*point.tolist(), *(float(item) for pair in driven for part in pair for item in part)]
 
     def _load(self, point: np.ndarray, question: list, forces: float = 0.0) -> Answer | None:
         """The answer to a question, see :meth:`_residual`."""
@@ -182,7 +188,7 @@ class KeptSteps:
         self._questions: list[list] = []
         for time, point in path:
             # each asks for the one before by its digest: with the whole path in each, files would grow along it
-            question = [store._digest(question), time, *point.tolist()]
+            question = [store._digest(question), time, *store._asked(point)]
             self._questions.append(question)
         self._count = 0
 
@@ -211,50 +217,34 @@ class KeptSteps:
 def _digest_of(full: Any) -> bytes:
     """Fingerprint of every bit of a problem and of its laws, and of the version of the package that solves it.
 
-    The bounds of the parameters are left out: a wider box finds the solutions of the narrower one. Where a machine
-    assembles other last digits, snapshots are solved anew.
-
-    Raises:
-        FileContentError: for a law or an amplitude of a user's own that numbers do not tell apart.
+    The bounds of the parameters are left out: a wider box finds the solutions of the narrower one. Amplitudes that are
+    not affine are left out too: each question holds what they are at its point. Where a machine assembles other last
+    digits, snapshots are solved anew.
     """
     digest = hashlib.sha256(f"{FORMAT} {VERSION} of hhr_dolfinx {__version__}\0".encode())
     problem: ContactProblem = full.problem
-    for item in fields(problem):
-        value = getattr(problem, item.name)
-        _add(digest, value.names if item.name == "parameters" else value)
-    if full.equilibrium is not None:
-        _add(digest, full.equilibrium.material.groups)
+    parts = [getattr(problem, item.name) for item in fields(problem) if item.name not in ("amplitudes", "parameters")]
+    parts += [problem.parameters.names, problem.amplitudes.constant, problem.amplitudes.slopes]
+    groups = () if full.equilibrium is None else full.equilibrium.material.groups
+    parts += [part for group in groups for part in (group.indices, group.young, group.poisson, _answers_of(group))]
+    for part in parts:
+        for item in part if isinstance(part, tuple | list) else (part,):
+            arrays = (item.indptr, item.indices, item.data) if issparse(item) else (np.ascontiguousarray(item),)
+            for array in arrays:
+                digest.update(f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
     return digest.digest()
 
 
-def _add(digest: Any, value: Any) -> None:
-    """Add a value to a fingerprint; never its address, by which it would be another one in each run."""
-    if issparse(value):
-        value = (value.indptr, value.indices, value.data)
-    if value is None or isinstance(value, str):
-        digest.update(f"{value!r}\0".encode())
-    elif isinstance(value, tuple | list):
-        digest.update(f"{len(value)} of\0".encode())
-        for item in value:
-            _add(digest, item)
-    elif isinstance(value, Mapping):
-        _add(digest, sorted(value.items(), key=lambda item: repr(item[0])))
-    elif isinstance(value, np.ndarray | np.generic | bool | int | float):
-        array = np.ascontiguousarray(value)
-        if array.dtype.hasobject:
-            raise FileContentError(_indistinct(value))
-        digest.update(f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
-    elif hasattr(value, "__dict__") and not isinstance(value, type) and (is_dataclass(value) or not callable(value)):
-        _add(digest, meaning(type(value)))
-        # what an instance keeps beside its fields may change as it is used
-        names = [item.name for item in fields(value)] if is_dataclass(value) else sorted(vars(value))
-        _add(digest, [(name, getattr(value, name)) for name in names])
-    else:
-        raise FileContentError(_indistinct(value))
-
-
-def _indistinct(value: Any) -> str:
-    return (
-        f"{value!r} in a law or an amplitude cannot be told from others by numbers, and answers would be mixed up: "
-        "make it a frozen dataclass of numbers, strings and arrays, or keep no snapshots"
-    )
+def _answers_of(group: Group) -> list[Any]:
+    """What the law of a body answers under fixed stresses: what counts is what it does, whatever its code says."""
+    if group.law is None:
+        return []
+    _, shear = lame_parameters(group.young, group.poisson)
+    trial = group.young * np.logspace(-8, 0, 201)
+    found: list[Any] = []
+    for strain, dt in product((0.0, 1e-3, 0.1, 1.0), (1e-3, 1.0, 1e3)):
+        try:
+            found += [np.asarray(part, float) for part in group.law.flow(trial.copy(), 0 * trial + strain, shear, dt)]
+        except Exception as error:  # that there is no flow says something too
+            found.append(type(error).__name__)
+    return found
