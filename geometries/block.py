@@ -23,11 +23,7 @@ def side(axis: int, upper: bool) -> int:
 
 
 def check_box(lower: Sequence[float], upper: Sequence[float], cells: Sequence[int]) -> None:
-    """Refuse a box without volume or cells.
-
-    Raises:
-        ValueError: with the box.
-    """
+    """Raise ValueError for a box without volume or cells."""
     sizes = {np.size(lower), np.size(upper), np.size(cells)}
     fits = sizes in ({2}, {3}) and np.all(np.less(lower, upper)) and np.issubdtype(np.asarray(cells).dtype, np.integer)
     if not fits or np.min(cells) < 1:
@@ -43,14 +39,10 @@ def block(
     """Build a structured block with every side tagged by :func:`side`.
 
     Args:
-        comm: MPI communicator.
         lower: corner with the smallest coordinates, length 2 or 3.
         upper: corner with the largest coordinates.
         cells: number of cells along each axis.
         simplices: triangles or tetrahedra instead of quadrilaterals or hexahedra.
-
-    Returns:
-        ``(mesh, cell_tags, facet_tags)``.
     """
     check_box(lower, upper, cells)
     dim = len(lower)

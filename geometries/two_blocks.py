@@ -39,15 +39,11 @@ def two_blocks(comm: Comm, *, first: Box, second: Box, simplices: bool = False, 
     """Build two structured blocks with every side tagged by :func:`side`.
 
     Args:
-        comm: MPI communicator; rank 0 makes the mesh.
         first: ``(lower, upper, cells)`` of the first block: two corners and the cells along each axis.
         second: the same of the second block.
         simplices: triangles or tetrahedra instead of quadrilaterals or hexahedra.
         warp: maps the coordinates of all nodes of a body and its tag to new ones, ``((n, dim), tag) -> (n, dim)``,
             for instance to grade a mesh, to bend a surface or to turn both; None leaves the blocks as they are.
-
-    Returns:
-        ``(mesh, cell_tags, facet_tags)``.
     """
     shapes = {FIRST: first, SECOND: second}
     for shape in shapes.values():

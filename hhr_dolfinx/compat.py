@@ -123,11 +123,8 @@ def interpolation_points(element: FiniteElement) -> np.ndarray:
 def linear_mesh(comm: Comm, points: np.ndarray, cells: np.ndarray, kind: str) -> Mesh:
     """Linear mesh in the plane or in space; the arguments of ``create_mesh`` changed their order in 0.10.
 
-    Args:
-        comm: MPI communicator.
-        points: (n, dim), on all ranks together.
-        cells: nodes of each cell, tensor-ordered where there is a choice, on all ranks together.
-        kind: ``interval``, ``triangle``, ``quadrilateral``, ``tetrahedron`` or ``hexahedron``.
+    Points, (n, dim), and the nodes of cells of a kind (``interval``, ``triangle``, ``quadrilateral``, ``tetrahedron``
+    or ``hexahedron``), tensor-ordered where there is a choice, are those on all ranks together.
     """
     import basix.ufl
     import ufl
@@ -147,12 +144,7 @@ def bounding_boxes(mesh: Mesh, padding: float = 0.0) -> tuple[BoundingBoxTree, n
 
 
 def closest_cells(mesh: Mesh, points: np.ndarray) -> np.ndarray:
-    """Index of the cell closest to each point, (m,).
-
-    Args:
-        mesh: mesh on one rank.
-        points: (m, 3).
-    """
+    """Index of the cell of a mesh on one rank that is closest to each point, (m, 3) -> (m,)."""
     from dolfinx import geometry
 
     tree, cells = bounding_boxes(mesh)

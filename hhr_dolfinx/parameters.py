@@ -29,22 +29,14 @@ def is_whole(value: Any, least: int) -> bool:
 
 
 def as_tuple(name: str, value: Any) -> tuple:
-    """A tuple of a list or an array; a single item is refused.
-
-    Raises:
-        SceneError: for what is no sequence.
-    """
+    """A tuple of a list or an array; raises SceneError for a single item."""
     if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
         raise SceneError(f"{name} must be a tuple, and is {value!r}: write ({type(value).__name__}(...),) for one item")
     return tuple(value.tolist() if isinstance(value, np.ndarray) else value)
 
 
 def check_tag(what: str, tag: Any) -> None:
-    """Refuse what is no tag of a mesh.
-
-    Raises:
-        SceneError: if it is not an integer of at least 0.
-    """
+    """Raise SceneError for what is no tag of a mesh."""
     if not is_whole(tag, 0):
         raise SceneError(f"the tag {tag!r} of a {what} must be an integer, as in the mesh")
 
@@ -67,7 +59,6 @@ class ParameterSpace:
     upper: tuple[float, ...]
 
     def __post_init__(self):
-        """Check the box once, and keep its bounds as arrays for the queries."""
         for part in ("names", "lower", "upper"):
             object.__setattr__(self, part, self._as_tuple(part))
         if len(set(self.names)) < len(self.names):

@@ -78,14 +78,9 @@ class _ConeFields(ElasticFields):
 
 
 def cone_projected_greedy(forces: np.ndarray, count: int) -> np.ndarray:
-    """Snapshots of forces picked one by one where the cone of those before approximates worst.
+    """At most ``count`` snapshots of forces, (N_lambda, S), each where the cone of those before approximates worst.
 
-    Args:
-        forces: snapshots, (N_lambda, S), non-negative.
-        count: number of vectors wanted.
-
-    Returns:
-        Normalised snapshots, (N_lambda, r) with r <= count.
+    They are normalised, (N_lambda, r).
     """
     sizes = np.linalg.norm(forces, axis=0)
     touching = sizes > 1e-9 * sizes.max()

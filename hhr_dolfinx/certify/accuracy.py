@@ -118,11 +118,7 @@ def summary(values: Any) -> dict:
 
 
 def norm(vector: np.ndarray, gram: Any = None) -> float:
-    """Norm of a vector by a Gram matrix, Euclidean if None.
-
-    Raises:
-        SceneError: for a Gram matrix of which this rank holds only some rows.
-    """
+    """Norm of a vector by a Gram matrix, Euclidean if None."""
     if gram is not None and gram.shape[0] != vector.size:
         raise SceneError(
             f"the Gram matrix has {gram.shape[0]} rows for {vector.size} dofs: where ranks share the rows take "

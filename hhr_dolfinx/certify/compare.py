@@ -110,20 +110,11 @@ def compare_points(full: Any, model: Model, solutions: SnapshotSet, floor: float
 def compare_histories(
     full: Any, model: Model, histories: dict[str, History], floor: float
 ) -> tuple[Comparison, list[list[Signs]]]:
-    """Errors of known histories solved by a model, and the signs that its steps show.
+    """Errors of known histories, by label, solved by a model, and the signs of its steps.
 
     The error of a history is the largest of its steps over the largest displacement or force of the history: the
     first touch, with forces of a twentieth of the last ones, would otherwise decide. A history that fails has infinite
-    errors.
-
-    Args:
-        full: the full model.
-        model: what is tried.
-        histories: of the full model, by label.
-        floor: force norm below which a relative error means nothing.
-
-    Returns:
-        The errors, and the signs along each history that did not fail.
+    errors and no signs.
     """
     rows: list[Row] = []
     signs = []

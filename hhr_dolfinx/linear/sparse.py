@@ -44,25 +44,12 @@ BLOCK = 128
 
 
 def ordering_of(block_size: int, plane: str) -> str:
-    """Ordering for :func:`cholesky_solver`: MUMPS in space, if PETSc has it, and the given one in the plane.
-
-    Args:
-        block_size: dofs per node.
-        plane: ordering of PETSc's own Cholesky that is best in the plane.
-    """
+    """Ordering for :func:`cholesky_solver`: MUMPS in space, if PETSc has it, and the given one in the plane."""
     return "mumps" if block_size == 3 and PETSc.Sys.hasExternalPackage("mumps") else plane
 
 
 def solve_columns(ksp: PETSc.KSP, columns: spmatrix) -> np.ndarray:
-    """Solve for the columns of a matrix in blocks, each rank with its own rows; collective.
-
-    Args:
-        ksp: of a matrix with as many rows on this rank.
-        columns: right-hand sides, sparse, (own rows, m).
-
-    Returns:
-        Solutions in Fortran's order, (own rows, m).
-    """
+    """Solve for sparse columns in blocks, each rank with its own rows, (own rows, m), in Fortran order; collective."""
     own, count = columns.shape
     matrix = ksp.getOperators()[0]
     columns, solutions = columns.tocsc(), np.empty((own, count), order="F")

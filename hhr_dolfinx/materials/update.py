@@ -144,9 +144,6 @@ class Material:
         """Laws whose slope is not the derivative of their flow, in words; None where nothing flows enough to tell.
 
         A wrong slope changes no answer; steps take more iterations, or fail for no visible reason.
-
-        Args:
-            strain, old, dt: of a step, see :meth:`update`.
         """
         complaints = []
         for group in self.groups:
@@ -168,12 +165,7 @@ class Material:
 def _flow_of(
     law: Flow, trial: np.ndarray, cumulated: np.ndarray, mu: float, dt: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Flow and slope that a law answers with, as arrays of numbers.
-
-    Raises:
-        SceneError: if it answers with something else.
-        ConvergenceError: if it finds no flow.
-    """
+    """Flow and slope that a law answers with, as arrays; SceneError for other things, ConvergenceError for no flow."""
     try:
         answer = law.flow(trial, cumulated, mu, dt)
     except ArithmeticError as error:

@@ -161,15 +161,8 @@ def _advance(
 ) -> tuple[Answer, bool]:
     """One step as asked for, then in 2, 4, ... parts, each of which is tried like a step of its own.
 
-    Args:
-        model: full or reduced.
-        trail: the last answers, at most three, the present one at the end.
-        goal: where to.
-        settings: how.
-        memory: what one step leaves to the next.
-
-    Returns:
-        The answer there, with the iterations of all attempts, and whether the step was cut.
+    ``trail`` holds the last answers, at most three, the present one at the end. Returned are the answer, with the
+    iterations of all attempts, and whether the step was cut.
     """
     here, spent = trail[-1], 0
     for parts in (2**halvings for halvings in range(settings.cuts + 1)):

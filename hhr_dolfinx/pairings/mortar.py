@@ -63,7 +63,6 @@ class Mortar:
     multipliers: str = "dual"
 
     def __post_init__(self) -> None:
-        """Refuse an unknown kind of multipliers."""
         if self.multipliers not in MULTIPLIERS:
             raise SceneError(f"multipliers '{self.multipliers}' are unknown, one of {', '.join(MULTIPLIERS)}")
 
@@ -73,14 +72,7 @@ class Mortar:
         return (self.slave, self.master)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """One row for each slave node whose surroundings face the master surface.
-
-        Raises:
-            SceneError: if the surfaces do not face each other anywhere.
-
-        Warns:
-            PairingWarning: for slave nodes beyond the edge of the master, and for deep overlap.
-        """
+        """One row for each slave node whose surroundings face the master surface."""
         slave, master = surfaces
         dim, normals = slave.points.shape[1], None
         if self.normal is None:

@@ -63,15 +63,7 @@ class NodeToSurface:
         return (self.slave, self.master)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """One row for each slave node that faces the master surface.
-
-        Raises:
-            SceneError: if the surfaces do not face each other anywhere.
-
-        Warns:
-            PairingWarning: for slave nodes beyond the edge of the master, which get no condition, and for
-                bodies that overlap by more than a cell.
-        """
+        """One row for each slave node that faces the master surface."""
         slave, master = surfaces
         if self.normal is None:
             kept, feet, normals = _closest(slave, master)
@@ -120,14 +112,7 @@ class DoublePass:
         return (self.first, self.second)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """Rows of both passes without duplicates.
-
-        Raises:
-            SceneError: if the surfaces do not face each other anywhere.
-
-        Warns:
-            PairingWarning: as :class:`NodeToSurface`, and if the inf-sup constant is poor.
-        """
+        """Rows of both passes without duplicates."""
         first, second = surfaces
         back = None if self.normal is None else tuple(-np.asarray(self.normal, dtype=float))
         passes, refusals = [], []

@@ -63,14 +63,9 @@ def _closest_of_neighbours(points: np.ndarray, corners: np.ndarray, nodes: np.nd
 
 
 def near_pairs(first: np.ndarray, second: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of facets whose bounding boxes, the first ones enlarged by ``reach``, meet.
+    """Pairs of facets whose bounding boxes, the first ones enlarged by the length ``reach``, meet.
 
-    Args:
-        first, second: corners of the facets, (f, k, dim) and (g, l, dim).
-        reach: length.
-
-    Returns:
-        Facets of the first and of the second surface, (p,) each.
+    Corners are (f, k, dim) and (g, l, dim); returned are facets of the first and of the second surface, (p,) each.
     """
     size = max(np.ptp(first, axis=(0, 1)).max(), np.ptp(second, axis=(0, 1)).max())
     shift = second.reshape(-1, second.shape[2]).mean(axis=0)
@@ -89,15 +84,7 @@ def _facet_mesh(corners: np.ndarray) -> Mesh:
 
 
 def project(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Shape functions at the closest point of one facet for each point.
-
-    Args:
-        points: (m, dim).
-        corners: corners of the facet of each point, (m, k, dim).
-
-    Returns:
-        Weights, non-negative and of sum 1, (m, k).
-    """
+    """Shape functions at the closest point of a facet for each point, (m, dim), by its corners, (m, k, dim): (m, k)."""
     k = corners.shape[1]
     if k == 2:
         return _on_segment(points, corners)
@@ -116,14 +103,9 @@ def project(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def shape_functions(local: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Shape functions of triangles (k = 3) or tensor-ordered quadrilaterals (k = 4) and their derivatives.
+    """Shape functions of triangles (k = 3) or tensor-ordered quadrilaterals (k = 4), (m, k), and slopes, (m, k, 2).
 
-    Args:
-        local: reference coordinates in the unit triangle or square, (m, 2).
-        k: nodes of the facet.
-
-    Returns:
-        Values (m, k) and derivatives (m, k, 2).
+    ``local`` holds reference coordinates in the unit triangle or square, (m, 2).
     """
     x, y = local.T
     one = np.ones_like(x)

@@ -156,11 +156,7 @@ def build(
 
 
 def _check_given(full, snapshots, recipe, held_out) -> None:
-    """Refuse what is no recipe, and solutions of another problem.
-
-    Raises:
-        ReductionError: with what was given.
-    """
+    """Raise ReductionError for what is no recipe, and for solutions of another problem."""
     if not isinstance(recipe, Recipe):
         raise ReductionError(f"{recipe!r} is no recipe: give a Recipe")
     if not full.problem.whole:
@@ -184,11 +180,7 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
 
 
 def _basis_of(step, problem, snapshots) -> np.ndarray:
-    """The basis of a step, of a user's own maybe, as the equations are written for it.
-
-    Raises:
-        ReductionError: with what is wrong and how to make it right.
-    """
+    """The basis of a step, of a user's own maybe, as the equations are written for it."""
     basis, rows = np.asarray(step.modes(problem, snapshots)), len(problem.free)
     if basis.ndim != 2 or len(basis) != rows or not 0 < basis.shape[1] <= rows or not np.isfinite(basis).all():
         raise ReductionError(f"modes of {step!r} have the shape {basis.shape}: finite ones ({rows}, ell) are needed")
@@ -266,11 +258,7 @@ def _enriched(shared: _Offline, sets: IndexSets) -> Enrichment:
 
 
 def _checked_margin(shared: _Offline, model: ReducedModel, layers: int) -> float | None:
-    """Smallest tangent margin at training states; 1, that of the elastic operator, where nothing flowed.
-
-    Raises:
-        UnstableModelError: if it is below its limit.
-    """
+    """Smallest tangent margin at training states; 1, that of the elastic operator, where nothing flowed."""
     if model.equilibrium is None or shared.recipe.tangents is None:
         return None
     from hhr_dolfinx.reduction.flow import check_margin
@@ -280,11 +268,7 @@ def _checked_margin(shared: _Offline, model: ReducedModel, layers: int) -> float
 
 
 def _compared(shared: _Offline, model: ReducedModel) -> Comparison | None:
-    """What users get beside answers held out, or else beside training; a model of histories learns what it knows.
-
-    Raises:
-        UnstableModelError: if errors are beyond their limits.
-    """
+    """What users get beside answers held out, or else beside training; a model of histories learns what it knows."""
     full, snapshots, held_out, limits = shared.full, shared.snapshots, shared.held_out, shared.recipe.trust
     floor, comparison = floor_of(full, snapshots), None
     if model.equilibrium is not None:

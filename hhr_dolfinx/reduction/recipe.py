@@ -83,7 +83,6 @@ class Pod:
     norm: str = "euclidean"
 
     def __post_init__(self) -> None:
-        """Refuse what no decomposition can do."""
         _check_tolerance("Pod", self.tolerance)
         if self.norm not in ("euclidean", "energy", "l2"):
             raise ReductionError(f"norm = '{self.norm}' of a Pod is unknown: 'euclidean', 'energy' or 'l2'")
@@ -124,7 +123,6 @@ class ForceDeim:
     relative: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse a tolerance that is none."""
         _check_tolerance("ForceDeim", self.tolerance)
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
@@ -146,7 +144,6 @@ class StressDeim:
     tolerance: float
 
     def __post_init__(self) -> None:
-        """Refuse a tolerance that is none."""
         _check_tolerance("StressDeim", self.tolerance)
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
@@ -167,7 +164,6 @@ class FlowDeim:
     tolerance: float
 
     def __post_init__(self) -> None:
-        """Refuse a tolerance that is none."""
         _check_tolerance("FlowDeim", self.tolerance)
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
@@ -198,7 +194,6 @@ class Zone:
     choose: Callable[[ContactProblem], np.ndarray]
 
     def __post_init__(self) -> None:
-        """Refuse what is no function."""
         if not callable(self.choose):
             raise ReductionError("a zone is a function of the problem that returns node numbers: lambda problem: nodes")
 
@@ -220,7 +215,6 @@ class Rid:
     most_layers: int = 4
 
     def __post_init__(self) -> None:
-        """Refuse what no RID can have."""
         for name in ("layers", "most_layers"):
             value = getattr(self, name)
             if not is_whole(value, 0) or value > MOST_LAYERS:
@@ -238,7 +232,6 @@ class Enrich:
     kappa_max: float = 3.0
 
     def __post_init__(self) -> None:
-        """Refuse what no condition number can be."""
         if not (isinstance(self.kappa_max, Real) and self.kappa_max >= 1):
             raise ReductionError(f"kappa_max = {self.kappa_max} must be at least 1: no condition number is smaller")
 
@@ -258,7 +251,6 @@ class Tangents:
     states: int = 4
 
     def __post_init__(self) -> None:
-        """Refuse numbers that mean nothing."""
         if not is_whole(self.states, 1):
             raise ReductionError(f"states = {self.states} of Tangents must be a whole number from 1")
         if not 0 <= self.least < 1:
@@ -288,7 +280,6 @@ class Recipe:
     indicator: Indicator | None = None
 
     def __post_init__(self) -> None:
-        """Refuse steps that are none."""
         if not isinstance(self.nodes, tuple | list) or not self.nodes:
             raise ReductionError(f"nodes = {self.nodes!r} must be a list of at least one choice: (Deim(), LoadNodes())")
         object.__setattr__(self, "nodes", tuple(self.nodes))

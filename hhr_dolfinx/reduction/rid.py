@@ -114,11 +114,7 @@ def contact_nodes(problem: ContactProblem, forces: np.ndarray, tolerance: float)
 
 
 def zone_of_interest(problem: ContactProblem, zone: Callable[[ContactProblem], np.ndarray]) -> np.ndarray:
-    """Nodes that a user wants in the RID.
-
-    Raises:
-        ReductionError: for numbers that are none of a node.
-    """
+    """Nodes that a user wants in the RID."""
     return checked_nodes(np.asarray(zone(problem)), len(problem.points))
 
 

@@ -24,18 +24,7 @@ from hhr_dolfinx.timing import timed
 def measure_histories(
     training: Training, model: ReducedModel, settings: Any, tests: Mapping[Any, Path], progress: Progress
 ) -> Measurement:
-    """Errors of the reduced model along test paths, and its time beside that of the full order.
-
-    Args:
-        training: of the model.
-        model: the model under study.
-        settings: a :class:`~hhr_dolfinx.study.study.StudySettings`.
-        tests: paths by label.
-        progress: for progress bars.
-
-    Raises:
-        ConvergenceError: if a history, full or reduced, does not converge.
-    """
+    """Errors of the reduced model along test paths, and its time beside that of the full order."""
     full, floor = training.full_order, floor_of(training.full_order, training.snapshots)
     exact, found = [], []
     for path in progress("tests")(list(tests.values())):
@@ -80,11 +69,8 @@ def history_errors(
 ) -> dict[str, Any]:
     """Relative errors at the last step as in thesis table 6.1, and the largest ones of the history.
 
-    Args:
-        full: the full model.
-        model: any other; what is compared in the RID too is left out of one that has none.
-        history, exact: their histories.
-        floor: force norm below which a relative error means nothing.
+    What is compared in the RID too is left out of a model that has none; ``floor`` is the force norm below which a
+    relative error means nothing.
     """
     here, there = history.answers[-1], exact.answers[-1]
     found, known = ((answer.displacement(), answer.forces()) for answer in (here, there))

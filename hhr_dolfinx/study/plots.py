@@ -124,12 +124,7 @@ def draw_fields(
 ) -> None:
     """Write ``fields.vtu`` and a picture of the RID and of scalar fields of several models.
 
-    Args:
-        grid: what :func:`field_grid` returned.
-        view: the displacement component drawn.
-        fields: displacements by model, (N,).
-        cells: values of cells by quantity and model.
-        folder: where to.
+    On a grid of :func:`field_grid`: displacements by model, (N,), and values of cells by quantity and model.
     """
     # the RID is drawn on the deformed mesh of the last model, every field on that of its own
     shown = {"rid": list(fields)[-1]}
@@ -186,12 +181,7 @@ def plot_maps(
 ) -> None:
     """Relative errors over two parameters, one map per model on one logarithmic scale, thesis figure 3.9.
 
-    Args:
-        points: parameters on a regular grid, (n, 2).
-        maps: errors by model, (n,) each.
-        labels: names of the two parameters.
-        path: picture file.
-        top: error at the end of the colour scale.
+    ``points`` form a regular grid, (n, 2), with errors by model, (n,) each; the colour scale ends at ``top``.
     """
     figure = Figure(figsize=(4.6 * len(maps), 4), layout="constrained")
     axes = figure.subplots(1, len(maps), squeeze=False)
@@ -208,15 +198,7 @@ def plot_maps(
 def plot_curves(
     lines: Curves, path: Path, labels: tuple[str, str], *, marks: Curves | None = None, logarithmic: bool = False
 ) -> None:
-    """Curves by name, and marks in the colours of the curves at the same places of their list.
-
-    Args:
-        lines: pairs of positions and values by name, joined in the order of the positions.
-        path: picture file.
-        labels: of both axes.
-        marks: likewise, drawn as points.
-        logarithmic: whether the values are.
-    """
+    """Curves by name, joined in the order of positions, and marks in the colours of the curves at the same places."""
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     axes = figure.subplots()
     for k, (name, (where, values)) in enumerate(lines.items()):

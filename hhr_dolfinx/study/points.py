@@ -33,15 +33,7 @@ Times = dict[str, np.ndarray]
 def measure_points(
     training: Training, model: ReducedModel, settings: Any, points: np.ndarray, progress: Progress
 ) -> Measurement:
-    """Errors of the reduced model at test points, and its time beside that of all other models.
-
-    Args:
-        training: of the model.
-        model: the model under study.
-        settings: a :class:`~hhr_dolfinx.study.study.StudySettings`.
-        points: test points, (n, P).
-        progress: for progress bars.
-    """
+    """Errors of the reduced model at test points, and its time beside that of all other models."""
     full, space, known = training.full_order, training.full_order.parameters, training.snapshots.known_statuses()
     yardstick = Yardstick.at(points, full, training.snapshots, progress("references"))
     answers = [model.solve(point, raise_on_failure=False, outside="ignore") for point in points]

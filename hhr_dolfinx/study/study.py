@@ -85,7 +85,6 @@ class StudySettings:
     repetitions: int = 3
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be measured, before anything is computed."""
         check_counts(queries=(self.queries, 1), repetitions=(self.repetitions, 1), seed=(self.seed, 0))
         if not isinstance(self.held_out, Sequence | None):
             check_counts(held_out=(self.held_out, 0))
@@ -239,12 +238,7 @@ def _measured(
 
 
 def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray | dict[Any, HistoryPath]:
-    """Test points, (n, P), or checked paths by label where bodies flow.
-
-    Raises:
-        StudyError: for the one where the other is needed.
-        ParameterError: for points that are none.
-    """
+    """Test points, (n, P), or checked paths by label where bodies flow; StudyError for the wrong one of both."""
     asked = settings.tests
     if any(body.law is not None for body in scene.bodies):
         if points is None and isinstance(asked, Mapping):

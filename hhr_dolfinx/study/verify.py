@@ -234,10 +234,7 @@ class HistoryCase:
 def verify(case: Case | HistoryCase, counts: tuple[int, ...], seed: int) -> Iterator[Line]:
     """Rows of the full order and, where it is not refused, of the reduced model.
 
-    Args:
-        case: the scene.
-        counts: training points along each parameter, where the case does not say it.
-        seed: of random parameters.
+    ``counts`` are training points along each parameter, where the case does not say it.
     """
     try:
         with said() as warned:
@@ -299,12 +296,7 @@ def _disagreement(
 
 
 def as_report(rows: list[Line], seed: int) -> dict[str, Any]:
-    """Rows of cases as a report: what each figure measures, what it is held against, and what came of it.
-
-    Args:
-        rows: of :func:`verify`.
-        seed: of random parameters.
-    """
+    """Rows of :func:`verify` as a report: what each figure measures, what it is held against, and what came of it."""
     cases = [
         {
             "case": row["case"],
