@@ -63,7 +63,11 @@ class Assembler:
 
 
 class Load(Protocol):
-    """A load; a method ``check(parameters)``, if it has one, refuses what the box of a scene does not have."""
+    """A load.
+
+    A scene checks that an ``amplitude`` of it, if affine, names parameters of the box, and calls its method
+    ``check(parameters)``, if it has one, to raise SceneError for anything else.
+    """
 
     def terms(self, assembler: Assembler) -> Sequence[Term]:
         """What it adds to F."""
@@ -84,10 +88,6 @@ class Traction:
             raise SceneError(f"the traction {self.direction} on tag {self.tag} must be finite and not zero")
         check_amplitude(self, f"the traction on tag {self.tag}")
 
-    def check(self, parameters: ParameterSpace) -> None:
-        """Refuse slopes along unknown parameters."""
-        self.amplitude.row(parameters)
-
     def terms(self, assembler: Assembler) -> list[Term]:
         """One vector."""
         (dim,) = assembler.test.ufl_shape
@@ -107,10 +107,6 @@ class Pressure:
     def __post_init__(self):
         check_tag("pressure", self.tag)
         check_amplitude(self, f"the pressure on tag {self.tag}")
-
-    def check(self, parameters: ParameterSpace) -> None:
-        """Refuse slopes along unknown parameters."""
-        self.amplitude.row(parameters)
 
     def terms(self, assembler: Assembler) -> list[Term]:
         """One vector."""
@@ -143,8 +139,7 @@ class PartialPressure:
             raise SceneError(f"the axis {self.axis!r} of the partial pressure on tag {self.tag} must be 0 or 1")
 
     def check(self, parameters: ParameterSpace) -> None:
-        """Refuse slopes along unknown parameters, and an extent that is none."""
-        self.amplitude.row(parameters)
+        """Raise SceneError for an extent that is no parameter."""
         if self.extent not in parameters.names:
             raise SceneError(
                 f"the partial pressure on tag {self.tag} extends up to '{self.extent}': it must be one of the "

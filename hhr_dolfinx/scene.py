@@ -168,12 +168,13 @@ class Scene:
 
     def _check_names(self):
         """Raise SceneError for names of parameters that the box does not have."""
-        driven: tuple[Displacement | Opening, ...] = (*self.displacements, *self.openings)
+        driven: tuple[Any, ...] = (*self.displacements, *self.openings, *self.loads)
         for item in driven:
-            item.amplitude.row(self.parameters)
-        for load in self.loads:
-            if hasattr(load, "check"):
-                load.check(self.parameters)
+            amplitude = getattr(item, "amplitude", None)
+            if isinstance(amplitude, Amplitude):
+                amplitude.row(self.parameters)
+            if hasattr(item, "check"):
+                item.check(self.parameters)
 
 
 def _has(*names):

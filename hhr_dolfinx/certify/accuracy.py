@@ -25,8 +25,8 @@ ROUND_OFF = 1e-14
 
 def force_floor(problem: ContactProblem, training: SnapshotSet) -> float:
     """Force norm below which a relative dual error means nothing."""
-    largest = float(np.linalg.norm(training.forces, axis=0).max())
-    return max(FORCE_FLOOR * largest, round_off_force(problem, training))
+    floor = FORCE_FLOOR * float(np.linalg.norm(training.forces, axis=0).max())
+    return floor if training.histories else max(floor, round_off_force(problem, training))
 
 
 def round_off_force(problem: ContactProblem, solutions: SnapshotSet) -> float:

@@ -172,12 +172,25 @@ def check_comparison(comparison: Comparison, limits: TrustLimits) -> None:
             _warn(message)
 
 
-def warn_of_held_out(held_out: SnapshotSet | None) -> None:
-    """Warn that nothing, or little, was kept out of training; one history holds many steps.
+def warn_of_training(full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> None:
+    """Say beforehand what no check of the model can make good: where it is trained, and what it is compared with."""
+    if not snapshots.histories:
+        warn_of_gaps_in_training(snapshots.points)
+    if not snapshots.any_contact(full.problem):
+        _warn(
+            "no training solution has contact: the model knows nothing of contact forces. Check gaps, normals and "
+            "loads, or train where bodies touch"
+        )
+    if full.equilibrium is not None and full.equilibrium.material.flows and not np.any(snapshots.cumulated):
+        _warn(
+            "no body flows in any training history though some could: tangents under flow were not checked, and a "
+            "history that flows is outside what was trained. Train at higher loads, or leave the laws out"
+        )
+    _warn_of_held_out(held_out)
 
-    Warns:
-        UncheckedWarning: if it was too little.
-    """
+
+def _warn_of_held_out(held_out: SnapshotSet | None) -> None:
+    """Warn that nothing, or little, was kept out of training; one history holds many steps."""
     if held_out is not None and (held_out.histories or len(held_out.points) >= FEW):
         return
     told = (
@@ -211,30 +224,6 @@ def warn_of_gaps_in_training(points: np.ndarray) -> None:
             f"the training points leave {empty:.0%} of their box empty: answers there are outside what was trained, "
             "and no check of the box sees it. Train on a grid or on points drawn at random"
         )
-
-
-def warn_untouched() -> None:
-    """Warn that contact was never seen.
-
-    Warns:
-        StabilityWarning: always.
-    """
-    _warn(
-        "no training solution has contact: the model knows nothing of contact forces. Check gaps, normals and "
-        "loads, or train where bodies touch"
-    )
-
-
-def warn_no_flow() -> None:
-    """Warn that flow was never seen.
-
-    Warns:
-        StabilityWarning: always.
-    """
-    _warn(
-        "no body flows in any training history though some could: tangents under flow were not checked, and a history "
-        "that flows is outside what was trained. Train at higher loads, or leave the laws out"
-    )
 
 
 def _share(value):

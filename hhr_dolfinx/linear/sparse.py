@@ -48,23 +48,6 @@ def ordering_of(block_size: int, plane: str) -> str:
     return "mumps" if block_size == 3 and PETSc.Sys.hasExternalPackage("mumps") else plane
 
 
-def solve_columns(ksp: PETSc.KSP, columns: spmatrix) -> np.ndarray:
-    """Solve for sparse columns in blocks, each rank with its own rows, (own rows, m), in Fortran order; collective."""
-    own, count = columns.shape
-    matrix = ksp.getOperators()[0]
-    columns, solutions = columns.tocsc(), np.empty((own, count), order="F")
-    for first in range(0, count, BLOCK):
-        part = slice(first, min(first + BLOCK, count))
-        width = part.stop - part.start
-        arrays = columns[:, part].toarray(order="F"), solutions[:, part]
-        sizes = (matrix.getSizes()[0], (PETSc.DECIDE, width))
-        rhs, found = (PETSc.Mat().createDense(sizes, array=array, comm=matrix.comm) for array in arrays)
-        for item in (rhs, found):
-            item.assemble()
-        ksp.matSolve(rhs, found)
-    return solutions
-
-
 def singular_stiffness(scene: str) -> str:
     """Message for a stiffness that is singular; ``checks.check_held`` has refused bodies that move as a whole."""
     return (
@@ -140,8 +123,20 @@ class FreeCholesky:
         return solution
 
     def solve_columns(self, columns: spmatrix) -> np.ndarray:
-        """Solutions for the columns of a sparse matrix of own rows, zero on imposed dofs, (own dofs, m)."""
-        found = np.zeros(columns.shape, order="F")
+        """Solutions for the columns of a sparse matrix of own rows, zero on imposed dofs, (own dofs, m); collective."""
+        columns = columns.tocsr()[self._free].tocsc()
+        own, count = columns.shape
+        found, solutions = np.zeros((self._own, count), order="F"), np.empty((own, count), order="F")
         with self.lock:
-            found[self._free] = solve_columns(self._ksp, columns.tocsr()[self._free])
+            for first in range(0, count, BLOCK):
+                part = slice(first, min(first + BLOCK, count))
+                sizes = (self._matrix.getSizes()[0], (PETSc.DECIDE, part.stop - part.start))
+                rhs, block = (
+                    PETSc.Mat().createDense(sizes, array=array, comm=self._matrix.comm)
+                    for array in (columns[:, part].toarray(order="F"), solutions[:, part])
+                )
+                for item in (rhs, block):
+                    item.assemble()
+                self._ksp.matSolve(rhs, block)
+        found[self._free] = solutions
         return found

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.certify.compare import Comparison, compare_histories, compare_points, floor_of, largest_motion
+from hhr_dolfinx.certify.accuracy import force_floor
+from hhr_dolfinx.certify.compare import Comparison, compare_histories, compare_points, largest_motion
 from hhr_dolfinx.certify.constants import FullConstants, Stability, assess
 from hhr_dolfinx.certify.trust import (
     check_comparison,
@@ -18,10 +19,7 @@ from hhr_dolfinx.certify.trust import (
     check_solvable,
     check_stability,
     first_trusted,
-    warn_no_flow,
-    warn_of_gaps_in_training,
-    warn_of_held_out,
-    warn_untouched,
+    warn_of_training,
 )
 from hhr_dolfinx.contact.problem import IndexSets
 from hhr_dolfinx.errors import ReductionError
@@ -131,7 +129,9 @@ def build(
     if recipe.trust is None:
         log.skip("validation", "no limits were given: the model is as it is")
     else:
-        _warn_of_training(full, snapshots, held_out, log)
+        warn_of_training(full, snapshots, held_out)
+        if held_out is None:
+            log.skip("held_out", "nothing was kept out of training: training answers were compared")
     with log.stage("basis"):
         basis = _basis_of(recipe.basis, full.problem, snapshots)
     with log.stage("rid"):
@@ -196,19 +196,6 @@ def _nodes_of(step, problem, snapshots, basis) -> np.ndarray:
     return checked_nodes(np.asarray(step.nodes(problem, snapshots, basis)), len(problem.points), repr(step))
 
 
-def _warn_of_training(full, snapshots, held_out, log) -> None:
-    """Say beforehand what no check of the model can make good: where it is trained, and what it is compared with."""
-    if not snapshots.histories:
-        warn_of_gaps_in_training(snapshots.points)
-    if not snapshots.any_contact(full.problem):
-        warn_untouched()
-    if full.equilibrium is not None and full.equilibrium.material.flows and not np.any(snapshots.cumulated):
-        warn_no_flow()
-    warn_of_held_out(held_out)
-    if held_out is None:
-        log.skip("held_out", "nothing was kept out of training: training answers were compared")
-
-
 def _attempt(shared: _Offline, layers: int) -> ReducedModel:
     """One attempt with a fixed number of layers."""
     full, recipe, log, problem = shared.full, shared.recipe, shared.log, shared.full.problem
@@ -270,7 +257,7 @@ def _checked_margin(shared: _Offline, model: ReducedModel, layers: int) -> float
 def _compared(shared: _Offline, model: ReducedModel) -> Comparison | None:
     """What users get beside answers held out, or else beside training; a model of histories learns what it knows."""
     full, snapshots, held_out, limits = shared.full, shared.snapshots, shared.held_out, shared.recipe.trust
-    floor, comparison = floor_of(full, snapshots), None
+    floor, comparison = force_floor(full.problem, snapshots), None
     if model.equilibrium is not None:
         kept = () if held_out is None else held_out.histories
         histories = {f"trained history {k}": history for k, history in enumerate(snapshots.histories)}

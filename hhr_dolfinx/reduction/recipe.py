@@ -20,18 +20,11 @@ from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.parameters import is_whole
 from hhr_dolfinx.reduction.deim import deim
 from hhr_dolfinx.reduction.pod import pod
-from hhr_dolfinx.reduction.rid import contact_nodes, load_nodes, zone_of_interest
+from hhr_dolfinx.reduction.rid import checked_nodes, load_nodes
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
 MOST_LAYERS = 1000
 """Layers of cells beyond which any mesh of ours is covered."""
-
-
-def _check_tolerance(step: str, value: Any) -> None:
-    if not (isinstance(value, Real) and 0 < float(value) < 1):
-        raise ReductionError(
-            f"tolerance = {value} of {step} must lie in (0, 1): it is the part of the snapshots left out"
-        )
 
 
 def _weights(columns: np.ndarray) -> np.ndarray:
@@ -68,7 +61,21 @@ class Indicator(Protocol):
 
 
 @dataclass(frozen=True)
-class Pod:
+class _Truncated:
+    """What takes a POD: ``tolerance`` is epsilon of (1.53), in (0, 1)."""
+
+    tolerance: float
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.tolerance, Real) and 0 < float(self.tolerance) < 1):
+            raise ReductionError(
+                f"tolerance = {self.tolerance} of {type(self).__name__} must lie in (0, 1): it is the part of the "
+                "snapshots left out"
+            )
+
+
+@dataclass(frozen=True)
+class Pod(_Truncated):
     """Proper orthogonal decomposition of the displacements, thesis (1.49)-(1.54).
 
     Attributes:
@@ -78,12 +85,11 @@ class Pod:
         norm: ``euclidean`` as in the thesis, ``energy`` or ``l2``.
     """
 
-    tolerance: float
     relative: bool = False
     norm: str = "euclidean"
 
     def __post_init__(self) -> None:
-        _check_tolerance("Pod", self.tolerance)
+        super().__post_init__()
         if self.norm not in ("euclidean", "energy", "l2"):
             raise ReductionError(f"norm = '{self.norm}' of a Pod is unknown: 'euclidean', 'energy' or 'l2'")
 
@@ -111,7 +117,7 @@ class Deim:
 
 
 @dataclass(frozen=True)
-class ForceDeim:
+class ForceDeim(_Truncated):
     """Slave nodes of the contact conditions that DEIM picks on a POD of the contact forces, section 1.4.3.
 
     Attributes:
@@ -119,32 +125,19 @@ class ForceDeim:
         relative: divide the forces of each snapshot by the norm of its displacement first.
     """
 
-    tolerance: float
     relative: bool = False
-
-    def __post_init__(self) -> None:
-        _check_tolerance("ForceDeim", self.tolerance)
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
         """See :class:`Nodes`; without contact in training one node, since a RID needs at least one condition."""
         if not snapshots.any_contact(problem):
             return problem.contact_slaves[:1]
         weights = _weights(snapshots.displacements) if self.relative else 1.0
-        return contact_nodes(problem, snapshots.forces * weights, self.tolerance)
+        return problem.contact_slaves[deim(pod(snapshots.forces * weights, self.tolerance)[0])]
 
 
 @dataclass(frozen=True)
-class StressDeim:
-    """Nodes of the cells in which DEIM picks Gauss points on a POD of the stress, section 6.2.3.
-
-    Attributes:
-        tolerance: epsilon of (1.53).
-    """
-
-    tolerance: float
-
-    def __post_init__(self) -> None:
-        _check_tolerance("StressDeim", self.tolerance)
+class StressDeim(_Truncated):
+    """Nodes of the cells in which DEIM picks Gauss points on a POD of the stress, section 6.2.3."""
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
         """See :class:`Nodes`; none where nothing can flow."""
@@ -154,17 +147,8 @@ class StressDeim:
 
 
 @dataclass(frozen=True)
-class FlowDeim:
-    """Nodes of the cells in which DEIM picks Gauss points on a POD of the cumulated plastic strain, section 6.2.3.
-
-    Attributes:
-        tolerance: epsilon of (1.53).
-    """
-
-    tolerance: float
-
-    def __post_init__(self) -> None:
-        _check_tolerance("FlowDeim", self.tolerance)
+class FlowDeim(_Truncated):
+    """Nodes of the cells in which DEIM picks Gauss points on a POD of the cumulated plastic strain, section 6.2.3."""
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
         """See :class:`Nodes`; none where nothing flowed in training."""
@@ -199,7 +183,7 @@ class Zone:
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
         """See :class:`Nodes`."""
-        return zone_of_interest(problem, self.choose)
+        return checked_nodes(np.asarray(self.choose(problem)), len(problem.points))
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,11 @@ in A even so are taken out of A and become part of the interface (figure 5.3a).
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.reduction.deim import deim
-from hhr_dolfinx.reduction.pod import pod
 
 
 def reduced_domain(problem: ContactProblem, nodes: np.ndarray, layers: int = 0) -> IndexSets:
@@ -100,22 +96,6 @@ def _index_sets(problem, cells, inside) -> IndexSets:
     in_I = ~in_A & (abs(problem.stiffness[in_A]).T @ np.ones(in_A.sum()) > 0)
     masks = (cells, in_A, in_A_lambda, in_A & in_A_c_tilde, in_A_c_tilde, in_I)
     return IndexSets(*(np.flatnonzero(mask) for mask in masks))
-
-
-def contact_nodes(problem: ContactProblem, forces: np.ndarray, tolerance: float) -> np.ndarray:
-    """Slave nodes of the conditions that DEIM picks on a POD of contact forces, section 1.4.3.
-
-    Args:
-        problem: the full problem.
-        forces: snapshots, (N_lambda, S).
-        tolerance: epsilon of (1.53).
-    """
-    return problem.contact_slaves[deim(pod(forces, tolerance)[0])]
-
-
-def zone_of_interest(problem: ContactProblem, zone: Callable[[ContactProblem], np.ndarray]) -> np.ndarray:
-    """Nodes that a user wants in the RID."""
-    return checked_nodes(np.asarray(zone(problem)), len(problem.points))
 
 
 def load_nodes(problem: ContactProblem) -> np.ndarray:

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhr_dolfinx.certify.accuracy import relative_error, summary
-from hhr_dolfinx.certify.compare import floor_of, largest_errors, residuals_of
+from hhr_dolfinx.certify.accuracy import force_floor, relative_error, summary
+from hhr_dolfinx.certify.compare import largest_errors, residuals_of
 from hhr_dolfinx.errors import ConvergenceError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import History, Model, Path
@@ -25,7 +25,8 @@ def measure_histories(
     training: Training, model: ReducedModel, settings: Any, tests: Mapping[Any, Path], progress: Progress
 ) -> Measurement:
     """Errors of the reduced model along test paths, and its time beside that of the full order."""
-    full, floor = training.full_order, floor_of(training.full_order, training.snapshots)
+    full = training.full_order
+    floor = force_floor(full.problem, training.snapshots)
     exact, found = [], []
     for path in progress("tests")(list(tests.values())):
         exact.append(_run(full, path, settings.march, 1))

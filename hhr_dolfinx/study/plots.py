@@ -155,9 +155,6 @@ def field_grid(full: FullOrderModel, rid_cells: np.ndarray, fields: dict[str, np
 
 def plot_fields(grids: list[pyvista.UnstructuredGrid], names: list[str], path: Path) -> None:
     """Scalar fields of points or cells side by side, each on its mesh."""
-    if sys.platform == "linux" and "DISPLAY" not in os.environ:
-        # files only: without a display VTK would first look for an X server and complain
-        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
     flat = np.ptp(grids[0].points[:, 2]) == 0
     plotter = pyvista.Plotter(off_screen=True, shape=(1, len(names)), window_size=(420 * len(names), 700), border=False)
     bar = {"vertical": False, "title_font_size": 16, "label_font_size": 13, "n_labels": 3, "color": "k"}
@@ -225,14 +222,8 @@ def plot_work_precision(rows: list[dict[str, Any]], path: Path) -> None:
             )
             if all(value < ROUND_OFF for _, value, _ in points):
                 axis.axvline(points[0][0], linestyle="--", color="grey")
-                axis.text(
-                    points[0][0],
-                    0.98,
-                    f" {method}",
-                    rotation=90,
-                    va="top",
-                    transform=axis.get_xaxis_transform(),
-                )
+                upright = {"rotation": 90, "va": "top", "transform": axis.get_xaxis_transform()}
+                axis.text(points[0][0], 0.98, f" {method}", **upright)
                 continue
             axis.loglog([p[0] for p in points], [p[1] for p in points], "o", label=method)
             for x, y, setting in points:

@@ -101,7 +101,7 @@ class StudySettings:
             if not isinstance(recipe, Recipe):
                 raise StudyError(f"{name} = {recipe!r} of a study must be a Recipe")
 
-    def asked(self, *, seed: int, quick: bool) -> StudySettings:
+    def adapted(self, *, seed: int, quick: bool) -> StudySettings:
         """These settings with another seed, and few points if it has to be quick."""
         few: dict[str, Any] = {"queries": 15} if quick else {}
         if quick and not isinstance(self.tests, Mapping):
@@ -208,7 +208,7 @@ def run_study(
     for label, recipe in progress("variants")(settings.variants):
         rows.append(_row(measured, "HHR", label, partial(training.build, recipe)))
     for rival in progress("rivals")(rivals):
-        rows.append(_row(measured, rival.method, rival.setting, partial(_same, rival.model)))
+        rows.append(_row(measured, rival.method, rival.setting, partial(getattr, rival, "model")))
     rows += [row.as_report() for row in measured.exact]
     report = make_report(training, model, measured, rows, settings.seed)
     if settings.models:
@@ -250,11 +250,6 @@ def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray 
     if isinstance(asked, Mapping):
         raise StudyError(f"nothing flows in scene '{scene.name}': tests must be a number of random points, not paths")
     return scene.parameters.random(asked, settings.seed)
-
-
-def _same(model: Model) -> Model:
-    """A rival is there already."""
-    return model
 
 
 def _row(measured: Measurement, method: str, setting: str, make: Callable[[], Model]) -> dict[str, Any]:

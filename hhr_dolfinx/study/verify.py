@@ -19,8 +19,8 @@ from mpi4py import MPI
 from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx import errors
-from hhr_dolfinx.certify.accuracy import contact_residuals, relative_error
-from hhr_dolfinx.certify.compare import floor_of, largest_errors
+from hhr_dolfinx.certify.accuracy import contact_residuals, force_floor, relative_error
+from hhr_dolfinx.certify.compare import largest_errors
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import History, Model, Path
@@ -51,7 +51,7 @@ OWN_WARNINGS = tuple(
 
 
 @contextmanager
-def said() -> Iterator[list[str]]:
+def recorded_warnings() -> Iterator[list[str]]:
     """Collect what the package warns of in a block, as text; the list is filled at its end."""
     messages: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
@@ -153,15 +153,15 @@ class Case:
 
     def check_reduced(self, full: FullOrderModel, checked: Checked, counts: tuple[int, ...], seed: int) -> Line:
         """Row of the reduced model at random parameters."""
-        from hhr_dolfinx.study.yardstick import Yardstick
+        from hhr_dolfinx.study.references import References
 
         space = full.parameters
-        with said() as warned:
+        with recorded_warnings() as warned:
             snapshots = self.select(compute_snapshots(full, space.grid(self.counts or counts)))
             held_out = compute_snapshots(full, space.random(self.tests + 10, seed + 1))
             model = build(full, snapshots, self.recipe, held_out)
         points, limits = space.random(self.tests, seed), {**REDUCED_WORST, "dual_full_floored": self.worst_force}
-        found = Yardstick.at(points, full, snapshots).errors(model)
+        found = References.at(points, full, snapshots).errors(model)
         within, parts = True, []
         for name, label in (("primal_l2", "displacement"), ("dual_full_floored", "forces")):
             values = found.values[name]
@@ -215,11 +215,12 @@ class HistoryCase:
     def check_reduced(self, full: FullOrderModel, checked: Checked, counts: tuple[int, ...], seed: int) -> Line:
         """Row of the reduced model along the path of the full one."""
         exact, snapshots = checked.shown, SnapshotSet.of_histories(checked.training)
-        with said() as doubts:
+        with recorded_warnings() as doubts:
             model = build(full, snapshots, self.recipe)
-        with said() as told:
+        with recorded_warnings() as told:
             found = model.march(exact.path)
-        high = dict(zip(HISTORY_WORST, largest_errors(full, found, exact, floor_of(full, snapshots)), strict=True))
+        floor = force_floor(full.problem, snapshots)
+        high = dict(zip(HISTORY_WORST, largest_errors(full, found, exact, floor), strict=True))
         within = all(high[name] <= limit for name, limit in HISTORY_WORST.items())
         parts = [*(f"{name} {value:.1e}" for name, value in high.items()), f"{model.offline.layers} layers"]
         parts += [f"warned: {message}" for message in (*doubts, *told)]
@@ -237,7 +238,7 @@ def verify(case: Case | HistoryCase, counts: tuple[int, ...], seed: int) -> Iter
     ``counts`` are training points along each parameter, where the case does not say it.
     """
     try:
-        with said() as warned:
+        with recorded_warnings() as warned:
             full = case.built()
         checked = case.check(full, seed)
     except errors.HHRError as error:
