@@ -15,9 +15,9 @@ from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.materials.laws import Norton, Plasticity
 
 
-def strain_vector(u: Expr, hypothesis: str, poisson: float = 0.0) -> Expr:
+def strain_vector(u: Expr, hypothesis: str) -> Expr:
     """Strain in Kelvin's notation: 4 components, or 6 in space."""
-    e = strain(u, hypothesis, poisson)
+    e = strain(u, hypothesis)
     plane = [e[0, 0], e[1, 1], e[2, 2], 2**0.5 * e[0, 1]]
     return ufl.as_vector([*plane, 2**0.5 * e[0, 2], 2**0.5 * e[1, 2]] if hypothesis == "solid" else plane)
 

@@ -138,9 +138,6 @@ class Coverage:
         extent: index of the parameter up to which the pressure acts.
         constant: amplitude at mu = 0.
         slopes: slopes of the amplitude, (P,).
-
-    Raises:
-        SceneError: for no line that goes up, or an extent that is no parameter.
     """
 
     positions: np.ndarray

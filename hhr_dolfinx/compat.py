@@ -35,15 +35,7 @@ if importlib.util.find_spec("dolfinx_solver") is not None:
 
 @contextmanager
 def extra(name: str, what: str) -> Iterator[None]:
-    """A block that imports an optional package; where it is missing the error says which extra brings it.
-
-    Args:
-        name: of the extra in ``pyproject.toml``.
-        what: what needs the package, for the message.
-
-    Raises:
-        MissingPackageError: with what to install.
-    """
+    """A block that imports what ``what`` needs; where a package is missing the error says which extra brings it."""
     try:
         yield
     except ModuleNotFoundError as error:

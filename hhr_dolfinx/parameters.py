@@ -49,9 +49,6 @@ class ParameterSpace:
         names: one name per parameter.
         lower: smallest value of each parameter, in its unit.
         upper: largest value of each parameter.
-
-    Raises:
-        SceneError: if a name stands twice, the lengths differ, or a bound is not finite or not below its partner.
     """
 
     names: tuple[str, ...]

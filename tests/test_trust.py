@@ -173,7 +173,7 @@ def test_residuals_of_exact_and_of_spoiled_answers(hertz):
     # half of the forces taken away: what is left over is as large as what remains
     assert contact_residuals(problem, displacement, forces / 2, theta).equilibrium == pytest.approx(1.0)
     # twice the motion: too deep by the gap of 0.1 at the apex, beside motions of 1 at the ends of the arcs
-    twice = problem.lift(0.3) + 2 * (displacement - problem.lift(0.3))
+    twice = problem.lifts @ problem.theta(0.3) + 2 * (displacement - problem.lifts @ problem.theta(0.3))
     assert 0.05 < contact_residuals(problem, twice, forces, theta).penetration < 0.2
 
 

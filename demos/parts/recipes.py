@@ -31,13 +31,13 @@ def recipe(rng: np.random.Generator) -> hhr.Recipe:
     return hhr.Recipe(plain if extended is None else hhr.Pod(extended, relative), nodes, domain, enrichment)
 
 
-def judged(training: Training, settings: hhr.Recipe, references: References) -> dict[str, Any]:
+def judged(training: Training, drawn: hhr.Recipe, references: References) -> dict[str, Any]:
     """What a user is told of a model, and how wrong its forces are on the whole surface."""
-    row = {name: value for name, value in settings.described().items() if name != "trust"}
+    row = {name: value for name, value in drawn.described().items() if name != "trust"}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", StabilityWarning)
         try:
-            model = training.build(settings)
+            model = training.build(drawn)
         except HHRError as refused:
             return {**row, "outcome": "refused", "said": [str(refused)], "p95": None, "max": None}
     said = [str(item.message) for item in caught if issubclass(item.category, StabilityWarning)]

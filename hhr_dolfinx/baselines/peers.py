@@ -1,4 +1,4 @@
-"""Reduced models of other authors as baselines, each with the same ``solve(mu)``.
+"""Reduced models of other authors as baselines.
 
 They project the stiffness on POD modes over the whole domain and look for the contact forces in a cone
 spanned by few non-negative vectors: snapshots picked greedily (A. Benaceur, A. Ern and V. Ehrlacher,

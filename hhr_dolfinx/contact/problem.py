@@ -36,9 +36,6 @@ class ContactRows:
         slaves: node that carries each condition and its multiplier, (N_lambda,); DEIM and enrichment pick it.
         points: position of each condition, (N_lambda, dim), for pictures and messages.
         areas: tributary area of each condition, (N_lambda,), which turns forces into pressures.
-
-    Raises:
-        SceneError: if lengths differ or numbers are not finite.
     """
 
     matrix: csr_matrix
@@ -161,10 +158,6 @@ class ContactProblem:
     def theta(self, mu: Any) -> Theta:
         """θ at a parameter given as a number, a sequence or a mapping; see :meth:`ParameterSpace.point`."""
         return self.amplitudes(self.parameters.point(mu))
-
-    def lift(self, mu: Any) -> np.ndarray:
-        """Imposed displacement at a parameter, (N,)."""
-        return self.lifts @ self.theta(mu)
 
     @cached_property
     def own_stiffness(self) -> csr_matrix:

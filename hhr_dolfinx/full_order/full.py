@@ -66,12 +66,8 @@ class FullOrderModel:
             if any(body.law is not None for body in scene.bodies):
                 self._build_flowing()
             else:
-                self._build_elastic()
-
-    def _build_elastic(self) -> None:
-        discretisation = Discretisation(self.scene, self.comm)
-        stiffness = discretisation.assemble_stiffness()
-        self._factor(discretisation, discretisation.own_rows(stiffness))
+                discretisation = Discretisation(scene, comm)
+                self._factor(discretisation, discretisation.own_rows(discretisation.assemble_stiffness()))
 
     def _build_flowing(self) -> None:
         from hhr_dolfinx.full_order.flow import FullEquilibrium, GaussModel

@@ -16,35 +16,12 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
 
-def cholesky_solver(matrix: PETSc.Mat, ordering: str, prefix: str) -> PETSc.KSP:
-    """A direct solver for a symmetric matrix, on any number of ranks; PETSc options can change how.
-
-    Args:
-        matrix: its values may change, its pattern not.
-        ordering: of PETSc's own Cholesky; ``mumps`` takes MUMPS, which several ranks always need.
-        prefix: of PETSc options.
-    """
-    matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-    ksp = PETSc.KSP().create(matrix.comm)
-    ksp.setOptionsPrefix(prefix)
-    ksp.setOperators(matrix)
-    ksp.setType(PETSc.KSP.Type.PREONLY)
-    pc = ksp.getPC()
-    pc.setType(PETSc.PC.Type.CHOLESKY)
-    if ordering == "mumps" or matrix.comm.size > 1:
-        pc.setFactorSolverType("mumps")
-    else:
-        pc.setFactorOrdering(ordering)
-    ksp.setFromOptions()
-    return ksp
-
-
 BLOCK = 128
 """Right-hand sides solved at once: the factors are read once for all of them, and they take little memory."""
 
 
 def ordering_of(block_size: int, plane: str) -> str:
-    """Ordering for :func:`cholesky_solver`: MUMPS in space, if PETSc has it, and the given one in the plane."""
+    """Ordering for :class:`FreeCholesky`: MUMPS in space, if PETSc has it, and the given one in the plane."""
     return "mumps" if block_size == 3 and PETSc.Sys.hasExternalPackage("mumps") else plane
 
 
@@ -68,7 +45,7 @@ class FreeCholesky:
         free: dofs that are not imposed, (N,) bool.
         rows: range of the dofs that this rank owns.
         scene: its name, for messages and the prefix of PETSc options, ``hhr_<scene>_``.
-        ordering: see :func:`cholesky_solver`.
+        ordering: of PETSc's own Cholesky; ``mumps`` takes MUMPS, which several ranks always need.
         comm: ranks that share the rows.
 
     Attributes:
@@ -89,7 +66,18 @@ class FreeCholesky:
         sizes = (self._free.size, columns.size)
         entries = self._inside.indptr, self._inside.indices, self._inside.data
         self._matrix = PETSc.Mat().createAIJ((sizes, sizes), csr=entries, comm=comm)
-        self._ksp = cholesky_solver(self._matrix, ordering, f"hhr_{scene}_")
+        self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        self._ksp = PETSc.KSP().create(comm)
+        self._ksp.setOptionsPrefix(f"hhr_{scene}_")
+        self._ksp.setOperators(self._matrix)
+        self._ksp.setType(PETSc.KSP.Type.PREONLY)
+        pc = self._ksp.getPC()
+        pc.setType(PETSc.PC.Type.CHOLESKY)
+        if ordering == "mumps" or comm.size > 1:
+            pc.setFactorSolverType("mumps")
+        else:
+            pc.setFactorOrdering(ordering)
+        self._ksp.setFromOptions()
         if not factorised(self._ksp):
             raise NotSolvableError(singular_stiffness(scene))
         self._rhs, self._x = self._matrix.createVecs()

@@ -191,7 +191,7 @@ def _shortened(answer: object, most: int = 60) -> str:
 
 
 def _check_flow(law: Flow, amount: np.ndarray, slope: np.ndarray, trial: np.ndarray, mu: float) -> None:
-    """Refuse a flow that is not finite or would turn the stress round."""
+    """Raise ConvergenceError for a flow that is not finite or would turn the stress round."""
     if not amount.shape == slope.shape == trial.shape:
         raise ConvergenceError(f"{law} must answer with a flow and a slope of shape {trial.shape}")
     right = np.isfinite(slope) & (amount >= 0) & (3 * mu * amount <= trial * (1 + 1e-9))

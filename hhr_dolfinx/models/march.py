@@ -292,7 +292,7 @@ def _elastic_start(model, here, theta):
 
 
 def _check_small(strain):
-    """Refuse a runaway: beyond its limit load a body is in balance to round-off, which grows with the displacement."""
+    """A runaway is no answer: beyond its limit load a body is in balance to round-off, which grows with it."""
     sizes = np.abs(strain).max(axis=1)
     if sizes.max() > MOST_STRAIN:
         why = f"a strain of {sizes.max():.3g} is no small strain: the load is more than is borne"

@@ -1,4 +1,4 @@
-"""Histories as they are asked for: a checked path and settings; and how models in which nothing flows answer one."""
+"""The path and the settings of a history, and how models in which nothing flows answer one."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from dolfinx.mesh import Mesh
 
 
-class Feet(NamedTuple):
+class ClosestPoints(NamedTuple):
     """Closest points of a surface.
 
     Attributes:
@@ -28,7 +28,7 @@ class Feet(NamedTuple):
     offsets: np.ndarray
 
 
-def closest_points(points: np.ndarray, corners: np.ndarray, nodes: np.ndarray | None = None) -> Feet:
+def closest_points(points: np.ndarray, corners: np.ndarray, nodes: np.ndarray | None = None) -> ClosestPoints:
     """Closest points on facets given by their corners.
 
     Args:
@@ -45,10 +45,12 @@ def closest_points(points: np.ndarray, corners: np.ndarray, nodes: np.ndarray | 
     if nodes is not None and corners.shape[1] == 4:
         return _closest_of_neighbours(points, corners, nodes, facets)
     weights = project(points, corners[facets])
-    return Feet(facets, weights, points - np.einsum("mk,mkd->md", weights, corners[facets]))
+    return ClosestPoints(facets, weights, points - np.einsum("mk,mkd->md", weights, corners[facets]))
 
 
-def _closest_of_neighbours(points: np.ndarray, corners: np.ndarray, nodes: np.ndarray, facets: np.ndarray) -> Feet:
+def _closest_of_neighbours(
+    points: np.ndarray, corners: np.ndarray, nodes: np.ndarray, facets: np.ndarray
+) -> ClosestPoints:
     """The closest point on the given facet of each point and on all facets that share a node with it."""
     count, k = nodes.shape
     touches = csr_matrix((np.ones(count * k), (np.repeat(np.arange(count), k), nodes.ravel())))
@@ -59,7 +61,7 @@ def _closest_of_neighbours(points: np.ndarray, corners: np.ndarray, nodes: np.nd
     # the nearest of each point comes first; of equals, the facet with the smallest number
     order = np.lexsort((facet, np.round(np.linalg.norm(offsets, axis=1) / np.ptp(corners), 14), point))
     best = order[np.searchsorted(point[order], np.arange(len(points)))]
-    return Feet(facet[best], weights[best], offsets[best])
+    return ClosestPoints(facet[best], weights[best], offsets[best])
 
 
 def near_pairs(first: np.ndarray, second: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:

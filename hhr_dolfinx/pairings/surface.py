@@ -107,8 +107,7 @@ class Surface:
     def node_depths(self) -> np.ndarray:
         """Smallest depth of the facets at each node, (n,)."""
         smallest = np.full(len(self.nodes), np.inf)
-        for column in self.facets.T:
-            np.minimum.at(smallest, column, self.depths)
+        np.minimum.at(smallest, self.facets, self.depths[:, None])
         return smallest
 
     def lengths(self) -> np.ndarray:
@@ -117,10 +116,8 @@ class Surface:
 
     def cell_sizes(self) -> np.ndarray:
         """Length of the largest facet at each node, (n,): what 'near' means there."""
-        lengths = self.lengths()
         largest = np.zeros(len(self.nodes))
-        for column in self.facets.T:
-            np.maximum.at(largest, column, lengths)
+        np.maximum.at(largest, self.facets, self.lengths()[:, None])
         return largest
 
 
@@ -287,6 +284,16 @@ def warn_of_sag(slave: Surface, master: Surface, rows: ContactRows, sag: float) 
             f"the curved surfaces they stand for by {sag:.3g} on average: the gap is one of the mesh. Mesh both finer, "
             "until the sag of a facet, its length times its angle to the next one over 8, is far below the gap, or "
             "mesh both alike, node to node"
+        )
+
+
+def warn_beyond_edge(slave: Surface, master: Surface, lost: np.ndarray, advice: str = "") -> None:
+    """Warn of slave nodes that get no condition, by a mask."""
+    if lost.any():
+        warn(
+            f"{int(lost.sum())} of {lost.size} nodes of slave surface {slave.tag} lie beyond the edge of master "
+            f"surface {master.tag} or look away from it and get no contact condition, e.g. at "
+            f"{slave.points[lost][0].tolist()}{advice}"
         )
 
 

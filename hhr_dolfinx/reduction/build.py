@@ -44,7 +44,7 @@ class OfflineRecord:
     """How a reduced model was made, and what was found out about it.
 
     Attributes:
-        recipe: what was asked for.
+        recipe: how it was to be reduced.
         layers: layers of cells of the RID, by which it may have grown.
         basis: V, (N, ell).
         sets: index sets of the RID.

@@ -214,9 +214,6 @@ def _digest_of(full: Any) -> bytes:
 
     The bounds of the parameters are left out: a wider box finds the solutions of the narrower one. Where a machine
     assembles other last digits, snapshots are solved anew.
-
-    Raises:
-        FileContentError: for a law or an amplitude of a user's own that numbers do not tell apart.
     """
     digest = hashlib.sha256(f"{FORMAT} {VERSION} of hhr_dolfinx {__version__}\0".encode())
     problem: ContactProblem = full.problem

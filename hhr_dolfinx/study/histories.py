@@ -138,9 +138,7 @@ def _time_searches(
     return seconds, skipped
 
 
-def seconds_of_parts(
-    full_or_reduced: FullOrderModel | ReducedModel, history: History, repetitions: int = 20
-) -> dict[str, float]:
+def seconds_of_parts(full_or_reduced: FullOrderModel | ReducedModel, history: History) -> dict[str, float]:
     """Seconds of each part of an iteration in the last step of a history, and of a new tangent."""
     model: Any = full_or_reduced.equilibrium
     (before, _), (time, _), answer = *history.path[-2:], history.answers[-1]
@@ -157,4 +155,4 @@ def seconds_of_parts(
         "tangent": lambda: model.linearised(update.tangents),
         "contact": lambda: operator.correct(residual, answer.unknown, theta, answer.active),
     }
-    return {name: timed(part, repetitions)[1] for name, part in parts.items()}
+    return {name: timed(part, 20)[1] for name, part in parts.items()}

@@ -173,19 +173,17 @@ def plot_fields(grids: list[pyvista.UnstructuredGrid], names: list[str], path: P
     plotter.close()
 
 
-def plot_maps(
-    points: np.ndarray, maps: dict[str, np.ndarray], labels: tuple[str, str], path: Path, top: float = 1.0
-) -> None:
+def plot_maps(points: np.ndarray, maps: dict[str, np.ndarray], labels: tuple[str, str], path: Path) -> None:
     """Relative errors over two parameters, one map per model on one logarithmic scale, thesis figure 3.9.
 
-    ``points`` form a regular grid, (n, 2), with errors by model, (n,) each; the colour scale ends at ``top``.
+    ``points`` form a regular grid, (n, 2), with errors by model, (n,) each.
     """
     figure = Figure(figsize=(4.6 * len(maps), 4), layout="constrained")
     axes = figure.subplots(1, len(maps), squeeze=False)
     first, second = (np.unique(points[:, k]) for k in (0, 1))
-    norm = LogNorm(1e-4, top)
+    norm = LogNorm(1e-4, 1.0)
     for axis, (name, errors) in zip(axes[0], maps.items(), strict=True):
-        table = np.clip(np.nan_to_num(errors, nan=top, posinf=top), 1e-4, top).reshape(first.size, second.size)
+        table = np.clip(np.nan_to_num(errors, nan=1.0, posinf=1.0), 1e-4, 1.0).reshape(first.size, second.size)
         image = axis.pcolormesh(first, second, table.T, norm=norm, cmap="magma_r", shading="nearest")
         axis.set(title=name, xlabel=labels[0], ylabel=labels[1])
     figure.colorbar(image, ax=axes, label="relative error of the contact forces")

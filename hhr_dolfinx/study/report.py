@@ -67,7 +67,7 @@ def reduced_sizes(model: ReducedModel) -> dict[str, int]:
 def break_even(times: dict[str, Any]) -> dict[str, float | None]:
     """Queries after which training and reduced answers are cheaper than the best full order; None if they never are.
 
-    Forces alone by the reduced model, or fields and all forces. A history is asked for as a whole.
+    Forces alone by the reduced model, or fields and all forces; of a history always the whole.
     """
     offline = sum(times["offline"].values())
     kinds = {"forces": "online", "fields": "online_full"} if "online_full" in times else {"fields": "online"}

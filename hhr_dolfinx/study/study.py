@@ -66,10 +66,6 @@ class StudySettings:
         naive: whether to time the naive full order too, likewise; in space one of its queries takes many seconds.
         march: how histories are solved.
         repetitions: histories timed for each test path.
-
-    Raises:
-        StudyError: for a count that is not positive, a negative seed, nothing to train or to test on, or what is no
-            recipe.
     """
 
     training: Any
@@ -118,7 +114,7 @@ class Study:
         model: the reduced model under study.
         tests: test points, (n, P), or paths by label.
         measured: errors and times of the model and of what it is compared with.
-        settings: what was asked for.
+        settings: what was measured, and how.
         report: all figures under the keys that scenes share; a demo may add its own.
     """
 
@@ -239,17 +235,17 @@ def _measured(
 
 def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray | dict[Any, HistoryPath]:
     """Test points, (n, P), or checked paths by label where bodies flow; StudyError for the wrong one of both."""
-    asked = settings.tests
+    tests = settings.tests
     if any(body.law is not None for body in scene.bodies):
-        if points is None and isinstance(asked, Mapping):
-            return dict(zip(asked, training_paths(scene, asked.values()), strict=True))
-        what = f"tests = {asked!r}" if points is None else "points"
+        if points is None and isinstance(tests, Mapping):
+            return dict(zip(tests, training_paths(scene, tests.values()), strict=True))
+        what = f"tests = {tests!r}" if points is None else "points"
         raise StudyError(f"bodies of scene '{scene.name}' flow: {what} must be paths, tests={{label: path, ...}}")
     if points is not None:
         return scene.parameters.points(points)
-    if isinstance(asked, Mapping):
+    if isinstance(tests, Mapping):
         raise StudyError(f"nothing flows in scene '{scene.name}': tests must be a number of random points, not paths")
-    return scene.parameters.random(asked, settings.seed)
+    return scene.parameters.random(tests, settings.seed)
 
 
 def _row(measured: Measurement, method: str, setting: str, make: Callable[[], Model]) -> dict[str, Any]:

@@ -90,15 +90,15 @@ def train(
         StudyError: for a training, a number of answers, a seed or a folder that are none, before anything is computed.
     """
     log = StageLog()
-    with ranks.each_for_itself(comm, "checking what was asked for"):
-        asked, apart = _checked(scene, training, held_out, seed)
+    with ranks.each_for_itself(comm, "checking what to train on"):
+        queries, apart = _checked(scene, training, held_out, seed)
         folder = None if folder is None else checked_folder(folder)
     with ranks.each_for_itself(comm, f"building the full model of scene '{scene.name}'"):
         with log.stage("full_order"):
             full = FullOrderModel(scene, MPI.COMM_SELF)
         store = None if folder is None else SnapshotStore(folder, full)
     with log.stage("snapshots"):
-        snapshots, kept = spread_snapshots(full, asked, comm, progress("snapshots"), store, march), None
+        snapshots, kept = spread_snapshots(full, queries, comm, progress("snapshots"), store, march), None
     if apart:
         with log.stage("held_out"):
             # forces decide on points, whose last digits may differ between machines
@@ -148,9 +148,9 @@ def training_paths(scene: Scene, paths: Any) -> list:
     return checked
 
 
-def check_counts(**asked: tuple[object, int]) -> None:
+def check_counts(**given: tuple[object, int]) -> None:
     """Raise StudyError for a value that is no integer of at least its least value; both are given by name."""
-    for name, (value, least) in asked.items():
+    for name, (value, least) in given.items():
         if not is_whole(value, least):
             raise StudyError(f"{name} = {value!r} must be an integer of at least {least}")
 

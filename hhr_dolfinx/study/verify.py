@@ -64,14 +64,10 @@ Line = dict[str, Any]
 """A row of the table: case, model, outcome, figure, why."""
 
 
-def answer(case: str, model: str, figure: float, verdict: str, why: str) -> Line:
-    """Row of an answer, ``right``, ``warned`` or ``WRONG``."""
-    return {"case": case, "model": model, "outcome": verdict, "figure": float(figure), "why": why}
-
-
-def refusal(case: str, model: str, error: Exception) -> Line:
-    """Row of a refusal and its reason."""
-    return {"case": case, "model": model, "outcome": "refused", "figure": None, "why": str(error)}
+def line(case: str, model: str, outcome: str, why: str, figure: float | None = None) -> Line:
+    """Row of an answer, ``right``, ``warned`` or ``WRONG`` by a figure, or of what was ``refused``."""
+    figure = None if figure is None else float(figure)
+    return {"case": case, "model": model, "outcome": outcome, "figure": figure, "why": why}
 
 
 @dataclass(frozen=True)
@@ -92,7 +88,7 @@ class Known:
         """Row of what was found: right, or told to be wrong by a warning, or wrong."""
         error = self.error(found)
         verdict = "right" if error <= self.tolerance else "warned" if warned else "WRONG"
-        return answer(case, "known answer", error, verdict, "; warned: ".join([self.name, *warned]))
+        return line(case, "known answer", verdict, "; warned: ".join([self.name, *warned]), error)
 
 
 @dataclass(frozen=True)
@@ -172,7 +168,7 @@ class Case:
         parts += [f"no answer at {'; '.join(unanswered)}"] if unanswered else []
         parts += [f"warned: {message}" for message in warned]
         verdict = "right" if within else "warned" if warned else "WRONG"
-        return answer(self.name, "reduced", found.values["dual_full_floored"].max(), verdict, "; ".join(parts))
+        return line(self.name, "reduced", verdict, "; ".join(parts), found.values["dual_full_floored"].max())
 
 
 @dataclass(frozen=True)
@@ -229,7 +225,7 @@ class HistoryCase:
         else:
             # where nothing was trained a good answer is luck, and only the model itself can say so when it is asked
             verdict = "warned" if told else "right" if within else "WRONG"
-        return answer(self.name, "reduced", max(high.values()), verdict, ", ".join(parts))
+        return line(self.name, "reduced", verdict, ", ".join(parts), max(high.values()))
 
 
 def verify(case: Case | HistoryCase, counts: tuple[int, ...], seed: int) -> Iterator[Line]:
@@ -242,18 +238,18 @@ def verify(case: Case | HistoryCase, counts: tuple[int, ...], seed: int) -> Iter
             full = case.built()
         checked = case.check(full, seed)
     except errors.HHRError as error:
-        yield refusal(case.name, "full", error)
+        yield line(case.name, "full", "refused", str(error))
         if case.known is not None and hasattr(error, "history"):
             yield case.known.row(case.name, error.history, warned)
         return
     verdict = "right" if checked.worst <= checked.tolerance else "WRONG"
-    yield answer(case.name, "full", checked.worst, verdict, "; warned: ".join([checked.why, *warned]))
+    yield line(case.name, "full", verdict, "; warned: ".join([checked.why, *warned]), checked.worst)
     try:
         if case.known is not None:
             yield case.known.row(case.name, checked.shown, warned)
         yield case.check_reduced(full, checked, counts, seed)
     except errors.HHRError as error:
-        yield refusal(case.name, "reduced", error)
+        yield line(case.name, "reduced", "refused", str(error))
 
 
 def _dofs_of_pairs(problem: ContactProblem) -> list[tuple[np.ndarray, np.ndarray]]:
