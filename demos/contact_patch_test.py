@@ -74,7 +74,7 @@ def main() -> None:
     rows, curves = [], {}
     for mesh, cells in meshes.items():
         for name, pairing in PAIRINGS.items():
-            with verify.said() as warned:
+            with verify.recorded_warnings() as warned:
                 where, pressure, stress = solve(scene(pairing, *cells))
             figures = {"stress": stress, "pressure": float(np.abs(pressure - 1).max())}
             rows.append({"mesh": mesh, "pairing": name, **figures, "warned": warned})

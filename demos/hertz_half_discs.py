@@ -47,7 +47,7 @@ def scene(**mesh_options: Any) -> hhr.Scene:
 def main() -> None:
     """Train, validate, time, and write everything to the output folder."""
     options = cli.parse(cli.demo_parser("hertz_half_discs", __doc__))
-    built, settings = scene(), SETTINGS.asked(seed=options.seed, quick=options.quick)
+    built, settings = scene(), SETTINGS.adapted(seed=options.seed, quick=options.quick)
     points = built.parameters.grid([11 if options.quick else 101])
     study = hhr.study_scene(built, settings, options.out, points=points, progress=options.progress)
     if study is not None:  # ranks but the first have only trained

@@ -64,7 +64,7 @@ def main() -> None:
         from parts import pellet_cladding_study as comparison
 
         settings = hhr.StudySettings(GRID, variants=comparison.VARIANTS, queries=100)
-        settings = settings.asked(seed=options.seed, quick=options.quick)
+        settings = settings.adapted(seed=options.seed, quick=options.quick)
         rivals = list(comparison.rivals(training, scene, options.quick))
         study = hhr.run_study(training, settings, rivals=rivals, progress=options.progress)
         study.report["thesis_size"] = comparison.thesis_size(study)

@@ -65,7 +65,7 @@ def main() -> None:
     options = cli.parse(parser)
     mesh = {**matching.QUICK_MESH, "cladding_axial_cells": 15} if options.quick else {}
     settings = hhr.StudySettings(matching.GRID, variants=list(variants()), queries=100)
-    settings = settings.asked(seed=options.seed, quick=options.quick)
+    settings = settings.adapted(seed=options.seed, quick=options.quick)
     built = scene(options.pairing, options.bottom, **mesh)
     study = hhr.study_scene(built, settings, options.out, progress=options.progress)
     if study is not None:  # ranks but the first have only trained

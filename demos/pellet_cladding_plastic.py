@@ -17,7 +17,7 @@ import numpy as np
 from pellet_cladding import QUICK_MESH, VIEW
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.certify.compare import floor_of
+from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.models.answer import Path
@@ -102,7 +102,8 @@ def main() -> None:
     if options.paths:
         from parts.pellet_cladding_paths import path_cases
 
-        full, floor = study.training.full_order, floor_of(study.training.full_order, study.training.snapshots)
+        full = study.training.full_order
+        floor = force_floor(full.problem, study.training.snapshots)
         cases = options.progress("paths")(list(path_cases(history, options.seed)))
         rows = [try_path(full, study.model, case, floor, settings.march) for case in cases]
         study.report["paths"] = summarise_paths(rows)

@@ -23,8 +23,8 @@ from parts.recipes import judged, recipe, summed_up, warnings_given
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.study import cli, report
+from hhr_dolfinx.study.references import References
 from hhr_dolfinx.study.training import Training
-from hhr_dolfinx.study.yardstick import Yardstick
 
 MESH = {"radial_cells": 20, "axial_cells": 40, "cladding_radial_cells": 3}
 COUNTS = {"half-discs": ([12], [31]), "pellet": ([8, 6], [20, 16])}
@@ -47,9 +47,9 @@ def main() -> int:
     rng, rows = np.random.default_rng(options.seed), []
     for name, training in trainings(options):
         unseen = training.full_order.problem.parameters.random(points, options.seed)
-        yardstick = Yardstick.at(unseen, training.full_order, training.snapshots)
+        references = References.at(unseen, training.full_order, training.snapshots)
         for _ in options.progress(name)(range(count)):
-            rows.append({"training": name, **judged(training, recipe(rng), yardstick)})
+            rows.append({"training": name, **judged(training, recipe(rng), references)})
     names = list(dict.fromkeys(row["training"] for row in rows))
     counts = [{"training": name, **summed_up([row for row in rows if row["training"] == name])} for name in names]
     counts.append({"training": "all", **summed_up(rows)})

@@ -68,7 +68,7 @@ def beside_hertz(full: hhr.FullOrderModel, push: float) -> dict[str, float]:
 def main() -> None:
     """Train, study, compare with Hertz, report."""
     options = cli.parse(cli.demo_parser("sphere_on_block", __doc__))
-    mesh, settings = QUICK_MESH if options.quick else MESH, SETTINGS.asked(seed=options.seed, quick=options.quick)
+    mesh, settings = QUICK_MESH if options.quick else MESH, SETTINGS.adapted(seed=options.seed, quick=options.quick)
     study = hhr.study_scene(scene(**mesh), settings, options.out, progress=options.progress)
     if study is not None:  # ranks but the first have only trained
         nodal = hhr.FullOrderModel(scene(hhr.NodeToSurface, **mesh), MPI.COMM_SELF)

@@ -1,1 +1,1 @@
-"""The physics, written once: forms in UFL, and laws of flow as closed forms on arrays. Nothing of the package."""
+"""The physics in UFL: small strain, loads, areas of contact surfaces, and the flow that tests hold the laws against."""

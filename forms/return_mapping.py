@@ -15,21 +15,15 @@ from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.materials.laws import Norton, Plasticity
 
 
-def strain_vector(u: Expr, hypothesis: str, poisson: float = 0.0) -> Expr:
+def strain_vector(u: Expr, hypothesis: str) -> Expr:
     """Strain in Kelvin's notation: 4 components, or 6 in space."""
-    e = strain(u, hypothesis, poisson)
+    e = strain(u, hypothesis)
     plane = [e[0, 0], e[1, 1], e[2, 2], 2**0.5 * e[0, 1]]
     return ufl.as_vector([*plane, 2**0.5 * e[0, 2], 2**0.5 * e[1, 2]] if hypothesis == "solid" else plane)
 
 
 def trial_deviator(total: Expr, plastic: Expr, shear: float) -> Expr:
-    """Deviator 2 mu dev(ε - εp) of the stress if nothing flowed.
-
-    Args:
-        total: strain at the end of the step, Kelvin vector.
-        plastic: plastic strain before the step, Kelvin vector.
-        shear: mu.
-    """
+    """Deviator 2 mu dev(ε - εp) of the stress if nothing flowed, by Kelvin vectors of ε and of εp before the step."""
     return 2 * shear * (total - plastic - _trace(total) / 3 * _unit(total))
 
 
@@ -39,13 +33,7 @@ def equivalent(deviator: Expr) -> Expr:
 
 
 def stress_after(total: Expr, plastic: Expr, flow: Expr, young: float, poisson: float) -> Expr:
-    """Stress after a step that flows by Δp: the trial stress, whose deviator is shortened by 3 mu Δp.
-
-    Args:
-        total, plastic: see :func:`trial_deviator`.
-        flow: Δp.
-        young, poisson: elastic constants.
-    """
+    """Stress after a step that flows by Δp: the trial stress, whose deviator is shortened by 3 mu Δp."""
     lam, mu = lame_parameters(young, poisson)
     deviator = trial_deviator(total, plastic, mu)
     share = 1 - 3 * mu * flow / equivalent(deviator)
@@ -55,12 +43,7 @@ def stress_after(total: Expr, plastic: Expr, flow: Expr, young: float, poisson: 
 def plasticity(flow: Expr, trial: Expr, plastic_strain: Expr, shear: float, law: Plasticity) -> Expr:
     """Yield function (6.23)-(6.26), σ_eq - σ0 - H p at the end of a step: zero where it flows, negative elsewhere.
 
-    Args:
-        flow: Δp.
-        trial: equivalent trial stress.
-        plastic_strain: cumulated plastic strain before the step.
-        shear: mu.
-        law: its constants.
+    ``trial`` is the equivalent trial stress, ``plastic_strain`` p before the step.
     """
     return trial - 3 * shear * flow - law.yield_stress - law.hardening * (plastic_strain + flow)
 
@@ -69,11 +52,6 @@ def norton(flow: Expr, trial: Expr, shear: float, dt: float, law: Norton) -> Exp
     """Implicit Euler of (6.28), zero: Δp = dt (x / K)^m with the stress x = q_tr - 3 mu Δp that is left.
 
     Times 3 mu it is x + 3 mu dt (x / K)^m = q_tr.
-
-    Args:
-        flow, trial, shear: see :func:`plasticity`.
-        dt: length of the step in seconds.
-        law: its constants.
     """
     return flow - dt * ((trial - 3 * shear * flow) / law.resistance) ** law.exponent
 

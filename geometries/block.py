@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,11 +23,7 @@ def side(axis: int, upper: bool) -> int:
 
 
 def check_box(lower: Sequence[float], upper: Sequence[float], cells: Sequence[int]) -> None:
-    """Refuse a box without volume or cells.
-
-    Raises:
-        ValueError: with the box.
-    """
+    """Raise ValueError for a box without volume or cells."""
     sizes = {np.size(lower), np.size(upper), np.size(cells)}
     fits = sizes in ({2}, {3}) and np.all(np.less(lower, upper)) and np.issubdtype(np.asarray(cells).dtype, np.integer)
     if not fits or np.min(cells) < 1:
@@ -43,14 +39,10 @@ def block(
     """Build a structured block with every side tagged by :func:`side`.
 
     Args:
-        comm: MPI communicator.
         lower: corner with the smallest coordinates, length 2 or 3.
         upper: corner with the largest coordinates.
         cells: number of cells along each axis.
         simplices: triangles or tetrahedra instead of quadrilaterals or hexahedra.
-
-    Returns:
-        ``(mesh, cell_tags, facet_tags)``.
     """
     check_box(lower, upper, cells)
     dim = len(lower)
@@ -61,16 +53,39 @@ def block(
     )
     corners = [np.asarray(corner, dtype=float) for corner in (lower, upper)]
     mesh = create(comm, corners, list(cells), cell_type=kinds[int(simplices)])
-    size = float(np.max(corners[1] - corners[0]))
+    count = mesh.topology.index_map(dim).size_local + mesh.topology.index_map(dim).num_ghosts
+    cells_of = np.full(count, SOLID, dtype=np.int32)
+    cell_tags = dmesh.meshtags(mesh, dim, np.arange(count, dtype=np.int32), cells_of)
+    return mesh, cell_tags, side_tags(mesh, cells_of, {SOLID: (lower, upper)}, lambda body, axis, end: side(axis, end))
+
+
+def side_tags(
+    mesh: dmesh.Mesh,
+    body: np.ndarray,
+    boxes: Mapping[int, Sequence[Sequence[float]]],
+    name: Callable[[int, int, bool], int],
+) -> dmesh.MeshTags:
+    """Tags of the sides of bodies that are boxes, told apart by the cells behind them.
+
+    Args:
+        mesh: their mesh.
+        body: cell tag of each cell of this rank.
+        boxes: smallest and largest corner of each body by its cell tag.
+        name: facet tag for a body, an axis and whether the side is the upper one.
+    """
+    dim = mesh.topology.dim
+    mesh.topology.create_connectivity(dim - 1, dim)
+    to_cell = mesh.topology.connectivity(dim - 1, dim)
     found, values = [], []
-    for axis in range(dim):
-        for is_upper, at in ((False, lower[axis]), (True, upper[axis])):
-            near = lambda x, axis=axis, at=at: np.abs(x[axis] - at) < 1e-9 * size  # noqa: E731
-            found.append(dmesh.locate_entities_boundary(mesh, dim - 1, near))
-            values.append(np.full(found[-1].size, side(axis, is_upper), dtype=np.int32))
+    for tag, (lower, upper, *_) in boxes.items():
+        size = float(np.max(np.subtract(upper, lower)))
+        for axis in range(dim):
+            for is_upper, at in ((False, lower[axis]), (True, upper[axis])):
+                near = lambda x, axis=axis, at=at, size=size: np.abs(x[axis] - at) < 1e-9 * size  # noqa: E731
+                on_side = dmesh.locate_entities_boundary(mesh, dim - 1, near)
+                own = np.array([body[to_cell.links(facet)[0]] == tag for facet in on_side], dtype=bool)
+                found.append(on_side[own])
+                values.append(np.full(own.sum(), name(tag, axis, is_upper), dtype=np.int32))
     facets = np.concatenate(found)
     order = np.argsort(facets)
-    count = mesh.topology.index_map(dim).size_local + mesh.topology.index_map(dim).num_ghosts
-    indices = np.arange(count, dtype=np.int32)
-    cell_tags = dmesh.meshtags(mesh, dim, indices, np.full(count, SOLID, dtype=np.int32))
-    return mesh, cell_tags, dmesh.meshtags(mesh, dim - 1, facets[order], np.concatenate(values)[order])
+    return dmesh.meshtags(mesh, dim - 1, facets[order], np.concatenate(values)[order])

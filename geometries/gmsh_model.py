@@ -29,9 +29,6 @@ def mesh_of(make: Callable[[], None], comm: Comm, dim: int, options: Mapping[str
         comm: MPI communicator.
         dim: dimension of the mesh, and of its points.
         options: of gmsh, as long as the model lives.
-
-    Returns:
-        ``(mesh, cell_tags, facet_tags)`` with the physical groups of the model.
     """
     with _session({**_OPTIONS, **(options or {})}):
         if comm.rank == 0:

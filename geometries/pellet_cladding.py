@@ -37,7 +37,6 @@ def pellet_cladding(
     """Build the mesh of pellet and cladding on all ranks of ``comm``.
 
     Args:
-        comm: MPI communicator; rank 0 runs gmsh.
         radius: radius of the pellet, in the unit of length of the scene, as all lengths.
         height: height of both bodies.
         thickness: thickness of the cladding.
@@ -46,9 +45,6 @@ def pellet_cladding(
         axial_cells: cells of the pellet along z.
         cladding_radial_cells: cells of the cladding along r.
         cladding_axial_cells: cells of the cladding along z; None for as many as the pellet has.
-
-    Returns:
-        ``(mesh, cell_tags, facet_tags)`` with Q1 quadrilaterals and the tags of this module.
     """
     if min(radius, height, thickness) <= 0:
         raise ValueError(f"radius {radius}, height {height} and thickness {thickness} must be positive")

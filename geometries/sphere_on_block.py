@@ -41,16 +41,12 @@ def sphere_on_block(
     """Build the mesh of both bodies on all ranks of ``comm``.
 
     Args:
-        comm: MPI communicator.
         radius: radius R of the sphere, in the unit of length of the scene; its height is R too.
         width: width of the modelled square over R, at most 0.7, of the sphere; the block has the same.
         gap: distance of sphere and block at the origin.
         sphere_cells: cells of the sphere along x and y, and along z.
         block_cells: cells of the block likewise.
         grading: 0 for even cells; cells grow from the origin like the slope of sinh over [0, grading].
-
-    Returns:
-        ``(mesh, cell_tags, facet_tags)`` with Q1 hexahedra and the tags of this module.
     """
     if radius <= 0 or not 0 < width <= 0.7 or grading < 0:
         raise ValueError(f"radius = {radius} must be positive, width = {width} in (0, 0.7], grading = {grading} >= 0")

@@ -48,16 +48,12 @@ def stacked_blocks(
     """Build the mesh of both blocks on all ranks of ``comm``.
 
     Args:
-        comm: MPI communicator.
         lower: cells of the lower block along each axis.
         upper: cells of the upper block likewise.
         angle: turns everything.
         bulge: height of the curved gap between the blocks, at their sides.
         shift: moves the upper block sideways, beyond the edge of the lower.
         simplices: triangles or tetrahedra instead of quadrilaterals or hexahedra.
-
-    Returns:
-        ``(mesh, cell_tags, facet_tags)`` with the tags of this module and of :func:`two_blocks.side`.
     """
     up = len(lower) - 1
     turn = rotation(len(lower), angle)

@@ -16,7 +16,6 @@ from hhr_dolfinx.compat import geometry_dofmap, linear_mesh
 from hhr_dolfinx.geometries import block
 
 if TYPE_CHECKING:
-    from dolfinx.mesh import Mesh, MeshTags
     from mpi4py.MPI import Comm
 
     from hhr_dolfinx.compat import TaggedMesh
@@ -39,15 +38,11 @@ def two_blocks(comm: Comm, *, first: Box, second: Box, simplices: bool = False, 
     """Build two structured blocks with every side tagged by :func:`side`.
 
     Args:
-        comm: MPI communicator; rank 0 makes the mesh.
         first: ``(lower, upper, cells)`` of the first block: two corners and the cells along each axis.
         second: the same of the second block.
         simplices: triangles or tetrahedra instead of quadrilaterals or hexahedra.
         warp: maps the coordinates of all nodes of a body and its tag to new ones, ``((n, dim), tag) -> (n, dim)``,
             for instance to grade a mesh, to bend a surface or to turn both; None leaves the blocks as they are.
-
-    Returns:
-        ``(mesh, cell_tags, facet_tags)``.
     """
     shapes = {FIRST: first, SECOND: second}
     for shape in shapes.values():
@@ -62,7 +57,7 @@ def two_blocks(comm: Comm, *, first: Box, second: Box, simplices: bool = False, 
     mesh = linear_mesh(comm, points.reshape(-1, dim), cells.reshape(-1, per_cell), kind)
     body = np.where(np.asarray(mesh.topology.original_cell_index) < count, FIRST, SECOND).astype(np.int32)
     cell_tags = dmesh.meshtags(mesh, dim, np.arange(body.size, dtype=np.int32), body)
-    facet_tags = _side_tags(mesh, body, shapes)
+    facet_tags = block.side_tags(mesh, body, shapes, side)
     if warp is not None:
         cell_nodes = geometry_dofmap(mesh)
         for tag in shapes:
@@ -89,23 +84,3 @@ def _grid(box: Box, simplices: bool) -> tuple[np.ndarray, np.ndarray]:
     # paths along the edges from the first corner to the last: they fit together across neighbours
     paths = [np.cumsum([0, *(1 << axis for axis in order)]) for order in permutations(range(dim))]
     return points, np.concatenate([boxes[:, path] for path in paths])
-
-
-def _side_tags(mesh: Mesh, body: np.ndarray, shapes: dict[int, Box]) -> MeshTags:
-    """Tags of the sides of both blocks, told apart by the cells behind them."""
-    dim = mesh.topology.dim
-    mesh.topology.create_connectivity(dim - 1, dim)
-    to_cell = mesh.topology.connectivity(dim - 1, dim)
-    found, values = [], []
-    for tag, (lower, upper, _) in shapes.items():
-        size = float(np.max(np.subtract(upper, lower)))
-        for axis in range(dim):
-            for is_upper, at in ((False, lower[axis]), (True, upper[axis])):
-                near = lambda x, axis=axis, at=at, size=size: np.abs(x[axis] - at) < 1e-9 * size  # noqa: E731
-                on_side = dmesh.locate_entities_boundary(mesh, dim - 1, near)
-                own = np.array([body[to_cell.links(facet)[0]] == tag for facet in on_side], dtype=bool)
-                found.append(on_side[own])
-                values.append(np.full(own.sum(), side(tag, axis, is_upper), dtype=np.int32))
-    facets = np.concatenate(found)
-    order = np.argsort(facets)
-    return dmesh.meshtags(mesh, dim - 1, facets[order], np.concatenate(values)[order])

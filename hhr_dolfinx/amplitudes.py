@@ -29,18 +29,13 @@ class Amplitude:
     slopes: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self):
-        """Refuse what is no finite number."""
         if not isinstance(self.slopes, Mapping):
             raise SceneError(f"the slopes {self.slopes!r} of an amplitude need a number by parameter: {{'name': 1.0}}")
         if not all(is_number(value) for value in (self.constant, *self.slopes.values())):
             raise SceneError(f"amplitude {self.constant!r} with slopes {dict(self.slopes)} must be finite numbers")
 
     def row(self, space: ParameterSpace) -> np.ndarray:
-        """Slopes in the order of the parameters, (P,).
-
-        Raises:
-            SceneError: if a slope names an unknown parameter.
-        """
+        """Slopes in the order of the parameters, (P,)."""
         unknown = set(self.slopes) - set(space.names)
         if unknown:
             raise SceneError(f"an amplitude names {sorted(unknown)}, the scene's parameters are {space.names}")
@@ -48,11 +43,7 @@ class Amplitude:
 
 
 def check_amplitude(item: Any, what: str) -> None:
-    """Turn a number that is the amplitude of a frozen item into a constant amplitude, and refuse what is neither.
-
-    Raises:
-        SceneError: with what would do.
-    """
+    """Turn a number that is the amplitude of a frozen item into a constant one; SceneError for what is neither."""
     if is_number(item.amplitude):
         object.__setattr__(item, "amplitude", Amplitude(item.amplitude))
     if not isinstance(item.amplitude, Amplitude):
@@ -112,16 +103,7 @@ class NonAffine(Protocol):
 
 
 def checked_count(amplitude: Any, space: ParameterSpace, owner: object) -> int:
-    """Number of columns of an amplitude that is not affine, tried in the middle of the box.
-
-    Args:
-        amplitude: a :class:`NonAffine`, or what is given for one.
-        space: the box of the parameters.
-        owner: whose amplitude it is, for messages.
-
-    Raises:
-        SceneError: for what is none.
-    """
+    """Number of columns of an amplitude that is not affine, tried in the middle of the box of its ``owner``."""
     if isinstance(amplitude, type) or not callable(amplitude) or not hasattr(amplitude, "__dataclass_fields__"):
         raise SceneError(
             f"the amplitude {amplitude!r} of {owner!r} must be an Amplitude, or a frozen dataclass with a count that "
@@ -156,9 +138,6 @@ class Coverage:
         extent: index of the parameter up to which the pressure acts.
         constant: amplitude at mu = 0.
         slopes: slopes of the amplitude, (P,).
-
-    Raises:
-        SceneError: for no line that goes up, or an extent that is no parameter.
     """
 
     positions: np.ndarray
@@ -167,7 +146,6 @@ class Coverage:
     slopes: np.ndarray
 
     def __post_init__(self) -> None:
-        """Refuse what would be looked up elsewhere."""
         line, slopes = self.positions, self.slopes
         if line.ndim != 1 or line.size < 2 or not (line[:-1] < line[1:]).all():
             raise SceneError("positions of a partial pressure must be at least two and increase")
@@ -208,11 +186,7 @@ class Amplitudes:
 
     @classmethod
     def collect(cls, amplitudes: Sequence[Amplitude | NonAffine], space: ParameterSpace) -> Amplitudes:
-        """Stack those that are affine behind the leading constant 1, and the others, each in their order, behind these.
-
-        Raises:
-            SceneError: if a slope names an unknown parameter.
-        """
+        """Stack affine ones behind the leading constant 1, and behind these the others, each in their order."""
         affine = [amplitude for amplitude in amplitudes if isinstance(amplitude, Amplitude)]
         others = tuple(amplitude for amplitude in amplitudes if not isinstance(amplitude, Amplitude))
         constant = np.array([1.0] + [amplitude.constant for amplitude in affine])

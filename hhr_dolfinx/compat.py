@@ -35,15 +35,7 @@ if importlib.util.find_spec("dolfinx_solver") is not None:
 
 @contextmanager
 def extra(name: str, what: str) -> Iterator[None]:
-    """A block that imports an optional package; where it is missing the error says which extra brings it.
-
-    Args:
-        name: of the extra in ``pyproject.toml``.
-        what: what needs the package, for the message.
-
-    Raises:
-        MissingPackageError: with what to install.
-    """
+    """A block that imports what ``what`` needs; where a package is missing the error says which extra brings it."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -123,11 +115,8 @@ def interpolation_points(element: FiniteElement) -> np.ndarray:
 def linear_mesh(comm: Comm, points: np.ndarray, cells: np.ndarray, kind: str) -> Mesh:
     """Linear mesh in the plane or in space; the arguments of ``create_mesh`` changed their order in 0.10.
 
-    Args:
-        comm: MPI communicator.
-        points: (n, dim), on all ranks together.
-        cells: nodes of each cell, tensor-ordered where there is a choice, on all ranks together.
-        kind: ``interval``, ``triangle``, ``quadrilateral``, ``tetrahedron`` or ``hexahedron``.
+    Points, (n, dim), and the nodes of cells of a kind (``interval``, ``triangle``, ``quadrilateral``, ``tetrahedron``
+    or ``hexahedron``), tensor-ordered where there is a choice, are those on all ranks together.
     """
     import basix.ufl
     import ufl
@@ -147,12 +136,7 @@ def bounding_boxes(mesh: Mesh, padding: float = 0.0) -> tuple[BoundingBoxTree, n
 
 
 def closest_cells(mesh: Mesh, points: np.ndarray) -> np.ndarray:
-    """Index of the cell closest to each point, (m,).
-
-    Args:
-        mesh: mesh on one rank.
-        points: (m, 3).
-    """
+    """Index of the cell of a mesh on one rank that is closest to each point, (m, 3) -> (m,)."""
     from dolfinx import geometry
 
     tree, cells = bounding_boxes(mesh)

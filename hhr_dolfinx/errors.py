@@ -10,15 +10,15 @@ class SceneError(HHRError, ValueError):
 
 
 class StudyError(HHRError, ValueError):
-    """A training or study cannot be run as asked: a count, a seed, a folder."""
+    """A training or study cannot be run: a count, a seed, a folder that is none."""
 
 
 class ParameterError(HHRError, ValueError):
-    """A parameter is not finite, has the wrong length, or lies outside the trained box."""
+    """A parameter is not finite, has the wrong length, or lies outside the box of the scene."""
 
 
 class OutsideTrainingError(ParameterError):
-    """A reduced model is asked for what it was not trained on, and was told to refuse that."""
+    """A query lies outside what a reduced model was trained on, and ``outside`` is ``refuse``."""
 
 
 class ReductionError(HHRError, ValueError):

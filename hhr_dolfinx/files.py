@@ -103,13 +103,9 @@ def clear_leftovers(folder: str | Path) -> None:
 def write_arrays(
     path: str | Path, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray], *, tidy: bool = True
 ) -> None:
-    """Write arrays with a header and a checksum over both.
+    """Write arrays of finite numbers or booleans with a header and a checksum over both; see :func:`replacing`.
 
-    Args:
-        path: the target, see :func:`replacing`.
-        header: what JSON can hold, with ``format`` and ``version``, by which :func:`read_arrays` knows the file.
-        arrays: finite numbers or booleans by name.
-        tidy: see :func:`replacing`.
+    The header is what JSON can hold, with ``format`` and ``version``, by which :func:`read_arrays` knows the file.
 
     Raises:
         FileError: if the file cannot be written.
@@ -130,14 +126,9 @@ def write_arrays(
 def read_arrays(path: str | Path, kind: str, version: int) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and arrays of a file written by :func:`write_arrays`; memory stays near the size of the file.
 
-    Args:
-        path: the file.
-        kind: the ``format`` that its header must name.
-        version: the ``version`` that its header must name.
-
     Raises:
         FileNotFoundError: if there is no such file; the caller knows what that means.
-        FileContentError: if it cannot be read, is damaged, or is another kind of file.
+        FileContentError: if it cannot be read, is damaged, or names another ``format`` or ``version``.
     """
     path = Path(path)
     with _own_errors(path):
@@ -172,15 +163,12 @@ _DESCRIPTION = re.compile(
 def check_layout(
     arrays: Mapping[str, np.ndarray], layout: Mapping[str, Sequence[str]], sizes: Mapping[str, int]
 ) -> dict[str, int]:
-    """Check that arrays are those of a table, with sizes that agree among them.
+    """Check that arrays are those of a table, with sizes that agree among them; returns all sizes by name.
 
     Args:
         arrays: by name.
         layout: for each name the kind (``float``, ``int`` or ``bool``) and the names of its sizes.
         sizes: sizes that are known beforehand.
-
-    Returns:
-        All sizes by name.
 
     Raises:
         FileContentError: names the array that is missing, unknown, or of another kind or shape.
@@ -353,7 +341,7 @@ def _contiguous(array: np.ndarray) -> bool:
 
 
 def _check_numbers(name: str, array: np.ndarray) -> None:
-    """Refuse kinds of numbers that no file holds, numbers that are not finite, booleans that are neither 0 nor 1."""
+    """Raise for kinds of numbers that no file holds, numbers that are not finite, booleans that are neither 0 nor 1."""
     if array.dtype.str not in _KIND_OF:
         raise _Damage(f"{name} has type {array.dtype}")
     if array.dtype.kind == "f" and not np.isfinite(array).all():

@@ -63,7 +63,11 @@ class Assembler:
 
 
 class Load(Protocol):
-    """A load; a method ``check(parameters)``, if it has one, refuses what the box of a scene does not have."""
+    """A load.
+
+    A scene checks that an ``amplitude`` of it, if affine, names parameters of the box, and calls its method
+    ``check(parameters)``, if it has one, to raise SceneError for anything else.
+    """
 
     def terms(self, assembler: Assembler) -> Sequence[Term]:
         """What it adds to F."""
@@ -78,23 +82,14 @@ class Traction:
     amplitude: Amplitude
 
     def __post_init__(self):
-        """Refuse a direction that is none."""
         check_tag("traction", self.tag)
         object.__setattr__(self, "direction", as_tuple("the direction of a traction", self.direction))
         if not all(is_number(value) for value in self.direction) or not any(self.direction):
             raise SceneError(f"the traction {self.direction} on tag {self.tag} must be finite and not zero")
         check_amplitude(self, f"the traction on tag {self.tag}")
 
-    def check(self, parameters: ParameterSpace) -> None:
-        """Refuse slopes along unknown parameters."""
-        self.amplitude.row(parameters)
-
     def terms(self, assembler: Assembler) -> list[Term]:
-        """One vector.
-
-        Raises:
-            SceneError: for a direction of another dimension than the mesh.
-        """
+        """One vector."""
         (dim,) = assembler.test.ufl_shape
         if len(self.direction) != dim:
             raise SceneError(f"the traction {self.direction} on tag {self.tag} must have {dim} components, as the mesh")
@@ -110,13 +105,8 @@ class Pressure:
     amplitude: Amplitude
 
     def __post_init__(self):
-        """Refuse what is no amplitude."""
         check_tag("pressure", self.tag)
         check_amplitude(self, f"the pressure on tag {self.tag}")
-
-    def check(self, parameters: ParameterSpace) -> None:
-        """Refuse slopes along unknown parameters."""
-        self.amplitude.row(parameters)
 
     def terms(self, assembler: Assembler) -> list[Term]:
         """One vector."""
@@ -143,19 +133,13 @@ class PartialPressure:
     axis: int = 1
 
     def __post_init__(self):
-        """Refuse what is no amplitude or no axis of the plane."""
         check_tag("partial pressure", self.tag)
         check_amplitude(self, f"the partial pressure on tag {self.tag}")
         if self.axis not in (0, 1):
             raise SceneError(f"the axis {self.axis!r} of the partial pressure on tag {self.tag} must be 0 or 1")
 
     def check(self, parameters: ParameterSpace) -> None:
-        """Refuse slopes along unknown parameters, and an extent that is none.
-
-        Raises:
-            SceneError: with the parameters that are there.
-        """
-        self.amplitude.row(parameters)
+        """Raise SceneError for an extent that is no parameter."""
         if self.extent not in parameters.names:
             raise SceneError(
                 f"the partial pressure on tag {self.tag} extends up to '{self.extent}': it must be one of the "
@@ -163,11 +147,7 @@ class PartialPressure:
             )
 
     def terms(self, assembler: Assembler) -> list[Term]:
-        """Columns as :class:`~hhr_dolfinx.amplitudes.Coverage` counts them.
-
-        Raises:
-            SceneError: for what is no straight line in one piece along the axis.
-        """
+        """Columns as :class:`~hhr_dolfinx.amplitudes.Coverage` counts them."""
         whole, line = _unit_pressure(assembler, self.tag), assembler.surface(self.tag)
         self._check_line(line.points, assembler.hypothesis)
         order = np.argsort(line.points[:, self.axis])
@@ -193,7 +173,7 @@ class PartialPressure:
         return [Term(coverage, hstack([before, at_nodes]))]
 
     def _check_line(self, points: np.ndarray, hypothesis: str) -> None:
-        """Refuse what is no straight line along the axis in the plane, by its nodes, (n, dim)."""
+        """Raise SceneError for nodes, (n, dim), that form no straight line along the axis in the plane."""
         what = f"the partial pressure on tag {self.tag}"
         if points.shape[1] != 2:
             raise SceneError(f"{what} needs a mesh in the plane: in space, write a load of your own with terms")
@@ -217,11 +197,7 @@ def _unit_pressure(assembler: Assembler, tag: int) -> np.ndarray:
 
 
 def checked_terms(load: Load, assembler: Assembler) -> list[Term]:
-    """Terms of a load with columns in the format csc, without zeros.
-
-    Raises:
-        SceneError: for terms that are none: what is wrong, and of which load.
-    """
+    """Terms of a load with columns in the format csc, without zeros; raises SceneError for what is none."""
     terms = load.terms(assembler)
     if not isinstance(terms, Sequence) or not all(isinstance(term, Term) for term in terms):
         raise SceneError(f"the terms of {load!r} must be a list of Term, and are {terms!r}")

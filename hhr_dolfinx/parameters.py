@@ -29,22 +29,14 @@ def is_whole(value: Any, least: int) -> bool:
 
 
 def as_tuple(name: str, value: Any) -> tuple:
-    """A tuple of a list or an array; a single item is refused.
-
-    Raises:
-        SceneError: for what is no sequence.
-    """
+    """A tuple of a list or an array; raises SceneError for a single item."""
     if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
         raise SceneError(f"{name} must be a tuple, and is {value!r}: write ({type(value).__name__}(...),) for one item")
     return tuple(value.tolist() if isinstance(value, np.ndarray) else value)
 
 
 def check_tag(what: str, tag: Any) -> None:
-    """Refuse what is no tag of a mesh.
-
-    Raises:
-        SceneError: if it is not an integer of at least 0.
-    """
+    """Raise SceneError for what is no tag of a mesh."""
     if not is_whole(tag, 0):
         raise SceneError(f"the tag {tag!r} of a {what} must be an integer, as in the mesh")
 
@@ -57,9 +49,6 @@ class ParameterSpace:
         names: one name per parameter.
         lower: smallest value of each parameter, in its unit.
         upper: largest value of each parameter.
-
-    Raises:
-        SceneError: if a name stands twice, the lengths differ, or a bound is not finite or not below its partner.
     """
 
     names: tuple[str, ...]
@@ -67,9 +56,16 @@ class ParameterSpace:
     upper: tuple[float, ...]
 
     def __post_init__(self):
-        """Check the box once, and keep its bounds as arrays for the queries."""
-        for part in ("names", "lower", "upper"):
-            object.__setattr__(self, part, self._as_tuple(part))
+        for part, kind, what in (("names", str, "names"), ("lower", Real, "numbers"), ("upper", Real, "numbers")):
+            value = getattr(self, part)
+            if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
+                raise SceneError(
+                    f"{part} = {value!r} of a parameter space must be a tuple: for one parameter, ({value!r},)"
+                )
+            items = as_tuple(part, value)
+            if not all(isinstance(item, kind) for item in items):
+                raise SceneError(f"{part} = {value!r} of a parameter space must hold {what}")
+            object.__setattr__(self, part, items)
         if len(set(self.names)) < len(self.names):
             raise SceneError(f"a parameter is named twice in {self.names}: each needs a name of its own")
         if not self.names or not len(self.names) == len(self.lower) == len(self.upper):
@@ -86,20 +82,6 @@ class ParameterSpace:
         bounds = np.array([self.lower, self.upper], dtype=float)
         slack = 1e-12 * (bounds[1] - bounds[0])
         return list(zip((bounds[0] - slack).tolist(), (bounds[1] + slack).tolist(), strict=True))
-
-    def _as_tuple(self, part):
-        """A field as a tuple, whatever sequence was given."""
-        value, kind = getattr(self, part), str if part == "names" else Real
-        if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
-            raise SceneError(
-                f"{part} = {value!r} of a parameter space must be a tuple: for one parameter, ({value!r},)"
-            )
-        items = tuple(value.tolist() if isinstance(value, np.ndarray) else value)
-        if not all(isinstance(item, kind) for item in items):
-            raise SceneError(
-                f"{part} = {value!r} of a parameter space must hold {'names' if kind is str else 'numbers'}"
-            )
-        return items
 
     def point(self, mu: Any) -> np.ndarray:
         """Turn a number, a sequence or a mapping by name into a checked point, shape (P,).

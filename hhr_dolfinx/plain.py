@@ -26,16 +26,9 @@ _SHOWN = 60
 
 
 def as_plain(value: object) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """A value as its kind and numbers.
+    """A frozen dataclass as its kind and numbers, and its arrays by name; JSON can hold the former.
 
     It is rebuilt once, so that what is written can be read back as the same value.
-
-    Args:
-        value: a frozen dataclass.
-
-    Returns:
-        ``{"kind": name of the class, "numbers": fields by name}``, which JSON can hold, and the fields that are
-        arrays by name.
 
     Raises:
         FileContentError: for a value that is no such dataclass, or that its class would not take back, with what to do.
@@ -72,17 +65,11 @@ def by_name(classes: Iterable[type]) -> dict[str, type]:
 def restored(data: object, arrays: Mapping[str, np.ndarray], kinds: Mapping[str, type]) -> Any:
     """Build a value from what :func:`as_plain` returned; tuples may have become lists, as in JSON.
 
-    Nothing that the data name is imported or looked up anywhere but in ``kinds``.
-
-    Args:
-        data: kind and numbers.
-        arrays: fields that are arrays, by name.
-        kinds: classes that may be built, by name.
+    Nothing that the data name is looked up anywhere but in ``kinds``, the classes that may be built by name.
 
     Raises:
         ModelFileError: if the kind is unknown, with what to do.
-        FileContentError: if fields are missing, unknown or of the wrong type; if a number is
-            not finite; and for whatever the class itself refuses.
+        FileContentError: for fields that are missing, unknown, of the wrong type, not finite, or refused by the class.
     """
     if not isinstance(data, Mapping) or data.keys() != {"kind", "numbers"} or not isinstance(data["numbers"], Mapping):
         raise FileContentError(f"{_shown(data)} must have a kind and numbers")
@@ -130,11 +117,7 @@ def _is_kind(kind: Any) -> bool:
 
 
 def _checked(name: str, value: object) -> Any:
-    """A field as Python's own numbers or a plain array.
-
-    Raises:
-        FileContentError: if it is none of what a file holds.
-    """
+    """A field as Python's own numbers or a plain array."""
     if type(value) is np.ndarray:
         if value.dtype not in ARRAY_TYPES or not np.isfinite(value).all():
             raise FileContentError(f"{name} has the type {value.dtype} or is not finite: {_REMEDY}")

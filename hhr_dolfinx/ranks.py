@@ -32,10 +32,6 @@ def each_for_itself(comm: Comm, task: str) -> Iterator[None]:
 
     The rank that failed raises its own exception. The others raise one of the same class if that is one of this
     package's, and :class:`errors.RankError` if not. Exceptions are told as text: not all of them can be pickled.
-
-    Args:
-        comm: the ranks; all of them must run the block.
-        task: what the block does, for messages.
     """
     failure = None
     try:
@@ -57,10 +53,6 @@ def together(comm: Comm, task: str) -> Iterator[None]:
     """Run a block in which the ranks wait for each other; if it fails on some ranks only, end the run on all.
 
     What fails on every rank alike, a scene that cannot be built for instance, is raised on every rank.
-
-    Args:
-        comm: the ranks; all of them must run the block.
-        task: what the block does, for messages.
     """
     if comm.size == 1:
         yield

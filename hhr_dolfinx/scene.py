@@ -38,7 +38,6 @@ class Body:
     law: Flow | None = None
 
     def __post_init__(self):
-        """Refuse constants for which the elastic energy is not positive, and laws that are none."""
         check_tag("body", self.tag)
         for name, value in (("young", self.young), ("poisson", self.poisson)):
             if not isinstance(value, Real):
@@ -66,7 +65,6 @@ class Displacement:
     amplitude: Amplitude = Amplitude()
 
     def __post_init__(self):
-        """Refuse what is no component."""
         check_tag("displacement", self.tag)
         if not is_whole(self.component, 0):
             raise SceneError(
@@ -89,7 +87,6 @@ class Opening:
     amplitude: Amplitude
 
     def __post_init__(self):
-        """Refuse what is no place."""
         if not is_whole(self.contact, 0):
             raise SceneError(
                 f"contact {self.contact!r} of an opening must be the place of a pair in Scene.contacts, 0 for the first"
@@ -124,7 +121,6 @@ class Scene:
     openings: tuple[Opening, ...] = ()
 
     def __post_init__(self):
-        """Refuse what no geometry could make right."""
         if self.hypothesis not in elasticity.HYPOTHESES:
             raise SceneError(f"unknown hypothesis '{self.hypothesis}', one of {', '.join(elasticity.HYPOTHESES)}")
         if not isinstance(self.name, str) or not self.name.isidentifier():
@@ -147,7 +143,7 @@ class Scene:
         self._check_names()
 
     def _check_places(self):
-        """Refuse what is listed twice, and openings of pairs that are not there."""
+        """Raise SceneError for what is listed twice, and for openings of pairs that are missing."""
         seen: dict[int, int] = {}
         for place, body in enumerate(self.bodies):
             if seen.setdefault(body.tag, place) != place:
@@ -171,13 +167,14 @@ class Scene:
                 raise SceneError(f"an opening names contact {opening.contact}, of {len(self.contacts)} counted from 0")
 
     def _check_names(self):
-        """Refuse names of parameters that the box does not have."""
-        driven: tuple[Displacement | Opening, ...] = (*self.displacements, *self.openings)
+        """Raise SceneError for names of parameters that the box does not have."""
+        driven: tuple[Any, ...] = (*self.displacements, *self.openings, *self.loads)
         for item in driven:
-            item.amplitude.row(self.parameters)
-        for load in self.loads:
-            if hasattr(load, "check"):
-                load.check(self.parameters)
+            amplitude = getattr(item, "amplitude", None)
+            if isinstance(amplitude, Amplitude):
+                amplitude.row(self.parameters)
+            if hasattr(item, "check"):
+                item.check(self.parameters)
 
 
 def _has(*names):

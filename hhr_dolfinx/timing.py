@@ -18,7 +18,7 @@ from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, StudyError
 logger = logging.getLogger(__name__)
 
 WARM_UP = 5
-"""Queries that are asked before the clock runs."""
+"""Queries before the clock runs."""
 
 
 @dataclass
@@ -79,22 +79,19 @@ def _settled_memory() -> Iterator[None]:
 def time_queries(models: dict[str, Callable[[np.ndarray], Any]], points: np.ndarray) -> dict[str, np.ndarray]:
     """Seconds per query of each model at every point, (len(points) less a warm-up,), on one thread.
 
-    No point is asked twice, so that nothing kept from an earlier query helps more than it would in use. The
+    No point comes twice, so that nothing kept from an earlier query helps more than it would in use. The
     models take turns in blocks, so that a disturbance of the machine hits all of them. A query without an answer
     counts with the time it took.
-
-    Raises:
-        StudyError: if no point is left after the warm-up.
     """
     if len(points) <= WARM_UP:
         raise StudyError(f"{len(points)} points cannot be timed: {WARM_UP} are a warm-up, give more")
-    warm_up, asked = points[:WARM_UP], points[WARM_UP:]
+    warm_up, measured = points[:WARM_UP], points[WARM_UP:]
     times: dict[str, list[float]] = {name: [] for name in models}
     with threadpool_limits(1), _settled_memory():
         for solve in models.values():
             for point in warm_up:
                 _query(solve, point)
-        for block in np.array_split(asked, min(5, len(asked))):
+        for block in np.array_split(measured, min(5, len(measured))):
             for name, solve in models.items():
                 gc.collect()
                 gc.disable()

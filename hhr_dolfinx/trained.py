@@ -42,15 +42,7 @@ def check_outside(outside: Any) -> None:
 
 
 def announce(message: str, outside: str) -> None:
-    """Warn of a query outside what was trained, or refuse it, or let it pass.
-
-    Raises:
-        OutsideTrainingError: if ``outside`` is ``refuse``.
-        ParameterError: if ``outside`` is none of :data:`OUTSIDE`.
-
-    Warns:
-        OutsideTrainingWarning: if it is ``warn``.
-    """
+    """Warn of a query outside what was trained, refuse it, or let it pass; ``outside`` is one of :data:`OUTSIDE`."""
     check_outside(outside)
     if outside == "refuse":
         raise OutsideTrainingError(message)
@@ -191,7 +183,7 @@ def imbalance_shares(signs: Sequence[Signs]) -> np.ndarray:
 
 
 class Watch:
-    """Holds the steps of one history against what was trained; each kind of complaint is said once.
+    """Holds the steps of one history against what was trained; each kind of complaint is given once.
 
     Args:
         trained: None lets everything pass, as for a full model.
@@ -205,7 +197,7 @@ class Watch:
         self._largest = 0.0
 
     def before(self, number: int, start: float, end: float, here: np.ndarray, there: np.ndarray) -> None:
-        """A step that is asked for, from one time and parameter to another."""
+        """A step that is about to be solved, from one time and parameter to another."""
         if self._trained is not None:
             complaint = self._trained.complaint(end - start, here, there)
             if complaint:

@@ -90,7 +90,7 @@ def test_studies_that_measure_nothing(settings, message):
         hhr.StudySettings(**{"training": [3]} | settings)
     if "seed" in settings:
         with pytest.raises(StudyError, match=message):
-            demo.SETTINGS.asked(seed=-1, quick=True)
+            demo.SETTINGS.adapted(seed=-1, quick=True)
 
 
 @pytest.mark.parametrize("points", [[[0.2, 0.3]], [], ["text"]])

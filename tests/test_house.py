@@ -182,14 +182,14 @@ UNNEEDED = {
 UNNEEDED_BY_FLOW = {
     **{name: UNNEEDED[name] for name in ("clustering and peers", "pictures")},
     "what only elastic scenes are compared with": [
-        "hhr_dolfinx.study.points", "hhr_dolfinx.study.yardstick", "hhr_dolfinx.baselines.naive",
+        "hhr_dolfinx.study.points", "hhr_dolfinx.study.references", "hhr_dolfinx.baselines.naive",
         "hhr_dolfinx.baselines.condensation", "hhr_dolfinx.study.verify"],
 }  # fmt: skip
 """What a study of a scene that flows does without."""
 
 ELASTIC = """
 import hertz_half_discs as demo
-scene, settings = demo.scene(arc_segments=28, flat_segments=7), demo.SETTINGS.asked(seed=1, quick=True)
+scene, settings = demo.scene(arc_segments=28, flat_segments=7), demo.SETTINGS.adapted(seed=1, quick=True)
 """
 FLOWING = """
 import pellet_cladding_plastic as demo

@@ -31,7 +31,7 @@ from hhr_dolfinx.reduction.enrichment import enrich
 from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.rid import load_nodes, open_conditions, reduced_domain
-from hhr_dolfinx.study.yardstick import Yardstick
+from hhr_dolfinx.study.references import References
 
 ROOT = Path(__file__).parent.parent
 MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}
@@ -414,8 +414,7 @@ def test_errors_of_the_demo_on_a_coarse_mesh(pellet, pairing):
     problem = pellet.full_order.problem
     assert open_conditions(problem, reduction.offline.sets).size == 0
     points = problem.parameters.random(20, seed=3)
-    yardstick, inside = Yardstick.at(points, pellet.full_order, pellet.snapshots), reduction.offline.sets.A_lambda
-    errors = yardstick.errors(reduction, inside)
+    errors = References.at(points, pellet.full_order, pellet.snapshots).errors(reduction)
     assert errors.unanswered == 0 and not any(reduction.solve(point).cycled for point in points)
     assert np.median(errors.values["dual_full_floored"]) < 0.02
     assert np.percentile(errors.values["primal_l2"], 95) < 0.01

@@ -28,7 +28,7 @@ from hhr_dolfinx.errors import (
     UnstableModelError,
 )
 from hhr_dolfinx.geometries import pellet_cladding as geometry
-from hhr_dolfinx.study.yardstick import Yardstick
+from hhr_dolfinx.study.references import References
 
 ROOT = Path(__file__).parent.parent
 
@@ -109,7 +109,7 @@ def test_pellet_may_lift_off_or_not(small):
 def test_default_recipe(small, small_snapshots, small_reduction):
     """Measured on 280 cells: 1e-6 median, 4e-4 at worst; the full mesh is checked by the demo."""
     points = small.problem.parameters.random(40, 3)
-    errors = Yardstick.at(points, small, small_snapshots).errors(small_reduction, small_reduction.offline.sets.A_lambda)
+    errors = References.at(points, small, small_snapshots).errors(small_reduction)
     assert errors.values["dual_full_floored"].max() < 0.01
     assert errors.values["primal_l2"].max() < 0.005
     assert errors.unanswered == 0 and not any(small_reduction.solve(point).cycled for point in points)

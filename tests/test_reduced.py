@@ -14,7 +14,7 @@ from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.deim import deim
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.rid import reduced_domain
-from hhr_dolfinx.study.yardstick import Yardstick
+from hhr_dolfinx.study.references import References
 
 
 def test_index_sets_follow_their_definitions(hertz, hertz_reduction):
@@ -125,7 +125,7 @@ def test_errors_of_the_thesis(hertz, hertz_snapshots, hertz_reduction):
     assert 7 <= len(hertz_reduction.offline.sets.A_lambda) <= 9
     assert hertz_reduction.offline.stability.kappa_B <= 5
     points = hertz.problem.parameters.grid([101])
-    errors = Yardstick.at(points, hertz, hertz_snapshots).errors(hertz_reduction, hertz_reduction.offline.sets.A_lambda)
+    errors = References.at(points, hertz, hertz_snapshots).errors(hertz_reduction)
     assert errors.values["primal_euclid"].max() <= 5e-4
     assert errors.values["dual_rid"].max() <= 8e-3
     assert errors.values["energy_minimum"].max() <= 1e-4
@@ -135,11 +135,11 @@ def test_errors_of_the_thesis(hertz, hertz_snapshots, hertz_reduction):
 def test_displacement_converges_with_the_basis(hertz, hertz_snapshots):
     """A smaller POD tolerance gives a smaller error, down to exactness on 14 modes."""
     points = hertz.problem.parameters.random(20, seed=0)
-    yardstick = Yardstick.at(points, hertz, hertz_snapshots)
+    references = References.at(points, hertz, hertz_snapshots)
     worst = []
     for tolerance in (1e-6, 1e-8, 1e-12):
         reduction = hhr.build(hertz, hertz_snapshots, hhr.Recipe.thesis(tolerance).as_it_is())
-        worst.append(yardstick.errors(reduction).values["primal_energy"].max())
+        worst.append(references.errors(reduction).values["primal_energy"].max())
     assert worst[0] > 3 * worst[1] > 9 * worst[2]
 
 

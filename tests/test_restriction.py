@@ -83,7 +83,9 @@ def test_a_rid_with_the_interface_of_the_full_solution_has_the_full_solution_ins
     size = np.abs(answer.unknown).max()
     assert homogeneous[problem.free] == pytest.approx(answer.unknown[sets.A], abs=1e-9 * size)
     # lifts hold what is imposed: the displacement is that of the full model on all nodes of the RID
-    assert homogeneous + problem.lift(mu) == pytest.approx(answer.displacement()[part.dofs], abs=1e-9 * size)
+    assert homogeneous + problem.lifts @ problem.theta(mu) == pytest.approx(
+        answer.displacement()[part.dofs], abs=1e-9 * size
+    )
 
 
 def test_other_interface_values_give_another_answer(case):

@@ -123,4 +123,4 @@ def test_a_study_of_histories_loads_nothing_of_points(tmp_path):
     loaded = {name.removeprefix("hhr_dolfinx.") for name in run.stdout.split()}
     assert "study.histories" in loaded
     assert not {name for name in loaded if name.startswith("baselines.")}
-    assert not loaded & {"study.points", "study.yardstick", "study.plots"}
+    assert not loaded & {"study.points", "study.references", "study.plots"}

@@ -28,8 +28,7 @@ from hhr_dolfinx.errors import (
     UnstableModelError,
 )
 from hhr_dolfinx.reduction.completion import Completion, spanning_rays
-from hhr_dolfinx.reduction.rid import zone_of_interest
-from hhr_dolfinx.study.yardstick import Yardstick
+from hhr_dolfinx.study.references import References
 
 COARSE = {"arc_segments": 28, "flat_segments": 7}
 
@@ -49,7 +48,7 @@ def test_forces_outside_the_rid_where_contact_never_opens(press_fit):
     slack = problem.amplitudes.sum_columns(problem.gaps, snapshots.points) - problem.contact @ snapshots.displacements
     assert slack.max() < 1e-12, "contact never opens"
     points = problem.parameters.random(30, 5)
-    errors = Yardstick.at(points, press_fit.full_order, snapshots).errors(reduction).values["dual_full_floored"]
+    errors = References.at(points, press_fit.full_order, snapshots).errors(reduction).values["dual_full_floored"]
     # measured 4.6 %, and 5.2 % at the worst
     assert np.percentile(errors, 95) < 0.1
 
@@ -171,7 +170,7 @@ def test_residuals_of_exact_and_of_spoiled_answers(hertz):
     # half of the forces taken away: what is left over is as large as what remains
     assert contact_residuals(problem, displacement, forces / 2, theta).equilibrium == pytest.approx(1.0)
     # twice the motion: too deep by the gap of 0.1 at the apex, beside motions of 1 at the ends of the arcs
-    twice = problem.lift(0.3) + 2 * (displacement - problem.lift(0.3))
+    twice = problem.lifts @ problem.theta(0.3) + 2 * (displacement - problem.lifts @ problem.theta(0.3))
     assert 0.05 < contact_residuals(problem, twice, forces, theta).penetration < 0.2
 
 
@@ -265,7 +264,9 @@ def test_recipes_that_mean_nothing(step, words):
 def test_zones(hertz):
     problem = hertz.problem
     nodes = np.arange(len(problem.points))
-    assert np.array_equal(zone_of_interest(problem, lambda problem: nodes < 3), [0, 1, 2]), "a mask of all nodes"
+    assert np.array_equal(hhr.Zone(lambda problem: nodes < 3).nodes(problem, None, None), [0, 1, 2]), (
+        "a mask of all nodes"
+    )
     for zone, words in (
         (nodes[:5] < 3, "mask of shape"),
         ([nodes.size], f"node {nodes.size} of the zone is not in the mesh"),
@@ -273,13 +274,13 @@ def test_zones(hertz):
         ([0.5], "node numbers"),
     ):
         with pytest.raises(ReductionError, match=words):
-            zone_of_interest(problem, lambda problem, zone=zone: zone)
+            hhr.Zone(lambda problem, zone=zone: zone).nodes(problem, None, None)
 
 
 def test_of_random_recipes_none_is_accepted_in_silence_and_wrong():
     """A few of the 120 of the study, on the coarse half-discs; the others are run by ``demos/random_recipes.py``."""
     training = hhr.train(hertz_demo.scene(**COARSE), [21], held_out=60, comm=MPI.COMM_SELF)
-    yardstick = Yardstick.at(
+    references = References.at(
         training.full_order.problem.parameters.random(100, 11), training.full_order, training.snapshots
     )
     rng, accepted = np.random.default_rng(2), 0
@@ -299,7 +300,7 @@ def test_of_random_recipes_none_is_accepted_in_silence_and_wrong():
             except (StabilityWarning, ReductionError, UnstableModelError):
                 continue
         accepted += 1
-        errors = yardstick.errors(reduction).values["dual_full_floored"]
+        errors = references.errors(reduction).values["dual_full_floored"]
         assert errors.max() < 0.3 and np.percentile(errors, 95) < 0.1, recipe
     assert accepted, "the check must not refuse everything"
 

@@ -10,9 +10,9 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.coarser import CoarserMesh
 from hhr_dolfinx.baselines.peers import DualBasisModel, cone_projected_greedy, nonnegative_factors
 from hhr_dolfinx.certify.accuracy import relative_error
+from hhr_dolfinx.study.references import References
 from hhr_dolfinx.study.study import Study
 from hhr_dolfinx.study.training import Training
-from hhr_dolfinx.study.yardstick import Yardstick
 from hhr_dolfinx.timing import time_queries
 from parts.pellet_cladding_tables import POINTS, thesis
 
@@ -65,11 +65,11 @@ def draw_maps(study: Study, folder: Path, quick: bool) -> None:
 
     training = study.training
     points = training.full_order.problem.parameters.grid([12, 10] if quick else [40, 30])
-    yardstick = Yardstick.at(points, training.full_order, training.snapshots)
+    references = References.at(points, training.full_order, training.snapshots)
     recipes = {"thesis, EF": thesis(None, 4e-4), "thesis size, POD+EF": THESIS_SIZE}
     models = {name: training.build(recipe, checked=False) for name, recipe in recipes.items()}
     models["default"] = study.model
-    maps = {name: yardstick.errors(model, model.fields.A_lambda).values for name, model in models.items()}
+    maps = {name: references.errors(model).values for name, model in models.items()}
     for error in ("dual_rid_floored", "dual_full_floored"):
         shown = {name: values[error] for name, values in maps.items()}
-        plots.plot_maps(yardstick.references.points, shown, ("P1 [MPa]", "h1 [mm]"), folder / f"map_{error}.png")
+        plots.plot_maps(references.solutions.points, shown, ("P1 [MPa]", "h1 [mm]"), folder / f"map_{error}.png")

@@ -9,9 +9,9 @@ from rich.table import Table
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.study.console import Console
+from hhr_dolfinx.study.references import References
 from hhr_dolfinx.study.report import write_report
 from hhr_dolfinx.study.training import Training
-from hhr_dolfinx.study.yardstick import Yardstick
 from hhr_dolfinx.timing import time_queries
 
 POINTS = np.array([[170.0, 3.2], [30.0, 5.25]])
@@ -50,11 +50,11 @@ def thesis_tables(training: Training, folder: Path, console: Console) -> None:
 
 def _errors(training: Training, console: Console) -> Iterator[dict]:
     table = Table("eps 2", "size", "errors % at (170, 3.2)", "at (30, 5.25)", title="table 3.1: thesis | here")
-    yardstick = Yardstick.at(POINTS, training.full_order, training.snapshots)
+    references = References.at(POINTS, training.full_order, training.snapshots)
     for epsilon, size, *theirs in ERRORS:
         try:
             model = training.build(thesis(epsilon, 4e-4, 1.0), checked=False)
-            values = yardstick.errors(model, model.fields.A_lambda).values
+            values = references.errors(model).values
             ours = [100 * values[name][k] for k in (0, 1) for name in ("primal_euclid", "dual_rid")]
             mine = str(len(model.problem.stiffness))
         except HHRError as error:

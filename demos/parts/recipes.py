@@ -10,8 +10,8 @@ import numpy as np
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.errors import HHRError, StabilityWarning
+from hhr_dolfinx.study.references import References
 from hhr_dolfinx.study.training import Training
-from hhr_dolfinx.study.yardstick import Yardstick
 
 REQUIRED, RIGHT = {"p95": 0.1, "max": 0.3}, {"p95": 0.03, "max": 0.1}
 """Force errors that a model accepted in silence must not exceed; those below which a warning was needless."""
@@ -31,17 +31,17 @@ def recipe(rng: np.random.Generator) -> hhr.Recipe:
     return hhr.Recipe(plain if extended is None else hhr.Pod(extended, relative), nodes, domain, enrichment)
 
 
-def judged(training: Training, settings: hhr.Recipe, yardstick: Yardstick) -> dict[str, Any]:
+def judged(training: Training, drawn: hhr.Recipe, references: References) -> dict[str, Any]:
     """What a user is told of a model, and how wrong its forces are on the whole surface."""
-    row = {name: value for name, value in settings.described().items() if name != "trust"}
+    row = {name: value for name, value in drawn.described().items() if name != "trust"}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", StabilityWarning)
         try:
-            model = training.build(settings)
+            model = training.build(drawn)
         except HHRError as refused:
             return {**row, "outcome": "refused", "said": [str(refused)], "p95": None, "max": None}
     said = [str(item.message) for item in caught if issubclass(item.category, StabilityWarning)]
-    errors = summary(yardstick.errors(model).values["dual_full_floored"])
+    errors = summary(references.errors(model).values["dual_full_floored"])
     row |= {"outcome": "warned" if said else "accepted", "said": said}
     return {**row, "p95": errors["p95"], "max": errors["max"]}
 

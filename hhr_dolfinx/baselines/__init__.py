@@ -1,1 +1,1 @@
-"""Other ways to answer the same question, each with the same calls as a reduced model."""
+"""Other models that answer the same question, to compare with."""

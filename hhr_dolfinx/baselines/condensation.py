@@ -61,9 +61,6 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
         full: the full model on one rank.
         known: statuses of the training points, (S, N_lambda).
         field: compute the displacement with each answer; without it only when it is asked for, and a query costs less.
-
-    Raises:
-        SceneError: on several ranks, where bodies flow, or if ``known`` is not of this scene.
     """
     if full.comm.size > 1:
         raise SceneError("exact condensation is serial: give a full model on MPI.COMM_SELF")

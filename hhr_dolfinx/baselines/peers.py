@@ -1,4 +1,4 @@
-"""Reduced models of other authors as baselines, each with the same ``solve(mu)``.
+"""Reduced models of other authors as baselines.
 
 They project the stiffness on POD modes over the whole domain and look for the contact forces in a cone
 spanned by few non-negative vectors: snapshots picked greedily (A. Benaceur, A. Ern and V. Ehrlacher,
@@ -84,14 +84,9 @@ class _ConeFields(ElasticFields):
 
 
 def cone_projected_greedy(forces: np.ndarray, count: int) -> np.ndarray:
-    """Snapshots of forces picked one by one where the cone of those before approximates worst.
+    """At most ``count`` snapshots of forces, (N_lambda, S), each where the cone of those before approximates worst.
 
-    Args:
-        forces: snapshots, (N_lambda, S), non-negative.
-        count: number of vectors wanted.
-
-    Returns:
-        Normalised snapshots, (N_lambda, r) with r <= count.
+    They are normalised, (N_lambda, r).
     """
     sizes = np.linalg.norm(forces, axis=0)
     touching = sizes > 1e-9 * sizes.max()

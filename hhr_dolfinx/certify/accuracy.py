@@ -25,8 +25,8 @@ ROUND_OFF = 1e-14
 
 def force_floor(problem: ContactProblem, training: SnapshotSet) -> float:
     """Force norm below which a relative dual error means nothing."""
-    largest = float(np.linalg.norm(training.forces, axis=0).max())
-    return max(FORCE_FLOOR * largest, round_off_force(problem, training))
+    floor = FORCE_FLOOR * float(np.linalg.norm(training.forces, axis=0).max())
+    return floor if training.histories else max(floor, round_off_force(problem, training))
 
 
 def round_off_force(problem: ContactProblem, solutions: SnapshotSet) -> float:
@@ -35,18 +35,14 @@ def round_off_force(problem: ContactProblem, solutions: SnapshotSet) -> float:
     Of whole displacements: loads F - K lift hold the reaction to a rigid motion, against which all contact would count
     as noise, while K U does not but for its round-off.
     """
-    solutions = solutions.take(_largest_and_spread(solutions.displacements))
+    # some of the largest and some evenly chosen are enough for the scale of all
+    count = solutions.displacements.shape[1]
+    largest = np.argsort(np.linalg.norm(solutions.displacements, axis=0))[-10:]
+    solutions = solutions.take(np.union1d(largest, np.linspace(0, count - 1, min(10, count)).astype(int)))
     fields = solutions.displacements + problem.amplitudes.sum_columns(problem.lifts, solutions.points)
     internal = np.linalg.norm(problem.stiffness @ fields, axis=0).max()
     products = np.linalg.norm(abs(problem.stiffness) @ np.abs(fields), axis=0).max()
     return max(ROUND_OFF_FORCE * float(internal), ROUND_OFF * float(products))
-
-
-def _largest_and_spread(columns, count=10) -> np.ndarray:
-    """Some of the largest columns and some evenly chosen: enough for the scale of all."""
-    largest = np.argsort(np.linalg.norm(columns, axis=0))[-count:]
-    spread = np.linspace(0, columns.shape[1] - 1, min(count, columns.shape[1])).astype(int)
-    return np.union1d(largest, spread)
 
 
 @dataclass(frozen=True)
@@ -118,11 +114,7 @@ def summary(values: Any) -> dict:
 
 
 def norm(vector: np.ndarray, gram: Any = None) -> float:
-    """Norm of a vector by a Gram matrix, Euclidean if None.
-
-    Raises:
-        SceneError: for a Gram matrix of which this rank holds only some rows.
-    """
+    """Norm of a vector by a Gram matrix, Euclidean if None."""
     if gram is not None and gram.shape[0] != vector.size:
         raise SceneError(
             f"the Gram matrix has {gram.shape[0]} rows for {vector.size} dofs: where ranks share the rows take "

@@ -4,20 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhr_dolfinx.certify.accuracy import (
-    FORCE_FLOOR,
-    Residuals,
-    contact_residuals,
-    force_floor,
-    norm,
-    relative_error,
-    slack_residuals,
-)
+from hhr_dolfinx.certify.accuracy import Residuals, contact_residuals, norm, relative_error, slack_residuals
 from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.models.answer import Answer, History, Model
 from hhr_dolfinx.models.path import MarchSettings
@@ -30,8 +22,8 @@ ONE_ANSWER = 1e-6
 """Relative difference of forces from two starts above which a parameter has two answers."""
 
 
-Row = tuple[str, float, float, Residuals | None]
-"""A label, the errors of displacement and forces, and the residuals of what was answered."""
+Row = tuple[str, float, float]
+"""A label, and the errors of displacement and forces."""
 
 
 @dataclass(frozen=True)
@@ -42,52 +34,24 @@ class Comparison:
         labels: where, in words.
         primal: relative L2 errors of the displacement everywhere.
         dual: relative floored errors of the forces on the whole contact surface.
-        residuals: of the answers themselves; None where there is none.
     """
 
     labels: list[str]
     primal: np.ndarray
     dual: np.ndarray
-    residuals: list[Residuals | None]
 
     @classmethod
     def of(cls, rows: Sequence[Row]) -> Comparison:
         """From one row per point or history."""
-        labels, primal, dual, residuals = (list(column) for column in zip(*rows, strict=True))
-        return cls(labels, np.array(primal), np.array(dual), residuals)
-
-    def worst(self) -> dict[str, float]:
-        """The ``kkt`` part of a report."""
-        known = [asdict(item) for item in self.residuals if item is not None]
-        return {name: max((item[name] for item in known), default=math.inf) for name in Residuals.__dataclass_fields__}
-
-    def joined(self, other: Comparison) -> Comparison:
-        """Both, one after the other."""
-        return Comparison(
-            self.labels + other.labels,
-            np.concatenate([self.primal, other.primal]),
-            np.concatenate([self.dual, other.dual]),
-            self.residuals + other.residuals,
-        )
-
-
-def floor_of(full: Any, training: SnapshotSet) -> float:
-    """Force norm below which a relative error means nothing."""
-    if training.histories:
-        return FORCE_FLOOR * float(np.linalg.norm(training.forces, axis=0).max())
-    return force_floor(full.problem, training)
+        labels, primal, dual = zip(*rows, strict=True)
+        return cls(list(labels), np.array(primal), np.array(dual))
 
 
 def compare_points(full: Any, model: Model, solutions: SnapshotSet, floor: float) -> Comparison:
     """Errors of fields and forces everywhere at known solutions.
 
-    A point that fails has infinite errors, and so has the force where two starts lead to two answers.
-
-    Args:
-        full: the full model.
-        model: what is tried.
-        solutions: of the full model.
-        floor: force norm below which a relative error means nothing.
+    A point that fails has infinite errors, and so has the force where two starts lead to two answers. ``floor`` is
+    the force norm below which a relative error means nothing.
     """
     problem = full.problem
     rows: list[Row] = []
@@ -98,32 +62,22 @@ def compare_points(full: Any, model: Model, solutions: SnapshotSet, floor: float
             displacement, found = answer.displacement(), answer.forces()
             unaided = model.solve(point, start=None, outside="ignore").multipliers
         except HHRError:
-            rows.append((label, math.inf, math.inf, None))
+            rows.append((label, math.inf, math.inf))
             continue
         primal = relative_error(displacement, homogeneous + problem.lifts @ theta, problem.mass)
         one_answer = relative_error(unaided, answer.multipliers, floor=floor) <= ONE_ANSWER
-        dual = relative_error(found, forces, floor=floor) if one_answer else math.inf
-        rows.append((label, primal, dual, contact_residuals(problem, displacement, found, theta)))
+        rows.append((label, primal, relative_error(found, forces, floor=floor) if one_answer else math.inf))
     return Comparison.of(rows)
 
 
 def compare_histories(
     full: Any, model: Model, histories: dict[str, History], floor: float
 ) -> tuple[Comparison, list[list[Signs]]]:
-    """Errors of known histories solved by a model, and the signs that its steps show.
+    """Errors of known histories, by label, solved by a model, and the signs of its steps.
 
     The error of a history is the largest of its steps over the largest displacement or force of the history: the
     first touch, with forces of a twentieth of the last ones, would otherwise decide. A history that fails has infinite
-    errors.
-
-    Args:
-        full: the full model.
-        model: what is tried.
-        histories: of the full model, by label.
-        floor: force norm below which a relative error means nothing.
-
-    Returns:
-        The errors, and the signs along each history that did not fail.
+    errors and no signs.
     """
     rows: list[Row] = []
     signs = []
@@ -131,9 +85,9 @@ def compare_histories(
         try:
             found = model.march(exact.path, MarchSettings(outside="ignore"))
         except HHRError:
-            rows.append((label, math.inf, math.inf, None))
+            rows.append((label, math.inf, math.inf))
             continue
-        rows.append((label, *largest_errors(full, found, exact, floor), flow_residuals(full, found.answers[-1])))
+        rows.append((label, *largest_errors(full, found, exact, floor)))
         signs.append(found.signs)
     return Comparison.of(rows), signs
 
@@ -153,17 +107,11 @@ def largest_errors(full: Any, found: History, exact: History, floor: float) -> t
 
 
 def residuals_of(full: Any, answer: Answer) -> Residuals:
-    """Residuals of what is handed out: equilibrium, gaps, signs."""
-    if answer.gauss is not None:
-        return flow_residuals(full, answer)
-    theta = full.problem.amplitudes(answer.parameter)
-    return contact_residuals(full.problem, answer.displacement(), answer.forces(), theta)
-
-
-def flow_residuals(full: Any, answer: Answer) -> Residuals:
-    """The same of bodies that flow: equilibrium of the stress everywhere."""
+    """Residuals of what is handed out: equilibrium, where bodies flow that of the stress everywhere, gaps, signs."""
     problem, equilibrium = full.problem, full.equilibrium
     theta, forces = problem.amplitudes(answer.parameter), answer.forces()
+    if answer.gauss is None:
+        return contact_residuals(problem, answer.displacement(), forces, theta)
     left, sizes = equilibrium.residual(answer.stress(), theta)
     residual = (left - equilibrium.contact_load(forces)) * problem.free
     imbalance = float(np.linalg.norm(residual) / (np.linalg.norm(sizes) or 1.0))

@@ -162,15 +162,7 @@ def inf_sup(rows: np.ndarray, primal_gram: np.ndarray | None = None, dual_gram: 
 def assess(
     problem: ContactProblem, full: FullConstants, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem
 ) -> Stability:
-    """Compute all constants of a reduced model.
-
-    Args:
-        problem: the full problem.
-        full: its constants.
-        basis: V, (N, ell).
-        sets: index sets of the RID.
-        reduced: the projected arrays.
-    """
+    """Compute all constants of a reduced model."""
     smallest, largest = row_range(reduced.contact_test)
     low, high = singular_range(reduced.stiffness)
     whole_low, whole_high = singular_range(basis.T @ (problem.stiffness @ basis))

@@ -74,16 +74,7 @@ class TrustLimits:
 
 
 def check_loads_seen(problem: ContactProblem, sets: IndexSets, points: np.ndarray) -> None:
-    """Refuse a RID on which some load of the training does nothing.
-
-    Args:
-        problem: the full problem.
-        sets: index sets of the RID.
-        points: training parameters, (S, P); what acts at none of them is outside what is trained.
-
-    Raises:
-        ReductionError: with the term of the load.
-    """
+    """Raise ReductionError if a load that acts at some training point, (S, P), does not reach the RID."""
     acting = np.zeros(problem.loads.shape[1], dtype=bool)
     for point in points:
         theta = problem.amplitudes(point)
@@ -97,16 +88,9 @@ def check_loads_seen(problem: ContactProblem, sets: IndexSets, points: np.ndarra
 
 
 def first_trusted(attempt: Callable[[int], Any], layers: int, most_layers: int, log: StageLog) -> Any:
-    """The first attempt that passes its checks; each that does not gets one more layer of cells around its RID.
+    """The first attempt that passes its checks, from ``layers`` to ``most_layers`` layers of cells around the RID.
 
-    Args:
-        attempt: builds and checks a model with a number of layers.
-        layers: to begin with.
-        most_layers: where to give up.
-        log: told of every refusal.
-
-    Raises:
-        NotSolvableError, UnstableModelError: of the last attempt.
+    The error of the last attempt is raised; the log is told of every refusal.
     """
     before = len(log.skipped)
     while True:
@@ -128,11 +112,7 @@ def first_trusted(attempt: Callable[[int], Any], layers: int, most_layers: int, 
 
 
 def check_solvable(stability: Stability) -> None:
-    """Refuse a model whose contact rows are dependent.
-
-    Raises:
-        NotSolvableError: if the rows of B~1 or B~2 are, thesis (1.67), (5.24)-(5.25).
-    """
+    """Raise NotSolvableError if the rows of B~1 or B~2 are dependent, thesis (1.67), (5.24)-(5.25)."""
     if math.isinf(stability.kappa_B) or math.isinf(stability.kappa_B_2):
         raise NotSolvableError(
             "the contact rows are dependent on the reduced basis, thesis (1.67): keep more modes "
@@ -141,14 +121,7 @@ def check_solvable(stability: Stability) -> None:
 
 
 def check_stability(stability: Stability, limits: TrustLimits) -> None:
-    """Refuse or warn of a model whose constants say that it cannot be trusted.
-
-    Raises:
-        UnstableModelError: if cond(K~) or an inf-sup constant is beyond its limit.
-
-    Warns:
-        StabilityWarning: if cond(K~), kappa(B~) or the contact Schur complement is in the doubtful range.
-    """
+    """Raise UnstableModelError if a constant is beyond its limit, and warn if it is in the doubtful range."""
     advice = "add RID layers, or keep fewer modes (a larger POD tolerance)"
     distorted = not stability.distortion <= limits.refuse_distortion
     if distorted and not stability.cond_K <= limits.refuse_cond_K:
@@ -176,13 +149,9 @@ def check_stability(stability: Stability, limits: TrustLimits) -> None:
 
 
 def check_comparison(comparison: Comparison, limits: TrustLimits) -> None:
-    """Refuse or warn of a model by what users would get; the worst point is named.
+    """Raise UnstableModelError if the 95th percentile of an error is beyond its limit, and warn if it is doubtful.
 
-    Raises:
-        UnstableModelError: if the 95th percentile of an error is beyond its limit.
-
-    Warns:
-        StabilityWarning: if it is in the doubtful range, or the worst force error is.
+    The worst point is named, and warned of if its force error is beyond a limit of its own.
     """
     for name, values, refuse, warn, warn_worst in (
         ("displacement", comparison.primal, limits.refuse_primal, limits.warn_primal, math.inf),
@@ -203,16 +172,26 @@ def check_comparison(comparison: Comparison, limits: TrustLimits) -> None:
             _warn(message)
 
 
-def warn_of_held_out(held_out: SnapshotSet | None, flows: bool) -> None:
-    """Warn that nothing, or little, was kept out of training; one history of bodies that flow counts as many points.
+def warn_of_training(full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> None:
+    """Say beforehand what no check of the model can make good: where it is trained, and what it is compared with."""
+    flows = full.equilibrium is not None
+    if not flows:  # each step of an elastic history is a point like any other
+        warn_of_gaps_in_training(snapshots.points)
+    if not snapshots.any_contact(full.problem):
+        _warn(
+            "no training solution has contact: the model knows nothing of contact forces. Check gaps, normals and "
+            "loads, or train where bodies touch"
+        )
+    if flows and full.equilibrium.material.flows and not np.any(snapshots.cumulated):
+        _warn(
+            "no body flows in any training history though some could: tangents under flow were not checked, and a "
+            "history that flows is outside what was trained. Train at higher loads, or leave the laws out"
+        )
+    _warn_of_held_out(held_out, flows)
 
-    Args:
-        held_out: what was kept out.
-        flows: whether bodies do, so that these are histories.
 
-    Warns:
-        UncheckedWarning: if it was too little.
-    """
+def _warn_of_held_out(held_out: SnapshotSet | None, flows: bool) -> None:
+    """Warn that nothing, or little, was kept out of training; one history of bodies that flow counts as many points."""
     if held_out is not None and (flows or len(held_out.points) >= FEW):
         return
     told = (
@@ -226,16 +205,10 @@ def warn_of_held_out(held_out: SnapshotSet | None, flows: bool) -> None:
 
 
 def warn_of_gaps_in_training(points: np.ndarray) -> None:
-    """Warn of training points that leave much of their box empty, like those of a diagonal.
+    """Warn of training points, (S, P), that leave much of their box empty, like those of a diagonal.
 
     Lengths count in steps between the different values of each parameter. On a grid, and for points drawn at random,
     nothing of the box is farther from the training than training points are from each other.
-
-    Args:
-        points: training parameters, (S, P).
-
-    Warns:
-        StabilityWarning: with the part of the box that is empty.
     """
     counts = np.array([np.unique(column).size for column in points.T])
     spread = np.ptp(points, axis=0)
@@ -252,30 +225,6 @@ def warn_of_gaps_in_training(points: np.ndarray) -> None:
             f"the training points leave {empty:.0%} of their box empty: answers there are outside what was trained, "
             "and no check of the box sees it. Train on a grid or on points drawn at random"
         )
-
-
-def warn_untouched() -> None:
-    """Warn that contact was never seen.
-
-    Warns:
-        StabilityWarning: always.
-    """
-    _warn(
-        "no training solution has contact: the model knows nothing of contact forces. Check gaps, normals and "
-        "loads, or train where bodies touch"
-    )
-
-
-def warn_no_flow() -> None:
-    """Warn that flow was never seen.
-
-    Warns:
-        StabilityWarning: always.
-    """
-    _warn(
-        "no body flows in any training history though some could: tangents under flow were not checked, and a history "
-        "that flows is outside what was trained. Train at higher loads, or leave the laws out"
-    )
 
 
 def _share(value):

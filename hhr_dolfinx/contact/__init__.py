@@ -1,1 +1,1 @@
-"""The contact problem as arrays, and how it is solved: active set, dense blocks, condensation. No mesh, no physics."""
+"""The contact problem as arrays, cut to a RID too, and its active set. No mesh, no physics."""

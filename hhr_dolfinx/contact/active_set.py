@@ -180,15 +180,10 @@ def _one_at_a_time(
     *,
     singular: bool,
 ) -> Statuses:
-    """The least-index rule, which passes over statuses that would make the set singular.
+    """The least-index rule, which passes over statuses that would make the set singular; see :func:`active_set`.
 
-    Args:
-        equalities: see :func:`active_set`.
-        free_slack: likewise.
-        active: statuses to start from, not singular.
-        iterations: equality problems solved so far, and their bound.
-        pairs: see :func:`active_set`.
-        singular: a set was singular on the way here.
+    ``active`` is not singular; ``iterations`` are those so far and their bound; ``singular`` tells of a singular set on
+    the way here.
     """
     seen: set[bytes] = set()
     spent, limit = iterations

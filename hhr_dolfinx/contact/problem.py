@@ -36,9 +36,6 @@ class ContactRows:
         slaves: node that carries each condition and its multiplier, (N_lambda,); DEIM and enrichment pick it.
         points: position of each condition, (N_lambda, dim), for pictures and messages.
         areas: tributary area of each condition, (N_lambda,), which turns forces into pressures.
-
-    Raises:
-        SceneError: if lengths differ or numbers are not finite.
     """
 
     matrix: csr_matrix
@@ -48,7 +45,6 @@ class ContactRows:
     areas: np.ndarray
 
     def __post_init__(self):
-        """Refuse what would fail far from here, or not at all."""
         m = np.size(self.gap)
         sizes = {name: len(getattr(self, name)) for name in ("slaves", "points", "areas")}
         if not issparse(self.matrix) or self.matrix.shape[0] != m or set(sizes.values()) != {m}:
@@ -132,14 +128,7 @@ class ContactProblem:
         return self.mass.shape[0] == self.free.size
 
     def gathered(self, comm: Comm) -> ContactProblem:
-        """The problem with all rows on every rank; itself where they are all there already. Collective.
-
-        Args:
-            comm: the ranks that share the rows.
-
-        Raises:
-            SceneError: if the ranks do not hold each row once.
-        """
+        """The problem with all rows on every rank; itself where they are all there already. Collective."""
         if all(comm.allgather(self.whole)):
             return self
         starts, terms, masses = zip(*comm.allgather((self.first, self.stiffness_terms, self.mass)), strict=True)
@@ -154,11 +143,7 @@ class ContactProblem:
         return replace(self, stiffness_terms=tuple(stiffness), mass=mass, first=0)
 
     def require_whole(self) -> None:
-        """Refuse a problem by rows where all of them are needed.
-
-        Raises:
-            SceneError: with the rows that are held.
-        """
+        """Raise SceneError for a problem by rows where all of them are needed."""
         if not self.whole:
             raise SceneError(
                 f"rows {self.rows.start} to {self.rows.stop - 1} of {self.free.size} are held here, and all are "
@@ -174,10 +159,6 @@ class ContactProblem:
         """θ at a parameter given as a number, a sequence or a mapping; see :meth:`ParameterSpace.point`."""
         return self.amplitudes(self.parameters.point(mu))
 
-    def lift(self, mu: Any) -> np.ndarray:
-        """Imposed displacement at a parameter, (N,)."""
-        return self.lifts @ self.theta(mu)
-
     @cached_property
     def own_stiffness(self) -> csr_matrix:
         """Own rows of K, without boundary conditions, (own, N)."""
@@ -186,11 +167,7 @@ class ContactProblem:
 
     @property
     def stiffness(self) -> csr_matrix:
-        """K of all dofs, without boundary conditions, (N, N).
-
-        Raises:
-            SceneError: where only some rows are held.
-        """
+        """K of all dofs, without boundary conditions, (N, N)."""
         self.require_whole()
         return self.own_stiffness
 

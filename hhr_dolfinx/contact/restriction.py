@@ -54,9 +54,6 @@ def restricted(problem: ContactProblem, sets: IndexSets) -> Restriction:
     Args:
         problem: the whole problem.
         sets: index sets of a closed RID: no condition outside A_lambda acts on A.
-
-    Raises:
-        SceneError: where only some rows of the problem are held.
     """
     stiffness, size = problem.stiffness, problem.block_size
     nodes = np.union1d(problem.cell_nodes[sets.cells].ravel(), sets.A_c_tilde // size)

@@ -31,12 +31,7 @@ NO_VOLUME = 1e-12
 
 
 def build_geometry(scene: Scene, comm: MPI.Comm) -> Any:
-    """Mesh, cell tags and facet tags of a scene, checked.
-
-    Raises:
-        SceneError: if the geometry returns something else, the mesh does not suit the hypothesis, has cells that are
-            folded or without volume, or lacks a tag.
-    """
+    """Mesh, cell tags and facet tags of a scene; raises SceneError unless they suit it."""
     result: Any = scene.geometry(comm)
     if hasattr(result, "cell_tags") and hasattr(result, "facet_tags"):
         result = (result.mesh, result.cell_tags, result.facet_tags)
@@ -61,11 +56,7 @@ def build_geometry(scene: Scene, comm: MPI.Comm) -> Any:
 
 
 def warn_of_idle_parameters(scene: Scene, amplitudes: Amplitudes) -> None:
-    """Warn of parameters that no amplitude of a scene depends on.
-
-    Warns:
-        SceneWarning: with their names.
-    """
+    """Warn of parameters that no amplitude of a scene depends on."""
     idle = amplitudes.idle(scene.parameters)
     if idle:
         warnings.warn(
@@ -77,7 +68,7 @@ def warn_of_idle_parameters(scene: Scene, amplitudes: Amplitudes) -> None:
 
 
 def _check_mesh(scene, mesh, comm):
-    """Refuse meshes of another dimension, of other cells, or on another communicator."""
+    """Raise SceneError for a mesh of another dimension, of other cells, or on another communicator."""
     tdim, gdim, kind = mesh.topology.dim, mesh.geometry.dim, mesh.topology.cell_name()
     if mesh.comm.size != comm.size:
         raise SceneError(
@@ -107,7 +98,7 @@ def _check_mesh(scene, mesh, comm):
 
 
 def _check_cells(mesh, comm):
-    """Refuse cells that are folded or have no volume: a stiffness takes the absolute value of their Jacobians."""
+    """Raise SceneError for cells that are folded or without volume: K takes the absolute value of their Jacobians."""
     dim, count = mesh.topology.dim, CORNERS[mesh.topology.cell_name()]
     nodes = compat.geometry_dofmap(mesh)[: mesh.topology.index_map(dim).size_local]
     if nodes.shape[1] > count:
@@ -174,7 +165,7 @@ def corner_jacobians(corners: np.ndarray) -> np.ndarray:
 
 
 def _check_radius(mesh, comm):
-    """Refuse bodies across the axis of revolution."""
+    """Raise SceneError for bodies across the axis of revolution."""
     owned = mesh.geometry.index_map().size_local
     radius = mesh.geometry.x[:owned, 0]
     size = comm.allreduce(float(np.abs(radius).max(initial=0.0)))
@@ -187,14 +178,7 @@ def _check_radius(mesh, comm):
 
 
 def check_tags(scene: Scene, mesh: dmesh.Mesh, tags: Any, comm: MPI.Comm) -> None:
-    """Refuse tags of the scene that the mesh lacks, and cells that belong to no body.
-
-    Args:
-        scene: the scene.
-        mesh: its mesh.
-        tags: of cells and of facets.
-        comm: MPI communicator.
-    """
+    """Raise SceneError for tags of the scene that the mesh lacks, and for cells that belong to no body."""
     used = [item.tag for item in scene.displacements]
     for item in scene.contacts:
         used += item.tags
@@ -210,14 +194,7 @@ def check_tags(scene: Scene, mesh: dmesh.Mesh, tags: Any, comm: MPI.Comm) -> Non
 
 
 def check_present(kind: str, tags: dmesh.MeshTags, wanted: Iterable[int], comm: MPI.Comm) -> set[int]:
-    """Refuse tags that a mesh lacks; returns all that it has.
-
-    Args:
-        kind: of entity, for the message.
-        tags: of these entities.
-        wanted: tags that are named somewhere.
-        comm: MPI communicator.
-    """
+    """All tags of a mesh; raises SceneError if one that is wanted is missing."""
     there = set().union(*comm.allgather(set(tags.values.tolist())))
     missing = sorted(set(wanted) - there)
     if missing:
@@ -226,15 +203,7 @@ def check_present(kind: str, tags: dmesh.MeshTags, wanted: Iterable[int], comm: 
 
 
 def check_outer(load: str, tag: int, mesh: dmesh.Mesh, facet_tags: dmesh.MeshTags, comm: MPI.Comm) -> None:
-    """Refuse loads on facets that are not there or lie inside the mesh, where a surface integral is zero.
-
-    Args:
-        load: its class, for the message.
-        tag: of the facets.
-        mesh: the mesh.
-        facet_tags: of its facets.
-        comm: MPI communicator.
-    """
+    """Raise SceneError for loads on facets that are missing or inside the mesh, where surface integrals are zero."""
     check_present("facet", facet_tags, [tag], comm)
     fdim = mesh.topology.dim - 1
     mesh.topology.create_connectivity(fdim, fdim + 1)
@@ -250,20 +219,14 @@ def check_outer(load: str, tag: int, mesh: dmesh.Mesh, facet_tags: dmesh.MeshTag
 
 
 def _refuse(comm, text, places):
-    """Raise on all ranks if any of them has found something wrong.
-
-    Args:
-        comm: MPI communicator.
-        text: of the error, with ``{count}`` and ``{place}``.
-        places: where it is on this rank, (found, dim).
-    """
+    """Raise SceneError on all ranks if any found places, (found, dim); the text names ``{count}`` and ``{place}``."""
     found = [place for part in comm.allgather(places.tolist()) for place in part]
     if found:
         raise SceneError(text.format(count=len(found), place=found[0]))
 
 
 def check_held(scene: Scene, points: np.ndarray, cell_nodes: np.ndarray, bodies: np.ndarray, free: np.ndarray) -> None:
-    """Refuse bodies that can move without strain: rigid motions that vanish on all imposed dofs of a body.
+    """Raise NotSolvableError for bodies that can move without strain: rigid motions that vanish on their imposed dofs.
 
     Args:
         scene: the scene.
@@ -271,9 +234,6 @@ def check_held(scene: Scene, points: np.ndarray, cell_nodes: np.ndarray, bodies:
         cell_nodes: nodes of each cell, (cells, n).
         bodies: place in the scene of the body of each cell, (cells,).
         free: dofs that are not imposed, (N,) bool.
-
-    Raises:
-        NotSolvableError: with the body and how it moves.
     """
     count, dim = points.shape
     starts = np.repeat(cell_nodes[:, :1], cell_nodes.shape[1], axis=1)
@@ -329,18 +289,14 @@ def conditions_with_unknowns(
 ) -> np.ndarray:
     """Contact rows that hold a free dof; the others say nothing about unknowns and are left out.
 
+    It warns where nodes that are all imposed penetrate, in the worst case over the box of the parameters.
+
     Args:
         scene: the scene.
         rows: all contact rows.
         gaps: D - B lift of all of them by term, (rows, 1 + T), zero beyond the affine ones.
         amplitudes: of all terms.
         free: dofs that are not imposed, (N,) bool.
-
-    Raises:
-        SceneError: if none is left.
-
-    Warns:
-        SceneWarning: where nodes that are all imposed penetrate, in the worst case over the box of the parameters.
     """
     unknown = abs(rows.matrix) @ free.astype(float) > 0
     if not unknown.any():
@@ -366,18 +322,10 @@ def conditions_with_unknowns(
 
 
 def check_regular(problem: ContactProblem, solve: Callable[[np.ndarray], np.ndarray], scene: str) -> None:
-    """Refuse a K that is singular to round-off, which a factorisation does not always notice.
+    """Raise NotSolvableError for a K that is singular to round-off, which a factorisation does not always notice.
 
     Solving for a known vector loses about cond(K) times 1e-16: up to 1e-5 was seen with bodies a million
-    times as stiff as others, and all digits where parts can move freely.
-
-    Args:
-        problem: the full problem, which may lie by rows.
-        solve: K^-1 on free dofs, own rows -> (N,).
-        scene: its name, for the message.
-
-    Raises:
-        NotSolvableError: if K is singular.
+    times as stiff as others, and all digits where parts can move freely. ``solve`` maps own rows to all dofs.
     """
     known = np.random.default_rng(0).standard_normal(problem.free.size) * problem.free
     found = solve(problem.own_stiffness @ known * problem.free[problem.rows])

@@ -102,17 +102,7 @@ class Discretisation:
         return csr_matrix((data, indices, indptr), shape=(self.rows.stop - self.rows.start, self.size))
 
     def contact_problem(self, stiffness: csr_matrix) -> ContactProblem:
-        """All of (1.21), the large matrices by rows and everything else on every rank. Collective.
-
-        Args:
-            stiffness: own rows of K, without boundary conditions, (own dofs, N).
-
-        Raises:
-            SceneError: if the contact pairs are empty or do not face each other.
-
-        Warns:
-            SceneWarning: where imposed nodes penetrate.
-        """
+        """All of (1.21) from own rows of K, (own dofs, N): large matrices by rows, the rest on every rank."""
         scene = self.scene
         mass = fem_petsc.assemble_matrix(self._mass_form)
         mass.assemble()
@@ -151,14 +141,7 @@ class Discretisation:
         )
 
     def check(self, problem: ContactProblem) -> None:
-        """Look for mistakes that no single part of a scene shows, before anything is factored.
-
-        Raises:
-            NotSolvableError: for a body that can move freely, with its tag and how it moves.
-
-        Warns:
-            SceneWarning: for parameters without effect.
-        """
+        """Look for mistakes that no single part of a scene shows, before anything is factored."""
         bodies = np.concatenate(self.comm.allgather(self.cell_bodies()))
         check_held(self.scene, problem.points, problem.cell_nodes, bodies, problem.free)
         warn_of_idle_parameters(self.scene, problem.amplitudes)
@@ -172,13 +155,9 @@ class Discretisation:
         return bodies
 
     def stress(self, displacement: np.ndarray) -> np.ndarray:
-        """Stress at the middle of each cell in Kelvin's notation, (cells, 4), in space (cells, 6).
+        """Stress of a displacement, (N,), in the middle of each cell, Kelvin's notation, (cells, 4), in space 6.
 
-        Cells come in the order of ``ContactProblem.cell_nodes``. Bodies with a mean dilatation have the pressure that
-        belongs to it.
-
-        Args:
-            displacement: on all dofs, (N,).
+        Cells come in the order of ``ContactProblem.cell_nodes``. Bodies with a mean dilatation have its pressure.
         """
         field = fem.Function(self.space)
         field.x.petsc_vec.array[:] = displacement[self.rows]

@@ -51,11 +51,7 @@ class GaussModel:
 
     @classmethod
     def of(cls, scene: Scene, comm: MPI.Comm) -> GaussModel:
-        """The Gauss points of a scene.
-
-        Raises:
-            SceneError: in plane stress, or on several ranks.
-        """
+        """The Gauss points of a scene."""
         if scene.hypothesis == "plane_stress":
             raise SceneError("flow in plane stress needs the thickness strain solved for: not built in")
         discretisation = Discretisation(scene, comm)

@@ -67,12 +67,8 @@ class FullOrderModel:
             if any(body.law is not None for body in scene.bodies):
                 self._build_flowing()
             else:
-                self._build_elastic()
-
-    def _build_elastic(self) -> None:
-        discretisation = Discretisation(self.scene, self.comm)
-        stiffness = discretisation.assemble_stiffness()
-        self._factor(discretisation, discretisation.own_rows(stiffness))
+                discretisation = Discretisation(scene, comm)
+                self._factor(discretisation, discretisation.own_rows(discretisation.assemble_stiffness()))
 
     def _build_flowing(self) -> None:
         from hhr_dolfinx.full_order.flow import FullEquilibrium, GaussModel
@@ -130,21 +126,10 @@ class FullOrderModel:
     def solve(
         self, mu: Any, *, start: Any = "nearest", raise_on_failure: bool = True, outside: str = "warn", **step: Any
     ) -> Answer:
-        """Solve for one parameter; where bodies flow, in one step from rest.
+        """Solve for one parameter, see :meth:`Model.solve`; where bodies flow, in one step from rest.
 
-        Args:
-            mu: number, sequence or mapping by name.
-            start: statuses to start from, (N_lambda,) bool. A full model knows no nearest ones: anything else starts
-                where the free slack is negative.
-            raise_on_failure: raise instead of returning an answer with NaN and a status.
-            outside: nothing is outside what a full model can answer.
-            step: ``duration`` of a step of bodies that flow, see :func:`one_step`.
-
-        Raises:
-            ParameterError: if ``mu`` is not finite or outside the box, or ``start`` or ``outside`` is none.
-            TypeError: for any other keyword, and for a ``duration`` where nothing flows.
-            ConvergenceError: if the statuses do not settle.
-            NotSolvableError: if contact rows are dependent.
+        A full model knows no nearest statuses: ``nearest`` starts where the free slack is negative. ``step`` may hold
+        the ``duration`` of a step of bodies that flow, see :func:`one_step`.
         """
         start = checked_start(start, len(self.schur))
         if self.equilibrium is not None:
@@ -169,17 +154,9 @@ class FullOrderModel:
         known: list[Answer] | tuple[()] = (),
         keep: Callable[[Answer], None] = lambda answer: None,
     ) -> History:
-        """Solve a history from rest.
+        """Solve a history from rest, see :meth:`Model.march`.
 
-        Args:
-            path: times in seconds and parameters, the first ones at rest; parameters are linear between them.
-            settings: how.
-            known: answers to its first steps, solved before.
-            keep: told of each answer as soon as it is there.
-
-        Raises:
-            ParameterError: if the path is none, or leaves the box.
-            ConvergenceError: with an attribute ``history``, see :func:`models.march.march`.
+        ``known`` are answers to its first steps, solved before; ``keep`` is told of each new one as it is there.
         """
         checked = checked_path(self.parameters, path)
         if self.equilibrium is None:

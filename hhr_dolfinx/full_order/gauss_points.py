@@ -23,14 +23,7 @@ if TYPE_CHECKING:
 
 
 def strain_operator(discretisation: Discretisation) -> StrainOperator:
-    """Strain at the Gauss points of all cells, for bodies that flow; serial.
-
-    Args:
-        discretisation: of the scene.
-
-    Raises:
-        SceneError: if the mesh is spread over several ranks; all of them say so.
-    """
+    """Strain at the Gauss points of all cells, for bodies that flow; serial."""
     if discretisation.comm.size > 1:
         raise SceneError(
             f"the mesh of scene '{discretisation.scene.name}' is spread over {discretisation.comm.size} ranks, and "
@@ -40,13 +33,7 @@ def strain_operator(discretisation: Discretisation) -> StrainOperator:
 
 
 def material_at(scene: Scene, bodies: np.ndarray, operator: StrainOperator) -> Material:
-    """Laws at the Gauss points of the cells of an operator.
-
-    Args:
-        scene: the scene.
-        bodies: body of each cell as its place in the scene, (cells,).
-        operator: strain of these cells.
-    """
+    """Laws at the Gauss points of the cells of an operator, whose bodies are given as places in the scene, (cells,)."""
     of_point = np.repeat(bodies, operator.per_cell)
     groups = [
         Group(np.flatnonzero(of_point == place), body.young, body.poisson, body.law)
@@ -56,12 +43,7 @@ def material_at(scene: Scene, bodies: np.ndarray, operator: StrainOperator) -> M
 
 
 def add_stiffness(discretisation: Discretisation, matrix: PETSc.Mat) -> None:
-    """Add the elastic stiffness of the bodies with a mean dilatation, each rank that of its own cells.
-
-    Args:
-        discretisation: of the scene.
-        matrix: of all dofs, to be assembled after this.
-    """
+    """Add the elastic stiffness of the bodies with a mean dilatation to a matrix, each rank that of its own cells."""
     bodies = discretisation.cell_bodies()
     cells = np.flatnonzero(np.array(discretisation.mean_dilatation)[bodies])
     operator = _tabulated(discretisation, cells)
@@ -92,9 +74,7 @@ def _tabulated(discretisation: Discretisation, cells: np.ndarray) -> StrainOpera
 def _with_mean_dilatation(gradients: np.ndarray, volumes: np.ndarray) -> np.ndarray:
     """B-bar: the trace of the strain at each point gives way to its mean over the volume of the cell.
 
-    Args:
-        gradients: strain of each dof, (cells, per_cell, components, dofs of a cell).
-        volumes: of the Gauss points, (cells, per_cell).
+    ``gradients`` are those of each cell's dofs, (cells, per_cell, components, dofs), ``volumes`` (cells, per_cell).
     """
     trace = gradients[:, :, :3].sum(axis=2)
     shares = volumes / volumes.sum(axis=1, keepdims=True)

@@ -37,14 +37,9 @@ def keeps_volume(body: Body, hypothesis: str) -> bool:
 
 
 def mean_dilatation(scene: Scene, cell: str) -> tuple[bool, ...]:
-    """Whether each body of a scene takes the mean dilatation of its cells.
+    """Whether each body takes the mean dilatation of its cells.
 
-    Args:
-        scene: the scene.
-        cell: name of the cells of its mesh.
-
-    Warns:
-        LockingWarning: for bodies that keep their volume on cells that lock.
+    It warns of bodies that keep their volume on cells that lock.
     """
     bodies = tuple(keeps_volume(body, scene.hypothesis) for body in scene.bodies)
     if cell in SIMPLICES:

@@ -9,14 +9,9 @@ MEMORY = 6
 
 
 class Anderson:
-    """Anderson's acceleration of a fixed-point iteration x -> x + change(x) (D. G. Anderson, J. ACM 12, 1965).
+    """Anderson's acceleration of a fixed-point iteration x -> x + change(x) (D. G. Anderson, J. ACM 12, 1965)."""
 
-    Args:
-        memory: differences kept.
-    """
-
-    def __init__(self, memory: int = MEMORY):
-        self._memory = memory
+    def __init__(self):
         self._points: list[np.ndarray] = []
         self._changes: list[np.ndarray] = []
 
@@ -24,7 +19,7 @@ class Anderson:
         """The next iterate."""
         self._points.append(x)
         self._changes.append(change)
-        self._points, self._changes = self._points[-self._memory - 1 :], self._changes[-self._memory - 1 :]
+        self._points, self._changes = self._points[-MEMORY - 1 :], self._changes[-MEMORY - 1 :]
         if len(self._points) == 1:
             return x + change
         steps = np.diff(np.stack(self._points, axis=1), axis=1)

@@ -16,66 +16,13 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
 
-def cholesky_solver(matrix: PETSc.Mat, ordering: str, prefix: str) -> PETSc.KSP:
-    """A direct solver for a symmetric matrix, on any number of ranks; PETSc options can change how.
-
-    Args:
-        matrix: its values may change, its pattern not.
-        ordering: of PETSc's own Cholesky; ``mumps`` takes MUMPS, which several ranks always need.
-        prefix: of PETSc options.
-    """
-    matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-    ksp = PETSc.KSP().create(matrix.comm)
-    ksp.setOptionsPrefix(prefix)
-    ksp.setOperators(matrix)
-    ksp.setType(PETSc.KSP.Type.PREONLY)
-    pc = ksp.getPC()
-    pc.setType(PETSc.PC.Type.CHOLESKY)
-    if ordering == "mumps" or matrix.comm.size > 1:
-        pc.setFactorSolverType("mumps")
-    else:
-        pc.setFactorOrdering(ordering)
-    ksp.setFromOptions()
-    return ksp
-
-
 BLOCK = 128
 """Right-hand sides solved at once: the factors are read once for all of them, and they take little memory."""
 
 
 def ordering_of(block_size: int, plane: str) -> str:
-    """Ordering for :func:`cholesky_solver`: MUMPS in space, if PETSc has it, and the given one in the plane.
-
-    Args:
-        block_size: dofs per node.
-        plane: ordering of PETSc's own Cholesky that is best in the plane.
-    """
+    """Ordering for :class:`FreeCholesky`: MUMPS in space, if PETSc has it, and the given one in the plane."""
     return "mumps" if block_size == 3 and PETSc.Sys.hasExternalPackage("mumps") else plane
-
-
-def solve_columns(ksp: PETSc.KSP, columns: spmatrix) -> np.ndarray:
-    """Solve for the columns of a matrix in blocks, each rank with its own rows; collective.
-
-    Args:
-        ksp: of a matrix with as many rows on this rank.
-        columns: right-hand sides, sparse, (own rows, m).
-
-    Returns:
-        Solutions in Fortran's order, (own rows, m).
-    """
-    own, count = columns.shape
-    matrix = ksp.getOperators()[0]
-    columns, solutions = columns.tocsc(), np.empty((own, count), order="F")
-    for first in range(0, count, BLOCK):
-        part = slice(first, min(first + BLOCK, count))
-        width = part.stop - part.start
-        arrays = columns[:, part].toarray(order="F"), solutions[:, part]
-        sizes = (matrix.getSizes()[0], (PETSc.DECIDE, width))
-        rhs, found = (PETSc.Mat().createDense(sizes, array=array, comm=matrix.comm) for array in arrays)
-        for item in (rhs, found):
-            item.assemble()
-        ksp.matSolve(rhs, found)
-    return solutions
 
 
 def singular_stiffness(scene: str) -> str:
@@ -98,7 +45,7 @@ class FreeCholesky:
         free: dofs that are not imposed, (N,) bool.
         rows: range of the dofs that this rank owns.
         scene: its name, for messages and the prefix of PETSc options, ``hhr_<scene>_``.
-        ordering: see :func:`cholesky_solver`.
+        ordering: of PETSc's own Cholesky; ``mumps`` takes MUMPS, which several ranks always need.
         comm: ranks that share the rows.
 
     Attributes:
@@ -119,7 +66,18 @@ class FreeCholesky:
         sizes = (self._free.size, columns.size)
         entries = self._inside.indptr, self._inside.indices, self._inside.data
         self._matrix = PETSc.Mat().createAIJ((sizes, sizes), csr=entries, comm=comm)
-        self._ksp = cholesky_solver(self._matrix, ordering, f"hhr_{scene}_")
+        self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        self._ksp = PETSc.KSP().create(comm)
+        self._ksp.setOptionsPrefix(f"hhr_{scene}_")
+        self._ksp.setOperators(self._matrix)
+        self._ksp.setType(PETSc.KSP.Type.PREONLY)
+        pc = self._ksp.getPC()
+        pc.setType(PETSc.PC.Type.CHOLESKY)
+        if ordering == "mumps" or comm.size > 1:
+            pc.setFactorSolverType("mumps")
+        else:
+            pc.setFactorOrdering(ordering)
+        self._ksp.setFromOptions()
         if not factorised(self._ksp):
             raise NotSolvableError(singular_stiffness(scene))
         self._rhs, self._x = self._matrix.createVecs()
@@ -153,8 +111,20 @@ class FreeCholesky:
         return solution
 
     def solve_columns(self, columns: spmatrix) -> np.ndarray:
-        """Solutions for the columns of a sparse matrix of own rows, zero on imposed dofs, (own dofs, m)."""
-        found = np.zeros(columns.shape, order="F")
+        """Solutions for the columns of a sparse matrix of own rows, zero on imposed dofs, (own dofs, m); collective."""
+        columns = columns.tocsr()[self._free].tocsc()
+        own, count = columns.shape
+        found, solutions = np.zeros((self._own, count), order="F"), np.empty((own, count), order="F")
         with self.lock:
-            found[self._free] = solve_columns(self._ksp, columns.tocsr()[self._free])
+            for first in range(0, count, BLOCK):
+                part = slice(first, min(first + BLOCK, count))
+                sizes = (self._matrix.getSizes()[0], (PETSc.DECIDE, part.stop - part.start))
+                rhs, block = (
+                    PETSc.Mat().createDense(sizes, array=array, comm=self._matrix.comm)
+                    for array in (columns[:, part].toarray(order="F"), solutions[:, part])
+                )
+                for item in (rhs, block):
+                    item.assemble()
+                self._ksp.matSolve(rhs, block)
+        found[self._free] = solutions
         return found

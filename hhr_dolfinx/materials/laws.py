@@ -61,7 +61,6 @@ class Plasticity:
     hardening: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse softening, for which the problem depends on the mesh, and a yield stress that is none."""
         numbers = isinstance(self.yield_stress, Real) and isinstance(self.hardening, Real)
         if not (numbers and 0 < self.yield_stress < np.inf and 0 <= self.hardening < np.inf):
             raise SceneError(
@@ -93,7 +92,6 @@ class Norton:
     exponent: float
 
     def __post_init__(self) -> None:
-        """Refuse what has no or no unique flow."""
         numbers = isinstance(self.resistance, Real) and isinstance(self.exponent, Real)
         if not (numbers and 0 < self.resistance < np.inf and 1 <= self.exponent < np.inf):
             raise SceneError(f"resistance {self.resistance} must be positive and exponent {self.exponent} at least 1")

@@ -94,10 +94,7 @@ class StrainOperator:
     def stiffness(self, tangents: np.ndarray, pattern: SparsePattern, elastic: ElasticPart | None = None) -> csr_matrix:
         """Stiffness ∫ ε(v) : H : ε(u) of tangents H (gauss_points, components, components), (size, size).
 
-        Args:
-            tangents: H.
-            pattern: what :meth:`pattern` returned.
-            elastic: tangents and stiffness data of the elastic bodies; cells without flow then cost nothing.
+        Beside the tangents and the data of an elastic part, cells without flow cost nothing.
         """
         if elastic is None:
             data = np.zeros(pattern.indices.size)

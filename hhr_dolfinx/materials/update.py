@@ -144,9 +144,6 @@ class Material:
         """Laws whose slope is not the derivative of their flow, in words; None where nothing flows enough to tell.
 
         A wrong slope changes no answer; steps take more iterations, or fail for no visible reason.
-
-        Args:
-            strain, old, dt: of a step, see :meth:`update`.
         """
         complaints = []
         for group in self.groups:
@@ -168,12 +165,7 @@ class Material:
 def _flow_of(
     law: Flow, trial: np.ndarray, cumulated: np.ndarray, mu: float, dt: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Flow and slope that a law answers with, as arrays of numbers.
-
-    Raises:
-        SceneError: if it answers with something else.
-        ConvergenceError: if it finds no flow.
-    """
+    """Flow and slope that a law answers with, as arrays; SceneError for other things, ConvergenceError for no flow."""
     try:
         answer = law.flow(trial, cumulated, mu, dt)
     except ArithmeticError as error:
@@ -199,7 +191,7 @@ def _shortened(answer: object, most: int = 60) -> str:
 
 
 def _check_flow(law: Flow, amount: np.ndarray, slope: np.ndarray, trial: np.ndarray, mu: float) -> None:
-    """Refuse a flow that is not finite or would turn the stress round."""
+    """Raise ConvergenceError for a flow that is not finite or would turn the stress round."""
     if not amount.shape == slope.shape == trial.shape:
         raise ConvergenceError(f"{law} must answer with a flow and a slope of shape {trial.shape}")
     right = np.isfinite(slope) & (amount >= 0) & (3 * mu * amount <= trial * (1 + 1e-9))

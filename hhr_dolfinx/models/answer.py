@@ -164,24 +164,41 @@ class Model(Protocol):
     """What a study, a check or a user asks of any model: full, reduced, condensed, or a rival."""
 
     def solve(self, mu: Any, *, start: Any = "nearest", raise_on_failure: bool = True, outside: str = "warn") -> Answer:
-        """Answer one parameter."""
+        """Answer one parameter.
+
+        Args:
+            mu: number, sequence or mapping by name.
+            start: statuses to start from, one bool for each condition of the model; ``nearest`` for those of the
+                nearest known parameter, None for those of the free slack.
+            raise_on_failure: raise instead of returning an answer with NaN and a status.
+            outside: what happens to a parameter of the box that lies outside what was trained: ``warn``, ``refuse`` or
+                ``ignore``; nothing is outside what a full model can answer.
+
+        Raises:
+            ParameterError: if ``mu`` is not finite or outside the box, or ``start`` is none.
+            OutsideTrainingError: if it is outside what was trained, and that is to be refused.
+            ConvergenceError: if the statuses do not settle.
+            NotSolvableError: if contact rows are dependent.
+
+        Warns:
+            OutsideTrainingWarning: if it is outside what was trained, unless told otherwise.
+        """
 
     def march(self, path: Any, settings: Any = ...) -> History:
-        """Answer a history from rest."""
+        """Answer a history from rest.
+
+        Args:
+            path: times in seconds and parameters, the first ones at rest; parameters are linear between them.
+            settings: a :class:`~hhr_dolfinx.models.path.MarchSettings`.
+
+        Raises:
+            ParameterError: if the path is none, or leaves the box.
+            ConvergenceError, OutsideTrainingError: with an attribute ``history`` that holds the steps before.
+        """
 
 
 def outcome(answer: Answer, raise_on_failure: bool, advice: Mapping[Status, str] = MappingProxyType({})) -> Answer:
-    """An answer, or one that is emptied, so that nobody mistakes an iterate for a solution.
-
-    Args:
-        answer: what was found.
-        raise_on_failure: raise instead of returning NaN with a status.
-        advice: what helps against a status in the model that was asked.
-
-    Raises:
-        NotSolvableError: if a set of statuses was singular, or numbers were not finite.
-        ConvergenceError: if the statuses did not settle.
-    """
+    """An answer, or one that is emptied, so that nobody mistakes an iterate for a solution."""
     if answer.status is Status.CONVERGED:
         return answer
     if raise_on_failure:

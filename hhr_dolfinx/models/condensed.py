@@ -79,8 +79,7 @@ class KnownStatuses:
     active: np.ndarray
 
     def __post_init__(self) -> None:
-        """Protect the statuses: answers share them."""
-        self.active.setflags(write=False)
+        self.active.setflags(write=False)  # answers share them
 
     @cached_property
     def _distances(self) -> tuple[np.ndarray, np.ndarray]:
@@ -173,25 +172,7 @@ class CondensedModel:
         return type(self), (self.parameters, self.amplitudes, responses, self.known, self.fields, *how)
 
     def solve(self, mu: Any, *, start: Any = "nearest", raise_on_failure: bool = True, outside: str = "warn") -> Answer:
-        """Solve for one parameter.
-
-        Args:
-            mu: number, sequence or mapping by name.
-            start: statuses to start from, (m,) bool; ``nearest`` for those of the nearest known parameter, None for
-                those of the free slack.
-            raise_on_failure: raise instead of returning an answer with NaN and a status.
-            outside: what happens to a parameter of the box that lies outside what was trained: ``warn``, ``refuse`` or
-                ``ignore``.
-
-        Raises:
-            ParameterError: if ``mu`` is not finite or outside the box, or ``start`` or ``outside`` is none.
-            OutsideTrainingError: if it is outside what was trained, and that is to be refused.
-            ConvergenceError: if the statuses do not settle.
-            NotSolvableError: if an active set is singular.
-
-        Warns:
-            OutsideTrainingWarning: if it is outside what was trained, unless told otherwise.
-        """
+        """Solve for one parameter, see :meth:`Model.solve`."""
         point = self.parameters.point(mu)
         check_outside(outside)
         if self._door is not None:

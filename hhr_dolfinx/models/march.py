@@ -163,15 +163,8 @@ def _advance(
 ) -> tuple[Answer, bool]:
     """One step as asked for, then in 2, 4, ... parts, each of which is tried like a step of its own.
 
-    Args:
-        model: full or reduced.
-        trail: the last answers, at most three, the present one at the end.
-        goal: where to.
-        settings: how.
-        memory: what one step leaves to the next.
-
-    Returns:
-        The answer there, with the iterations of all attempts, and whether the step was cut.
+    ``trail`` holds the last answers, at most three, the present one at the end. Returned are the answer, with the
+    iterations of all attempts, and whether the step was cut.
     """
     here, spent = trail[-1], 0
     for parts in (2**halvings for halvings in range(settings.cuts + 1)):
@@ -301,7 +294,7 @@ def _elastic_start(model, here, theta):
 
 
 def _check_small(strain):
-    """Refuse a runaway: beyond its limit load a body is in balance to round-off, which grows with the displacement."""
+    """A runaway is no answer: beyond its limit load a body is in balance to round-off, which grows with it."""
     sizes = np.abs(strain).max(axis=1)
     if sizes.max() > MOST_STRAIN:
         why = f"a strain of {sizes.max():.3g} is no small strain: the load is more than is borne"

@@ -1,4 +1,4 @@
-"""Histories as they are asked for: a checked path and settings; and how models in which nothing flows answer one."""
+"""The path and the settings of a history, and how models in which nothing flows answer one."""
 
 from __future__ import annotations
 
@@ -46,11 +46,6 @@ class MarchSettings:
     outside: str = "warn"
 
     def __post_init__(self):
-        """Refuse what would be taken for something else, or would never end a step.
-
-        Raises:
-            ParameterError: with the value and what is possible.
-        """
         for name, choices in (("search", SEARCHES), ("outside", OUTSIDE)):
             if getattr(self, name) not in choices:
                 raise ParameterError(f"{name} '{getattr(self, name)}' is unknown, one of {', '.join(choices)}")
@@ -113,12 +108,7 @@ def solve_along(
         model: full, reduced or condensed.
         path: as :func:`checked_path` returns it.
         settings: of which ``outside`` counts.
-        known: answers to the first steps, solved before.
-        keep: told of each answer as soon as it is there.
-
-    Raises:
-        ParameterError: for settings that are none.
-        Whatever the model raises, with an attribute ``history`` that holds the steps before.
+        known, keep: see :meth:`FullOrderModel.march`.
     """
     check_settings(settings)
     history = History(*path[0])
@@ -144,17 +134,8 @@ def one_step(
 ) -> Answer:
     """Answer of a model of bodies that flow: one step from rest where the box is nearest to zero.
 
-    Args:
-        model: full or reduced.
-        mu: parameter.
-        raise_on_failure: raise instead of returning an answer with NaN and a status.
-        outside: see :class:`MarchSettings`.
-        duration: of the step, in seconds; it counts for laws with rates.
-
-    Raises:
-        ParameterError: if ``mu`` is none, or outside the box.
-        ConvergenceError: if the step does not converge; how bodies flow depends on the path, for which there is
-            ``march``.
+    How bodies flow depends on the path, for which there is ``march``. The arguments are those of :meth:`Model.solve`,
+    and the duration of the step in seconds, which counts for laws with rates.
     """
     space = model.parameters
     target, start = space.point(mu), np.clip(0.0, space.lower, space.upper)

@@ -130,9 +130,6 @@ class Reconstruction:
 
         Non-negative combinations of training forces are fitted to the forces inside the RID, and penalised outside
         where the reconstructed gap is open; inside, forces at open gaps are 0 already.
-
-        Raises:
-            ConvergenceError: if the fit does not end.
         """
         if not answer.converged:
             return np.full(len(self.gaps), np.nan)

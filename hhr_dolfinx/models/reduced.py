@@ -97,29 +97,15 @@ class ReducedModel:
     def solve(
         self, mu: Any, *, start: Any = "nearest", raise_on_failure: bool = True, outside: str = "warn", **step: Any
     ) -> Answer:
-        """Solve for one parameter; where bodies flow, as here, in one step from rest.
+        """Solve for one parameter, see :meth:`Model.solve`; where bodies flow, as here, in one step from rest.
 
-        Args:
-            mu, start, raise_on_failure, outside: see :meth:`CondensedModel.solve`; a step knows no ``start``.
-            step: ``duration`` of the step, see :func:`one_step`.
-
-        Raises:
-            ParameterError, OutsideTrainingError, ConvergenceError, NotSolvableError: see there.
+        Such a step knows no ``start``; ``step`` may hold its ``duration``, see :func:`one_step`.
         """
         checked_start(start, len(self.problem.gaps))
         return one_step(self, mu, raise_on_failure, outside, **step)
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
-        """Solve a history from rest.
-
-        Args:
-            path: times in seconds and parameters, the first ones at rest; parameters are linear between them.
-            settings: how.
-
-        Raises:
-            ParameterError: if the path is none, or leaves the box.
-            ConvergenceError, OutsideTrainingError: with an attribute ``history``, see :func:`models.march.march`.
-        """
+        """Solve a history from rest, see :meth:`Model.march`."""
         if self.equilibrium is None:
             return solve_along(self, checked_path(self.parameters, path), settings)
         from hhr_dolfinx.models.march import march

@@ -1,1 +1,1 @@
-"""What answers: the reduced model, whole fields from it, its file, tables of parameters. Needs no DOLFINx."""
+"""Reduced models in files, and tables of parameters answered by them. Needs no DOLFINx."""

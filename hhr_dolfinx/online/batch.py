@@ -70,21 +70,18 @@ def answer_points(
     progress: Progress = iter,
     outside: str = "refuse",
 ) -> Answers | None:
-    """Answer every point with contact forces on the whole surface.
+    """Answer every point, (S, P), with contact forces on the whole surface; None on all ranks but the first.
 
     Each rank takes a block of them: queries take about the same time, so that nothing is gained by handing them out
     one by one.
 
     Args:
-        model: the reduced model, the same on all ranks.
-        points: (S, P), the same on all ranks.
+        model: the reduced model, the same on all ranks, as the points.
+        points: (S, P).
         comm: communicator over which they are spread; None for this process alone, which needs no MPI.
         progress: wraps the iteration, for a progress bar.
-        outside: what happens to parameters outside what was trained, see :meth:`ReducedModel.solve`; batches are read
-            by those who see no warnings, so that such rows are refused unless asked for otherwise.
-
-    Returns:
-        The answers on rank 0; None elsewhere.
+        outside: see :meth:`Model.solve`; batches are read by those who see no warnings, so that rows outside what was
+            trained are refused unless asked for otherwise.
 
     Raises:
         ParameterError: for what is no table of points, or an unknown ``outside``.

@@ -259,13 +259,7 @@ class _Content(NamedTuple):
 
 
 def _checked(header: dict, arrays: Mapping[str, np.ndarray], kinds: Mapping[str, type]) -> _Content:
-    """The content of a file, if it is that of a model.
-
-    Raises:
-        FileContentError: with what is wrong.
-        ModelFileError: for a class that is not known.
-        SceneError: for a box or amplitudes that are none.
-    """
+    """The content of a file, if it is that of a model."""
     _check_header(header)
     space, arrays = ParameterSpace(**header["parameters"]), dict(arrays)
     amplitudes, laws = (_values(what, header[what], arrays, kinds) for what in ("amplitudes", "laws"))

@@ -35,4 +35,8 @@ class Pairing(Protocol):
         """Facet tags of the surfaces."""
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """Contact rows of the surfaces, with ``dofs`` columns."""
+        """Contact rows of the surfaces, with ``dofs`` columns.
+
+        It raises SceneError where surfaces do not face each other, and gives PairingWarnings: of nodes beyond the edge
+        of the other surface, which get no condition, and of bodies that overlap by more than a cell.
+        """

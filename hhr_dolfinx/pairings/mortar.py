@@ -30,7 +30,7 @@ from hhr_dolfinx.pairings.surface import (
     normalised,
     tangential_order,
     unit,
-    warn,
+    warn_beyond_edge,
     warn_of_overlap,
     warn_of_sag,
     warn_of_tilt,
@@ -63,7 +63,6 @@ class Mortar:
     multipliers: str = "dual"
 
     def __post_init__(self) -> None:
-        """Refuse an unknown kind of multipliers."""
         if self.multipliers not in MULTIPLIERS:
             raise SceneError(f"multipliers '{self.multipliers}' are unknown, one of {', '.join(MULTIPLIERS)}")
 
@@ -73,14 +72,7 @@ class Mortar:
         return (self.slave, self.master)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """One row for each slave node whose surroundings face the master surface.
-
-        Raises:
-            SceneError: if the surfaces do not face each other anywhere.
-
-        Warns:
-            PairingWarning: for slave nodes beyond the edge of the master, and for deep overlap.
-        """
+        """One row for each slave node whose surroundings face the master surface."""
         slave, master = surfaces
         dim, normals = slave.points.shape[1], None
         if self.normal is None:
@@ -120,12 +112,7 @@ class Mortar:
         covered = area > COVERED * slave.areas
         if not covered.any():
             raise SceneError(never_facing(slave, master, "no slave node is covered by the master"))
-        if not covered.all():
-            warn(
-                f"{int((~covered).sum())} of {n} nodes of slave surface {slave.tag} lie beyond the edge of master "
-                f"surface {master.tag} or look away from it and get no contact condition, e.g. at "
-                f"{slave.points[~covered][0].tolist()}"
-            )
+        warn_beyond_edge(slave, master, ~covered)
         scale = diags(1 / np.where(covered, area, 1.0))
         # dual functions are biorthogonal to the shape functions of the slave
         onto_slave = identity(n) if dual else scale @ _assemble(here, tested, here, segments.slave_values, (n, n))
@@ -144,7 +131,7 @@ class Mortar:
 
 
 def _check_one_layer(slave: Surface, master: Surface, segments: Segments) -> None:
-    """Refuse slave facets that are covered more than once."""
+    """Raise SceneError for slave facets that are covered more than once."""
     covered = np.bincount(segments.slave, segments.measures, len(slave.facets))
     times = covered / (slave.sizes * slave.weights[slave.facets].mean(axis=1))
     if times.max() > 1.05:

@@ -33,11 +33,7 @@ class NodeToNode:
         return (self.first, self.second)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """One row for each pair of nodes.
-
-        Raises:
-            SceneError: if a surface looks the wrong way, or a node has no partner or several.
-        """
+        """One row for each pair of nodes."""
         first, second = surfaces
         normal = unit(self.normal, first.points.shape[1])
         check_facing(first, normal, along=True)

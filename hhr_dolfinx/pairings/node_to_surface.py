@@ -11,7 +11,7 @@ from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactRows, joined
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.pairings.projection import Feet, closest_points, project
+from hhr_dolfinx.pairings.projection import ClosestPoints, closest_points, project
 from hhr_dolfinx.pairings.surface import (
     FACING,
     GRAZING,
@@ -24,6 +24,7 @@ from hhr_dolfinx.pairings.surface import (
     tangential_order,
     unit,
     warn,
+    warn_beyond_edge,
     warn_of_overlap,
     warn_of_sag,
     warn_of_tilt,
@@ -63,21 +64,13 @@ class NodeToSurface:
         return (self.slave, self.master)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """One row for each slave node that faces the master surface.
-
-        Raises:
-            SceneError: if the surfaces do not face each other anywhere.
-
-        Warns:
-            PairingWarning: for slave nodes beyond the edge of the master, which get no condition, and for
-                bodies that overlap by more than a cell.
-        """
+        """One row for each slave node that faces the master surface."""
         slave, master = surfaces
         if self.normal is None:
-            kept, feet, normals = _closest(slave, master)
+            kept, closest, normals = _closest(slave, master)
         else:
-            kept, feet, normals = _along(slave, master, unit(self.normal, slave.points.shape[1]))
-        nodes, weights = master.facets[feet.facets], feet.weights
+            kept, closest, normals = _along(slave, master, unit(self.normal, slave.points.shape[1]))
+        nodes, weights = master.facets[closest.facets], closest.weights
         order = kept[tangential_order(slave.points[kept], mean_normal(slave))]
         points = slave.points[order]
         master_points = np.einsum("mk,mkd->md", weights[order], master.points[nodes[order]])
@@ -91,7 +84,7 @@ class NodeToSurface:
             areas=slave.areas[order],
         )
         warn_of_overlap(slave, rows)
-        bulges = master.bulges(feet.facets[order], weights[order])
+        bulges = master.bulges(closest.facets[order], weights[order])
         warn_of_sag(slave, master, rows, float(np.abs(bulges) @ rows.areas / rows.areas.sum()))
         return rows
 
@@ -120,14 +113,7 @@ class DoublePass:
         return (self.first, self.second)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """Rows of both passes without duplicates.
-
-        Raises:
-            SceneError: if the surfaces do not face each other anywhere.
-
-        Warns:
-            PairingWarning: as :class:`NodeToSurface`, and if the inf-sup constant is poor.
-        """
+        """Rows of both passes without duplicates."""
         first, second = surfaces
         back = None if self.normal is None else tuple(-np.asarray(self.normal, dtype=float))
         passes, refusals = [], []
@@ -154,8 +140,8 @@ class DoublePass:
         return joined([one, two.take(kept)])
 
 
-def _along(slave: Surface, master: Surface, normal: np.ndarray) -> tuple[np.ndarray, Feet, np.ndarray]:
-    """Project the slave nodes along a given normal; kept slave nodes, and the feet and normals of all."""
+def _along(slave: Surface, master: Surface, normal: np.ndarray) -> tuple[np.ndarray, ClosestPoints, np.ndarray]:
+    """Project the slave nodes along a given normal; kept slave nodes, and the closest and normals of all."""
     check_facing(slave, normal, along=True)
     for surface in (slave, master):
         warn_of_tilt(surface, normal)
@@ -168,47 +154,42 @@ def _along(slave: Surface, master: Surface, normal: np.ndarray) -> tuple[np.ndar
     found = closest_points(slave.points @ (flat + LAYERS * along), corners @ (flat + LAYERS * along)).facets
     weights = project(slave.points @ flat, corners[found] @ flat)
     offsets = slave.points @ flat - np.einsum("mk,mkd->md", weights, corners[found] @ flat)
-    feet = Feet(np.flatnonzero(facing)[found], weights, offsets)
-    beyond = np.linalg.norm(offsets, axis=1) > BEYOND * master.lengths()[feet.facets]
+    closest = ClosestPoints(np.flatnonzero(facing)[found], weights, offsets)
+    beyond = np.linalg.norm(offsets, axis=1) > BEYOND * master.lengths()[closest.facets]
     looking = np.zeros(len(slave.nodes), dtype=bool)
     looking[slave.facets[slave.outward @ normal > GRAZING]] = True
-    return _kept(slave, master, beyond | ~looking), feet, np.tile(normal, (len(slave.nodes), 1))
+    return _kept(slave, master, beyond | ~looking), closest, np.tile(normal, (len(slave.nodes), 1))
 
 
-def _closest(slave: Surface, master: Surface) -> tuple[np.ndarray, Feet, np.ndarray]:
-    """Closest-point projection of the slave nodes; kept slave nodes, and the feet and normals of all."""
-    feet = closest_points(slave.points, master.corners, master.facets)
-    corner_normals, outward = master.corner_normals()[feet.facets], master.outward[feet.facets]
-    smooth = np.einsum("mk,mkd->md", feet.weights, corner_normals)
+def _closest(slave: Surface, master: Surface) -> tuple[np.ndarray, ClosestPoints, np.ndarray]:
+    """Closest-point projection of the slave nodes; kept slave nodes, and the closest and normals of all."""
+    closest = closest_points(slave.points, master.corners, master.facets)
+    corner_normals, outward = master.corner_normals()[closest.facets], master.outward[closest.facets]
+    smooth = np.einsum("mk,mkd->md", closest.weights, corner_normals)
     normals = -smooth / np.linalg.norm(smooth, axis=1, keepdims=True)
     facing = np.einsum("md,md->m", slave.node_normals(), normals) > FACING
     if not facing.any():
         raise SceneError(never_facing(slave, master, "the closest facets all look the same way as the slave"))
     # a back side lies behind by the thickness of both bodies, and no body is thinner than a cell
-    overlap = np.einsum("md,md->m", feet.offsets, normals)
-    behind = overlap > np.maximum(slave.node_depths(), master.depths[feet.facets])
+    overlap = np.einsum("md,md->m", closest.offsets, normals)
+    behind = overlap > np.maximum(slave.node_depths(), master.depths[closest.facets])
     if not (facing & ~behind).any():
         raise SceneError(never_facing(slave, master, beyond_overlap(overlap[facing].max())))
     # beyond an edge of the master the closest point lies on that edge and not below the node; on a curved surface
     # facets are turned against the true normal, by no more than twice what the averages over neighbours are
-    height = np.einsum("md,md->m", feet.offsets, outward)
-    sideways = np.linalg.norm(feet.offsets - outward * height[:, None], axis=1)
+    height = np.einsum("md,md->m", closest.offsets, outward)
+    sideways = np.linalg.norm(closest.offsets - outward * height[:, None], axis=1)
     cosine = np.clip(np.einsum("mkd,md->mk", corner_normals, outward).min(axis=1), -1.0, 1.0)
     allowed = np.tan(np.minimum(2 * np.arccos(cosine), 1.0)) * np.abs(height)
-    beyond = sideways > BEYOND * master.lengths()[feet.facets] + 1.001 * allowed
-    return _kept(slave, master, beyond | behind | ~facing), feet, normals
+    beyond = sideways > BEYOND * master.lengths()[closest.facets] + 1.001 * allowed
+    return _kept(slave, master, beyond | behind | ~facing), closest, normals
 
 
 def _kept(slave: Surface, master: Surface, lost: np.ndarray) -> np.ndarray:
     """Leave out slave nodes that face nothing, with a warning that names a place."""
     if lost.all():
         raise SceneError(never_facing(slave, master, "no slave node lies in front of a master facet"))
-    if lost.any():
-        warn(
-            f"{int(lost.sum())} of {lost.size} nodes of slave surface {slave.tag} lie beyond the edge of master "
-            f"surface {master.tag} or look away from it and get no contact condition, e.g. at "
-            f"{slave.points[lost][0].tolist()}: swap slave and master, or tag only what can touch"
-        )
+    warn_beyond_edge(slave, master, lost, ": swap slave and master, or tag only what can touch")
     return np.flatnonzero(~lost)
 
 

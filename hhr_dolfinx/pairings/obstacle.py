@@ -28,7 +28,6 @@ class Obstacle:
     offset: float
 
     def __post_init__(self) -> None:
-        """Refuse a plane that is nowhere."""
         if not is_number(self.offset):
             raise SceneError(
                 f"the offset {self.offset!r} of the obstacle at surface {self.surface} must be a finite number: "
@@ -41,11 +40,7 @@ class Obstacle:
         return (self.surface,)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """One row u·n <= offset - x·n for each node.
-
-        Raises:
-            SceneError: if the surface looks away from the obstacle.
-        """
+        """One row u·n <= offset - x·n for each node."""
         (surface,) = surfaces
         normal = unit(self.normal, surface.points.shape[1])
         check_facing(surface, normal, along=True)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from dolfinx.mesh import Mesh
 
 
-class Feet(NamedTuple):
+class ClosestPoints(NamedTuple):
     """Closest points of a surface.
 
     Attributes:
@@ -28,7 +28,7 @@ class Feet(NamedTuple):
     offsets: np.ndarray
 
 
-def closest_points(points: np.ndarray, corners: np.ndarray, nodes: np.ndarray | None = None) -> Feet:
+def closest_points(points: np.ndarray, corners: np.ndarray, nodes: np.ndarray | None = None) -> ClosestPoints:
     """Closest points on facets given by their corners.
 
     Args:
@@ -45,10 +45,12 @@ def closest_points(points: np.ndarray, corners: np.ndarray, nodes: np.ndarray | 
     if nodes is not None and corners.shape[1] == 4:
         return _closest_of_neighbours(points, corners, nodes, facets)
     weights = project(points, corners[facets])
-    return Feet(facets, weights, points - np.einsum("mk,mkd->md", weights, corners[facets]))
+    return ClosestPoints(facets, weights, points - np.einsum("mk,mkd->md", weights, corners[facets]))
 
 
-def _closest_of_neighbours(points: np.ndarray, corners: np.ndarray, nodes: np.ndarray, facets: np.ndarray) -> Feet:
+def _closest_of_neighbours(
+    points: np.ndarray, corners: np.ndarray, nodes: np.ndarray, facets: np.ndarray
+) -> ClosestPoints:
     """The closest point on the given facet of each point and on all facets that share a node with it."""
     count, k = nodes.shape
     touches = csr_matrix((np.ones(count * k), (np.repeat(np.arange(count), k), nodes.ravel())))
@@ -59,18 +61,13 @@ def _closest_of_neighbours(points: np.ndarray, corners: np.ndarray, nodes: np.nd
     # the nearest of each point comes first; of equals, the facet with the smallest number
     order = np.lexsort((facet, np.round(np.linalg.norm(offsets, axis=1) / np.ptp(corners), 14), point))
     best = order[np.searchsorted(point[order], np.arange(len(points)))]
-    return Feet(facet[best], weights[best], offsets[best])
+    return ClosestPoints(facet[best], weights[best], offsets[best])
 
 
 def near_pairs(first: np.ndarray, second: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of facets whose bounding boxes, the first ones enlarged by ``reach``, meet.
+    """Pairs of facets whose bounding boxes, the first ones enlarged by the length ``reach``, meet.
 
-    Args:
-        first, second: corners of the facets, (f, k, dim) and (g, l, dim).
-        reach: length.
-
-    Returns:
-        Facets of the first and of the second surface, (p,) each.
+    Corners are (f, k, dim) and (g, l, dim); returned are facets of the first and of the second surface, (p,) each.
     """
     size = max(np.ptp(first, axis=(0, 1)).max(), np.ptp(second, axis=(0, 1)).max())
     shift = second.reshape(-1, second.shape[2]).mean(axis=0)
@@ -89,15 +86,7 @@ def _facet_mesh(corners: np.ndarray) -> Mesh:
 
 
 def project(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Shape functions at the closest point of one facet for each point.
-
-    Args:
-        points: (m, dim).
-        corners: corners of the facet of each point, (m, k, dim).
-
-    Returns:
-        Weights, non-negative and of sum 1, (m, k).
-    """
+    """Shape functions at the closest point of a facet for each point, (m, dim), by its corners, (m, k, dim): (m, k)."""
     k = corners.shape[1]
     if k == 2:
         return _on_segment(points, corners)
@@ -116,14 +105,9 @@ def project(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def shape_functions(local: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Shape functions of triangles (k = 3) or tensor-ordered quadrilaterals (k = 4) and their derivatives.
+    """Shape functions of triangles (k = 3) or tensor-ordered quadrilaterals (k = 4), (m, k), and slopes, (m, k, 2).
 
-    Args:
-        local: reference coordinates in the unit triangle or square, (m, 2).
-        k: nodes of the facet.
-
-    Returns:
-        Values (m, k) and derivatives (m, k, 2).
+    ``local`` holds reference coordinates in the unit triangle or square, (m, 2).
     """
     x, y = local.T
     one = np.ones_like(x)

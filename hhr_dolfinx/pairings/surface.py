@@ -107,8 +107,7 @@ class Surface:
     def node_depths(self) -> np.ndarray:
         """Smallest depth of the facets at each node, (n,)."""
         smallest = np.full(len(self.nodes), np.inf)
-        for column in self.facets.T:
-            np.minimum.at(smallest, column, self.depths)
+        np.minimum.at(smallest, self.facets, self.depths[:, None])
         return smallest
 
     def lengths(self) -> np.ndarray:
@@ -117,10 +116,8 @@ class Surface:
 
     def cell_sizes(self) -> np.ndarray:
         """Length of the largest facet at each node, (n,): what 'near' means there."""
-        lengths = self.lengths()
         largest = np.zeros(len(self.nodes))
-        for column in self.facets.T:
-            np.maximum.at(largest, column, lengths)
+        np.maximum.at(largest, self.facets, self.lengths()[:, None])
         return largest
 
 
@@ -151,9 +148,6 @@ def make_surface(
         points: coordinates of all nodes of the mesh.
         weights: weight of the surface measure at all nodes.
         areas: tributary area at all nodes.
-
-    Raises:
-        SceneError: if the surface is empty, a facet has no area, or facets lie inside the mesh.
     """
     if len(facet_nodes) == 0:
         raise SceneError(f"contact surface {tag} has no facets: the contact pair is empty")
@@ -212,11 +206,7 @@ def _without_area(corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
 
 
 def unit(normal: Sequence[float], dim: int) -> np.ndarray:
-    """Check a normal given by the user and normalise it.
-
-    Raises:
-        SceneError: for a wrong length or a zero or non-finite vector.
-    """
+    """A normal given by the user as a unit vector; SceneError for a wrong length, zero, or what is not finite."""
     try:
         vector = np.asarray(normal, dtype=float)
     except (TypeError, ValueError):
@@ -228,11 +218,7 @@ def unit(normal: Sequence[float], dim: int) -> np.ndarray:
 
 
 def check_facing(surface: Surface, normal: np.ndarray, along: bool) -> None:
-    """Check that a surface looks along the contact normal, or against it.
-
-    Raises:
-        SceneError: with the place where it does not.
-    """
+    """Raise SceneError for a surface that does not look along the contact normal, or against it."""
     facing = surface.node_normals() @ normal
     away = (facing if along else -facing) < -1e-9
     if away.any():
@@ -245,15 +231,7 @@ def check_facing(surface: Surface, normal: np.ndarray, along: bool) -> None:
 
 
 def warn_of_tilt(surface: Surface, normal: np.ndarray) -> None:
-    """Warn of a given normal that a flat surface does not look along, or against: forces would act along it.
-
-    Args:
-        surface: slave or master.
-        normal: unit vector given by the user.
-
-    Warns:
-        PairingWarning: with the angle.
-    """
+    """Warn of a given unit normal that a flat surface does not look along, or against: forces would act along it."""
     mean = surface.sizes @ surface.outward / surface.sizes.sum()
     length = np.linalg.norm(mean)
     cosine = abs(mean @ normal) / length if length > 0 else 1.0
@@ -282,15 +260,7 @@ def never_facing(slave: Surface, master: Surface, why: str) -> str:
 
 
 def warn_of_overlap(surface: Surface, rows: ContactRows) -> None:
-    """Warn where bodies overlap by more than a cell: more often a mistake than a press fit.
-
-    Args:
-        surface: slave surface.
-        rows: its conditions.
-
-    Warns:
-        PairingWarning: with the deepest place.
-    """
+    """Warn where conditions of a slave surface overlap by more than a cell: more often a mistake than a press fit."""
     sizes = np.zeros(surface.nodes.max() + 1)
     sizes[surface.nodes] = surface.cell_sizes()
     deep = rows.gap < -sizes[rows.slaves]
@@ -305,13 +275,7 @@ def warn_of_overlap(surface: Surface, rows: ContactRows) -> None:
 def warn_of_sag(slave: Surface, master: Surface, rows: ContactRows, sag: float) -> None:
     """Warn where the gap is that of the mesh and not of the curved surfaces that it stands for.
 
-    Args:
-        slave, master: the surfaces.
-        rows: their conditions.
-        sag: mean of :meth:`Surface.bulges` of both, taken together where they face each other.
-
-    Warns:
-        PairingWarning: with the mean gap and this sag.
+    ``sag`` is the mean of :meth:`Surface.bulges` of both surfaces, taken together where they face each other.
     """
     gap = float(rows.areas @ np.abs(rows.gap) / rows.areas.sum())
     if sag > SAG * gap and sag > 1e-9 * np.ptp(slave.points):
@@ -320,6 +284,16 @@ def warn_of_sag(slave: Surface, master: Surface, rows: ContactRows, sag: float) 
             f"the curved surfaces they stand for by {sag:.3g} on average: the gap is one of the mesh. Mesh both finer, "
             "until the sag of a facet, its length times its angle to the next one over 8, is far below the gap, or "
             "mesh both alike, node to node"
+        )
+
+
+def warn_beyond_edge(slave: Surface, master: Surface, lost: np.ndarray, advice: str = "") -> None:
+    """Warn of slave nodes that get no condition, by a mask."""
+    if lost.any():
+        warn(
+            f"{int(lost.sum())} of {lost.size} nodes of slave surface {slave.tag} lie beyond the edge of master "
+            f"surface {master.tag} or look away from it and get no contact condition, e.g. at "
+            f"{slave.points[lost][0].tolist()}{advice}"
         )
 
 

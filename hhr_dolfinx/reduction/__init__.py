@@ -1,1 +1,1 @@
-"""From snapshots to a reduced model that can be trusted: basis, RID, projection, enrichment, stability."""
+"""From snapshots to a reduced model that can be trusted: recipe, basis, RID, enrichment, projection, build."""

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.certify.compare import Comparison, compare_histories, compare_points, floor_of, largest_motion
+from hhr_dolfinx.certify.accuracy import force_floor
+from hhr_dolfinx.certify.compare import Comparison, compare_histories, compare_points, largest_motion
 from hhr_dolfinx.certify.constants import FullConstants, Stability, assess
 from hhr_dolfinx.certify.trust import (
     check_comparison,
@@ -18,10 +19,7 @@ from hhr_dolfinx.certify.trust import (
     check_solvable,
     check_stability,
     first_trusted,
-    warn_no_flow,
-    warn_of_gaps_in_training,
-    warn_of_held_out,
-    warn_untouched,
+    warn_of_training,
 )
 from hhr_dolfinx.contact.problem import IndexSets
 from hhr_dolfinx.errors import ReductionError
@@ -46,7 +44,7 @@ class OfflineRecord:
     """How a reduced model was made, and what was found out about it.
 
     Attributes:
-        recipe: what was asked for.
+        recipe: how it was to be reduced.
         layers: layers of cells of the RID, by which it may have grown.
         basis: V, (N, ell).
         sets: index sets of the RID.
@@ -135,7 +133,9 @@ def build(
     if recipe.trust is None:
         log.skip("validation", "no limits were given: the model is as it is")
     else:
-        _warn_of_training(full, snapshots, held_out, log)
+        warn_of_training(full, snapshots, held_out)
+        if held_out is None:
+            log.skip("held_out", "nothing was kept out of training: training answers were compared")
     with log.stage("basis"):
         basis = _basis_of(recipe.basis, full.problem, snapshots)
     with log.stage("rid"):
@@ -162,11 +162,7 @@ def build(
 
 
 def _check_given(full, snapshots, recipe, held_out) -> None:
-    """Refuse what is no recipe, and solutions of another problem.
-
-    Raises:
-        ReductionError: with what was given.
-    """
+    """Raise ReductionError for what is no recipe, and for solutions of another problem."""
     if not isinstance(recipe, Recipe):
         raise ReductionError(f"{recipe!r} is no recipe: give a Recipe")
     if not full.problem.whole:
@@ -194,11 +190,7 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
 
 
 def _basis_of(step, problem, snapshots) -> np.ndarray:
-    """The basis of a step, of a user's own maybe, as the equations are written for it.
-
-    Raises:
-        ReductionError: with what is wrong and how to make it right.
-    """
+    """The basis of a step, of a user's own maybe, as the equations are written for it."""
     basis, rows = np.asarray(step.modes(problem, snapshots)), len(problem.free)
     if basis.ndim != 2 or len(basis) != rows or not 0 < basis.shape[1] <= rows or not np.isfinite(basis).all():
         raise ReductionError(f"modes of {step!r} have the shape {basis.shape}: finite ones ({rows}, ell) are needed")
@@ -212,20 +204,6 @@ def _basis_of(step, problem, snapshots) -> np.ndarray:
 def _nodes_of(step, problem, snapshots, basis) -> np.ndarray:
     """Node numbers of a choice, of a user's own maybe."""
     return checked_nodes(np.asarray(step.nodes(problem, snapshots, basis)), len(problem.points), repr(step))
-
-
-def _warn_of_training(full, snapshots, held_out, log) -> None:
-    """Say beforehand what no check of the model can make good: where it is trained, and what it is compared with."""
-    flows = full.equilibrium is not None
-    if not flows:  # each step of an elastic history is a point like any other
-        warn_of_gaps_in_training(snapshots.points)
-    if not snapshots.any_contact(full.problem):
-        warn_untouched()
-    if flows and full.equilibrium.material.flows and not np.any(snapshots.cumulated):
-        warn_no_flow()
-    warn_of_held_out(held_out, flows)
-    if held_out is None:
-        log.skip("held_out", "nothing was kept out of training: training answers were compared")
 
 
 def _attempt(shared: _Offline, layers: int) -> ReducedModel:
@@ -277,11 +255,7 @@ def _enriched(shared: _Offline, sets: IndexSets) -> Enrichment:
 
 
 def _checked_margin(shared: _Offline, model: ReducedModel, layers: int) -> float | None:
-    """Smallest tangent margin at training states; 1, that of the elastic operator, where nothing flowed.
-
-    Raises:
-        UnstableModelError: if it is below its limit.
-    """
+    """Smallest tangent margin at training states; 1, that of the elastic operator, where nothing flowed."""
     if model.equilibrium is None or shared.recipe.tangents is None:
         return None
     from hhr_dolfinx.reduction.flow import check_margin
@@ -291,13 +265,9 @@ def _checked_margin(shared: _Offline, model: ReducedModel, layers: int) -> float
 
 
 def _compared(shared: _Offline, model: ReducedModel) -> Comparison | None:
-    """What users get beside answers held out, or else beside training; a model of histories learns what it knows.
-
-    Raises:
-        UnstableModelError: if errors are beyond their limits.
-    """
+    """What users get beside answers held out, or else beside training; a model of histories learns what it knows."""
     full, snapshots, held_out, limits = shared.full, shared.snapshots, shared.held_out, shared.recipe.trust
-    floor, comparison = floor_of(full, snapshots), None
+    floor, comparison = force_floor(full.problem, snapshots), None
     if model.equilibrium is not None:
         kept = () if held_out is None else held_out.histories
         histories = {f"trained history {k}": history for k, history in enumerate(snapshots.histories)}

@@ -78,17 +78,11 @@ class Completion:
 
 
 def spanning_rays(columns: np.ndarray, tolerance: float) -> np.ndarray:
-    """Columns whose non-negative combinations reach all of them.
+    """Some of non-negative columns, (m, S), whose non-negative combinations reach all of them, (m, S').
 
     Linear independence is not enough for (1.70): a snapshot that is a difference of others lies outside their cone.
-    The most independent columns come first; what lies outside their cone joins them, half at a time.
-
-    Args:
-        columns: non-negative, (m, S).
-        tolerance: distance from the cone, relative to the length of a column, that counts as inside.
-
-    Returns:
-        Some of the columns in their order, (m, S').
+    The most independent columns come first; what lies outside their cone joins them, half at a time. A distance from
+    the cone up to ``tolerance``, relative to the length of a column, counts as inside.
     """
     lengths = np.linalg.norm(columns, axis=0)
     left = np.flatnonzero(lengths > 0)

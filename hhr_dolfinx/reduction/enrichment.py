@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
+from hhr_dolfinx.certify.constants import row_range
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.timing import StageLog
 
@@ -43,12 +44,6 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
     While rows are dependent no column lowers kappa; then the candidate that lies farthest from the
     range of B~ is taken, which raises the rank. The singular values of a candidate come from a rank-one
     update of B~ B~^T, without its basis being formed.
-
-    Args:
-        problem: the full problem.
-        basis: V with orthonormal columns, (N, ell).
-        sets: index sets of the RID.
-        kappa_max: largest condition number wanted, at least 1.
     """
     candidates = _candidates(problem, sets)  # they vanish outside A_c
     rows = problem.contact[sets.A_lambda]
@@ -107,16 +102,8 @@ def _candidates(problem, sets):
 
 def _kappa_of_both(problem, tables):
     """kappa(B~1); infinite unless both B~1 and B~2 have full rank."""
-    first, second = (_kappa(problem, table) for table in tables)
+    first, second = (problem.condition_number(*row_range(table)) for table in tables)
     return first if math.isfinite(second) else math.inf
-
-
-def _kappa(problem, matrix):
-    """Condition number of the rows; infinite if they are dependent to round-off."""
-    if matrix.shape[0] > matrix.shape[1]:
-        return math.inf
-    values = np.linalg.svd(matrix, compute_uv=False)
-    return problem.condition_number(values[-1], values[0])
 
 
 def _best(problem, tables, new) -> int:
@@ -137,10 +124,6 @@ def _extremes_after_update(squares, weights):
 
     They are roots of the secular equation 1 + sum_i z_i^2 / (d_i - x) = 0: the smallest lies between the two
     smallest d_i, the largest between the largest one and that plus |z|^2. Bisection for all columns at once.
-
-    Args:
-        squares: d, in decreasing order, (m,).
-        weights: z^2, (m, candidates).
     """
 
     def root(low, high):

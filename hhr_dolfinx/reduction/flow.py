@@ -20,13 +20,7 @@ if TYPE_CHECKING:
 
 
 def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> ReducedFlow:
-    """Gauss points, laws and modes of the cells that act on A, (6.17).
-
-    Args:
-        full: the full equilibrium, of which only arrays are kept.
-        basis: V, (N, ell).
-        sets: index sets of the RID.
-    """
+    """Gauss points, laws and modes, (N, ell), of the cells that act on A, (6.17)."""
     problem, operator = full.problem, full.operator
     inside = np.zeros(problem.free.size, dtype=bool)
     inside[sets.A] = True
@@ -69,11 +63,7 @@ def training_tangents(
 def check_margin(
     model: ReducedModel, states: Sequence[tuple[np.ndarray, csr_matrix]], least: float, layers: int
 ) -> float:
-    """Smallest tangent margin at training states; 1, that of the elastic operator, where nothing flowed.
-
-    Raises:
-        UnstableModelError: if it is below its limit.
-    """
+    """Smallest tangent margin at training states, 1 where nothing flowed; UnstableModelError if below ``least``."""
     margin = min((tangent_margin(model, *state) for state in states), default=1.0)
     if not margin > least:
         raise UnstableModelError(
@@ -86,13 +76,7 @@ def check_margin(
 def tangent_margin(model: ReducedModel, tangents: np.ndarray, stiffness: csr_matrix) -> float:
     """Smallest real part of the eigenvalues of V[A]^T K_T V relative to V^T K_T V, 1 where the RID is everything.
 
-    Args:
-        model: the reduced model.
-        tangents: consistent tangents at all Gauss points of the full model.
-        stiffness: K_T of the full model.
-
-    Raises:
-        UnstableModelError: if the tangent of the full model is singular or not finite on the basis.
+    ``tangents`` are those at all Gauss points of the full model, ``stiffness`` is its K_T.
     """
     reduced: Any = model.equilibrium
     basis = model.fields.basis

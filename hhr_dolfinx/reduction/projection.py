@@ -11,18 +11,10 @@ from hhr_dolfinx.reduction.rid import open_conditions
 
 
 def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> ReducedProblem:
-    """Petrov-Galerkin projection of (1.21) on the RID, thesis (1.61), (5.23).
+    """Petrov-Galerkin projection of (1.21) on a basis V, (N, ell), and a closed RID, thesis (1.61), (5.23).
 
     The test functions are the modes cut off outside A; the trial functions are the whole modes. A
     Galerkin projection of K with restricted multipliers would be inconsistent.
-
-    Args:
-        problem: the full problem.
-        basis: V, (N, ell), zero on imposed dofs.
-        sets: index sets of the RID.
-
-    Raises:
-        ReductionError: if the RID is not closed.
     """
     opened = open_conditions(problem, sets)
     if opened.size:

@@ -20,7 +20,7 @@ from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.parameters import is_whole
 from hhr_dolfinx.reduction.deim import deim
 from hhr_dolfinx.reduction.pod import pod
-from hhr_dolfinx.reduction.rid import contact_nodes, load_nodes, zone_of_interest
+from hhr_dolfinx.reduction.rid import checked_nodes, load_nodes
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
 MOST_LAYERS = 1000
@@ -61,17 +61,12 @@ class Indicator(Protocol):
 
 
 @dataclass(frozen=True)
-class Tolerant:
-    """A step that decomposes snapshots.
-
-    Attributes:
-        tolerance: epsilon of (1.53), in (0, 1): the part of the squared snapshots that is left out.
-    """
+class _Truncated:
+    """What takes a POD: ``tolerance`` is epsilon of (1.53), in (0, 1)."""
 
     tolerance: float
 
     def __post_init__(self) -> None:
-        """Refuse what leaves out nothing or everything."""
         if not (isinstance(self.tolerance, Real) and 0 < float(self.tolerance) < 1):
             raise ReductionError(
                 f"tolerance = {self.tolerance} of {type(self).__name__} must lie in (0, 1): it is the part of the "
@@ -80,7 +75,7 @@ class Tolerant:
 
 
 @dataclass(frozen=True)
-class Pod(Tolerant):
+class Pod(_Truncated):
     """Proper orthogonal decomposition of the displacements, thesis (1.49)-(1.54).
 
     Attributes:
@@ -93,7 +88,6 @@ class Pod(Tolerant):
     norm: str = "euclidean"
 
     def __post_init__(self) -> None:
-        """Refuse what no decomposition can do."""
         super().__post_init__()
         if self.norm not in ("euclidean", "energy", "l2"):
             raise ReductionError(f"norm = '{self.norm}' of a Pod is unknown: 'euclidean', 'energy' or 'l2'")
@@ -127,7 +121,7 @@ class Deim:
 
 
 @dataclass(frozen=True)
-class ForceDeim(Tolerant):
+class ForceDeim(_Truncated):
     """Slave nodes of the contact conditions that DEIM picks on a POD of the contact forces, section 1.4.3.
 
     Attributes:
@@ -141,11 +135,11 @@ class ForceDeim(Tolerant):
         if not snapshots.any_contact(problem):
             return problem.contact_slaves[:1]
         weights = _weights(snapshots.displacements) if self.relative else 1.0
-        return contact_nodes(problem, snapshots.forces * weights, self.tolerance)
+        return problem.contact_slaves[deim(pod(snapshots.forces * weights, self.tolerance)[0])]
 
 
 @dataclass(frozen=True)
-class StressDeim(Tolerant):
+class StressDeim(_Truncated):
     """Nodes of the cells in which DEIM picks Gauss points on a POD of the stress, section 6.2.3."""
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
@@ -156,7 +150,7 @@ class StressDeim(Tolerant):
 
 
 @dataclass(frozen=True)
-class FlowDeim(Tolerant):
+class FlowDeim(_Truncated):
     """Nodes of the cells in which DEIM picks Gauss points on a POD of the cumulated plastic strain, section 6.2.3."""
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
@@ -187,13 +181,12 @@ class Zone:
     choose: Callable[[ContactProblem], np.ndarray]
 
     def __post_init__(self) -> None:
-        """Refuse what is no function."""
         if not callable(self.choose):
             raise ReductionError("a zone is a function of the problem that returns node numbers: lambda problem: nodes")
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
         """See :class:`Nodes`."""
-        return zone_of_interest(problem, self.choose)
+        return checked_nodes(np.asarray(self.choose(problem)), len(problem.points))
 
 
 @dataclass(frozen=True)
@@ -209,7 +202,6 @@ class Rid:
     most_layers: int = 4
 
     def __post_init__(self) -> None:
-        """Refuse what no RID can have."""
         for name in ("layers", "most_layers"):
             value = getattr(self, name)
             if not is_whole(value, 0) or value > MOST_LAYERS:
@@ -227,7 +219,6 @@ class Enrich:
     kappa_max: float = 3.0
 
     def __post_init__(self) -> None:
-        """Refuse what no condition number can be."""
         if not (isinstance(self.kappa_max, Real) and self.kappa_max >= 1):
             raise ReductionError(f"kappa_max = {self.kappa_max} must be at least 1: no condition number is smaller")
 
@@ -247,7 +238,6 @@ class Tangents:
     states: int = 4
 
     def __post_init__(self) -> None:
-        """Refuse numbers that mean nothing."""
         if not is_whole(self.states, 1):
             raise ReductionError(f"states = {self.states} of Tangents must be a whole number from 1")
         if not (isinstance(self.least, Real) and 0 <= self.least < 1):
@@ -277,7 +267,6 @@ class Recipe:
     indicator: Indicator | None = None
 
     def __post_init__(self) -> None:
-        """Refuse steps that are none."""
         if not isinstance(self.nodes, tuple | list) or not self.nodes:
             raise ReductionError(f"nodes = {self.nodes!r} must be a list of at least one choice: (Deim(), LoadNodes())")
         object.__setattr__(self, "nodes", tuple(self.nodes))

@@ -8,15 +8,11 @@ in A even so are taken out of A and become part of the interface (figure 5.3a).
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.reduction.deim import deim
-from hhr_dolfinx.reduction.pod import pod
 
 
 def reduced_domain(problem: ContactProblem, nodes: np.ndarray, layers: int = 0) -> IndexSets:
@@ -31,22 +27,19 @@ def reduced_domain(problem: ContactProblem, nodes: np.ndarray, layers: int = 0) 
         problem: the full problem; only its connectivity is used.
         nodes: nodes picked by DEIM and by zones of interest.
         layers: layers of cells added around the union.
-
-    Raises:
-        ReductionError: if no contact condition lies inside the RID.
     """
     incidence, rows = _incidence(problem), _rows_by_nodes(problem)
-    asked = np.zeros(problem.points.shape[0], dtype=bool)
-    asked[nodes] = True
+    wanted = np.zeros(problem.points.shape[0], dtype=bool)
+    wanted[nodes] = True
     while True:
-        cells = incidence @ _with_facing_nodes(problem, rows, asked) > 0
+        cells = incidence @ _with_facing_nodes(problem, rows, wanted) > 0
         for _ in range(layers):
             cells = incidence @ (incidence.T @ cells) > 0
         inside = _close(problem, rows, incidence.T @ ~cells == 0)
-        lost = asked & ~inside
+        lost = wanted & ~inside
         if not lost.any():
             return _index_sets(problem, cells, inside)
-        asked[problem.contact_slaves[rows @ lost > 0]] = True
+        wanted[problem.contact_slaves[rows @ lost > 0]] = True
 
 
 def open_conditions(problem: ContactProblem, sets: IndexSets) -> np.ndarray:
@@ -70,10 +63,10 @@ def _rows_by_nodes(problem):
     return csr_matrix((np.ones(coo.nnz), (coo.row, coo.col // problem.block_size)), shape=shape)
 
 
-def _with_facing_nodes(problem, rows, asked):
+def _with_facing_nodes(problem, rows, wanted):
     """The nodes, the slaves of all conditions that touch them, and the nodes that these slaves face."""
-    slaves = asked.copy()
-    slaves[problem.contact_slaves[rows @ asked > 0]] = True
+    slaves = wanted.copy()
+    slaves[problem.contact_slaves[rows @ wanted > 0]] = True
     return slaves | (rows.T @ slaves[problem.contact_slaves] > 0)
 
 
@@ -102,26 +95,6 @@ def _index_sets(problem, cells, inside) -> IndexSets:
     return IndexSets(*(np.flatnonzero(mask) for mask in masks))
 
 
-def contact_nodes(problem: ContactProblem, forces: np.ndarray, tolerance: float) -> np.ndarray:
-    """Slave nodes of the conditions that DEIM picks on a POD of contact forces, section 1.4.3.
-
-    Args:
-        problem: the full problem.
-        forces: snapshots, (N_lambda, S).
-        tolerance: epsilon of (1.53).
-    """
-    return problem.contact_slaves[deim(pod(forces, tolerance)[0])]
-
-
-def zone_of_interest(problem: ContactProblem, zone: Callable[[ContactProblem], np.ndarray]) -> np.ndarray:
-    """Nodes that a user wants in the RID.
-
-    Raises:
-        ReductionError: for numbers that are none of a node.
-    """
-    return checked_nodes(np.asarray(zone(problem)), len(problem.points))
-
-
 def load_nodes(problem: ContactProblem) -> np.ndarray:
     """One node for each term of θ that loads the problem.
 
@@ -139,16 +112,7 @@ def load_nodes(problem: ContactProblem) -> np.ndarray:
 
 
 def checked_nodes(nodes: np.ndarray, count: int, what: str = "the zone") -> np.ndarray:
-    """Node numbers that were chosen by somebody; a mask of all nodes is as good.
-
-    Args:
-        nodes: numbers (n,), or a mask (count,).
-        count: number of nodes of the mesh.
-        what: has chosen them, for the messages.
-
-    Raises:
-        ReductionError: for numbers that are none of a node.
-    """
+    """Node numbers, (n,), that ``what`` has chosen of ``count``; a mask of all nodes is as good."""
     if nodes.dtype == bool:
         if nodes.shape != (count,):
             raise ReductionError(f"{what} is a mask of shape {nodes.shape}, the mesh has {count} nodes")

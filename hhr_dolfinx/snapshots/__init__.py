@@ -1,1 +1,1 @@
-"""Full-order solutions: computed, kept on disk, and compared with."""
+"""Full-order answers and histories: at training parameters and held out, computed and kept on disk."""

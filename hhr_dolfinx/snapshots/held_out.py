@@ -20,12 +20,6 @@ def held_out_points(problem: ContactProblem, training: SnapshotSet, number: int,
 
     These lie within one step of the training points from the training solutions with the weakest forces that are no
     round-off. Without contact in training all are uniform.
-
-    Args:
-        problem: the full problem.
-        training: solutions.
-        number: how many.
-        seed: of the draw.
     """
     space, sizes = problem.parameters, np.linalg.norm(training.forces, axis=0)
     touching = np.flatnonzero(sizes > force_floor(problem, training))

@@ -183,15 +183,8 @@ def spread_snapshots(
 ) -> SnapshotSet:
     """As :func:`compute_snapshots`, shared out over the ranks of ``comm``; every rank gets all answers.
 
-    Args:
-        full: a full model of its own on each rank (communicator of one).
-        queries: the same on all ranks.
-        comm: communicator over which they are spread.
-        progress, store, settings: see :func:`compute_snapshots`; the ranks share the folder of the store.
-
-    Raises:
-        ConvergenceError: on all ranks, if a query does not converge on any.
-        RankError: where another rank failed with an error that is none of this package's.
+    Each rank has a full model of its own, on a communicator of one, and the same queries; they share the folder of the
+    store. If a query does not converge on any rank, all of them raise.
     """
     queries = queries if _are_paths(queries) else full.parameters.points(queries)
     own: Any = None
@@ -222,11 +215,7 @@ def _with_fields(history: History, fields: Any) -> History:
 
 
 def check_of_problem(name: str, solutions: Any, problem: ContactProblem) -> None:
-    """Refuse solutions that are none, or are those of another problem.
-
-    Raises:
-        ReductionError: with what was given.
-    """
+    """Raise ReductionError for solutions that are none, or are those of another problem."""
     if not isinstance(solutions, SnapshotSet):
         raise ReductionError(f"{name} = {solutions!r} must be a SnapshotSet, what compute_snapshots returns")
     points = np.shape(solutions.points)

@@ -22,9 +22,6 @@ def make_console(quiet: bool = False) -> Console:
 
     A line of a log is what ``grep`` finds: it is kept whole, however long. Colours are left to rich, which writes none
     off a terminal unless it is asked to (``FORCE_COLOR``). Brackets are printed, as names of folders have them.
-
-    Args:
-        quiet: print nothing, as all ranks but the first do.
     """
     console = Console(quiet=quiet, markup=False)
     if _is_watched(console):
@@ -36,9 +33,6 @@ def progress_on(console: Console) -> Callable[[str], Callable[[Iterable], Iterat
     """Maps a label to a wrapper of iterations: a bar that goes away, or one line off a terminal.
 
     Bars are drawn by moving the cursor. What moves it has no place in a file, even where colours are forced.
-
-    Args:
-        console: where to show it, as made by :func:`make_console`.
     """
     shown = _bar if _is_watched(console) else _line
     return lambda label: lambda items: shown(label, items, console)

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhr_dolfinx.certify.accuracy import relative_error, summary
-from hhr_dolfinx.certify.compare import floor_of, largest_errors, residuals_of
+from hhr_dolfinx.certify.accuracy import force_floor, relative_error, summary
+from hhr_dolfinx.certify.compare import largest_errors, residuals_of
 from hhr_dolfinx.errors import ConvergenceError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import History, Model, Path
@@ -24,19 +24,9 @@ from hhr_dolfinx.timing import timed
 def measure_histories(
     training: Training, model: ReducedModel, settings: Any, tests: Mapping[Any, Path], progress: Progress
 ) -> Measurement:
-    """Errors of the reduced model along test paths, and its time beside that of the full order.
-
-    Args:
-        training: of the model.
-        model: the model under study.
-        settings: a :class:`~hhr_dolfinx.study.study.StudySettings`.
-        tests: paths by label.
-        progress: for progress bars.
-
-    Raises:
-        ConvergenceError: if a history, full or reduced, does not converge.
-    """
-    full, floor = training.full_order, floor_of(training.full_order, training.snapshots)
+    """Errors of the reduced model along test paths, and its time beside that of the full order."""
+    full = training.full_order
+    floor = force_floor(full.problem, training.snapshots)
     exact, found = [], []
     for path in progress("tests")(list(tests.values())):
         exact.append(_run(full, path, settings.march, 1))
@@ -80,11 +70,8 @@ def history_errors(
 ) -> dict[str, Any]:
     """Relative errors at the last step as in thesis table 6.1, and the largest ones of the history.
 
-    Args:
-        full: the full model.
-        model: any other; what is compared in the RID too is left out of one that has none.
-        history, exact: their histories.
-        floor: force norm below which a relative error means nothing.
+    What is compared in the RID too is left out of a model that has none; ``floor`` is the force norm below which a
+    relative error means nothing.
     """
     here, there = history.answers[-1], exact.answers[-1]
     found, known = ((answer.displacement(), answer.forces()) for answer in (here, there))
@@ -151,9 +138,7 @@ def _time_searches(
     return seconds, skipped
 
 
-def seconds_of_parts(
-    full_or_reduced: FullOrderModel | ReducedModel, history: History, repetitions: int = 20
-) -> dict[str, float]:
+def seconds_of_parts(full_or_reduced: FullOrderModel | ReducedModel, history: History) -> dict[str, float]:
     """Seconds of each part of an iteration in the last step of a history, and of a new tangent."""
     model: Any = full_or_reduced.equilibrium
     (before, _), (time, _), answer = *history.path[-2:], history.answers[-1]
@@ -170,4 +155,4 @@ def seconds_of_parts(
         "tangent": lambda: model.linearised(update.tangents),
         "contact": lambda: operator.correct(residual, answer.unknown, theta, answer.active),
     }
-    return {name: timed(part, repetitions)[1] for name, part in parts.items()}
+    return {name: timed(part, 20)[1] for name, part in parts.items()}

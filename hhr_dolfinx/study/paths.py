@@ -36,18 +36,10 @@ class PathCase:
 def try_path(
     full: FullOrderModel, model: ReducedModel, case: PathCase, floor: float, settings: MarchSettings
 ) -> dict[str, Any]:
-    """Errors and warnings on one path.
+    """A row of errors and warnings on one path.
 
-    Args:
-        full: the full model.
-        model: the reduced one.
-        case: the path.
-        floor: force norm below which a relative error means nothing.
-        settings: how histories are solved.
-
-    Returns:
-        A row with the largest errors of displacement and forces over their largest size in the history, those of
-        stress and plastic strain at the last step, whether the model warned, or why it has no answer.
+    It holds the largest errors of displacement and forces over their largest size in the history, those of stress and
+    plastic strain at the last step, whether the model warned, or why it has no answer; ``floor`` is a force norm.
     """
     row = {"name": case.name, "inside": case.inside}
     exact = full.march(case.path, settings)

@@ -124,12 +124,7 @@ def draw_fields(
 ) -> None:
     """Write ``fields.vtu`` and a picture of the RID and of scalar fields of several models.
 
-    Args:
-        grid: what :func:`field_grid` returned.
-        view: the displacement component drawn.
-        fields: displacements by model, (N,).
-        cells: values of cells by quantity and model.
-        folder: where to.
+    On a grid of :func:`field_grid`: displacements by model, (N,), and values of cells by quantity and model.
     """
     # the RID is drawn on the deformed mesh of the last model, every field on that of its own
     shown = {"rid": list(fields)[-1]}
@@ -160,9 +155,6 @@ def field_grid(full: FullOrderModel, rid_cells: np.ndarray, fields: dict[str, np
 
 def plot_fields(grids: list[pyvista.UnstructuredGrid], names: list[str], path: Path) -> None:
     """Scalar fields of points or cells side by side, each on its mesh."""
-    if sys.platform == "linux" and "DISPLAY" not in os.environ:
-        # files only: without a display VTK would first look for an X server and complain
-        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
     flat = np.ptp(grids[0].points[:, 2]) == 0
     plotter = pyvista.Plotter(off_screen=True, shape=(1, len(names)), window_size=(420 * len(names), 700), border=False)
     bar = {"vertical": False, "title_font_size": 16, "label_font_size": 13, "n_labels": 3, "color": "k"}
@@ -181,24 +173,17 @@ def plot_fields(grids: list[pyvista.UnstructuredGrid], names: list[str], path: P
     plotter.close()
 
 
-def plot_maps(
-    points: np.ndarray, maps: dict[str, np.ndarray], labels: tuple[str, str], path: Path, top: float = 1.0
-) -> None:
+def plot_maps(points: np.ndarray, maps: dict[str, np.ndarray], labels: tuple[str, str], path: Path) -> None:
     """Relative errors over two parameters, one map per model on one logarithmic scale, thesis figure 3.9.
 
-    Args:
-        points: parameters on a regular grid, (n, 2).
-        maps: errors by model, (n,) each.
-        labels: names of the two parameters.
-        path: picture file.
-        top: error at the end of the colour scale.
+    ``points`` form a regular grid, (n, 2), with errors by model, (n,) each.
     """
     figure = Figure(figsize=(4.6 * len(maps), 4), layout="constrained")
     axes = figure.subplots(1, len(maps), squeeze=False)
     first, second = (np.unique(points[:, k]) for k in (0, 1))
-    norm = LogNorm(1e-4, top)
+    norm = LogNorm(1e-4, 1.0)
     for axis, (name, errors) in zip(axes[0], maps.items(), strict=True):
-        table = np.clip(np.nan_to_num(errors, nan=top, posinf=top), 1e-4, top).reshape(first.size, second.size)
+        table = np.clip(np.nan_to_num(errors, nan=1.0, posinf=1.0), 1e-4, 1.0).reshape(first.size, second.size)
         image = axis.pcolormesh(first, second, table.T, norm=norm, cmap="magma_r", shading="nearest")
         axis.set(title=name, xlabel=labels[0], ylabel=labels[1])
     figure.colorbar(image, ax=axes, label="relative error of the contact forces")
@@ -208,15 +193,7 @@ def plot_maps(
 def plot_curves(
     lines: Curves, path: Path, labels: tuple[str, str], *, marks: Curves | None = None, logarithmic: bool = False
 ) -> None:
-    """Curves by name, and marks in the colours of the curves at the same places of their list.
-
-    Args:
-        lines: pairs of positions and values by name, joined in the order of the positions.
-        path: picture file.
-        labels: of both axes.
-        marks: likewise, drawn as points.
-        logarithmic: whether the values are.
-    """
+    """Curves by name, joined in the order of positions, and marks in the colours of the curves at the same places."""
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     axes = figure.subplots()
     for k, (name, (where, values)) in enumerate(lines.items()):
@@ -243,14 +220,8 @@ def plot_work_precision(rows: list[dict[str, Any]], path: Path) -> None:
             )
             if all(value < ROUND_OFF for _, value, _ in points):
                 axis.axvline(points[0][0], linestyle="--", color="grey")
-                axis.text(
-                    points[0][0],
-                    0.98,
-                    f" {method}",
-                    rotation=90,
-                    va="top",
-                    transform=axis.get_xaxis_transform(),
-                )
+                upright = {"rotation": 90, "va": "top", "transform": axis.get_xaxis_transform()}
+                axis.text(points[0][0], 0.98, f" {method}", **upright)
                 continue
             axis.loglog([p[0] for p in points], [p[1] for p in points], "o", label=method)
             for x, y, setting in points:

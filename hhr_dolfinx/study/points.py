@@ -15,9 +15,9 @@ from hhr_dolfinx.linear.dense import Factorise, LapackLU, PetscLU
 from hhr_dolfinx.models.answer import Model
 from hhr_dolfinx.models.condensed import KnownStatuses
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.study.measure import Measurement, Row, conditions_inside
+from hhr_dolfinx.study.measure import Measurement, Row
+from hhr_dolfinx.study.references import References
 from hhr_dolfinx.study.training import Progress, Training
-from hhr_dolfinx.study.yardstick import Yardstick
 from hhr_dolfinx.timing import time_queries
 
 COMPARED = ("fom_naive", "fom_best", "condensed")
@@ -33,17 +33,9 @@ Times = dict[str, np.ndarray]
 def measure_points(
     training: Training, model: ReducedModel, settings: Any, points: np.ndarray, progress: Progress
 ) -> Measurement:
-    """Errors of the reduced model at test points, and its time beside that of all other models.
-
-    Args:
-        training: of the model.
-        model: the model under study.
-        settings: a :class:`~hhr_dolfinx.study.study.StudySettings`.
-        points: test points, (n, P).
-        progress: for progress bars.
-    """
+    """Errors of the reduced model at test points, and its time beside that of all other models."""
     full, space, known = training.full_order, training.full_order.parameters, training.snapshots.known_statuses()
-    yardstick = Yardstick.at(points, full, training.snapshots, progress("references"))
+    references = References.at(points, full, training.snapshots, progress("references"))
     answers = [model.solve(point, raise_on_failure=False, outside="ignore") for point in points]
     forces_only, condensed = (exact_condensation(full, known, field=field) for field in (False, True))
     models: dict[str, Model] = {
@@ -61,10 +53,10 @@ def measure_points(
     cold = time_queries({name: partial(item.solve, start=None) for name, item in models.items()}, others)
 
     def beside(method: str, setting: str, other: Model) -> Row:
-        errors = yardstick.errors(other, conditions_inside(other))
+        errors = references.errors(other)
         return Row(method, setting, time_queries({"online": other.solve}, fresh)["online"], errors)
 
-    exact = {"condensed": yardstick.errors(condensed), "fom_best": yardstick.errors(full)}
+    exact = {"condensed": references.errors(condensed), "fom_best": references.errors(full)}
     skipped = []
     if settings.naive:
         # the same statuses by another solver: what differs is round-off, which tests of the full order measure
@@ -82,7 +74,7 @@ def measure_points(
             "cycles": sum(answer.cycled for answer in answers),
         },
     }
-    own = Row("HHR", "this model", warm["online"], yardstick.errors(model, conditions_inside(model)))
+    own = Row("HHR", "this model", warm["online"], references.errors(model))
     rows = [Row(name, "exact", warm[name], errors) for name, errors in exact.items()]
     return Measurement(own, rows, beside, report, skipped)
 

@@ -25,15 +25,7 @@ if TYPE_CHECKING:
 def make_report(
     training: Training, model: ReducedModel, measured: Measurement, rows: list[dict[str, Any]], seed: int
 ) -> dict[str, Any]:
-    """All figures of a study under the keys that scenes share; SI units, seconds, fractions.
-
-    Args:
-        training: of the model.
-        model: the model under study.
-        measured: what was measured of it.
-        rows: the work-precision table.
-        seed: of test points.
-    """
+    """All figures of a study under the keys that scenes share; SI units, seconds, fractions."""
     report = {
         **frame(training, model, seed),
         "errors": measured.own.errors.summaries(),
@@ -48,12 +40,7 @@ def make_report(
 
 
 def model_report(model: ReducedModel, row: Row) -> dict[str, Any]:
-    """One of the ``models`` of a report.
-
-    Args:
-        model: a reduced model.
-        row: its errors and the seconds of its answers.
-    """
+    """One of the ``models`` of a report: a reduced model, its errors and the seconds of its answers."""
     return {
         "sizes": reduced_sizes(model),
         "stability": model.offline.stability.as_report(),
@@ -80,7 +67,7 @@ def reduced_sizes(model: ReducedModel) -> dict[str, int]:
 def break_even(times: dict[str, Any]) -> dict[str, float | None]:
     """Queries after which training and reduced answers are cheaper than the best full order; None if they never are.
 
-    Forces alone by the reduced model, or fields and all forces. A history is asked for as a whole.
+    Forces alone by the reduced model, or fields and all forces; of a history always the whole.
     """
     offline = sum(times["offline"].values())
     kinds = {"forces": "online", "fields": "online_full"} if "online_full" in times else {"fields": "online"}
@@ -92,13 +79,7 @@ def break_even(times: dict[str, Any]) -> dict[str, float | None]:
 
 
 def frame(training: Training, model: ReducedModel, seed: int) -> dict[str, Any]:
-    """The part of a report that needs no measurement.
-
-    Args:
-        training: of the model.
-        model: a reduced model as it was built.
-        seed: of test points.
-    """
+    """The part of a report that needs no measurement."""
     problem, offline = training.full_order.problem, model.offline
     stability = offline.stability.as_report()
     if offline.tangent_margin is not None:
@@ -154,11 +135,7 @@ def advice(report: dict[str, Any]) -> str:
 
 
 def write_report(report: dict[str, Any] | list[dict[str, Any]], folder: str | Path, name: str = "report") -> Path:
-    """Write ``report.json``, or rows under another name; numbers that are not finite become null, as JSON wants it.
-
-    Raises:
-        FileError: if the file cannot be written.
-    """
+    """Write ``report.json``, or rows under another name; numbers that are not finite become null, as JSON wants it."""
     path = Path(folder) / f"{name}.json"
     text = json.dumps(_finite(report), indent=2, allow_nan=False)
     with replacing(path, text=True) as file:

@@ -66,10 +66,6 @@ class StudySettings:
         naive: whether to time the naive full order too, likewise; in space one of its queries takes many seconds.
         march: how histories are solved.
         repetitions: histories timed for each test path.
-
-    Raises:
-        StudyError: for a count that is not positive, a negative seed, nothing to train or to test on, or what is no
-            recipe.
     """
 
     training: Any
@@ -85,7 +81,6 @@ class StudySettings:
     repetitions: int = 3
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be measured, before anything is computed."""
         check_counts(queries=(self.queries, 1), repetitions=(self.repetitions, 1), seed=(self.seed, 0))
         if not isinstance(self.held_out, Sequence | None):
             check_counts(held_out=(self.held_out, 0))
@@ -102,7 +97,7 @@ class StudySettings:
             if not isinstance(recipe, Recipe):
                 raise StudyError(f"{name} = {recipe!r} of a study must be a Recipe")
 
-    def asked(self, *, seed: int, quick: bool) -> StudySettings:
+    def adapted(self, *, seed: int, quick: bool) -> StudySettings:
         """These settings with another seed, and few points if it has to be quick."""
         few: dict[str, Any] = {"queries": 15} if quick else {}
         if quick and not isinstance(self.tests, Mapping):
@@ -119,7 +114,7 @@ class Study:
         model: the reduced model under study.
         tests: test points, (n, P), or paths by label.
         measured: errors and times of the model and of what it is compared with.
-        settings: what was asked for.
+        settings: what was measured, and how.
         report: all figures under the keys that scenes share; a demo may add its own.
     """
 
@@ -209,7 +204,7 @@ def run_study(
     for label, recipe in progress("variants")(settings.variants):
         rows.append(_row(measured, "HHR", label, partial(training.build, recipe)))
     for rival in progress("rivals")(rivals):
-        rows.append(_row(measured, rival.method, rival.setting, partial(_same, rival.model)))
+        rows.append(_row(measured, rival.method, rival.setting, partial(getattr, rival, "model")))
     rows += [row.as_report() for row in measured.exact]
     report = make_report(training, model, measured, rows, settings.seed)
     if settings.models:
@@ -239,28 +234,18 @@ def _measured(
 
 
 def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray | dict[Any, HistoryPath]:
-    """Test points, (n, P), or checked paths by label where bodies flow.
-
-    Raises:
-        StudyError: for the one where the other is needed.
-        ParameterError: for points that are none.
-    """
-    asked = settings.tests
+    """Test points, (n, P), or checked paths by label where bodies flow; StudyError for the wrong one of both."""
+    tests = settings.tests
     if any(body.law is not None for body in scene.bodies):
-        if points is None and isinstance(asked, Mapping):
-            return dict(zip(asked, training_paths(scene, asked.values()), strict=True))
-        what = f"tests = {asked!r}" if points is None else "points"
+        if points is None and isinstance(tests, Mapping):
+            return dict(zip(tests, training_paths(scene, tests.values()), strict=True))
+        what = f"tests = {tests!r}" if points is None else "points"
         raise StudyError(f"bodies of scene '{scene.name}' flow: {what} must be paths, tests={{label: path, ...}}")
     if points is not None:
         return scene.parameters.points(points)
-    if isinstance(asked, Mapping):
+    if isinstance(tests, Mapping):
         raise StudyError(f"nothing flows in scene '{scene.name}': tests must be a number of random points, not paths")
-    return scene.parameters.random(asked, settings.seed)
-
-
-def _same(model: Model) -> Model:
-    """A rival is there already."""
-    return model
+    return scene.parameters.random(tests, settings.seed)
 
 
 def _row(measured: Measurement, method: str, setting: str, make: Callable[[], Model]) -> dict[str, Any]:

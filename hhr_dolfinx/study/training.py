@@ -92,15 +92,15 @@ def train(
         StudyError: for a training, a number of answers, a seed or a folder that are none, before anything is computed.
     """
     log = StageLog()
-    with ranks.each_for_itself(comm, "checking what was asked for"):
-        asked, apart = _checked(scene, training, held_out, seed)
+    with ranks.each_for_itself(comm, "checking what to train on"):
+        queries, apart = _checked(scene, training, held_out, seed)
         folder = None if folder is None else checked_folder(folder)
     with ranks.each_for_itself(comm, f"building the full model of scene '{scene.name}'"):
         with log.stage("full_order"):
             full = FullOrderModel(scene, MPI.COMM_SELF)
         store = None if folder is None else SnapshotStore(folder, full)
     with log.stage("snapshots"):
-        snapshots, kept = spread_snapshots(full, asked, comm, progress("snapshots"), store, march), None
+        snapshots, kept = spread_snapshots(full, queries, comm, progress("snapshots"), store, march), None
     if apart:
         with log.stage("held_out"):
             # forces decide on points, whose last digits may differ between machines
@@ -127,11 +127,7 @@ def _checked(scene: Scene, training: Any, held_out: Any, seed: Any) -> tuple[Any
 
 
 def training_points(scene: Scene, training: Any) -> np.ndarray:
-    """Training points, (S, P): on a regular grid for counts along each parameter, or as they are given.
-
-    Raises:
-        StudyError: if there is not one positive count for each parameter, or one point alone.
-    """
+    """Training points, (S, P): on a regular grid for counts along each parameter, or as they are given."""
     try:
         given = isinstance(training, np.ndarray) and (training.ndim > 1 or training.dtype.kind == "f")
         points = scene.parameters.points(training) if given else scene.parameters.grid(training)
@@ -145,11 +141,7 @@ def training_points(scene: Scene, training: Any) -> np.ndarray:
 
 
 def training_paths(scene: Scene, paths: Any) -> list:
-    """Checked paths of a scene whose bodies flow.
-
-    Raises:
-        StudyError: for what is no list of paths.
-    """
+    """Checked paths of a scene whose bodies flow; StudyError for what is no list of paths."""
     try:
         checked = [checked_path(scene.parameters, path) for path in paths]
     except (ParameterError, TypeError) as error:
@@ -159,26 +151,15 @@ def training_paths(scene: Scene, paths: Any) -> list:
     return checked
 
 
-def check_counts(**asked: tuple[object, int]) -> None:
-    """Refuse what is no integer of at least its least value.
-
-    Args:
-        asked: by name the value and the least one.
-
-    Raises:
-        StudyError: with the name.
-    """
-    for name, (value, least) in asked.items():
+def check_counts(**given: tuple[object, int]) -> None:
+    """Raise StudyError for a value that is no integer of at least its least value; both are given by name."""
+    for name, (value, least) in given.items():
         if not is_whole(value, least):
             raise StudyError(f"{name} = {value!r} must be an integer of at least {least}")
 
 
 def checked_folder(folder: str | Path) -> Path:
-    """A folder to write to, which need not exist.
-
-    Raises:
-        StudyError: if it is no path, or it or a part of its path is a file.
-    """
+    """A folder to write to, which need not exist; StudyError for what cannot be one."""
     if not isinstance(folder, str | os.PathLike):
         raise StudyError(f"the folder {folder!r} must be a path")
     path = Path(folder)

@@ -19,8 +19,8 @@ from mpi4py import MPI
 from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx import errors
-from hhr_dolfinx.certify.accuracy import contact_residuals, relative_error
-from hhr_dolfinx.certify.compare import floor_of, largest_errors
+from hhr_dolfinx.certify.accuracy import contact_residuals, force_floor, relative_error
+from hhr_dolfinx.certify.compare import largest_errors
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import History, Model, Path
@@ -51,7 +51,7 @@ OWN_WARNINGS = tuple(
 
 
 @contextmanager
-def said() -> Iterator[list[str]]:
+def recorded_warnings() -> Iterator[list[str]]:
     """Collect what the package warns of in a block, as text; the list is filled at its end."""
     messages: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
@@ -64,14 +64,10 @@ Line = dict[str, Any]
 """A row of the table: case, model, outcome, figure, why."""
 
 
-def answer(case: str, model: str, figure: float, verdict: str, why: str) -> Line:
-    """Row of an answer, ``right``, ``warned`` or ``WRONG``."""
-    return {"case": case, "model": model, "outcome": verdict, "figure": float(figure), "why": why}
-
-
-def refusal(case: str, model: str, error: Exception) -> Line:
-    """Row of a refusal and its reason."""
-    return {"case": case, "model": model, "outcome": "refused", "figure": None, "why": str(error)}
+def line(case: str, model: str, outcome: str, why: str, figure: float | None = None) -> Line:
+    """Row of an answer, ``right``, ``warned`` or ``WRONG`` by a figure, or of what was ``refused``."""
+    figure = None if figure is None else float(figure)
+    return {"case": case, "model": model, "outcome": outcome, "figure": figure, "why": why}
 
 
 @dataclass(frozen=True)
@@ -92,7 +88,7 @@ class Known:
         """Row of what was found: right, or told to be wrong by a warning, or wrong."""
         error = self.error(found)
         verdict = "right" if error <= self.tolerance else "warned" if warned else "WRONG"
-        return answer(case, "known answer", error, verdict, "; warned: ".join([self.name, *warned]))
+        return line(case, "known answer", verdict, "; warned: ".join([self.name, *warned]), error)
 
 
 @dataclass(frozen=True)
@@ -153,15 +149,15 @@ class Case:
 
     def check_reduced(self, full: FullOrderModel, checked: Checked, counts: tuple[int, ...], seed: int) -> Line:
         """Row of the reduced model at random parameters."""
-        from hhr_dolfinx.study.yardstick import Yardstick
+        from hhr_dolfinx.study.references import References
 
         space = full.parameters
-        with said() as warned:
+        with recorded_warnings() as warned:
             snapshots = self.select(compute_snapshots(full, space.grid(self.counts or counts)))
             held_out = compute_snapshots(full, space.random(self.tests + 10, seed + 1))
             model = build(full, snapshots, self.recipe, held_out)
         points, limits = space.random(self.tests, seed), {**REDUCED_WORST, "dual_full_floored": self.worst_force}
-        found = Yardstick.at(points, full, snapshots).errors(model)
+        found = References.at(points, full, snapshots).errors(model)
         within, parts = True, []
         for name, label in (("primal_l2", "displacement"), ("dual_full_floored", "forces")):
             values = found.values[name]
@@ -172,7 +168,7 @@ class Case:
         parts += [f"no answer at {'; '.join(unanswered)}"] if unanswered else []
         parts += [f"warned: {message}" for message in warned]
         verdict = "right" if within else "warned" if warned else "WRONG"
-        return answer(self.name, "reduced", found.values["dual_full_floored"].max(), verdict, "; ".join(parts))
+        return line(self.name, "reduced", verdict, "; ".join(parts), found.values["dual_full_floored"].max())
 
 
 @dataclass(frozen=True)
@@ -215,11 +211,12 @@ class HistoryCase:
     def check_reduced(self, full: FullOrderModel, checked: Checked, counts: tuple[int, ...], seed: int) -> Line:
         """Row of the reduced model along the path of the full one."""
         exact, snapshots = checked.shown, SnapshotSet.of_histories(checked.training)
-        with said() as doubts:
+        with recorded_warnings() as doubts:
             model = build(full, snapshots, self.recipe)
-        with said() as told:
+        with recorded_warnings() as told:
             found = model.march(exact.path)
-        high = dict(zip(HISTORY_WORST, largest_errors(full, found, exact, floor_of(full, snapshots)), strict=True))
+        floor = force_floor(full.problem, snapshots)
+        high = dict(zip(HISTORY_WORST, largest_errors(full, found, exact, floor), strict=True))
         within = all(high[name] <= limit for name, limit in HISTORY_WORST.items())
         parts = [*(f"{name} {value:.1e}" for name, value in high.items()), f"{model.offline.layers} layers"]
         parts += [f"warned: {message}" for message in (*doubts, *told)]
@@ -228,34 +225,31 @@ class HistoryCase:
         else:
             # where nothing was trained a good answer is luck, and only the model itself can say so when it is asked
             verdict = "warned" if told else "right" if within else "WRONG"
-        return answer(self.name, "reduced", max(high.values()), verdict, ", ".join(parts))
+        return line(self.name, "reduced", verdict, ", ".join(parts), max(high.values()))
 
 
 def verify(case: Case | HistoryCase, counts: tuple[int, ...], seed: int) -> Iterator[Line]:
     """Rows of the full order and, where it is not refused, of the reduced model.
 
-    Args:
-        case: the scene.
-        counts: training points along each parameter, where the case does not say it.
-        seed: of random parameters.
+    ``counts`` are training points along each parameter, where the case does not say it.
     """
     try:
-        with said() as warned:
+        with recorded_warnings() as warned:
             full = case.built()
         checked = case.check(full, seed)
     except errors.HHRError as error:
-        yield refusal(case.name, "full", error)
+        yield line(case.name, "full", "refused", str(error))
         if case.known is not None and hasattr(error, "history"):
             yield case.known.row(case.name, error.history, warned)
         return
     verdict = "right" if checked.worst <= checked.tolerance else "WRONG"
-    yield answer(case.name, "full", checked.worst, verdict, "; warned: ".join([checked.why, *warned]))
+    yield line(case.name, "full", verdict, "; warned: ".join([checked.why, *warned]), checked.worst)
     try:
         if case.known is not None:
             yield case.known.row(case.name, checked.shown, warned)
         yield case.check_reduced(full, checked, counts, seed)
     except errors.HHRError as error:
-        yield refusal(case.name, "reduced", error)
+        yield line(case.name, "reduced", "refused", str(error))
 
 
 def _dofs_of_pairs(problem: ContactProblem) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -299,12 +293,7 @@ def _disagreement(
 
 
 def as_report(rows: list[Line], seed: int) -> dict[str, Any]:
-    """Rows of cases as a report: what each figure measures, what it is held against, and what came of it.
-
-    Args:
-        rows: of :func:`verify`.
-        seed: of random parameters.
-    """
+    """Rows of :func:`verify` as a report: what each figure measures, what it is held against, and what came of it."""
     cases = [
         {
             "case": row["case"],

@@ -8,53 +8,44 @@ from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.certify.accuracy import (
-    Residuals,
-    contact_residuals,
-    energy_minimum,
-    force_floor,
-)
+from hhr_dolfinx.certify.accuracy import Residuals, contact_residuals, energy_minimum, force_floor
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, OutsideTrainingWarning
 from hhr_dolfinx.models.answer import Model
 from hhr_dolfinx.snapshots.records import Progress, SnapshotSet, compute_snapshots
-from hhr_dolfinx.study.measure import Errors, answer_errors
+from hhr_dolfinx.study.measure import Errors, answer_errors, conditions_inside
 
 NAMES = ("primal_l2", "primal_energy", "primal_euclid", "energy_minimum",
          "dual_rid", "dual_rid_floored", "dual_full", "dual_full_floored")  # fmt: skip
 
 
 @dataclass(frozen=True)
-class Yardstick:
-    """What approximations are measured against.
+class References:
+    """Full-order solutions at test points, beside which approximations are measured.
 
     Attributes:
         problem: the full problem.
-        references: full-order solutions at the test points.
+        solutions: of the full model.
         floor: force norm below which a relative error means nothing.
     """
 
     problem: ContactProblem
-    references: SnapshotSet
+    solutions: SnapshotSet
     floor: float
 
     @classmethod
-    def at(cls, points: np.ndarray, full_order: Any, training: SnapshotSet, progress: Progress = iter) -> Yardstick:
+    def at(cls, points: np.ndarray, full_order: Any, training: SnapshotSet, progress: Progress = iter) -> References:
         """Solve the full model at test points, (n, P); the floor is that of its training solutions."""
-        references = compute_snapshots(full_order, points, progress)
-        return cls(full_order.problem, references, force_floor(full_order.problem, training))
+        solutions = compute_snapshots(full_order, points, progress)
+        return cls(full_order.problem, solutions, force_floor(full_order.problem, training))
 
-    def errors(self, model: Model, inside: np.ndarray | None = None) -> Errors:
-        """Errors of a model at every point; see :func:`answer_errors`.
-
-        Args:
-            model: any with ``solve(mu)``, whose displacements and forces on the whole mesh are compared.
-            inside: conditions of its RID, if it has one.
-        """
+    def errors(self, model: Model) -> Errors:
+        """Errors of any model with ``solve(mu)`` on the whole mesh at every point, see :func:`answer_errors`."""
         rows: list[dict[str, float] | None] = []
-        residuals, references, problem, false_contact = [], self.references, self.problem, 0
+        residuals, solutions, problem, false_contact = [], self.solutions, self.problem, 0
+        inside = conditions_inside(model)
         for point, homogeneous, forces in zip(
-            references.points, references.displacements.T, references.forces.T, strict=True
+            solutions.points, solutions.displacements.T, solutions.forces.T, strict=True
         ):
             try:
                 with warnings.catch_warnings():
