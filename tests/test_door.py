@@ -86,13 +86,9 @@ def test_unseen_gaps_are_not_warned_of(pellet, reduction, gap, steps):
 def test_the_imbalance_alone_tells_of_a_path_inside_the_trained_rates(reduction):
     """Rates widened so that a hold counts as trained: the forces out of balance on A still tell."""
     held = demo.history(np.concatenate([RAMP, 1 + np.arange(1, 11)]), np.append(RAMP, np.ones(10)), 10.0)
-    before = reduction.trained
-    reduction.learn(dataclasses.replace(before, slowest=np.full(3, -1e9), fastest=np.full(3, 1e9)))
-    try:
-        with pytest.warns(OutsideTrainingWarning, match="out of balance"):
-            reduction.march(held)
-    finally:
-        reduction.learn(before)
+    wide = dataclasses.replace(reduction.trained, slowest=np.full(3, -1e9), fastest=np.full(3, 1e9))
+    with pytest.warns(OutsideTrainingWarning, match="out of balance"):
+        reduction.changed(trained=wide).march(held)
 
 
 def test_an_imbalance_needs_no_unit_and_no_projection(pellet, reduction):
@@ -309,13 +305,9 @@ def test_histories_held_out_may_come_from_a_generator(pellet):
 
 def test_a_step_refused_by_its_imbalance_is_not_kept(reduction):
     held = demo.history(np.concatenate([RAMP, 1 + np.arange(1, 11)]), np.append(RAMP, np.ones(10)), 10.0)
-    before = reduction.trained
-    reduction.learn(dataclasses.replace(before, slowest=np.full(3, -1e9), fastest=np.full(3, 1e9)))
-    try:
-        with pytest.raises(OutsideTrainingError, match=r"step (\d+)") as caught:
-            reduction.march(held, hhr.MarchSettings(outside="refuse"))
-    finally:
-        reduction.learn(before)
+    wide = dataclasses.replace(reduction.trained, slowest=np.full(3, -1e9), fastest=np.full(3, 1e9))
+    with pytest.raises(OutsideTrainingError, match=r"step (\d+)") as caught:
+        reduction.changed(trained=wide).march(held, hhr.MarchSettings(outside="refuse"))
     number = int(str(caught.value).split()[1].rstrip(","))
     assert len(caught.value.history.answers) == number - 1
 

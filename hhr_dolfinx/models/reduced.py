@@ -88,11 +88,11 @@ class ReducedModel:
         """Components of the displacement at a node."""
         return self.fields.dimension
 
-    def learn(self, trained: TrainedPaths) -> None:
-        """Tell a model of bodies that flow what it was trained on, once its own histories are known."""
-        self.trained = trained
-        if self.equilibrium is not None:
-            self.equilibrium.trained = trained
+    def changed(self, **parts: Any) -> ReducedModel:
+        """The same model with some parts in the place of its own, by the names of its arguments."""
+        names = ("problem", "parameters", "fields", "trained", "known", "flow", "offline")
+        own = {name: getattr(self, name) for name in names} | {"factorise": self._factorise}
+        return ReducedModel(**(own | parts))
 
     def solve(
         self, mu: Any, *, start: Any = "nearest", raise_on_failure: bool = True, outside: str = "warn", **step: Any

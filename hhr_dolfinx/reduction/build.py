@@ -238,9 +238,9 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
         model = ReducedModel(reduced, full.parameters, fields, range_, known=known, flow=flow)
     margin = _checked_margin(shared, model, layers)
     with log.stage("validation"):
-        comparison = _compared(shared, model)
-    model.offline = OfflineRecord(recipe, layers, basis, sets, stability, enrichment, margin, comparison, log)
-    return model
+        comparison, trained = _compared(shared, model)
+    record = OfflineRecord(recipe, layers, basis, sets, stability, enrichment, margin, comparison, log)
+    return model.changed(trained=trained, offline=record)
 
 
 def _enriched(shared: _Offline, sets: IndexSets) -> Enrichment:
@@ -264,10 +264,13 @@ def _checked_margin(shared: _Offline, model: ReducedModel, layers: int) -> float
         return check_margin(model, shared.states, shared.recipe.tangents.least, layers)
 
 
-def _compared(shared: _Offline, model: ReducedModel) -> Comparison | None:
-    """What users get beside answers held out, or else beside training; a model of histories learns what it knows."""
+def _compared(shared: _Offline, model: ReducedModel) -> tuple[Comparison | None, TrainedRange | TrainedPaths | None]:
+    """What users get beside answers held out, or else beside training, and what the model was trained on.
+
+    How a model of histories looks inside its training shows only when it has solved those that are known.
+    """
     full, snapshots, held_out, limits = shared.full, shared.snapshots, shared.held_out, shared.recipe.trust
-    floor, comparison = force_floor(full.problem, snapshots), None
+    floor, comparison, trained = force_floor(full.problem, snapshots), None, model.trained
     if model.equilibrium is not None:
         kept = () if held_out is None else held_out.histories
         histories = {f"trained history {k}": history for k, history in enumerate(snapshots.histories)}
@@ -275,15 +278,13 @@ def _compared(shared: _Offline, model: ReducedModel) -> Comparison | None:
         comparison, signs = compare_histories(full, model, histories, floor)
         if signs:  # without limits all of them may have failed
             paths = [history.path for history in snapshots.histories]
-            length = largest_motion(full, snapshots)
-            model.learn(TrainedPaths.of(paths, full.parameters, signs, length))
+            trained = TrainedPaths.of(paths, full.parameters, signs, largest_motion(full, snapshots))
     elif limits is not None:
         if held_out is None:
             every = max(1, len(snapshots.points) // MOST_TRAINING_COMPARED)
             held_out = snapshots.take(np.arange(0, len(snapshots.points), every))
         comparison = compare_points(full, model, held_out, floor)
-    if limits is None:
-        return None
-    if comparison is not None:
-        check_comparison(comparison, limits)
-    return comparison
+    if limits is None or comparison is None:
+        return None, trained
+    check_comparison(comparison, limits)
+    return comparison, trained

@@ -100,7 +100,7 @@ def _everywhere(model: Model) -> Callable[[np.ndarray], tuple[np.ndarray, np.nda
 
 def _twin(model: ReducedModel, factorise: Factorise) -> ReducedModel:
     """A model without what it kept from earlier queries."""
-    return ReducedModel(model.problem, model.parameters, model.fields, known=model.known, factorise=factorise)
+    return model.changed(trained=None, factorise=factorise)
 
 
 def _summaries(times: Times, names: tuple[str, ...]) -> dict[str, Any]:
