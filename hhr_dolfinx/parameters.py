@@ -89,7 +89,7 @@ class ParameterSpace:
         Raises:
             ParameterError: for a wrong length, a missing name, NaN, or a value outside the box.
         """
-        if isinstance(mu, Mapping):
+        if not isinstance(mu, np.ndarray) and isinstance(mu, Mapping):  # the second question takes its time
             missing = set(self.names) ^ set(mu)
             if missing:
                 raise ParameterError(f"parameters {sorted(missing)} do not match {self.names}")
