@@ -80,7 +80,7 @@ def flowing_models():
     """Full and reduced model of a block that yields."""
     full = hhr.FullOrderModel(yielding())
     trained, kept = ([full.march(ramp(top)) for top in tops] for tops in ((0.06, 0.1), (0.08,)))
-    recipe = hhr.Recipe.flowing(domain=hhr.Rid(0, 3))
+    recipe = hhr.Recipe.flowing(domain=hhr.Rid(1, 3))
     sets = (hhr.SnapshotSet.of_histories(histories) for histories in (trained, kept))
     return {"full": full, "reduced": hhr.build(full, next(sets), recipe, next(sets))}
 
