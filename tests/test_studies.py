@@ -1,8 +1,6 @@
 """One study for scenes that are elastic and scenes that flow: rivals, variants, resumption, nothing needless loaded."""
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -109,18 +107,3 @@ def test_tests_of_the_other_kind(tmp_path, scene, changes, message):
 def test_points_where_bodies_flow(tmp_path):
     with pytest.raises(StudyError, match="points must be paths"):
         hhr.study_scene(flowing(), SETTINGS, tmp_path, points=[[0.05, 0.0]])
-
-
-def test_a_study_of_histories_loads_nothing_of_points(tmp_path):
-    program = (
-        f"import sys; sys.path[:0] = [{str(ROOT / 'demos')!r}, {str(ROOT / 'tests')!r}]\n"
-        "import hhr_dolfinx as hhr, test_studies\n"
-        "hhr.study_scene(test_studies.flowing(), test_studies.SETTINGS, '.')\n"
-        "print(*[name for name in sys.modules if name.startswith('hhr_dolfinx.')])\n"
-    )
-    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path, timeout=170)
-    assert run.returncode == 0, run.stderr[-3000:]
-    loaded = {name.removeprefix("hhr_dolfinx.") for name in run.stdout.split()}
-    assert "study.histories" in loaded
-    assert not {name for name in loaded if name.startswith("baselines.")}
-    assert not loaded & {"study.points", "study.references", "study.plots"}
