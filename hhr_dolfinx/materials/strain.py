@@ -41,6 +41,10 @@ class StrainOperator:
         """Gauss points of a cell."""
         return self.weights.shape[1]
 
+    def points_of(self, cells: np.ndarray) -> np.ndarray:
+        """Numbers of the Gauss points of some cells, (cells * per_cell,)."""
+        return (cells[:, None] * self.per_cell + np.arange(self.per_cell)).ravel()
+
     @property
     def components(self) -> int:
         """Components of a strain."""

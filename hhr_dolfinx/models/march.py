@@ -195,11 +195,7 @@ def _tried(
     try:
         after = _step(model, trail[-1:], goal, careful, memory)
     except ConvergenceError as error:
-        memory.linearisation = None
         raise _Diverged(str(error)) from error
-    except _Diverged:
-        memory.linearisation = None
-        raise
     return after._replace(iterations=settings.iterations + after.iterations)
 
 

@@ -49,7 +49,7 @@ class ReducedFlow:
     @property
     def points(self) -> np.ndarray:
         """Numbers of the Gauss points in the full model."""
-        return (self.cells[:, None] * self.operator.per_cell + np.arange(self.operator.per_cell)).ravel()
+        return self.operator.points_of(self.cells)
 
 
 class ReducedEquilibrium:

@@ -27,12 +27,11 @@ def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> R
     # cells of the RID without a dof of A act on no test function
     cells = np.flatnonzero(inside[operator.dofs].any(axis=1))
     restricted, columns = operator.restricted(cells)
-    points = (cells[:, None] * operator.per_cell + np.arange(operator.per_cell)).ravel()
     inner = np.flatnonzero(inside[columns])
     acting = columns[inner]
     return ReducedFlow(
         operator=restricted,
-        material=full.material.restricted(points),
+        material=full.material.restricted(operator.points_of(cells)),
         cells=cells,
         modes=np.ascontiguousarray(basis[columns]),
         lifts=problem.lifts[columns],
