@@ -1,0 +1,273 @@
+"""Functions of the parameters written as text: ``"E0 * (1 - 2e-4 * T)"``.
+
+A formula is read once, checked, and kept as data; nothing of it is ever executed as code. It knows numbers, names,
+``+ - * / **``, ``pi``, the functions of :data:`FUNCTIONS`, and ``table(x, x0, y0, x1, y1, ...)``, which is linear
+between its points and refuses to be asked beyond them.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.errors import ParameterError, SceneError
+from hhr_dolfinx.parameters import ParameterSpace, is_number
+
+Values = Mapping[str, Any]
+"""Numbers or arrays by name; complex ones carry a derivative in their imaginary part."""
+_Evaluate = Callable[[Values], Any]
+
+STEP = 1e-30
+"""Imaginary step of a derivative: f(x + i h) = f(x) + i h f'(x) has no cancellation, so that h may be this small."""
+LONGEST = 20_000
+"""Characters of a formula; what is longer is no formula of a person."""
+
+
+def _absolute(x: Any) -> Any:
+    """|x|, with the slope of its real part: that of complex numbers would lose the derivative."""
+    return np.where(np.real(x) < 0, -x, x)
+
+
+def _chosen(choose: Callable) -> Callable[..., Any]:
+    """Smallest or largest by real parts."""
+    return lambda x, y: np.where(choose(np.real(x), np.real(y)), x, y)
+
+
+FUNCTIONS: Mapping[str, tuple[int, Callable[..., Any]]] = {
+    **{name: (1, getattr(np, name)) for name in ("sqrt", "exp", "log", "sin", "cos", "tan", "tanh")},
+    "abs": (1, _absolute),
+    "min": (2, _chosen(np.less)),
+    "max": (2, _chosen(np.greater)),
+}
+"""Functions that a formula may call: number of arguments, and what they do; ``table`` besides."""
+
+_OPERATORS: Mapping[type, Callable[[Any, Any], Any]] = {
+    ast.Add: lambda a, b: a + b,
+    ast.Sub: lambda a, b: a - b,
+    ast.Mult: lambda a, b: a * b,
+    ast.Div: lambda a, b: a / b,
+    ast.Pow: lambda a, b: a**b,
+}
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A function of named numbers, as text.
+
+    Attributes:
+        text: in the grammar of this module.
+
+    Raises:
+        SceneError: for what is no such text, with the place.
+
+    Example:
+        >>> formula = Formula("E * (1 - 2e-4 * T)")
+        >>> formula.variables, float(formula({"E": 200e3, "T": 100.0}))
+        (('E', 'T'), 196000.0)
+    """
+
+    text: str
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.text, str) or not 0 < len(self.text) <= LONGEST:
+            raise SceneError(f"a formula must be a text, such as '2 * E', and is {str(self.text)[:60]!r}")
+        self._parsed  # noqa: B018 (what cannot be read is refused where it is written)
+
+    def __reduce__(self) -> tuple:
+        return Formula, (self.text,)
+
+    @cached_property
+    def _parsed(self) -> tuple[_Evaluate, tuple[str, ...]]:
+        names: dict[str, None] = {}
+        try:
+            tree = ast.parse(self.text.strip(), mode="eval").body
+            return _compiled(tree, names, self.text), tuple(names)
+        except SceneError:
+            raise
+        except SyntaxError as error:
+            raise SceneError(f"the formula {self.text[:80]!r} cannot be read: {error.msg}") from None
+        except (RecursionError, MemoryError, ValueError) as error:
+            raise SceneError(f"the formula {self.text[:80]!r} cannot be read: {error}") from None
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """Names that it depends on, in their order."""
+        return self._parsed[1]
+
+    def __call__(self, values: Values) -> Any:
+        """Its value for numbers or arrays by name.
+
+        Raises:
+            ParameterError: beyond the ends of a table.
+        """
+        with np.errstate(all="ignore"):
+            try:
+                return self._parsed[0](values)
+            except (OverflowError, ZeroDivisionError):
+                return math.nan
+
+    def times(self, other: Formula) -> Formula:
+        """The product of two formulas."""
+        return Formula(f"({self.text}) * ({other.text})")
+
+
+def formula_of(value: Any, what: str) -> Formula:
+    """A number or a text as a formula; SceneError for anything else, naming ``what`` it was to be."""
+    if is_number(value):
+        return Formula(repr(float(value)))
+    if isinstance(value, Formula):
+        return value
+    if isinstance(value, str):
+        try:
+            return Formula(value)
+        except SceneError as error:
+            raise SceneError(f"{what}: {error}") from None
+    raise SceneError(
+        f"{what} = {value!r} must be a finite number, the name of a parameter, or a formula of parameters as text"
+    )
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """A formula of the parameters of a scene: an amplitude of a single column, and what K is made of.
+
+    Attributes:
+        text: the formula.
+        names: of the parameters, in the order of a point.
+    """
+
+    text: str
+    names: tuple[str, ...]
+
+    count = 1
+
+    def __post_init__(self) -> None:
+        unknown = set(self.formula.variables) - set(self.names)
+        if unknown:
+            raise SceneError(f"the formula {self.text[:80]!r} names {sorted(unknown)}, the parameters are {self.names}")
+
+    def __reduce__(self) -> tuple:
+        return Scalar, (self.text, self.names)
+
+    @cached_property
+    def formula(self) -> Formula:
+        """The text, read."""
+        return Formula(self.text)
+
+    @cached_property
+    def _places(self) -> tuple[tuple[str, int], ...]:
+        return tuple((name, self.names.index(name)) for name in self.formula.variables)
+
+    def value(self, point: np.ndarray) -> float:
+        """At a point, (P,); NaN where it is not defined."""
+        return float(self.formula({name: point[place] for name, place in self._places}))
+
+    def derivative(self, point: np.ndarray) -> np.ndarray:
+        """Its derivatives along the parameters at a point, exact to round-off, (P,)."""
+        steps = point + 1j * STEP * np.eye(len(self.names))
+        values = self.formula({name: steps[:, place] for name, place in self._places})
+        return np.broadcast_to(np.imag(values) / STEP, (len(self.names),)).copy()
+
+    def __call__(self, point: np.ndarray) -> tuple[list[int], list[float]]:
+        """As an amplitude that is not affine, see :class:`~hhr_dolfinx.amplitudes.NonAffine`."""
+        return [0], [self.value(point)]
+
+
+def check_over_box(scalar: Scalar, space: ParameterSpace, what: str, low: float, high: float, remedy: str) -> None:
+    """Raise SceneError for a scalar that is not finite or leaves (low, high) anywhere in the box.
+
+    It is tried in the corners, as far as these are few, and on 256 points between.
+    """
+    for point in box_samples(space):
+        try:
+            value = scalar.value(point)
+        except ParameterError as error:
+            raise SceneError(f"{what} = {scalar.text}: {error}. Give the table further points, or narrow the box") from None
+        if not low < value < high:
+            raise SceneError(f"{what} = {scalar.text} is {value:g} at {space.described(point)}: {remedy}")
+
+
+def box_samples(space: ParameterSpace, count: int = 256) -> np.ndarray:
+    """Corners of the box, its middle, and random points, on which what must hold everywhere is tried, (n, P)."""
+    ends = np.array([space.lower, space.upper], dtype=float)
+    dimension = len(space.names)
+    bits = np.arange(2 ** min(dimension, 10))
+    corners = np.array([[ends[(k >> (axis % 10)) & 1, axis] for axis in range(dimension)] for k in bits])
+    return np.vstack([ends.mean(axis=0), corners, space.random(count, seed=0)])
+
+
+def _compiled(node: ast.expr, names: dict[str, None], text: str) -> _Evaluate:
+    """A node as a function of values by name; SceneError for what a formula does not know."""
+    if isinstance(node, ast.Constant) and type(node.value) in (int, float) and is_number(node.value):
+        number = float(node.value)
+        return lambda values: number
+    if isinstance(node, ast.Name):
+        if node.id == "pi":
+            return lambda values: math.pi
+        name = node.id
+        names[name] = None
+        return lambda values: values[name]
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
+        inner = _compiled(node.operand, names, text)
+        return (lambda values: -inner(values)) if isinstance(node.op, ast.USub) else inner
+    if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
+        operator = _OPERATORS[type(node.op)]
+        left, right = _compiled(node.left, names, text), _compiled(node.right, names, text)
+        return lambda values: operator(left(values), right(values))
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
+        return _called(node.func.id, node.args, names, text)
+    shown = ast.unparse(node) if isinstance(node, ast.AST) else repr(node)
+    raise SceneError(
+        f"the formula {text[:80]!r} holds {shown[:40]!r}, which is unknown: numbers, parameters, + - * / **, pi, table "
+        f"and {', '.join(FUNCTIONS)} are known"
+    )
+
+
+def _called(name: str, arguments: Sequence[ast.expr], names: dict[str, None], text: str) -> _Evaluate:
+    """A call of a known function or of a table."""
+    inner = [_compiled(argument, names, text) for argument in arguments]
+    if name == "table":
+        return _table(inner, text)
+    if name not in FUNCTIONS:
+        raise SceneError(f"the formula {text[:80]!r} calls {name!r}: table and {', '.join(FUNCTIONS)} are known")
+    count, function = FUNCTIONS[name]
+    if len(inner) != count:
+        raise SceneError(f"the formula {text[:80]!r} gives {name} {len(inner)} arguments: it takes {count}")
+    if count == 1:
+        first = inner[0]
+        return lambda values: function(first(values))
+    first, second = inner
+    return lambda values: function(first(values), second(values))
+
+
+def _table(inner: list[_Evaluate], text: str) -> _Evaluate:
+    """Linear between given points."""
+    try:
+        numbers = [float(item({})) for item in inner[1:]]
+    except KeyError:
+        raise SceneError(f"the table of the formula {text[:80]!r} must hold numbers behind its variable") from None
+    at, values = np.array(numbers[::2]), np.array(numbers[1::2])
+    if len(at) < 2 or len(at) != len(values) or not (np.diff(at) > 0).all():
+        raise SceneError(
+            f"the table of the formula {text[:80]!r} must be table(x, x0, y0, x1, y1, ...) with two points or more, "
+            "x0 < x1 < ..."
+        )
+    variable, slopes = inner[0], np.diff(values) / np.diff(at)
+
+    def evaluate(given: Values) -> Any:
+        x = np.asarray(variable(given))
+        real = np.real(x)
+        slack = 1e-9 * (at[-1] - at[0])
+        outside = (real < at[0] - slack) | (real > at[-1] + slack)
+        if outside.any():
+            raise ParameterError(f"{real[outside].ravel()[0]:g} is outside the table from {at[0]:g} to {at[-1]:g}")
+        piece = np.clip(np.searchsorted(at, real, side="right") - 1, 0, len(slopes) - 1)
+        return values[piece] + slopes[piece] * (x - at[piece])
+
+    return evaluate
