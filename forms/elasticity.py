@@ -67,6 +67,31 @@ def stiffness(u: Expr, v: Expr, young: float, poisson: float, hypothesis: str, d
     return weight * ufl.inner(stress(u, young, poisson, hypothesis), strain(v, hypothesis, poisson)) * dx
 
 
+def isotropic_parts(strain_of_u: Expr, hypothesis: str) -> tuple[Expr, Expr]:
+    """Stress by parts: a change of volume and one of shape, whose weights are the moduli of :func:`unit_moduli`.
+
+    σ = λ' (tr ε) I + μ' 2 ε, 3x3. In plane stress ε_zz is eliminated: the tensors are those of the plane.
+    """
+    e = in_plane(strain_of_u, hypothesis)
+    identity = in_plane(ufl.Identity(3), hypothesis)
+    return ufl.tr(e) * identity, 2 * e
+
+
+def in_plane(tensor: Expr, hypothesis: str) -> Expr:
+    """A 3x3 tensor without what plane stress leaves free; itself elsewhere."""
+    if hypothesis != "plane_stress":
+        return tensor
+    return ufl.as_tensor([[tensor[0, 0], tensor[0, 1], 0], [tensor[1, 0], tensor[1, 1], 0], [0, 0, 0]])
+
+
+def unit_moduli(poisson: str, hypothesis: str) -> tuple[str, str]:
+    """Weights λ' and μ' of :func:`isotropic_parts` for E = 1, as formulas of a formula of Poisson's ratio."""
+    nu = f"({poisson})"
+    if hypothesis == "plane_stress":
+        return f"{nu} / (1 - {nu}**2)", f"0.5 / (1 + {nu})"
+    return f"{nu} / ((1 + {nu}) * (1 - 2 * {nu}))", f"0.5 / (1 + {nu})"
+
+
 def mass(u: Expr, v: Expr, hypothesis: str, dx: ufl.Measure) -> ufl.Form:
     """L2 product ∫ u·v w dx, the Gram matrix of the L2 errors."""
     return volume_weight(dx.ufl_domain(), hypothesis) * ufl.inner(u, v) * dx

@@ -42,10 +42,18 @@ class Amplitude:
         return np.array([self.slopes.get(name, 0.0) for name in space.names])
 
 
-def check_amplitude(item: Any, what: str) -> None:
-    """Turn a number that is the amplitude of a frozen item into a constant one; SceneError for what is neither."""
+def check_amplitude(item: Any, what: str, *, formulas: bool = False) -> None:
+    """Turn a number that is the amplitude of a frozen item into a constant one; SceneError for what is neither.
+
+    A text becomes a :class:`~hhr_dolfinx.formulas.Formula` where the item takes any.
+    """
     if is_number(item.amplitude):
         object.__setattr__(item, "amplitude", Amplitude(item.amplitude))
+    if formulas and not isinstance(item.amplitude, Amplitude):
+        from hhr_dolfinx.formulas import formula_of
+
+        object.__setattr__(item, "amplitude", formula_of(item.amplitude, f"the amplitude of {what}"))
+        return
     if not isinstance(item.amplitude, Amplitude):
         raise SceneError(
             f"the amplitude {item.amplitude!r} of {what} must be a finite number or an Amplitude, for instance "
@@ -124,6 +132,29 @@ def checked_count(amplitude: Any, space: ParameterSpace, owner: object) -> int:
     return count
 
 
+DIFFERENCE = 1e-6
+"""Part of a coordinate by which amplitudes are differenced that do not know their derivative."""
+
+
+def _derivative(amplitude: NonAffine, point: np.ndarray) -> np.ndarray:
+    """Derivatives of the amplitudes that act at a point along the parameters, (k, P): its own, or by differences."""
+    own = getattr(amplitude, "derivative", None)
+    columns, values = amplitude(point)
+    if own is not None:
+        return np.reshape(own(point), (len(values), point.size))
+    found = np.zeros((len(values), point.size))
+    for place in range(point.size):
+        step = DIFFERENCE * max(abs(point[place]), DIFFERENCE)
+        ends = []
+        for shift in (-step, step):
+            moved = point.copy()
+            moved[place] += shift
+            acting = dict(zip(*amplitude(moved), strict=True))
+            ends.append(np.array([acting.get(column, 0.0) for column in columns]))
+        found[:, place] = (ends[1] - ends[0]) / (2 * step)
+    return found
+
+
 @dataclass(frozen=True)
 class Coverage:
     """Amplitudes of a pressure on the part of a straight line up to a parameter, exact for linear elements.
@@ -168,6 +199,18 @@ class Coverage:
         amplitude = self.constant + self.slopes @ point
         weights = [amplitude, amplitude * length * (s - s * s / 2), amplitude * length * s * s / 2]
         return [edge, edges + edge, edges + edge + 1], weights
+
+    def derivative(self, point: np.ndarray) -> np.ndarray:
+        """Derivatives of the three amplitudes along the parameters, (3, P); from the left at a node."""
+        (edge, *_), (amplitude, *_) = self(point)
+        length = self.positions[edge + 1] - self.positions[edge]
+        inside = (point[self.extent] - self.positions[edge]) / length
+        s = min(max(inside, 0.0), 1.0)
+        parts = np.array([1.0, length * (s - s * s / 2), length * s * s / 2])
+        found = np.outer(parts, self.slopes)
+        if 0.0 <= inside <= 1.0:
+            found[:, self.extent] += amplitude * np.array([0.0, 1 - s, s])
+        return found
 
 
 @dataclass(frozen=True)
@@ -222,6 +265,17 @@ class Amplitudes:
     def sum_columns(self, matrix: np.ndarray | csc_matrix, points: np.ndarray) -> np.ndarray:
         """``matrix @ theta`` at every point, (n, len(points))."""
         return np.stack([matrix @ self(point) for point in points], axis=1)
+
+    def slopes_at(self, point: np.ndarray) -> tuple[slice | np.ndarray, np.ndarray]:
+        """Terms that act at a checked point, and the derivatives of their amplitudes along the parameters, (k, P)."""
+        if not self.nonaffine:
+            return slice(None), self.slopes
+        terms, values = list(range(len(self.slopes))), [self.slopes]
+        for first, amplitude in zip(self.firsts, self.nonaffine):  # noqa: B905 (the last is their end)
+            columns, _ = amplitude(point)
+            terms.extend([first + column for column in columns])
+            values.append(_derivative(amplitude, point))
+        return np.array(terms), np.vstack(values)
 
     def idle(self, space: ParameterSpace) -> tuple[str, ...]:
         """Names of parameters on which no amplitude depends; those that are not affine are tried at random points."""

@@ -179,6 +179,51 @@ class Scalar:
         return [0], [self.value(point)]
 
 
+@dataclass(frozen=True)
+class Modulus:
+    """Amplitude of one part of a stiffness: the factor that the whole body has, times what is left.
+
+    Attributes:
+        factor: formula that all parts of a body share, its Young's modulus.
+        rest: formula of this part alone.
+        names: of the parameters, in the order of a point.
+    """
+
+    factor: str
+    rest: str
+    names: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        self._parts  # noqa: B018 (unknown names are refused where they are written)
+
+    def __reduce__(self) -> tuple:
+        return Modulus, (self.factor, self.rest, self.names)
+
+    @cached_property
+    def _parts(self) -> tuple[Scalar, Scalar]:
+        return Scalar(self.factor, self.names), Scalar(self.rest, self.names)
+
+    @property
+    def factor_scalar(self) -> Scalar:
+        """The factor, to be evaluated."""
+        return self._parts[0]
+
+    @property
+    def rest_scalar(self) -> Scalar:
+        """The rest, to be evaluated."""
+        return self._parts[1]
+
+    def value(self, point: np.ndarray) -> float:
+        """Factor times rest at a point, (P,)."""
+        factor, rest = self._parts
+        return factor.value(point) * rest.value(point)
+
+    def derivative(self, point: np.ndarray) -> np.ndarray:
+        """Its derivatives along the parameters, (P,)."""
+        factor, rest = self._parts
+        return factor.value(point) * rest.derivative(point) + rest.value(point) * factor.derivative(point)
+
+
 def check_over_box(scalar: Scalar, space: ParameterSpace, what: str, low: float, high: float, remedy: str) -> None:
     """Raise SceneError for a scalar that is not finite or leaves (low, high) anywhere in the box.
 

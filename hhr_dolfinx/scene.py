@@ -27,30 +27,68 @@ class Body:
 
     Attributes:
         tag: cell tag.
-        young: Young's modulus E, in the unit of stress of the scene.
-        poisson: Poisson's ratio.
+        young: Young's modulus E, in the unit of stress of the scene: a number, or a formula of the parameters as text,
+            ``"E1"`` or ``"200e3 * (1 - 2e-4 * T)"``, see :mod:`hhr_dolfinx.formulas`.
+        poisson: Poisson's ratio, likewise.
         law: how it flows, a :class:`~hhr_dolfinx.materials.laws.Flow`; None for an elastic body.
+        grading: of a body that is graded or layered: what its modulus is multiplied by, as a function of the
+            coordinates, UFL to UFL; None for 1.
     """
 
     tag: int
-    young: float
-    poisson: float
+    young: float | str
+    poisson: float | str
     law: Flow | None = None
+    grading: Callable[[Any], Any] | None = None
 
     def __post_init__(self):
         check_tag("body", self.tag)
         for name, value in (("young", self.young), ("poisson", self.poisson)):
-            if not isinstance(value, Real):
+            if isinstance(value, str):
+                from hhr_dolfinx.formulas import formula_of
+
+                formula_of(value, f"{name} of body {self.tag}")
+            elif not isinstance(value, Real):
                 raise SceneError(
-                    f"body {self.tag}: {name} = {value!r} must be a number: a material that depends on "
-                    "parameters is not supported, give each of its values a scene of its own"
+                    f"body {self.tag}: {name} = {value!r} must be a number, or a formula of the parameters as text"
                 )
+        if self.law is not None and (self.varies or self.grading is not None):
+            raise SceneError(
+                f"body {self.tag} flows, and its elasticity depends on parameters or on the place: that is not built "
+                "in. Give it constant young and poisson, or a scene for each of their values"
+            )
+        if self.grading is not None and not callable(self.grading):
+            raise SceneError(f"body {self.tag}: the grading {self.grading!r} must be a function of the coordinates")
         if self.law is not None and (isinstance(self.law, type) or not callable(getattr(self.law, "flow", None))):
             raise SceneError(f"body {self.tag}: the law {self.law!r} must be an object with a method flow")
-        if not (is_number(self.young) and self.young > 0) or not -1 < self.poisson < 0.5:
+        young, poisson = self.young, self.poisson
+        fits = isinstance(young, str) or (is_number(young) and young > 0)
+        if not fits or not (isinstance(poisson, str) or -1 < poisson < 0.5):
             raise SceneError(
                 f"body {self.tag}: E = {self.young} must be positive and finite, and nu = {self.poisson} in (-1, 0.5)"
             )
+
+    @property
+    def varies(self) -> bool:
+        """Whether its elasticity depends on parameters."""
+        return isinstance(self.young, str) or isinstance(self.poisson, str)
+
+    def check(self, parameters: ParameterSpace) -> None:
+        """Raise SceneError for a modulus or a ratio that is impossible somewhere in the box."""
+        from hhr_dolfinx.formulas import Scalar, check_over_box
+
+        ratio = "keep Poisson's ratio in (-1, 0.5), or narrow the box"
+        for name, value, low, high, remedy in (
+            ("young", self.young, 0.0, math.inf, "Young's modulus must be positive everywhere in the box: narrow it"),
+            ("poisson", self.poisson, -1.0, 0.5, ratio),
+        ):
+            if isinstance(value, str):
+                what = f"{name} of body {self.tag}"
+                try:
+                    scalar = Scalar(value, parameters.names)
+                except SceneError as error:
+                    raise SceneError(f"{what}: {error}") from None
+                check_over_box(scalar, parameters, what, low, high, remedy)
 
 
 @dataclass(frozen=True)
@@ -137,10 +175,23 @@ class Scene:
                     raise SceneError(f"{name}[{place}] of scene '{self.name}' is {item!r}: it must be {what}")
         if not self.bodies:
             raise SceneError("a scene needs at least one body")
+        for body in self.bodies:
+            if body.varies:
+                body.check(self.parameters)
         if not self.contacts:
             raise SceneError("a scene without contact pairs is a linear problem: nothing to hyper-reduce")
         self._check_places()
         self._check_names()
+
+    @property
+    def named(self) -> set[str]:
+        """Parameters that bodies name, beside those of what drives the scene."""
+        texts = [text for body in self.bodies for text in (body.young, body.poisson) if isinstance(text, str)]
+        if not texts:
+            return set()
+        from hhr_dolfinx.formulas import Formula
+
+        return {name for text in texts for name in Formula(text).variables}
 
     def _check_places(self):
         """Raise SceneError for what is listed twice, and for openings of pairs that are missing."""

@@ -28,7 +28,7 @@ class ExactFields(ElasticFields):
     problem: ContactProblem
     per_force: np.ndarray
     unloaded: np.ndarray
-    stress_of: Callable[[np.ndarray], np.ndarray] | None
+    stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None
 
     def __reduce__(self) -> tuple:
         """Copy and pickle by the arrays."""
@@ -49,7 +49,7 @@ class ExactFields(ElasticFields):
         """
         if self.stress_of is None:
             raise HHRError("a copied model has no mesh, and stress needs one: ask the model it was copied from")
-        return self.stress_of(self.displacement(answer))
+        return self.stress_of(self.displacement(answer), answer.parameter)
 
 
 def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: bool = True) -> CondensedModel:
@@ -67,6 +67,11 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
     if full.equilibrium is not None:
         raise SceneError(
             f"bodies of scene '{full.scene.name}' flow: their stiffness changes, and no condensation is exact"
+        )
+    if full.problem.varies:
+        raise SceneError(
+            f"the stiffness of scene '{full.scene.name}' depends on parameters, and no condensation is exact then: "
+            "interpolate it, training.condense()"
         )
     problem = full.problem
     conditions = len(problem.gaps)

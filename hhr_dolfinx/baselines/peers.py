@@ -80,7 +80,7 @@ class _ConeFields(ElasticFields):
 
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress in the middle of each cell, Kelvin's notation."""
-        return self.full.stress_of(self.displacement(answer))
+        return self.full.stress_of(self.displacement(answer), answer.parameter)
 
 
 def cone_projected_greedy(forces: np.ndarray, count: int) -> np.ndarray:

@@ -6,7 +6,7 @@ What reduces and answers (basis, RID, reduced model, stability, reconstruction) 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,8 @@ from hhr_dolfinx.parameters import ParameterSpace
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
+
+    from hhr_dolfinx.formulas import Modulus
 
 DEPENDENT = 1e-13
 """Singular value of B V over the norm of B below which its rows are dependent to round-off."""
@@ -83,6 +85,11 @@ class ContactProblem:
 
     Attributes:
         stiffness_terms: own rows of the parts of K, without boundary conditions, (own, N) each.
+        moduli: amplitude of each of these parts; none where K is their sum and does not depend on parameters. All that
+            does not name a parameter then means the middle of the box.
+        lift_terms: each part of K times the lifts, on free dofs, (N, 1 + T) each; none where ``moduli`` are none.
+        reshaped: the problem on the mesh as it is at a point, (P,), whose gaps, rows and loads have changed too; None
+            where the mesh does not depend on parameters.
         mass: own rows of the Gram matrix of the L2 product, (own, N).
         free: dofs that are not imposed, (N,) bool.
         loads: F - K lift without imposed dofs, thesis (1.22), sparse, (N, 1 + T).
@@ -116,6 +123,48 @@ class ContactProblem:
     amplitudes: Amplitudes
     parameters: ParameterSpace
     first: int = 0
+    moduli: tuple[Modulus, ...] = ()
+    lift_terms: tuple[csc_matrix, ...] = ()
+    reshaped: Callable[[np.ndarray], ContactProblem] | None = None
+
+    @property
+    def varies(self) -> bool:
+        """Whether more than loads, gaps and lifts depends on parameters."""
+        return bool(self.moduli) or self.reshaped is not None
+
+    def at(self, mu: Any) -> ContactProblem:
+        """The problem whose stiffness is that of one parameter and constant; itself where nothing varies."""
+        if not self.varies:
+            return self
+        point = self.parameters.point(mu)
+        problem = self if self.reshaped is None else self.reshaped(point)
+        if not problem.moduli:
+            return problem
+        weights, middle = problem.weights(point), problem.weights(problem.middle)
+        loads = problem.loads
+        for change, term in zip(middle - weights, problem.lift_terms, strict=True):
+            loads = loads + change * term
+        stiffness = (problem.combined(weights),)
+        return replace(problem, stiffness_terms=stiffness, moduli=(), lift_terms=(), reshaped=None, loads=loads)
+
+    @property
+    def middle(self) -> np.ndarray:
+        """The middle of the box, (P,)."""
+        return np.mean([self.parameters.lower, self.parameters.upper], axis=0)
+
+    def weights(self, point: np.ndarray) -> np.ndarray:
+        """Weights of the parts of K at a point, (Q,)."""
+        return np.array([modulus.value(point) for modulus in self.moduli])
+
+    def combined(self, weights: np.ndarray) -> csr_matrix:
+        """Parts of K of one pattern, weighted, (own, N)."""
+        first = self.stiffness_terms[0]
+        return csr_matrix((self._data @ weights, first.indices, first.indptr), shape=first.shape)
+
+    @cached_property
+    def _data(self) -> np.ndarray:
+        """Entries of all parts of K, which share their pattern where they have moduli, (entries, Q)."""
+        return np.column_stack([term.data for term in self.stiffness_terms])
 
     @property
     def rows(self) -> slice:
@@ -138,7 +187,7 @@ class ContactProblem:
             raise SceneError(
                 f"the ranks hold {held} rows of a problem of {self.free.size} dofs: give the communicator of its model"
             )
-        stiffness = (csr_matrix(vstack([parts[rank] for rank in order])) for parts in zip(*terms, strict=True))
+        stiffness = [csr_matrix(vstack([parts[rank] for rank in order])) for parts in zip(*terms, strict=True)]
         mass = csr_matrix(vstack([masses[rank] for rank in order]))
         return replace(self, stiffness_terms=tuple(stiffness), mass=mass, first=0)
 
@@ -162,6 +211,8 @@ class ContactProblem:
     @cached_property
     def own_stiffness(self) -> csr_matrix:
         """Own rows of K, without boundary conditions, (own, N)."""
+        if self.moduli:
+            return self.combined(self.weights(self.middle))
         first, *others = self.stiffness_terms
         return sum(others, start=first)
 

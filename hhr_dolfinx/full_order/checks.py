@@ -57,11 +57,11 @@ def build_geometry(scene: Scene, comm: MPI.Comm) -> Any:
 
 def warn_of_idle_parameters(scene: Scene, amplitudes: Amplitudes) -> None:
     """Warn of parameters that no amplitude of a scene depends on."""
-    idle = amplitudes.idle(scene.parameters)
+    idle = tuple(name for name in amplitudes.idle(scene.parameters) if name not in scene.named)
     if idle:
         warnings.warn(
-            f"parameters {idle} of scene '{scene.name}' have no effect: no displacement, load, opening or extent "
-            "names them. Remove them from the ParameterSpace, or name them in the slopes of an Amplitude",
+            f"parameters {idle} of scene '{scene.name}' have no effect: no displacement, load, opening, extent, body "
+            "or shape names them. Remove them from the ParameterSpace, or name them in the slopes of an Amplitude",
             SceneWarning,
             stacklevel=2,
         )

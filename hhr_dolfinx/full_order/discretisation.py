@@ -7,6 +7,7 @@ that flow or keep their volume need at their Gauss points is in ``gauss_points``
 from __future__ import annotations
 
 from functools import cached_property, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 import ufl
@@ -35,6 +36,10 @@ from hhr_dolfinx.full_order.locking import QUADRATURE, mean_dilatation
 from hhr_dolfinx.loads import Assembler, Load, Term, checked_terms
 from hhr_dolfinx.pairings.surface import Surface, make_surface
 from hhr_dolfinx.scene import Scene
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.formulas import Modulus
+    from hhr_dolfinx.scene import Body
 
 
 class Discretisation:
@@ -69,6 +74,27 @@ class Discretisation:
         self.mean_dilatation = mean_dilatation(scene, self.mesh.topology.cell_name())
         self._trial, self._test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
 
+    @property
+    def arguments(self) -> tuple[ufl.Argument, ufl.Argument]:
+        """Trial and test function."""
+        return self._trial, self._test
+
+    def cells(self, tag: int) -> ufl.Measure:
+        """Measure of the cells of a body."""
+        return self._dx(tag)
+
+    def empty_matrix(self) -> PETSc.Mat:
+        """A matrix that couples the dofs of all cells."""
+        return fem_petsc.create_matrix(self._mass_form)
+
+    def stiffness_terms(self) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
+        """Own rows of the parts of K, and their moduli; one part and no modulus where K does not depend on parameters."""
+        if not any(body.varies or body.grading is not None for body in self.scene.bodies):
+            return (self.own_rows(self.assemble_stiffness()),), ()
+        from hhr_dolfinx.full_order.varying import stiffness_terms
+
+        return stiffness_terms(self)
+
     def assemble_stiffness(self) -> PETSc.Mat:
         """Assemble K over all dofs, without boundary conditions."""
         if not any(self.mean_dilatation):
@@ -77,7 +103,7 @@ class Discretisation:
             from hhr_dolfinx.full_order.gauss_points import add_stiffness
 
             # the mass couples the dofs of all cells, those too that no form integrates
-            matrix = fem_petsc.create_matrix(self._mass_form)
+            matrix = self.empty_matrix()
             if not all(self.mean_dilatation):
                 fem_petsc.assemble_matrix(matrix, self._stiffness_form)
             add_stiffness(self, matrix)
@@ -101,8 +127,10 @@ class Discretisation:
         indptr, indices, data = matrix.getValuesCSR()
         return csr_matrix((data, indices, indptr), shape=(self.rows.stop - self.rows.start, self.size))
 
-    def contact_problem(self, stiffness: csr_matrix) -> ContactProblem:
-        """All of (1.21) from own rows of K, (own dofs, N): large matrices by rows, the rest on every rank."""
+    def contact_problem(
+        self, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()
+    ) -> ContactProblem:
+        """All of (1.21) from own rows of the parts of K, (own dofs, N): large matrices by rows, the rest everywhere."""
         scene = self.scene
         mass = fem_petsc.assemble_matrix(self._mass_form)
         mass.assemble()
@@ -121,11 +149,16 @@ class Discretisation:
             gaps[pairs == item.contact, k] += 1.0
         kept = conditions_with_unknowns(scene, rows, gaps, amplitudes, free)
         rows, pairs, gaps = rows.take(kept), pairs[kept], gaps[kept]
+        lifted = [masked(csc_matrix(vstack(self.comm.allgather(term @ lifts))), free) for term in stiffness]
+        middle = np.mean([scene.parameters.lower, scene.parameters.upper], axis=0)
+        weights = [modulus.value(middle) for modulus in moduli] or [1.0]
         return ContactProblem(
-            stiffness_terms=(stiffness,),
+            stiffness_terms=stiffness,
+            moduli=moduli,
+            lift_terms=tuple(lifted) if moduli else (),
             mass=self.own_rows(mass),
             free=free,
-            loads=masked(forces - csc_matrix(vstack(self.comm.allgather(stiffness @ lifts))), free),
+            loads=masked(forces, free) - csc_matrix(sum(w * term for w, term in zip(weights, lifted, strict=True))),
             lifts=lifts,
             contact=_without_columns(rows.matrix, ~free),
             gaps=np.asfortranarray(gaps),
@@ -154,10 +187,11 @@ class Discretisation:
             bodies[cells[cells < bodies.size]] = place
         return bodies
 
-    def stress(self, displacement: np.ndarray) -> np.ndarray:
+    def stress(self, displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Stress of a displacement, (N,), in the middle of each cell, Kelvin's notation, (cells, 4), in space 6.
 
-        Cells come in the order of ``ContactProblem.cell_nodes``. Bodies with a mean dilatation have its pressure.
+        Cells come in the order of ``ContactProblem.cell_nodes``. Bodies with a mean dilatation have its pressure. What
+        depends on parameters is that of a point, (P,).
         """
         field = fem.Function(self.space)
         field.x.petsc_vec.array[:] = displacement[self.rows]
@@ -167,12 +201,19 @@ class Discretisation:
         stress = fem.Function(constants)
         dilatation = self._mean_dilatation_of(field) if any(self.mean_dilatation) else None
         for body, mean in zip(self.scene.bodies, self.mean_dilatation, strict=True):
-            own = dilatation if mean else None
-            sigma = elasticity.stress(field, body.young, body.poisson, self.scene.hypothesis, own)
+            sigma = self._stress_of(body, field, dilatation if mean else None, point)
             stress.interpolate(fem.Expression(sigma, points), self._cell_tags.find(body.tag))
         owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
         values = stress.x.array.reshape(-1, 3, 3)[constants.dofmap.list[:owned].ravel()]
         return _kelvin(np.concatenate(self.comm.allgather(values)), self.mesh.geometry.dim)
+
+    def _stress_of(self, body: Body, field: fem.Function, dilatation: fem.Function | None, point: np.ndarray):
+        """Stress of a body in UFL."""
+        if not body.varies and body.grading is None:
+            return elasticity.stress(field, body.young, body.poisson, self.scene.hypothesis, dilatation)
+        from hhr_dolfinx.full_order.varying import stress_of
+
+        return stress_of(self, body, field, dilatation, point)
 
     def _mean_dilatation_of(self, field) -> fem.Function:
         """Mean of tr(ε) over the volume of each cell, by the rule of the stiffness; on the cells of this rank."""

@@ -53,6 +53,21 @@ def add_stiffness(discretisation: Discretisation, matrix: PETSc.Mat) -> None:
     matrix.setValuesLocalRCV(dofs, dofs, elements, addv=PETSc.InsertMode.ADD)
 
 
+def add_parts(discretisation: Discretisation, matrix: PETSc.Mat, moduli: dict[int, tuple[float, float]]) -> None:
+    """Add parts of the stiffness of bodies with a mean dilatation: weights λ' and 2 μ' of each body by its place."""
+    bodies = discretisation.cell_bodies()
+    cells = np.flatnonzero(np.isin(bodies, list(moduli)))
+    operator = _tabulated(discretisation, cells)
+    unit, identity = np.zeros(operator.components), np.eye(operator.components)
+    unit[:3] = 1.0
+    tangents = {place: volume * np.outer(unit, unit) + 2 * shape * identity for place, (volume, shape) in moduli.items()}
+    of_point = np.repeat(bodies[cells], operator.per_cell)
+    elastic = np.array([tangents[place] for place in of_point]).reshape(-1, *identity.shape)
+    dofs = operator.dofs.astype(PETSc.IntType)
+    elements = operator.element_stiffness(elastic).reshape(len(cells), dofs.shape[1] ** 2)
+    matrix.setValuesLocalRCV(dofs, dofs, elements, addv=PETSc.InsertMode.ADD)
+
+
 def _tabulated(discretisation: Discretisation, cells: np.ndarray) -> StrainOperator:
     """Strain at the Gauss points of some cells of this rank, in its own numbers of the dofs; collective."""
     mesh, space, hypothesis = discretisation.mesh, discretisation.space, discretisation.scene.hypothesis

@@ -31,9 +31,24 @@ SIMPLICES = {"triangle": "quadrilaterals", "tetrahedron": "hexahedra"}
 """Cells that lock, and what to mesh with in their place."""
 
 
-def keeps_volume(body: Body, hypothesis: str) -> bool:
-    """Whether a body deforms without change of volume; in plane stress its thickness is free to make up for it."""
-    return hypothesis != "plane_stress" and (body.law is not None or body.poisson > NEARLY_INCOMPRESSIBLE)
+def keeps_volume(body: Body, scene: Scene) -> bool:
+    """Whether a body deforms without change of volume; in plane stress its thickness is free to make up for it.
+
+    One whose Poisson's ratio depends on parameters does if it would anywhere in the box.
+    """
+    if scene.hypothesis == "plane_stress":
+        return False
+    return body.law is not None or _largest_ratio(body, scene) > NEARLY_INCOMPRESSIBLE
+
+
+def _largest_ratio(body: Body, scene: Scene) -> float:
+    """Largest Poisson's ratio of a body in the box."""
+    if not isinstance(body.poisson, str):
+        return body.poisson
+    from hhr_dolfinx.formulas import Scalar, box_samples
+
+    ratio = Scalar(body.poisson, scene.parameters.names)
+    return max(ratio.value(point) for point in box_samples(scene.parameters))
 
 
 def mean_dilatation(scene: Scene, cell: str) -> tuple[bool, ...]:
@@ -41,7 +56,7 @@ def mean_dilatation(scene: Scene, cell: str) -> tuple[bool, ...]:
 
     It warns of bodies that keep their volume on cells that lock.
     """
-    bodies = tuple(keeps_volume(body, scene.hypothesis) for body in scene.bodies)
+    bodies = tuple(keeps_volume(body, scene) for body in scene.bodies)
     if cell in SIMPLICES:
         for body, keeps in zip(scene.bodies, bodies, strict=True):
             if keeps:

@@ -21,8 +21,13 @@ BLOCK = 128
 
 
 def ordering_of(block_size: int, plane: str) -> str:
-    """Ordering for :class:`FreeCholesky`: MUMPS in space, if PETSc has it, and the given one in the plane."""
-    return "mumps" if block_size == 3 and PETSc.Sys.hasExternalPackage("mumps") else plane
+    """Ordering for :class:`FreeCholesky`: MUMPS in space, if PETSc has it, and the given one in the plane.
+
+    Where MUMPS is wanted in the plane too and missing, nested dissection takes its place, the fastest to factor.
+    """
+    if not PETSc.Sys.hasExternalPackage("mumps"):
+        return "nd" if plane == "mumps" else plane
+    return "mumps" if block_size == 3 else plane
 
 
 def singular_stiffness(scene: str) -> str:
@@ -95,9 +100,9 @@ class FreeCholesky:
             self._ksp.setOperators(self._matrix)
             if not factorised(self._ksp):
                 raise NotSolvableError(
-                    f"the tangent stiffness of the full model of scene '{self._scene}' is singular: it flows freely "
-                    "beyond its limit load, or the slope of a law is wrong. Take smaller steps, or compare the slope "
-                    "with differences of the flow"
+                    f"the stiffness of the full model of scene '{self._scene}' is singular at this parameter or state: "
+                    "where it flows, freely beyond its limit load, or the slope of a law is wrong. Take smaller steps, "
+                    "or compare the slope with differences of the flow"
                 )
             self._factored = stiffness
 

@@ -16,6 +16,7 @@ from hhr_dolfinx.trained import Signs
 
 if TYPE_CHECKING:
     from hhr_dolfinx.materials.update import State
+    from hhr_dolfinx.models.gradient import Gradient
 
 Path = list[tuple[float, np.ndarray]]
 """Times in seconds and parameters, (P,), the first ones at rest."""
@@ -82,6 +83,7 @@ class Answer(NamedTuple):
         fields: what completes the answer.
         time: in seconds; NaN of an answer that belongs to no history.
         gauss: stress and state where the model evaluates its laws; None where nothing flows.
+        gradient: derivatives of the unknown and the multipliers along the parameters, if they were asked for.
     """
 
     parameter: np.ndarray
@@ -94,6 +96,7 @@ class Answer(NamedTuple):
     fields: Fields
     time: float = math.nan
     gauss: GaussState | None = None
+    gradient: Gradient | None = None
 
     @property
     def converged(self) -> bool:
@@ -163,7 +166,15 @@ class History:
 class Model(Protocol):
     """What a study, a check or a user asks of any model: full, reduced, condensed, or a rival."""
 
-    def solve(self, mu: Any, *, start: Any = "nearest", raise_on_failure: bool = True, outside: str = "warn") -> Answer:
+    def solve(
+        self,
+        mu: Any,
+        *,
+        start: Any = "nearest",
+        raise_on_failure: bool = True,
+        outside: str = "warn",
+        gradient: bool = False,
+    ) -> Answer:
         """Answer one parameter.
 
         Args:
@@ -173,6 +184,7 @@ class Model(Protocol):
             raise_on_failure: raise instead of returning an answer with NaN and a status.
             outside: what happens to a parameter of the box that lies outside what was trained: ``warn``, ``refuse`` or
                 ``ignore``; nothing is outside what a full model can answer.
+            gradient: whether derivatives along the parameters are wanted, see :class:`~models.gradient.Gradient`.
 
         Raises:
             ParameterError: if ``mu`` is not finite or outside the box, or ``start`` is none.

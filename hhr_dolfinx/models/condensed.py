@@ -15,7 +15,7 @@ from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,6 +27,9 @@ from hhr_dolfinx.models.answer import Answer, Fields, History, Path, found_as, o
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedRange, check_outside
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.gradient import Gradient
 
 
 @dataclass(frozen=True)
@@ -171,8 +174,19 @@ class CondensedModel:
         how = self._factorise, self._pair_numbers, self.trained, dict(self._advice)
         return type(self), (self.parameters, self.amplitudes, responses, self.known, self.fields, *how)
 
-    def solve(self, mu: Any, *, start: Any = "nearest", raise_on_failure: bool = True, outside: str = "warn") -> Answer:
+    def solve(
+        self,
+        mu: Any,
+        *,
+        start: Any = "nearest",
+        raise_on_failure: bool = True,
+        outside: str = "warn",
+        gradient: bool = False,
+    ) -> Answer:
         """Solve for one parameter, see :meth:`Model.solve`."""
+        if gradient:
+            answer = self.solve(mu, start=start, raise_on_failure=raise_on_failure, outside=outside)
+            return answer._replace(gradient=self._gradient(answer)) if answer.converged else answer
         point = self.parameters.point(mu)
         check_outside(outside)
         if self._door is not None:
@@ -194,6 +208,18 @@ class CondensedModel:
         found = active_set(self._equalities, free_slack, start, pairs=self._pairs)
         unknown = response[self._m :] - self._per_force @ found.forces
         return outcome(found_as(found, point, unknown, self.fields), raise_on_failure, self._advice)
+
+    def _gradient(self, answer: Answer) -> Gradient:
+        """Derivatives of an answer."""
+        from hhr_dolfinx.models.gradient import gradient_of
+
+        acting, slopes = self.amplitudes.slopes_at(answer.parameter)
+        changes = self._response[:, acting] @ slopes
+        free_slack = self._response[: self._m] @ self.amplitudes(answer.parameter)
+        slack = free_slack + self._schur @ answer.multipliers
+        fixed = changes[: self._m], changes[self._m :]
+        how = answer.active, answer.multipliers, slack, fixed, self._per_force.__matmul__
+        return gradient_of(self._equalities, *how)
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
         """Solve along a path; see :func:`solve_along`."""

@@ -129,6 +129,12 @@ def solve_along(
     return history
 
 
+def refuse_gradient(wanted: bool) -> None:
+    """Refuse the gradient of a single step of bodies that flow."""
+    if wanted:
+        raise TypeError("solve of a scene in which bodies flow has no gradient")
+
+
 def one_step(
     model: Any, mu: Any, raise_on_failure: bool = True, outside: str = "warn", duration: float = 1.0
 ) -> Answer:

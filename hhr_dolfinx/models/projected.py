@@ -1,10 +1,31 @@
-"""What a projection on a RID leaves of the contact problem: small arrays, thesis (1.61), (5.23)."""
+"""What a projection leaves: the reduced contact problem (5.23), and how its stiffness depends on the parameters."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.formulas import Modulus
+
+
+@dataclass(frozen=True)
+class ReducedTerms:
+    """Parts of a reduced stiffness that depends on parameters, K~ = sum of moduli times parts.
+
+    Attributes:
+        stiffness: parts of K~, (Q, ell, ell).
+        lifts: V[A]^T K_q[A] lifts, by which the loads change with the stiffness, (Q, ell, 1 + T).
+        forces: V[A]^T F[A], loads without these, (ell, 1 + T).
+        moduli: amplitudes of the parts.
+    """
+
+    stiffness: np.ndarray
+    lifts: np.ndarray
+    forces: np.ndarray
+    moduli: tuple[Modulus, ...]
 
 
 @dataclass(frozen=True)
@@ -21,6 +42,8 @@ class ReducedProblem:
         loads: V[A]^T loads[A], (ell, 1 + T).
         gaps: gaps[A_lambda], (N_lambda_C, 1 + T).
         pairs: number of the contact pair of each condition, (N_lambda_C,).
+        terms: parts of the stiffness where it depends on parameters; ``stiffness`` and ``loads`` are then those in the
+            middle of the box. None where it does not.
     """
 
     stiffness: np.ndarray
@@ -29,3 +52,4 @@ class ReducedProblem:
     loads: np.ndarray
     gaps: np.ndarray
     pairs: np.ndarray
+    terms: ReducedTerms | None = None

@@ -98,7 +98,7 @@ class Reconstruction:
     gap_scale: np.ndarray
     dimension: int
     flow: FlowFields | None = None
-    stress_of: Callable[[np.ndarray], np.ndarray] | None = None
+    stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     indicator: Callable[[Answer], float] | None = None
 
     @cached_property
@@ -160,7 +160,7 @@ class Reconstruction:
                 "a model file of elastic bodies keeps no mesh, and stress needs one: ask the full model of the scene, "
                 "full.stress_of(answer.displacement())"
             )
-        return self.stress_of(self.displacement(answer))
+        return self.stress_of(self.displacement(answer), answer.parameter)
 
     def plastic_strain(self, answer: Answer) -> np.ndarray:
         """Cumulated plastic strain at all Gauss points; empty where nothing flows."""

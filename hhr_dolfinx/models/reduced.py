@@ -15,13 +15,14 @@ from hhr_dolfinx.errors import ReductionError, SingularError
 from hhr_dolfinx.linear.dense import Factorise, dense_factors
 from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses, checked_start
-from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, solve_along
+from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient, solve_along
 from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.varying import VaryingModel
     from hhr_dolfinx.models.reduced_flow import ReducedEquilibrium, ReducedFlow
 
 ADVICE: Mapping[Status, str] = MappingProxyType(
@@ -70,7 +71,7 @@ class ReducedModel:
         try:
             if flow is None:
                 # asked directly: a call less is a tenth of a query
-                self.solve = self._eliminated(factorise).solve  # type: ignore[method-assign, assignment]
+                self.solve = self._eliminated(factorise).solve  # type: ignore[method-assign]
             else:
                 from hhr_dolfinx.models.reduced_flow import ReducedEquilibrium
 
@@ -95,13 +96,21 @@ class ReducedModel:
         return ReducedModel(**(own | parts))
 
     def solve(
-        self, mu: Any, *, start: Any = "nearest", raise_on_failure: bool = True, outside: str = "warn", **step: Any
+        self,
+        mu: Any,
+        *,
+        start: Any = "nearest",
+        raise_on_failure: bool = True,
+        outside: str = "warn",
+        gradient: bool = False,
+        **step: Any,
     ) -> Answer:
         """Solve for one parameter, see :meth:`Model.solve`; where bodies flow, as here, in one step from rest.
 
         Such a step knows no ``start``; ``step`` may hold its ``duration``, see :func:`one_step`.
         """
         checked_start(start, len(self.problem.gaps))
+        refuse_gradient(gradient)
         return one_step(self, mu, raise_on_failure, outside, **step)
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
@@ -112,13 +121,20 @@ class ReducedModel:
 
         return march(self.equilibrium, checked_path(self.parameters, path), settings)
 
-    def _eliminated(self, factorise: Factorise) -> CondensedModel:
-        """The model with gamma eliminated."""
+    def _eliminated(self, factorise: Factorise) -> CondensedModel | VaryingModel:
+        """The model with gamma eliminated: once, or for each parameter where the stiffness depends on it."""
         problem, contact = self.problem, (self.problem.contact_test, self.problem.contact_trial)
-        responses = Responses.eliminate(factorise(problem.stiffness), problem.loads, problem.gaps, *contact)
         if self.known is None:
             raise ReductionError("a model in which nothing flows starts from known statuses: give them as known")
         trained = self.trained if isinstance(self.trained, TrainedRange) else None
+        if problem.terms is not None:
+            from hhr_dolfinx.models.block_elimination import BlockElimination
+            from hhr_dolfinx.models.varying import VaryingModel
+
+            eliminated = BlockElimination(problem, self.fields.amplitudes)
+            rest = self.known, self.fields, problem.pairs, trained, ADVICE
+            return VaryingModel(self.parameters, eliminated, *rest)
+        responses = Responses.eliminate(factorise(problem.stiffness), problem.loads, problem.gaps, *contact)
         how = factorise, problem.pairs, trained, ADVICE
         return CondensedModel(self.parameters, self.fields.amplitudes, responses, self.known, self.fields, *how)
 

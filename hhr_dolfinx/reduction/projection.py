@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
+from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.models.projected import ReducedProblem
+from hhr_dolfinx.models.projected import ReducedProblem, ReducedTerms
 from hhr_dolfinx.reduction.rid import open_conditions
 
 
@@ -25,11 +28,29 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
     rows = problem.contact[sets.A_lambda]
     support = np.union1d(sets.A, sets.I)
     test = basis[sets.A]
+
+    def projected(stiffness: csr_matrix) -> np.ndarray:
+        return test.T @ (stiffness[sets.A][:, support] @ basis[support])
+
     return ReducedProblem(
-        stiffness=test.T @ (problem.stiffness[sets.A][:, support] @ basis[support]),
+        stiffness=projected(problem.stiffness),
         contact_test=rows[:, sets.A_c] @ basis[sets.A_c],
         contact_trial=rows[:, sets.A_c_tilde] @ basis[sets.A_c_tilde],
         loads=test.T @ problem.loads[sets.A],
         gaps=problem.gaps[sets.A_lambda],
         pairs=problem.contact_pairs[sets.A_lambda],
+        terms=_terms(problem, projected, lambda columns: test.T @ columns[sets.A]) if problem.moduli else None,
     )
+
+
+def _terms(
+    problem: ContactProblem,
+    projected: Callable[[csr_matrix], np.ndarray],
+    tested: Callable[[csc_matrix], np.ndarray],
+) -> ReducedTerms:
+    """Parts of K~ and of its loads, from what projects a stiffness and what tests columns of dofs."""
+    weights = problem.weights(problem.middle)
+    lifts = np.stack([tested(term) for term in problem.lift_terms])
+    forces = tested(problem.loads) + np.tensordot(weights, lifts, 1)
+    stiffness = np.stack([projected(term) for term in problem.stiffness_terms])
+    return ReducedTerms(stiffness, lifts, forces, problem.moduli)

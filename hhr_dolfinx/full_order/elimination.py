@@ -1,0 +1,111 @@
+"""Elimination of everything but the contact for one parameter: where the stiffness depends on it, and for gradients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.varying import answer_of
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.full import FullOrderModel
+
+DIFFERENCE = 1e-5
+"""Part of the box by which a mesh is moved to difference what is assembled on it: the error is its square, and below it
+round-off of the assembly grows (1e-10 of either, measured on the crowned hub)."""
+
+
+@dataclass(frozen=True)
+class FullElimination:
+    """See :class:`hhr_dolfinx.models.varying.Elimination`; on several ranks vectors of dofs are this rank's own.
+
+    Attributes:
+        full: the model, whose solver holds the factors of this parameter.
+        problem: the problem at this parameter, of constant stiffness.
+        point: the parameter, (P,).
+        free: unknown without contact forces, (own dofs,).
+        per_force: K^-1 B^T, (own dofs, m).
+        schur, free_slack: as there.
+    """
+
+    full: FullOrderModel
+    problem: ContactProblem
+    point: np.ndarray
+    free: np.ndarray
+    per_force: np.ndarray
+    schur: np.ndarray
+    free_slack: np.ndarray
+
+    @classmethod
+    def at(cls, full: FullOrderModel, point: np.ndarray) -> FullElimination:
+        """Factor the stiffness of a point, unless it is that at hand."""
+        problem = full.problem.at(point)
+        rows, solver = problem.rows, full.factors
+        contact = problem.contact[:, rows]
+        if full.problem.varies:
+            solver.refactor(problem.own_stiffness)
+            per_force = solver.solve_columns(contact.T)
+            schur = full.comm.allreduce(contact @ per_force)
+        else:
+            per_force, schur = full.per_force, full.schur
+        theta = problem.amplitudes(point)
+        free = solver.solve(problem.loads[rows] @ theta)
+        slack = problem.gaps @ theta - full.comm.allreduce(contact @ free)
+        return cls(full, problem, point, free, per_force, schur, slack)
+
+    def unknown(self, forces: np.ndarray) -> np.ndarray:
+        """U0 under contact forces, (N,)."""
+        return np.concatenate(self.full.comm.allgather(self.free - self.per_force @ forces))
+
+    def pushed(self, forces: np.ndarray) -> np.ndarray:
+        """K^-1 B^T times forces, (m, k), on all dofs, (N, k)."""
+        return np.concatenate(self.full.comm.allgather(self.per_force @ forces))
+
+    def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """K U' = -R', where R is the residual K U + B^T lambda - F; and the slack that goes with it."""
+        left, slack = self._explicit(forces, unknown)
+        found = np.stack([self.full.factors.solve(-column) for column in left.T], axis=1)
+        contact = self.problem.contact[:, self.problem.rows]
+        whole = np.concatenate(self.full.comm.allgather(found))
+        return slack - self.full.comm.allreduce(contact @ found), whole
+
+    def _explicit(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of the residual on own dofs and of the slack, while unknown and forces stay."""
+        problem, point, rows = self.full.problem, self.point, self.problem.rows
+        if problem.reshaped is not None:
+            return self._differenced(forces, unknown)
+        acting, slopes = problem.amplitudes.slopes_at(point)
+        left = -(self.problem.loads[rows][:, acting] @ slopes)
+        theta = problem.amplitudes(point)
+        for modulus, part, lift in zip(problem.moduli, problem.stiffness_terms, problem.lift_terms, strict=True):
+            left += np.outer(part @ unknown + lift[rows] @ theta, modulus.derivative(point))
+        return left, problem.gaps[:, acting] @ slopes
+
+    def _differenced(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same by central differences of what is assembled on meshes moved a little to either side."""
+        space, lefts, slacks = self.full.parameters, [], []
+        for place, (low, high) in enumerate(zip(space.lower, space.upper, strict=True)):
+            step, ends = DIFFERENCE * (high - low), []
+            for shift in (-step, step):
+                moved = self.point.copy()
+                moved[place] = min(max(moved[place] + shift, low), high)
+                problem = self.full.problem.at(moved)
+                theta = problem.amplitudes(moved)
+                residual = problem.stiffness @ unknown + problem.contact.T @ forces - problem.loads @ theta
+                ends.append((moved[place], residual, problem.gaps @ theta - problem.contact @ unknown))
+            (before, *first), (after, *second) = ends
+            left, slack = ((b - a) / (after - before) for a, b in zip(first, second, strict=True))
+            lefts.append(left)
+            slacks.append(slack)
+        return np.stack(lefts, axis=1), np.stack(slacks, axis=1)
+
+
+def solved_anew(full: FullOrderModel, point: np.ndarray, start: np.ndarray | None, *, gradient: bool) -> Answer:
+    """Answer of a full model at a checked point, by factors of its own stiffness."""
+    with full.factors.lock:  # of which another thread might make those of another point
+        elimination = FullElimination.at(full, point)
+        return answer_of(elimination, point, start, full.pairs, full, gradient=gradient)

@@ -1,0 +1,130 @@
+"""Parts of a stiffness that depends on parameters: K(mu) = sum of moduli(mu) times matrices.
+
+Bodies whose elasticity is constant make one part with the weight 1; each other body makes one for its change of volume
+and one for its change of shape, or a single one where only its modulus varies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from petsc4py import PETSc
+from scipy.sparse import csr_matrix
+
+from hhr_dolfinx.formulas import Modulus, Scalar
+from hhr_dolfinx.forms import elasticity
+from hhr_dolfinx.scene import Body
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.discretisation import Discretisation
+
+
+class Part(NamedTuple):
+    """A part of the stiffness of one body.
+
+    Attributes:
+        body: its place in the scene.
+        factor, rest: formulas, see :class:`Modulus`.
+        moduli: weights of the change of volume and of the change of shape in this part.
+    """
+
+    body: int
+    factor: str
+    rest: str
+    moduli: tuple[float, float]
+
+
+def parts_of(body: Body, place: int, hypothesis: str) -> Iterator[Part]:
+    """Parts of the stiffness of a body."""
+    factor = body.young if isinstance(body.young, str) else repr(float(body.young))
+    volume, shape = elasticity.unit_moduli(str(body.poisson), hypothesis)
+    if isinstance(body.poisson, str):
+        yield Part(place, factor, volume, (1.0, 0.0))
+        yield Part(place, factor, shape, (0.0, 1.0))
+    else:
+        yield Part(place, factor, "1", (Scalar(volume, ()).value(np.zeros(0)), Scalar(shape, ()).value(np.zeros(0))))
+
+
+def stiffness_terms(discretisation: Discretisation) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
+    """Own rows of the parts of K, of one pattern, and their moduli."""
+    scene, names = discretisation.scene, discretisation.scene.parameters.names
+    parts = [part for place, body in enumerate(scene.bodies) for part in parts_of(body, place, scene.hypothesis)]
+    constant = [part for part in parts if not scene.bodies[part.body].varies]
+    varying = [part for part in parts if scene.bodies[part.body].varies]
+    groups = [(varied, [(varied.body, varied.moduli)]) for varied in varying]
+    if constant:
+        scaled = [(part.body, tuple(float(part.factor) * item for item in part.moduli)) for part in constant]
+        groups.append((Part(-1, "1", "1", (0.0, 0.0)), scaled))
+    matrices, moduli = [], []
+    for part, members in groups:
+        matrices.append(discretisation.own_rows(_assembled(discretisation, members)))
+        moduli.append(Modulus(part.factor, part.rest, names))
+    return of_one_pattern(matrices), tuple(moduli) if varying else ()
+
+
+def of_one_pattern(matrices: list[csr_matrix]) -> tuple[csr_matrix, ...]:
+    """The same matrices with the entries of all of them, zero where they had none; their sums are sums of data."""
+    rows, columns = matrices[0].shape
+    keys = [np.repeat(np.arange(rows), np.diff(item.indptr)) * columns + item.indices for item in matrices]
+    every = np.unique(np.concatenate(keys))
+    indptr = np.searchsorted(every, np.arange(rows + 1) * columns).astype(np.int32)
+    indices, found = (every % columns).astype(np.int32), []
+    for item, own in zip(matrices, keys, strict=True):
+        data = np.zeros(every.size)
+        data[np.searchsorted(every, own)] = item.data
+        found.append(csr_matrix((data, indices, indptr), shape=(rows, columns)))
+    return tuple(found)
+
+
+def _assembled(discretisation: Discretisation, members: list) -> PETSc.Mat:
+    """Stiffness of some bodies, given as places with the weights of their parts, in the pattern of the whole mesh."""
+    matrix = discretisation.empty_matrix()
+    ordinary = [item for item in members if not discretisation.mean_dilatation[item[0]]]
+    if ordinary:
+        fem_petsc.assemble_matrix(matrix, fem.form(sum(_form(discretisation, *item) for item in ordinary)))
+    averaged = {place: moduli for place, moduli in members if discretisation.mean_dilatation[place]}
+    if averaged:
+        from hhr_dolfinx.full_order.gauss_points import add_parts
+
+        add_parts(discretisation, matrix, averaged)
+    matrix.assemble()
+    return matrix
+
+
+def _form(discretisation: Discretisation, place: int, moduli: tuple[float, float]) -> ufl.Form:
+    """Form of one body for given weights of its parts."""
+    scene, body = discretisation.scene, discretisation.scene.bodies[place]
+    hypothesis, dx = scene.hypothesis, discretisation.cells(body.tag)
+    trial, test = discretisation.arguments
+    volume, shape = elasticity.isotropic_parts(elasticity.strain(trial, hypothesis), hypothesis)
+    # constants of the form: their values are not compiled in
+    weights = [fem.Constant(discretisation.mesh, float(value)) for value in moduli]
+    stress = sum(weight * part for weight, part in zip(weights, (volume, shape), strict=True) if float(weight.value))
+    measured = elasticity.in_plane(elasticity.strain(test, hypothesis), hypothesis)
+    weight = elasticity.volume_weight(discretisation.mesh, hypothesis) * grading_of(discretisation, body)
+    return weight * ufl.inner(stress, measured) * dx
+
+
+def grading_of(discretisation: Discretisation, body: Body) -> object:
+    """Factor of a body's modulus as a field; 1 where it is none."""
+    return 1.0 if body.grading is None else body.grading(ufl.SpatialCoordinate(discretisation.mesh))
+
+
+def stress_of(
+    discretisation: Discretisation, body: Body, field: fem.Function, dilatation: fem.Function | None, point: np.ndarray
+) -> object:
+    """Stress of a body at a point of the parameters, (P,), in UFL; its constants are not compiled in."""
+    names, hypothesis = discretisation.scene.parameters.names, discretisation.scene.hypothesis
+    formulas = (str(body.young), str(body.poisson))
+    young, poisson = (fem.Constant(discretisation.mesh, Scalar(text, names).value(point)) for text in formulas)
+    strain = elasticity.strain(field, hypothesis, poisson)
+    if dilatation is not None:
+        strain += (dilatation - ufl.tr(strain)) / 3 * ufl.Identity(3)
+    shear = young / (2 * (1 + poisson))
+    lam = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
+    return grading_of(discretisation, body) * (lam * ufl.tr(strain) * ufl.Identity(3) + 2 * shear * strain)

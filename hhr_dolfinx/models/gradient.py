@@ -1,0 +1,61 @@
+"""Derivatives of an answer along the parameters, on its own active set.
+
+Where a condition is neither open nor closed by more than round-off the answer has a kink: the derivative is then that
+of the side on which the statuses stay as they are, and the gradient says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from hhr_dolfinx.contact.active_set import Equalities
+
+GRAZING = 1e-7
+"""Part of the largest force, or slack, below which a condition is taken to be about to change its status."""
+
+
+class Gradient(NamedTuple):
+    """Derivatives along the P parameters, with the statuses fixed.
+
+    Attributes:
+        unknown: of the model's own unknown, (n, P).
+        multipliers: of the forces on its own conditions, (m, P).
+        grazing: conditions about to change their status, where the derivative holds on one side only, (m,) bool.
+    """
+
+    unknown: np.ndarray
+    multipliers: np.ndarray
+    grazing: np.ndarray
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether the derivative holds on one side only."""
+        return bool(self.grazing.any())
+
+
+def gradient_of(
+    equalities: Equalities,
+    active: np.ndarray,
+    forces: np.ndarray,
+    slack: np.ndarray,
+    at_fixed_forces: tuple[np.ndarray, np.ndarray],
+    pushed: Callable[[np.ndarray], np.ndarray],
+) -> Gradient:
+    """Differentiate slack(mu, lambda) = 0 on the active set: one more right-hand side for each parameter.
+
+    Args:
+        equalities: of the active set, whose factors are at hand.
+        active: statuses, (m,) bool.
+        forces, slack: of the answer, (m,) each.
+        at_fixed_forces: derivatives of the slack, (m, P), and of the unknown, (n, P), while the forces stay.
+        pushed: maps a change of the forces, (m, P), to what it takes from the unknown, (n, P).
+    """
+    of_slack, of_unknown = at_fixed_forces
+    columns = [equalities(active, column)[0] for column in of_slack.T]
+    changes = np.stack(columns, axis=1)
+    near = GRAZING * np.abs(forces).max(initial=0.0), GRAZING * np.abs(slack).max(initial=0.0)
+    grazing = np.where(active, forces <= near[0], slack <= near[1])
+    return Gradient(of_unknown - pushed(changes), changes, grazing)

@@ -1,0 +1,120 @@
+"""Models whose stiffness depends on parameters: for each query the primal unknown is eliminated anew.
+
+What is left is the same small contact problem as of a :class:`CondensedModel`, slack = free_slack + S lambda. How S
+comes about is the business of an :class:`Elimination`: by factors of K~(mu), or interpolated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any, Protocol
+
+import numpy as np
+
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
+from hhr_dolfinx.linear.dense import LapackLU
+from hhr_dolfinx.models.answer import Answer, Fields, History, Path, found_as, outcome
+from hhr_dolfinx.models.condensed import KnownStatuses, checked_start
+from hhr_dolfinx.models.gradient import gradient_of
+from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
+from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.trained import TrainedRange, check_outside
+
+
+class Elimination(Protocol):
+    """What is left of the primal unknown at one parameter (n unknowns, m conditions).
+
+    Attributes:
+        schur: S, (m, m).
+        free_slack: slack without contact forces, (m,).
+    """
+
+    schur: np.ndarray
+    free_slack: np.ndarray
+
+    def unknown(self, forces: np.ndarray) -> np.ndarray:
+        """The primal unknown under contact forces, (n,)."""
+
+    def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives along the parameters, while the forces stay, of the slack, (m, P), and the unknown, (n, P)."""
+
+    def pushed(self, forces: np.ndarray) -> np.ndarray:
+        """What forces, (m, k), take from the unknown, (n, k)."""
+
+
+def answer_of(
+    elimination: Elimination,
+    point: np.ndarray,
+    start: np.ndarray | None,
+    pairs: Pairs | None,
+    fields: Fields,
+    *,
+    gradient: bool,
+) -> Answer:
+    """Solve the contact problem that is left, from some statuses or, with None, those of the free slack."""
+    free_slack, equalities = elimination.free_slack, SchurEqualities.of(elimination.schur, LapackLU)
+    found = active_set(equalities, free_slack, free_slack < 0 if start is None else start, pairs=pairs)
+    unknown = elimination.unknown(found.forces)
+    answer = found_as(found, point, unknown, fields)
+    if not gradient or found.status is not Status.CONVERGED:
+        return answer
+    slack = free_slack + elimination.schur @ found.forces
+    fixed = elimination.at_fixed_forces(found.forces, unknown)
+    how = found.active, found.forces, slack, fixed, elimination.pushed
+    return answer._replace(gradient=gradient_of(equalities, *how))
+
+
+class VaryingModel:
+    """Answers parameters with the primal unknown eliminated for each of them.
+
+    Several threads may ask one model.
+
+    Args:
+        parameters: the box of the parameters.
+        eliminated: eliminates the primal unknown at a point, (P,).
+        known: statuses of solved parameters.
+        fields: what completes the answers.
+        pairs: number of the contact pair of each condition, (m,).
+        trained: parameters outside of which answers are not to be trusted; None where there are none.
+        advice: what helps against a status, for the messages.
+    """
+
+    def __init__(
+        self,
+        parameters: ParameterSpace,
+        eliminated: Callable[[np.ndarray], Elimination],
+        known: KnownStatuses,
+        fields: Fields,
+        pairs: np.ndarray,
+        trained: TrainedRange | None = None,
+        advice: Mapping[Status, str] = MappingProxyType({}),
+    ):
+        self.parameters, self.eliminated, self.known, self.fields = parameters, eliminated, known, fields
+        self.trained, self._advice = trained, advice
+        self._door = None if trained is None or trained.covers(parameters) else trained
+        self._pairs, self._m = Pairs.of(pairs), len(pairs)
+
+    def solve(
+        self,
+        mu: Any,
+        *,
+        start: Any = "nearest",
+        raise_on_failure: bool = True,
+        outside: str = "warn",
+        gradient: bool = False,
+    ) -> Answer:
+        """Solve for one parameter, see :meth:`Model.solve`."""
+        point = self.parameters.point(mu)
+        check_outside(outside)
+        if self._door is not None:
+            self._door.check(point, outside)
+        start = checked_start(start, self._m)
+        if isinstance(start, str):
+            start = self.known.active[self.known.nearest(point)]
+        answer = answer_of(self.eliminated(point), point, start, self._pairs, self.fields, gradient=gradient)
+        return outcome(answer, raise_on_failure, self._advice)
+
+    def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
+        """Solve along a path; see :func:`solve_along`."""
+        return solve_along(self, checked_path(self.parameters, path), settings)
