@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.sparse import bmat
+from scipy.sparse import bmat, csr_matrix
 from scipy.sparse.linalg import splu
 
 from hhr_dolfinx.contact.active_set import Pairs, active_set
@@ -43,14 +43,11 @@ class NaiveFullOrder:
     def solve(self, mu: Any, *, start: Any = "nearest", raise_on_failure: bool = True, outside: str = "warn") -> Answer:
         """Solve for one parameter; see :meth:`FullOrderModel.solve`."""
         check_outside(outside)
-        problem = self._full.problem
+        varies, problem = self._full.problem.varies, self._full.problem.at(mu)
         start, point = checked_start(start, len(problem.gaps)), problem.parameters.point(mu)
         theta = problem.amplitudes(point)
         free = np.flatnonzero(problem.free)
-        matrix = self._full.discretisation.assemble_stiffness()
-        indptr, indices, data = matrix.getValuesCSR()
-        matrix.destroy()
-        stiffness = type(problem.stiffness)((data, indices, indptr))[free][:, free]
+        stiffness = (problem.stiffness if varies else self._assembled())[free][:, free]
         # rows and forces scaled to the size of K: without it LU loses digits where E is large or small
         scale = stiffness.diagonal().mean()
         loads, gaps, contact = problem.loads[free] @ theta, problem.gaps @ theta, problem.contact[:, free]
@@ -77,6 +74,13 @@ class NaiveFullOrder:
         unknown = np.zeros(problem.free.size)
         unknown[free] = last["free"]
         return outcome(found_as(found, point, unknown, self._full), raise_on_failure, FULL_ORDER_ADVICE)
+
+    def _assembled(self) -> csr_matrix:
+        """K, assembled once more."""
+        matrix = self._full.discretisation.assemble_stiffness()
+        indptr, indices, data = matrix.getValuesCSR()
+        matrix.destroy()
+        return csr_matrix((data, indices, indptr))
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
         """Solve along a path; see :func:`solve_along`."""

@@ -111,7 +111,7 @@ def residuals_of(full: Any, answer: Answer) -> Residuals:
     problem, equilibrium = full.problem, full.equilibrium
     theta, forces = problem.amplitudes(answer.parameter), answer.forces()
     if answer.gauss is None:
-        return contact_residuals(problem, answer.displacement(), forces, theta)
+        return contact_residuals(problem.at(answer.parameter), answer.displacement(), forces, theta)
     left, sizes = equilibrium.residual(answer.stress(), theta)
     residual = (left - equilibrium.contact_load(forces)) * problem.free
     imbalance = float(np.linalg.norm(residual) / (np.linalg.norm(sizes) or 1.0))

@@ -6,7 +6,7 @@ What reduces and answers (basis, RID, reduced model, stability, reconstruction) 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -88,8 +88,8 @@ class ContactProblem:
         moduli: amplitude of each of these parts; none where K is their sum and does not depend on parameters. All that
             does not name a parameter then means the middle of the box.
         lift_terms: each part of K times the lifts, on free dofs, (N, 1 + T) each; none where ``moduli`` are none.
-        reshaped: the problem on the mesh as it is at a point, (P,), whose gaps, rows and loads have changed too; None
-            where the mesh does not depend on parameters.
+        reshaped: maps a point, (P,), to the problem on the mesh as it is there, whose gaps, rows and loads have changed
+            too, and has a text ``described``; None where the mesh does not depend on parameters.
         mass: own rows of the Gram matrix of the L2 product, (own, N).
         free: dofs that are not imposed, (N,) bool.
         loads: F - K lift without imposed dofs, thesis (1.22), sparse, (N, 1 + T).
@@ -125,7 +125,7 @@ class ContactProblem:
     first: int = 0
     moduli: tuple[Modulus, ...] = ()
     lift_terms: tuple[csc_matrix, ...] = ()
-    reshaped: Callable[[np.ndarray], ContactProblem] | None = None
+    reshaped: Any = None
 
     @property
     def varies(self) -> bool:

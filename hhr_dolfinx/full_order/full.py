@@ -109,6 +109,11 @@ class FullOrderModel:
         return self._solver
 
     @property
+    def block_ordering(self) -> str:
+        """Ordering of factors for many right-hand sides at once."""
+        return ordering_of(self.problem.block_size, "mumps")
+
+    @property
     def pairs(self) -> Pairs | None:
         """Conditions by contact pair."""
         return self._pairs

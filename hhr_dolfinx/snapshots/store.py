@@ -157,7 +157,8 @@ class SnapshotStore:
         """
         theta = self._problem.amplitudes(answer.parameter)
         if answer.gauss is None:
-            return max(astuple(contact_residuals(self._problem, answer.displacement(), answer.forces(), theta)))
+            problem = self._problem.at(answer.parameter)
+            return max(astuple(contact_residuals(problem, answer.displacement(), answer.forces(), theta)))
         signs = self._full.equilibrium.signs(answer)
         _, pull = slack_residuals(self._problem, answer.unknown, answer.multipliers, theta)
         return max(pull, signs.imbalance / (max(signs.size, forces) or 1.0))
@@ -223,8 +224,11 @@ def _digest_of(full: Any) -> bytes:
     """
     digest = hashlib.sha256(f"{FORMAT} {VERSION} of hhr_dolfinx {__version__}\0".encode())
     problem: ContactProblem = full.problem
-    parts = [getattr(problem, item.name) for item in fields(problem) if item.name not in ("amplitudes", "parameters")]
+    others = ("amplitudes", "parameters", "moduli", "reshaped")
+    parts = [getattr(problem, item.name) for item in fields(problem) if item.name not in others]
     parts += [problem.parameters.names, problem.amplitudes.constant, problem.amplitudes.slopes]
+    parts += [text for modulus in problem.moduli for text in (modulus.factor, modulus.rest)]
+    parts += [] if problem.reshaped is None else [problem.reshaped.described]
     groups = () if full.equilibrium is None else full.equilibrium.material.groups
     parts += [part for group in groups for part in (group.indices, group.young, group.poisson, _answers_of(group))]
     for part in parts:

@@ -58,10 +58,11 @@ class References:
                 continue
             theta = problem.theta(point)
             exact = homogeneous + problem.lifts @ theta, forces
-            energies = [energy_minimum(problem, field, theta) for field in (answer[0], exact[0])]
-            row = answer_errors(problem, answer, exact, self.floor, inside)
+            there = problem.at(point)
+            energies = [energy_minimum(there, field, theta) for field in (answer[0], exact[0])]
+            row = answer_errors(there, answer, exact, self.floor, inside)
             rows.append({**row, "energy_minimum": abs(energies[0] - energies[1])})
-            residuals.append(asdict(contact_residuals(problem, *answer, theta)))
+            residuals.append(asdict(contact_residuals(there, *answer, theta)))
             false_contact += bool(((answer[1] > self.floor) & (forces == 0)).any())
         answered = np.array([row is not None for row in rows])
         names = [name for name in NAMES if inside is not None or not name.startswith("dual_rid")]

@@ -268,7 +268,7 @@ def _lost(full: FullOrderModel, point: np.ndarray) -> float:
     Ten last digits, for rows of some twenty entries. Next to nothing, but where bodies are carried by 1e8 times their
     size, or keep their volume to ten digits.
     """
-    stiffness, field = full.problem.stiffness, full.solve(point).displacement()
+    stiffness, field = full.problem.at(point).stiffness, full.solve(point).displacement()
     products = np.linalg.norm(abs(stiffness) @ np.abs(field))
     return float(10 * np.finfo(float).eps * products / (np.linalg.norm(stiffness @ field) or 1.0))
 
@@ -277,7 +277,7 @@ def _disagreement(
     full: FullOrderModel, naive: Model, point: np.ndarray, bodies: list[tuple[np.ndarray, np.ndarray]]
 ) -> float:
     """Difference of two solvers and of two starts, and what the first leaves of the contact conditions."""
-    problem, ours, theirs = full.problem, full.solve(point), naive.solve(point)
+    problem, ours, theirs = full.problem.at(point), full.solve(point), naive.solve(point)
     closed = full.solve(point, start=np.ones(len(problem.contact_pairs), dtype=bool)).forces()
     displacement, forces, expected = ours.displacement(), ours.forces(), theirs.forces()
     worst = [relative_error(displacement, theirs.displacement())]

@@ -1,0 +1,199 @@
+"""Smooth functions of a few parameters, interpolated by polynomials on sparse grids that grow where they are needed.
+
+Each polynomial is known by its levels, one number per axis, and adds one node, so that a function of d parameters costs
+no more evaluations than it has terms. Nodes along an axis are Leja points, nested and nearly as good as Chebyshev's.
+Which term comes next is decided by its surplus, the error of the interpolation so far at its node (T. Gerstner and M.
+Griebel, Computing 71, 2003; A. Chkifa, A. Cohen and C. Schwab, Found. Comput. Math. 14, 2014).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache, cached_property
+
+import numpy as np
+from scipy.linalg import svd
+
+MOST_LEVELS = 40
+"""Longest sequence of nodes along one axis."""
+FIRST_LEVELS = 2
+"""Levels along each axis that are always there: a surplus may vanish by chance, two of them hardly do."""
+
+
+@cache
+def leja_points() -> tuple[float, ...]:
+    """Leja points of [-1, 1]: 0, and then always where the product of distances to those before is largest."""
+    candidates = np.cos(np.linspace(0, np.pi, 20_001))
+    points = [0.0]
+    product = np.abs(candidates)
+    while len(points) < MOST_LEVELS:
+        points.append(float(candidates[product.argmax()]))
+        product = product * np.abs(candidates - points[-1])
+    return tuple(points)
+
+
+@dataclass(frozen=True)
+class Interpolant:
+    """A vector-valued polynomial, sum of ``modes @ weights[:, k] h_k``.
+
+    Attributes:
+        axes: places of its d parameters in a point, (d,).
+        lower, upper: their box, (d,).
+        levels: of each polynomial along each axis, (n, d).
+        modes: directions of the values, (M, r).
+        weights: of the polynomials along them, (r, n).
+    """
+
+    axes: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    levels: np.ndarray
+    modes: np.ndarray
+    weights: np.ndarray
+
+    @cached_property
+    def _bases(self) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes and denominators of the polynomials along an axis, as far as they are needed, (L,) each."""
+        return _bases_up_to(int(self.levels.max(initial=0)))
+
+    def value(self, point: np.ndarray) -> np.ndarray:
+        """At a point of the whole box, (M,)."""
+        return self.modes @ (self.weights @ self.polynomials(point))
+
+    def derivative(self, point: np.ndarray) -> np.ndarray:
+        """Derivatives along its own axes, (M, d)."""
+        columns = [self.weights @ self._derived(point, axis) for axis in range(self.axes.size)]
+        return self.modes @ np.stack(columns, axis=1) if columns else np.zeros((len(self.modes), 0))
+
+    def polynomials(self, point: np.ndarray) -> np.ndarray:
+        """All polynomials at a point, (n,)."""
+        product = np.ones(len(self.levels))
+        for axis, (table, _) in enumerate(self._tables(point)):
+            product = product * table[self.levels[:, axis]]
+        return product
+
+    def _derived(self, point, axis) -> np.ndarray:
+        product = np.ones(len(self.levels))
+        for other, (table, slopes) in enumerate(self._tables(point)):
+            product = product * (slopes if other == axis else table)[self.levels[:, other]]
+        return product * 2 / (self.upper[axis] - self.lower[axis])
+
+    def _tables(self, point: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Values and slopes of all polynomials of one variable along each axis."""
+        scaled = 2 * (point[self.axes] - self.lower) / (self.upper - self.lower) - 1
+        return [_one_dimensional(float(x), *self._bases) for x in scaled]
+
+
+def _bases_up_to(level: int) -> tuple[np.ndarray, np.ndarray]:
+    nodes = np.array(leja_points()[: level + 1])
+    return nodes, np.array([np.prod(nodes[k] - nodes[:k]) for k in range(level + 1)])
+
+
+def _one_dimensional(x: float, nodes: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """h_k(x) = prod_{i<k} (x - z_i) / (z_k - z_i) and their slopes, (L,) each."""
+    values, slopes = [1.0], [0.0]
+    for node in nodes[:-1].tolist():
+        slopes.append(slopes[-1] * (x - node) + values[-1])
+        values.append(values[-1] * (x - node))
+    return np.array(values) / sizes, np.array(slopes) / sizes
+
+
+@dataclass(frozen=True)
+class GrownGrid:
+    """How a sparse grid grew.
+
+    Attributes:
+        interpolant: what it interpolates.
+        surplus: largest surplus of the terms that were tried last, relative to the values.
+        evaluations: how often the function was evaluated.
+    """
+
+    interpolant: Interpolant
+    surplus: float
+    evaluations: int
+
+
+def grow(
+    function: Callable[[np.ndarray], np.ndarray],
+    scale: Callable[[np.ndarray], float],
+    box: tuple[np.ndarray, np.ndarray, np.ndarray],
+    tolerance: float,
+    budget: int,
+) -> GrownGrid:
+    """Interpolate a function, one term after another, until the surplus of what would come next is small.
+
+    Args:
+        function: maps parameters, (d,), to values, (M,).
+        scale: size of a surplus, (M,), relative to that of the values.
+        box: axes, lower and upper ends, (d,) each.
+        tolerance: wished surplus.
+        budget: most evaluations.
+    """
+    axes, lower, upper = box
+    nodes = np.array(leja_points())
+    order: list[tuple[int, ...]] = []
+    surpluses: list[np.ndarray] = []
+    waiting: dict[tuple[int, ...], float] = {}
+
+    def try_term(levels: tuple[int, ...]) -> None:
+        place = nodes[list(levels)]
+        value = function(lower + (place + 1) / 2 * (upper - lower))
+        for before, surplus in zip(order, surpluses, strict=True):
+            factor = _product(before, place)
+            if factor:
+                value = value - factor * surplus
+        order.append(levels)
+        surpluses.append(value)
+        waiting[levels] = scale(value)
+
+    try_term((0,) * axes.size)
+    while waiting and len(order) < budget:
+        early = [levels for levels in waiting if sum(levels) < FIRST_LEVELS and np.count_nonzero(levels) <= 1]
+        chosen = early[0] if early else max(waiting, key=waiting.__getitem__)
+        if not early and waiting[chosen] <= tolerance:
+            break
+        del waiting[chosen]
+        for axis in range(axes.size):
+            after = (*chosen[:axis], chosen[axis] + 1, *chosen[axis + 1 :])
+            if after[axis] < MOST_LEVELS and _admissible(after, order) and len(order) < budget:
+                try_term(after)
+    values = np.stack(surpluses, axis=1)
+    modes, weights = _compressed(values, tolerance * 1e-2)
+    grown = Interpolant(axes, lower, upper, np.array(order, dtype=np.int64).reshape(len(order), axes.size), modes, weights)
+    return GrownGrid(grown, max(waiting.values(), default=0.0) if axes.size else 0.0, len(order))
+
+
+def _product(levels: tuple[int, ...], place: np.ndarray) -> float:
+    """One polynomial at scaled coordinates."""
+    product = 1.0
+    for level, x in zip(levels, place.tolist(), strict=True):
+        nodes, sizes = _bases_up_to(level)
+        product *= float(np.prod(x - nodes[:level]) / sizes[level])
+    return product
+
+
+def _admissible(levels: tuple[int, ...], order: list[tuple[int, ...]]) -> bool:
+    """Whether all terms one level below are there, and this one is not."""
+    if levels in order:
+        return False
+    return all(
+        (*levels[:axis], level - 1, *levels[axis + 1 :]) in order for axis, level in enumerate(levels) if level > 0
+    )
+
+
+def _compressed(values: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+    """Few directions for all columns, which leave out less than a part of the largest singular value."""
+    modes, sizes, weights = svd(values, full_matrices=False)
+    rank = max(1, int((sizes > tolerance * sizes[0]).sum()))
+    return np.ascontiguousarray(modes[:, :rank] * sizes[:rank]), np.ascontiguousarray(weights[:rank])
+
+
+def split(values: np.ndarray, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, np.ndarray]:
+    """A vector of values as arrays by name, in the order in which they were joined."""
+    parts, first = {}, 0
+    for name, shape in shapes.items():
+        size = int(np.prod(shape))
+        parts[name] = values[first : first + size].reshape(shape)
+        first += size
+    return parts
