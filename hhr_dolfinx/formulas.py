@@ -170,9 +170,11 @@ class Scalar:
 
     def derivative(self, point: np.ndarray) -> np.ndarray:
         """Its derivatives along the parameters at a point, exact to round-off, (P,)."""
-        steps = point + 1j * STEP * np.eye(len(self.names))
-        values = self.formula({name: steps[:, place] for name, place in self._places})
-        return np.broadcast_to(np.imag(values) / STEP, (len(self.names),)).copy()
+        found, values = np.zeros(len(self.names)), {name: complex(point[place]) for name, place in self._places}
+        for name, place in self._places:
+            changed = self.formula(values | {name: values[name] + 1j * STEP})
+            found[place] = np.imag(changed) / STEP
+        return found
 
     def __call__(self, point: np.ndarray) -> tuple[list[int], list[float]]:
         """As an amplitude that is not affine, see :class:`~hhr_dolfinx.amplitudes.NonAffine`."""
@@ -233,7 +235,9 @@ def check_over_box(scalar: Scalar, space: ParameterSpace, what: str, low: float,
         try:
             value = scalar.value(point)
         except ParameterError as error:
-            raise SceneError(f"{what} = {scalar.text}: {error}. Give the table further points, or narrow the box") from None
+            raise SceneError(
+                f"{what} = {scalar.text}: {error}. Give the table further points, or narrow the box"
+            ) from None
         if not low < value < high:
             raise SceneError(f"{what} = {scalar.text} is {value:g} at {space.described(point)}: {remedy}")
 

@@ -22,7 +22,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from hhr_dolfinx.errors import SingularError
-from hhr_dolfinx.linear.dense import Factor, Factorise, dense_factors
+from hhr_dolfinx.linear.dense import Factor, Factorise, LapackCholesky, dense_factors
 
 TOLERANCE = 1e-11
 """Negative forces and slacks below this fraction of the largest of their pair are round-off (measured 1e-13)."""
@@ -254,6 +254,11 @@ class SchurEqualities:
         self._kept: list[list[bytes]] = [[] for _ in range(size + 1)]
         self.kept_bytes = 0
         self._lock = Lock()
+
+    @classmethod
+    def symmetric(cls, schur: np.ndarray) -> SchurEqualities:
+        """On a known S, (m, m), that is symmetric and mostly definite."""
+        return cls(schur.__getitem__, schur.shape[0], LapackCholesky)
 
     @classmethod
     def of(cls, schur: np.ndarray, factorise: Factorise = dense_factors) -> SchurEqualities:

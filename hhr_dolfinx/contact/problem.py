@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, issparse, vstack
+from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx.amplitudes import Amplitudes, Theta
 from hhr_dolfinx.errors import SceneError
@@ -221,6 +222,12 @@ class ContactProblem:
         """K of all dofs, without boundary conditions, (N, N)."""
         self.require_whole()
         return self.own_stiffness
+
+    @cached_property
+    def bodies(self) -> tuple[np.ndarray, ...]:
+        """Dofs of what hangs together through K, in their order."""
+        _, label = connected_components(self.stiffness, directed=False)
+        return tuple(np.flatnonzero(label == number) for number in range(label.max() + 1))
 
     @cached_property
     def external(self) -> csc_matrix:

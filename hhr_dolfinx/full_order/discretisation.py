@@ -127,9 +127,7 @@ class Discretisation:
         indptr, indices, data = matrix.getValuesCSR()
         return csr_matrix((data, indices, indptr), shape=(self.rows.stop - self.rows.start, self.size))
 
-    def contact_problem(
-        self, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()
-    ) -> ContactProblem:
+    def contact_problem(self, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()) -> ContactProblem:
         """All of (1.21) from own rows of the parts of K, (own dofs, N): large matrices by rows, the rest everywhere."""
         scene = self.scene
         mass = fem_petsc.assemble_matrix(self._mass_form)

@@ -40,6 +40,8 @@ class FullElimination:
     schur: np.ndarray
     free_slack: np.ndarray
 
+    symmetric = True
+
     @classmethod
     def at(cls, full: FullOrderModel, point: np.ndarray) -> FullElimination:
         """Factor the stiffness of a point, unless it is that at hand."""

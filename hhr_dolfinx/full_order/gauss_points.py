@@ -60,7 +60,9 @@ def add_parts(discretisation: Discretisation, matrix: PETSc.Mat, moduli: dict[in
     operator = _tabulated(discretisation, cells)
     unit, identity = np.zeros(operator.components), np.eye(operator.components)
     unit[:3] = 1.0
-    tangents = {place: volume * np.outer(unit, unit) + 2 * shape * identity for place, (volume, shape) in moduli.items()}
+    tangents = {
+        place: volume * np.outer(unit, unit) + 2 * shape * identity for place, (volume, shape) in moduli.items()
+    }
     of_point = np.repeat(bodies[cells], operator.per_cell)
     elastic = np.array([tangents[place] for place in of_point]).reshape(-1, *identity.shape)
     dofs = operator.dofs.astype(PETSc.IntType)

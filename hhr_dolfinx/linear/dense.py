@@ -7,12 +7,13 @@ Each object keeps its factors to itself, answers with arrays of its own, and may
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from threading import Lock
 from typing import Protocol
 
 import numpy as np
-from scipy.linalg.lapack import dgetrf, dgetrs
+from scipy.linalg.lapack import dgetrf, dgetrs, dpotrf, dpotrs
 
 from hhr_dolfinx.errors import HHRError, NotSolvableError, SingularError
 
@@ -148,6 +149,30 @@ class LapackLU:
         # SciPy counts the pivots from 1 in their own array while LAPACK is at work
         with self._lock:
             return dgetrs(*self._factors, rhs)[0]
+
+
+class LapackCholesky:
+    """Cholesky factors by LAPACK of a symmetric block, half the work of LU; LU where it is not definite."""
+
+    def __init__(self, matrix: np.ndarray):
+        self.refactor(matrix)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the factors."""
+        return self._other.nbytes if self._other is not None else self._factor.nbytes
+
+    def refactor(self, matrix: np.ndarray) -> None:
+        """Factor a matrix, of which the upper half is read."""
+        self._other: LapackLU | None = None
+        self._factor, info = dpotrf(matrix, clean=0)
+        # a NaN passes LAPACK and reaches the last pivot
+        if info or not math.isfinite(self._factor[-1, -1]):
+            self._other = LapackLU(matrix)
+
+    def solve(self, rhs: np.ndarray) -> np.ndarray:
+        """Solve for one right-hand side, (n,), or several, (n, m)."""
+        return dpotrs(self._factor, rhs)[0] if self._other is None else self._other.solve(rhs)
 
 
 def solve_columns(factor: Factor, rhs: np.ndarray) -> np.ndarray:

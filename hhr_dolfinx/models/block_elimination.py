@@ -115,6 +115,8 @@ class ReducedElimination:
     factors: list
     per_force: list
 
+    symmetric = False
+
     def unknown(self, forces: np.ndarray) -> np.ndarray:
         """gamma under contact forces, (ell,)."""
         return self.free - self.pushed(forces)

@@ -103,6 +103,10 @@ class KnownStatuses:
         offsets, directions = self._distances
         return (offsets - directions @ point).argmin()
 
+    def start(self, point: np.ndarray) -> np.ndarray:
+        """Statuses to start from at a point, (m,) bool: those of the nearest known parameter."""
+        return self.active[self.nearest(point)]
+
 
 def checked_start(start: Any, conditions: int) -> Any:
     """What a search may start from: ``nearest``, None, or statuses.

@@ -24,11 +24,13 @@ class Gradient(NamedTuple):
         unknown: of the model's own unknown, (n, P).
         multipliers: of the forces on its own conditions, (m, P).
         grazing: conditions about to change their status, where the derivative holds on one side only, (m,) bool.
+        slack: of the slack, (m, P).
     """
 
     unknown: np.ndarray
     multipliers: np.ndarray
     grazing: np.ndarray
+    slack: np.ndarray
 
     @property
     def one_sided(self) -> bool:
@@ -54,8 +56,8 @@ def gradient_of(
         pushed: maps a change of the forces, (m, P), to what it takes from the unknown, (n, P).
     """
     of_slack, of_unknown = at_fixed_forces
-    columns = [equalities(active, column)[0] for column in of_slack.T]
-    changes = np.stack(columns, axis=1)
+    columns = zip(*(equalities(active, column) for column in of_slack.T), strict=True)
+    changes, opened = (np.stack(part, axis=1) for part in columns)
     near = GRAZING * np.abs(forces).max(initial=0.0), GRAZING * np.abs(slack).max(initial=0.0)
     grazing = np.where(active, forces <= near[0], slack <= near[1])
-    return Gradient(of_unknown - pushed(changes), changes, grazing)
+    return Gradient(of_unknown - pushed(changes), changes, grazing, opened)

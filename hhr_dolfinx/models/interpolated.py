@@ -6,16 +6,22 @@ own. Where all of a part has one factor E(mu), S_c = S_c(E = 1) / E, which is ex
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes
-from hhr_dolfinx.models.interpolation import Interpolant, split
+from hhr_dolfinx.errors import HHRError
+from hhr_dolfinx.models.answer import Answer, ElasticFields
+from hhr_dolfinx.models.interpolation import Interpolant
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Scalar
+    from hhr_dolfinx.models.varying import Elimination
 
 
 @dataclass(frozen=True)
@@ -23,11 +29,12 @@ class Compliance:
     """What one part of a scene that hangs together leaves of itself once it is eliminated.
 
     Attributes:
-        conditions: contact conditions that act on it, (m_c,).
+        conditions: contact conditions that act on it, (m_c,), increasing.
         forced: terms of θ whose loads act on it, (T_F,).
         lifted: terms whose imposed displacements do, (T_L,).
         factor: the modulus that all of it has in common; None for none, or one that is constant.
-        interpolant: of S_c, B K^-1 F and B K^-1 K lift beside each other, for the factor 1.
+        interpolant: of S_c for the factor 1, (m_c^2, r) modes.
+        columns: modes of B K^-1 F of the terms forced and, behind them, of B K^-1 K lift, (T_F + T_L, m_c, r).
     """
 
     conditions: np.ndarray
@@ -35,12 +42,37 @@ class Compliance:
     lifted: np.ndarray
     factor: Scalar | None
     interpolant: Interpolant
+    columns: np.ndarray
 
-    @property
-    def shapes(self) -> dict[str, tuple[int, int]]:
-        """Shapes of what the interpolant holds, in its order."""
+    @cached_property
+    def where(self) -> slice | np.ndarray:
+        """Its conditions, as a slice if they are neighbours: adding there is several times as fast."""
+        first, last = self.conditions[0], self.conditions[-1]
+        return slice(first, last + 1) if last - first + 1 == self.conditions.size else self.conditions
+
+    @cached_property
+    def block(self) -> tuple:
+        """Place of S_c in S."""
+        return (self.where, self.where) if isinstance(self.where, slice) else np.ix_(self.conditions, self.conditions)
+
+    @cached_property
+    def terms(self) -> np.ndarray:
+        """Terms forced and lifted, (T_F + T_L,)."""
+        return np.concatenate([self.forced, self.lifted])
+
+    def schur(self, along: np.ndarray) -> np.ndarray:
+        """S_c for the factor 1, from components along the modes, (m_c, m_c)."""
         m = self.conditions.size
-        return {"schur": (m, m), "forced": (m, self.forced.size), "lifted": (m, self.lifted.size)}
+        return (self.interpolant.modes @ along).reshape(m, m)
+
+    def moved(self, along: np.ndarray, theta: np.ndarray, compliance: float) -> np.ndarray:
+        """B K^-1 (F - K lift): forces move by the compliance 1/E, lifts by 1 whatever it is, (m_c,)."""
+        weights = theta[self.terms]
+        weights[: self.forced.size] *= compliance
+        weights[self.forced.size :] *= -1.0
+        # a partial pressure has hundreds of columns, of which three act
+        used = weights.nonzero()[0]
+        return weights[used] @ (self.columns[used] @ along) if used.size else np.zeros(self.conditions.size)
 
 
 @dataclass(frozen=True)
@@ -50,43 +82,31 @@ class Compliances:
     Attributes:
         parts: of the scene.
         amplitudes: θ as a function of the parameters.
-        gaps: D as terms of θ, (m, 1 + T); as an interpolant where they change with the shape.
-        terms: 1 + T.
-        size: m.
-        parameters: number of parameters.
+        gaps: D as terms of θ, (m, 1 + T).
+        reshaped: D where it changes with the shape of the bodies, (m (1 + T), r) modes; None where it does not.
     """
 
     parts: tuple[Compliance, ...]
     amplitudes: Amplitudes
-    gaps: np.ndarray | Interpolant
-    terms: int
-    size: int
-    parameters: int
+    gaps: np.ndarray
+    reshaped: Interpolant | None = None
 
     def __call__(self, point: np.ndarray) -> InterpolatedElimination:
         """S and the free slack at a point, (P,)."""
-        theta = _dense(self.amplitudes, point, self.terms)
+        size, terms = self.gaps.shape
+        theta = _dense(self.amplitudes, point, terms)
         slack = self.gaps_at(point) @ theta
-        schur = np.zeros((self.size, self.size))
+        schur = np.zeros((size, size))
         for part in self.parts:
+            along = part.interpolant.along_modes(point)
             compliance = 1.0 if part.factor is None else 1.0 / part.factor.value(point)
-            values = split(part.interpolant.value(point), part.shapes)
-            moved = compliance * (values["forced"] @ theta[part.forced])
-            if part.lifted.size:
-                moved -= values["lifted"] @ theta[part.lifted]
-            if part.conditions.size == self.size:  # all of them, in their order
-                schur += compliance * values["schur"]
-                slack -= moved
-            else:
-                schur[part.conditions[:, None], part.conditions] += compliance * values["schur"]
-                slack[part.conditions] -= moved
+            schur[part.block] += part.schur(compliance * along)
+            slack[part.where] -= part.moved(along, theta, compliance)
         return InterpolatedElimination(self, point, schur, slack)
 
     def gaps_at(self, point: np.ndarray) -> np.ndarray:
         """D at a point, (m, 1 + T)."""
-        if isinstance(self.gaps, Interpolant):
-            return self.gaps.value(point).reshape(self.size, self.terms)
-        return self.gaps
+        return self.gaps if self.reshaped is None else self.reshaped.value(point).reshape(self.gaps.shape)
 
 
 @dataclass(frozen=True)
@@ -104,6 +124,8 @@ class InterpolatedElimination:
     schur: np.ndarray
     free_slack: np.ndarray
 
+    symmetric = True
+
     def unknown(self, forces: np.ndarray) -> np.ndarray:
         """None: fields are made when somebody asks."""
         return np.zeros(0)
@@ -114,50 +136,88 @@ class InterpolatedElimination:
 
     def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of gaps, free displacement and S times forces."""
-        owner, point = self.owner, self.point
-        theta, slopes = _dense(owner.amplitudes, point, owner.terms), _dense_slopes(owner.amplitudes, point, owner.terms)
-        slack = owner.gaps_at(point) @ slopes
-        if isinstance(owner.gaps, Interpolant):
-            changes = owner.gaps.derivative(point)
-            for axis, column in zip(owner.gaps.axes, changes.T, strict=True):
-                slack[:, axis] += column.reshape(owner.size, owner.terms) @ theta
+        owner, point, (size, terms) = self.owner, self.point, self.owner.gaps.shape
+        theta, (acting, slopes) = _dense(owner.amplitudes, point, terms), owner.amplitudes.slopes_at(point)
+        changes = np.zeros((terms, point.size))
+        changes[acting] = slopes
+        slack = owner.gaps_at(point) @ changes
+        if owner.reshaped is not None:
+            for axis, column in zip(owner.reshaped.axes, owner.reshaped.derivative(point).T, strict=True):
+                slack[:, axis] += column.reshape(size, terms) @ theta
         for part in owner.parts:
-            slack[part.conditions] += _of_part(part, point, theta, slopes, forces[part.conditions])
-        return slack, np.zeros((0, owner.parameters))
+            slack[part.where] += _of_part(part, point, theta, changes, forces[part.where])
+        return slack, np.zeros((0, point.size))
 
 
 def _of_part(
-    part: Compliance, point: np.ndarray, theta: np.ndarray, slopes: np.ndarray, forces: np.ndarray
+    part: Compliance, point: np.ndarray, theta: np.ndarray, changes: np.ndarray, forces: np.ndarray
 ) -> np.ndarray:
     """Derivatives of what a part adds to the slack while the forces stay, (m_c, P)."""
-
-    def added(values: dict[str, np.ndarray]) -> np.ndarray:
-        return values["schur"] @ forces - values["forced"] @ theta[part.forced]
-
-    values = split(part.interpolant.value(point), part.shapes)
-    compliance, change = 1.0, np.zeros(slopes.shape[1])
+    along, slopes = part.interpolant.along_modes(point), part.interpolant.slopes_along_modes(point)
+    compliance, change = 1.0, np.zeros(point.size)
     if part.factor is not None:
         modulus = part.factor.value(point)
         compliance, change = 1.0 / modulus, -part.factor.derivative(point) / modulus**2
-    found = np.outer(added(values), change)
-    found -= compliance * (values["forced"] @ slopes[part.forced])
-    found += values["lifted"] @ slopes[part.lifted]
-    for axis, column in zip(part.interpolant.axes, part.interpolant.derivative(point).T, strict=True):
-        changed = split(column, part.shapes)
-        found[:, axis] += compliance * added(changed) + changed["lifted"] @ theta[part.lifted]
+    # S_c forces of every mode, so that no derivative forms S_c: it is symmetric
+    m, ways = part.conditions.size, np.column_stack([along, slopes])
+    pushed = (part.interpolant.modes.T.reshape(-1, m, m) @ forces).T @ ways
+    # terms that act or change, of which there may be hundreds that do neither
+    used = np.flatnonzero(theta[part.terms].astype(bool) | changes[part.terms].any(axis=1))
+    moved = np.moveaxis(part.columns[used] @ ways, 0, 2)
+    terms, forced = part.terms[used], used < part.forced.size
+    # forces move by the compliance 1/E, lifts by 1 whatever it is
+    scales = np.where(forced, compliance, -1.0)
+    acting, altered = theta[terms], changes[terms]
+    found = np.outer(pushed[:, 0] - moved[:, 0] @ (acting * forced), change) - moved[:, 0] @ (scales[:, None] * altered)
+    found[:, part.interpolant.axes] += compliance * pushed[:, 1:] - moved[:, 1:] @ (scales * acting)
     return found
+
+
+@dataclass(frozen=True)
+class InterpolatedFields(ElasticFields):
+    """What completes answers of interpolated condensation, see :class:`hhr_dolfinx.models.answer.Fields`.
+
+    Under known contact forces the displacement is a linear problem, solved by Galerkin's method on a basis: the best
+    one there is in energy.
+
+    Attributes:
+        amplitudes: θ as a function of the parameters.
+        basis: V, (N, ell).
+        lifts: imposed displacements, sparse, (N, 1 + T).
+        galerkin: eliminates the unknown of the basis at a point, (P,).
+        dimension: components of the displacement at a node.
+        stress_of: stress of a displacement at a parameter; None where there is no mesh.
+    """
+
+    amplitudes: Amplitudes
+    basis: np.ndarray
+    lifts: csc_matrix
+    galerkin: Callable[[np.ndarray], Elimination]
+    dimension: int
+    stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+
+    def __reduce__(self) -> tuple:
+        """Copy and pickle by the arrays: a mesh belongs to one process."""
+        return InterpolatedFields, (self.amplitudes, self.basis, self.lifts, self.galerkin, self.dimension)
+
+    def displacement(self, answer: Answer) -> np.ndarray:
+        """V gamma and the lift, (N,)."""
+        gamma = self.galerkin(answer.parameter).unknown(answer.multipliers)
+        return self.basis @ gamma + self.lifts @ self.amplitudes(answer.parameter)
+
+    def stress(self, answer: Answer) -> np.ndarray:
+        """Stress in the middle of each cell, Kelvin's notation.
+
+        Raises:
+            HHRError: for a model without a mesh.
+        """
+        if self.stress_of is None:
+            raise HHRError("this model keeps no mesh, and stress needs one: full.stress_of(displacement, mu)")
+        return self.stress_of(self.displacement(answer), answer.parameter)
 
 
 def _dense(amplitudes: Amplitudes, point: np.ndarray, terms: int) -> np.ndarray:
     """θ as an array, (1 + T,)."""
     theta, found = amplitudes(point), np.zeros(terms)
     found[theta.terms] = theta.values
-    return found
-
-
-def _dense_slopes(amplitudes: Amplitudes, point: np.ndarray, terms: int) -> np.ndarray:
-    """Derivatives of θ as an array, (1 + T, P)."""
-    acting, slopes = amplitudes.slopes_at(point)
-    found = np.zeros((terms, slopes.shape[1]))
-    found[acting] = slopes
     return found

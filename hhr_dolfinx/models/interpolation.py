@@ -8,7 +8,7 @@ Griebel, Computing 71, 2003; A. Chkifa, A. Cohen and C. Schwab, Found. Comput. M
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
 
@@ -41,7 +41,7 @@ class Interpolant:
         axes: places of its d parameters in a point, (d,).
         lower, upper: their box, (d,).
         levels: of each polynomial along each axis, (n, d).
-        modes: directions of the values, (M, r).
+        modes: directions of the values, (M, r); products are fastest in Fortran order.
         weights: of the polynomials along them, (r, n).
     """
 
@@ -59,12 +59,20 @@ class Interpolant:
 
     def value(self, point: np.ndarray) -> np.ndarray:
         """At a point of the whole box, (M,)."""
-        return self.modes @ (self.weights @ self.polynomials(point))
+        return self.modes @ self.along_modes(point)
+
+    def along_modes(self, point: np.ndarray) -> np.ndarray:
+        """Components of the value along the modes, (r,)."""
+        return self.weights @ self.polynomials(point)
+
+    def slopes_along_modes(self, point: np.ndarray) -> np.ndarray:
+        """Their derivatives along its own axes, (r, d)."""
+        columns = [self.weights @ self._derived(point, axis) for axis in range(self.axes.size)]
+        return np.stack(columns, axis=1) if columns else np.zeros((len(self.weights), 0))
 
     def derivative(self, point: np.ndarray) -> np.ndarray:
         """Derivatives along its own axes, (M, d)."""
-        columns = [self.weights @ self._derived(point, axis) for axis in range(self.axes.size)]
-        return self.modes @ np.stack(columns, axis=1) if columns else np.zeros((len(self.modes), 0))
+        return self.modes @ self.slopes_along_modes(point)
 
     def polynomials(self, point: np.ndarray) -> np.ndarray:
         """All polynomials at a point, (n,)."""
@@ -159,8 +167,10 @@ def grow(
             if after[axis] < MOST_LEVELS and _admissible(after, order) and len(order) < budget:
                 try_term(after)
     values = np.stack(surpluses, axis=1)
-    modes, weights = _compressed(values, tolerance * 1e-2)
-    grown = Interpolant(axes, lower, upper, np.array(order, dtype=np.int64).reshape(len(order), axes.size), modes, weights)
+    modes, weights = _compressed(values, tolerance * 0.1)
+    grown = Interpolant(
+        axes, lower, upper, np.array(order, dtype=np.int64).reshape(len(order), axes.size), modes, weights
+    )
     return GrownGrid(grown, max(waiting.values(), default=0.0) if axes.size else 0.0, len(order))
 
 
@@ -186,14 +196,4 @@ def _compressed(values: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.nd
     """Few directions for all columns, which leave out less than a part of the largest singular value."""
     modes, sizes, weights = svd(values, full_matrices=False)
     rank = max(1, int((sizes > tolerance * sizes[0]).sum()))
-    return np.ascontiguousarray(modes[:, :rank] * sizes[:rank]), np.ascontiguousarray(weights[:rank])
-
-
-def split(values: np.ndarray, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, np.ndarray]:
-    """A vector of values as arrays by name, in the order in which they were joined."""
-    parts, first = {}, 0
-    for name, shape in shapes.items():
-        size = int(np.prod(shape))
-        parts[name] = values[first : first + size].reshape(shape)
-        first += size
-    return parts
+    return np.asfortranarray(modes[:, :rank] * sizes[:rank]), np.ascontiguousarray(weights[:rank])

@@ -28,10 +28,12 @@ class Elimination(Protocol):
     Attributes:
         schur: S, (m, m).
         free_slack: slack without contact forces, (m,).
+        symmetric: whether S is.
     """
 
     schur: np.ndarray
     free_slack: np.ndarray
+    symmetric: bool
 
     def unknown(self, forces: np.ndarray) -> np.ndarray:
         """The primal unknown under contact forces, (n,)."""
@@ -53,13 +55,14 @@ def answer_of(
     gradient: bool,
 ) -> Answer:
     """Solve the contact problem that is left, from some statuses or, with None, those of the free slack."""
-    free_slack, equalities = elimination.free_slack, SchurEqualities.of(elimination.schur, LapackLU)
+    free_slack, schur = elimination.free_slack, elimination.schur
+    equalities = SchurEqualities.symmetric(schur) if elimination.symmetric else SchurEqualities.of(schur, LapackLU)
     found = active_set(equalities, free_slack, free_slack < 0 if start is None else start, pairs=pairs)
     unknown = elimination.unknown(found.forces)
     answer = found_as(found, point, unknown, fields)
     if not gradient or found.status is not Status.CONVERGED:
         return answer
-    slack = free_slack + elimination.schur @ found.forces
+    slack = free_slack + schur @ found.forces
     fixed = elimination.at_fixed_forces(found.forces, unknown)
     how = found.active, found.forces, slack, fixed, elimination.pushed
     return answer._replace(gradient=gradient_of(equalities, *how))
@@ -78,6 +81,9 @@ class VaryingModel:
         pairs: number of the contact pair of each condition, (m,).
         trained: parameters outside of which answers are not to be trusted; None where there are none.
         advice: what helps against a status, for the messages.
+
+    Attributes:
+        offline: how it was made, the record of what built it; None for a model from a file.
     """
 
     def __init__(
@@ -92,6 +98,7 @@ class VaryingModel:
     ):
         self.parameters, self.eliminated, self.known, self.fields = parameters, eliminated, known, fields
         self.trained, self._advice = trained, advice
+        self.offline: Any = None
         self._door = None if trained is None or trained.covers(parameters) else trained
         self._pairs, self._m = Pairs.of(pairs), len(pairs)
 
@@ -111,7 +118,7 @@ class VaryingModel:
             self._door.check(point, outside)
         start = checked_start(start, self._m)
         if isinstance(start, str):
-            start = self.known.active[self.known.nearest(point)]
+            start = self.known.start(point)
         answer = answer_of(self.eliminated(point), point, start, self._pairs, self.fields, gradient=gradient)
         return outcome(answer, raise_on_failure, self._advice)
 

@@ -6,21 +6,39 @@ Each part of a scene that hangs together is solved for by itself, at parameters 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
-from scipy.sparse.csgraph import connected_components
 
-from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.certify.accuracy import force_floor
+from hhr_dolfinx.certify.compare import Comparison, compare_points
+from hhr_dolfinx.certify.trust import TrustLimits, check_comparison
+from hhr_dolfinx.contact.active_set import Pairs
+from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.formulas import Modulus, Scalar
 from hhr_dolfinx.linear.sparse import FreeCholesky
-from hhr_dolfinx.models.interpolated import Compliance, Compliances
+from hhr_dolfinx.models.block_elimination import BlockElimination
+from hhr_dolfinx.models.interpolated import Compliance, Compliances, InterpolatedFields
 from hhr_dolfinx.models.interpolation import GrownGrid, Interpolant, grow
+from hhr_dolfinx.models.starts import LinearStarts
+from hhr_dolfinx.models.varying import VaryingModel, answer_of
+from hhr_dolfinx.reduction.projection import project
+from hhr_dolfinx.reduction.recipe import Pod
+from hhr_dolfinx.sampling import Sobol
+from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
+from hhr_dolfinx.timing import StageLog
 
 Progress = Callable[[Iterable], Iterable]
+
+STARTS = 256
+"""Points at which statuses are known beforehand: four times as many save a tenth of the iterations on the pellet."""
+FIELD_TOLERANCE = 1e-13
+"""Part of the squared sum of displacements that the basis of the fields may leave out."""
+NO_FIELDS: Any = None
+"""Fields of answers that nobody asks for any."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +50,7 @@ class GridSettings:
         budget: most solutions for each part of a scene that hangs together.
     """
 
-    tolerance: float = 1e-6
+    tolerance: float = 1e-5
     budget: int = 200
 
     def __post_init__(self) -> None:
@@ -63,14 +81,105 @@ class Component:
     axes: np.ndarray
 
 
+@dataclass(frozen=True)
+class CondensedRecord:
+    """How interpolated condensation was made.
+
+    Attributes:
+        settings: how far its grids were to grow.
+        evaluations: solutions of the parts of the scene, one number for each grid.
+        surpluses: what the terms tried last would have changed, relative.
+        comparison: what users get beside answers that are known; None where there were none.
+        log: seconds of the stages.
+    """
+
+    settings: GridSettings
+    evaluations: list[int]
+    surpluses: list[float]
+    comparison: Comparison | None
+    log: StageLog
+
+
+def condense(
+    full: Any,
+    snapshots: SnapshotSet,
+    settings: GridSettings = GridSettings(),
+    held_out: SnapshotSet | None = None,
+) -> VaryingModel:
+    """Build a model that keeps all contact conditions and interpolates what is behind them.
+
+    Args:
+        full: the full model, on one rank, whose stiffness depends on parameters.
+        snapshots: answers whose displacements span the fields; the contact forces do not need them.
+        settings: how far the sparse grids grow.
+        held_out: answers the model is compared with.
+
+    Raises:
+        ReductionError: for a scene whose stiffness is constant, or that flows.
+    """
+    problem: ContactProblem = full.problem
+    if full.equilibrium is not None or not problem.varies:
+        raise ReductionError(
+            f"the stiffness of scene '{full.scene.name}' does not depend on parameters, or its bodies flow: interpolated "
+            "condensation is for elastic bodies that vary; take exact_condensation"
+        )
+    problem.require_whole()
+    check_of_problem("snapshots", snapshots, problem)
+    log = StageLog()
+    with log.stage("compliances"):
+        compliances, grids = interpolated_compliances(full, settings)
+    with log.stage("fields"):
+        fields = _fields(full, snapshots)
+    with log.stage("starts"):
+        points = Sobol(STARTS).points(problem.parameters)
+        known = _starts(compliances, points, problem.contact_pairs)
+    model = VaryingModel(full.parameters, compliances, known, fields, problem.contact_pairs)
+    comparison = None
+    if held_out is not None:
+        with log.stage("validation"):
+            comparison = compare_points(full, model, held_out, force_floor(problem, snapshots))
+            check_comparison(comparison, TrustLimits())
+    numbers = [grid.evaluations for grid in grids], [grid.surplus for grid in grids]
+    model.offline = CondensedRecord(settings, *numbers, comparison, log)
+    return model
+
+
+def _fields(full: Any, snapshots: SnapshotSet) -> InterpolatedFields:
+    """Galerkin's method on what snapshots span, body by body."""
+    problem: ContactProblem = full.problem
+    basis = Pod(FIELD_TOLERANCE, relative=True, by_body=True).modes(problem, snapshots)
+    every = np.flatnonzero(problem.free)
+    conditions = np.arange(len(problem.gaps))
+    sets = IndexSets(np.arange(len(problem.cell_nodes)), every, conditions, every, every, np.zeros(0, dtype=np.int64))
+    galerkin = BlockElimination(project(problem, basis, sets), problem.amplitudes)
+    rest = galerkin, problem.block_size, full.stress_of
+    return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest)
+
+
+def _starts(compliances: Compliances, points: np.ndarray, pairs: np.ndarray) -> LinearStarts:
+    """Statuses at some points and how they change, by the model itself."""
+    found = []
+    for point in points:
+        elimination = compliances(point)
+        answer = answer_of(elimination, point, None, Pairs.of(pairs), NO_FIELDS, gradient=True)
+        if answer.gradient is not None:
+            slack = elimination.free_slack + elimination.schur @ answer.multipliers
+            margins = np.where(answer.active, answer.multipliers, -slack)
+            changes = np.where(answer.active[:, None], answer.gradient.multipliers, -answer.gradient.slack)
+            found.append((point, answer.active, margins, changes))
+    if not found:
+        raise ReductionError("no point of the box has an answer: contact rows are dependent, or the box is empty")
+    return LinearStarts(*(np.array(part) for part in zip(*found, strict=True)))
+
+
 def components_of(problem: ContactProblem) -> list[Component]:
     """What hangs together in a scene, as far as it touches anything."""
     names = problem.parameters.names
-    _, label = connected_components(problem.stiffness, directed=False)
     found = []
     shape_axes = () if problem.reshaped is None else problem.reshaped.axes
-    for number in np.unique(label[problem.free]):
-        dofs = (label == number) & problem.free
+    for body in problem.bodies:
+        dofs = np.zeros(problem.free.size, dtype=bool)
+        dofs[body] = problem.free[body]
         conditions = np.flatnonzero(np.diff(problem.contact[:, dofs].indptr))
         if not conditions.size:
             continue
@@ -109,17 +218,23 @@ def interpolated_compliances(
     for component in progress(components_of(problem)):
         grid = _grown(full, component, settings)
         given = component.conditions, component.forced, component.lifted, component.factor
-        parts.append(Compliance(*given, grid.interpolant))
+        parts.append(Compliance(*given, *_cut(grid.interpolant, component.conditions.size)))
         grids.append(grid)
-    gaps: np.ndarray | Interpolant = problem.gaps
+    reshaped = None
     if problem.reshaped is not None:
         axes = np.array(problem.reshaped.axes, dtype=np.int64)
         grid = grow(_gaps_at(full, axes), _scaled_by({"gaps": problem.gaps.shape}), _box(problem, axes),
                     settings.tolerance, settings.budget)  # fmt: skip
         grids.append(grid)
-        gaps = grid.interpolant
-    sizes = problem.gaps.shape[1], problem.gaps.shape[0], len(problem.parameters.names)
-    return Compliances(tuple(parts), problem.amplitudes, gaps, *sizes), grids
+        reshaped = grid.interpolant
+    return Compliances(tuple(parts), problem.amplitudes, problem.gaps, reshaped), grids
+
+
+def _cut(interpolant: Interpolant, size: int) -> tuple[Interpolant, np.ndarray]:
+    """The interpolant of S_c, (m_c^2, r), and the modes of the columns behind it, (terms, m_c, r)."""
+    schur, rest = interpolant.modes[: size**2], interpolant.modes[size**2 :]
+    columns = np.ascontiguousarray(rest.reshape(-1, size, rest.shape[1]))
+    return replace(interpolant, modes=np.asfortranarray(schur)), columns
 
 
 def _box(problem: ContactProblem, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -140,7 +255,7 @@ def _grown(full: Any, component: Component, settings: GridSettings) -> GrownGrid
     """Interpolate what one component leaves of itself."""
     problem: ContactProblem = full.problem
     m = component.conditions.size
-    shapes = {"schur": (m, m), "forced": (m, component.forced.size), "lifted": (m, component.lifted.size)}
+    shapes = {"schur": (m, m), "forced": (component.forced.size, m), "lifted": (component.lifted.size, m)}
     solver: list[FreeCholesky] = []
 
     def solved(values: np.ndarray) -> np.ndarray:
@@ -151,7 +266,9 @@ def _grown(full: Any, component: Component, settings: GridSettings) -> GrownGrid
             solver[0].refactor(there.own_stiffness)
         else:
             rows, scene = slice(0, problem.free.size), full.scene.name
-            solver.append(FreeCholesky(there.own_stiffness, component.dofs, rows, scene, full.block_ordering, full.comm))
+            solver.append(
+                FreeCholesky(there.own_stiffness, component.dofs, rows, scene, full.block_ordering, full.comm)
+            )
         factor = 1.0 if component.factor is None else component.factor.value(point)
         return _left_of(there, component, solver[0], factor)
 
@@ -164,9 +281,8 @@ def _left_of(problem: ContactProblem, component: Component, solver: FreeCholesky
     per_force = solver.solve_columns(rows.T)
     schur = rows @ per_force
     # K^-1 is symmetric: no solve for the loads, of which there may be more than conditions
-    forced = (problem.external[:, component.forced].T @ per_force).T
-    lifts = problem.stiffness @ problem.lifts[:, component.lifted]
-    lifted = (lifts.T @ per_force).T
+    forced = problem.external[:, component.forced].T @ per_force
+    lifted = (problem.stiffness @ problem.lifts[:, component.lifted]).T @ per_force
     parts = (factor * (schur + schur.T) / 2, factor * forced, lifted)
     return np.concatenate([np.asarray(part).ravel() for part in parts])
 

@@ -82,10 +82,13 @@ class Pod(_Truncated):
         relative: divide each snapshot by its norm first, so that grazing contact counts as much as strong contact; the
             thesis does not.
         norm: ``euclidean`` as in the thesis, ``energy`` or ``l2``.
+        by_body: decompose what hangs together by itself, so that each mode moves one body only. Bodies that only
+            contact joins then share no entries of K~: a stiffness that depends on parameters is factored in blocks.
     """
 
     relative: bool = False
     norm: str = "euclidean"
+    by_body: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -96,7 +99,17 @@ class Pod(_Truncated):
         """The leading modes, (N, ell)."""
         gram = {"euclidean": None, "energy": problem.stiffness, "l2": problem.mass}[self.norm]
         columns = snapshots.displacements
-        return pod(columns * _weights(columns) if self.relative else columns, self.tolerance, gram)[0]
+        columns = columns * _weights(columns) if self.relative else columns
+        if not self.by_body:
+            return pod(columns, self.tolerance, gram)[0]
+        return np.column_stack([self._of_body(dofs, columns, gram) for dofs in problem.bodies if columns[dofs].any()])
+
+    def _of_body(self, dofs: np.ndarray, columns: np.ndarray, gram: Any) -> np.ndarray:
+        """Modes that move one body, given by its dofs, (N, k)."""
+        modes, _ = pod(columns[dofs], self.tolerance, None if gram is None else gram[dofs][:, dofs])
+        found = np.zeros((len(columns), modes.shape[1]))
+        found[dofs] = modes
+        return found
 
 
 @dataclass(frozen=True)

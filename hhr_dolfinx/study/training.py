@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mpi4py import MPI
@@ -24,6 +24,10 @@ from hhr_dolfinx.snapshots.held_out import held_out_points
 from hhr_dolfinx.snapshots.records import SnapshotSet, spread_snapshots
 from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.timing import StageLog
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.varying import VaryingModel
+    from hhr_dolfinx.reduction.condense import GridSettings
 
 Progress = Callable[[str], Callable[[Iterable], Iterable]]
 """Maps a label to a wrapper of iterations, for progress bars."""
@@ -62,6 +66,16 @@ class Training:
             given = given.as_it_is()
         return build(self.full_order, self.snapshots, given)
 
+    def condense(self, settings: GridSettings | None = None) -> VaryingModel:
+        """Interpolated condensation, for elastic scenes whose stiffness or shape depends on parameters.
+
+        Raises:
+            ReductionError: for another scene.
+        """
+        from hhr_dolfinx.reduction.condense import GridSettings, condense
+
+        return condense(self.full_order, self.snapshots, settings or GridSettings(), self.held_out)
+
 
 def train(
     scene: Scene,
@@ -78,8 +92,9 @@ def train(
 
     Args:
         scene: the scene.
-        training: the number of points along each parameter, on a regular grid, or an array of points, (S, P); where
-            bodies flow a list of paths, each of times in seconds and parameters.
+        training: the number of points along each parameter, on a regular grid; a sampling, ``Sobol(512)`` or
+            ``LatinHypercube(100)``; or an array of points, (S, P). Where bodies flow a list of paths, each of times in
+            seconds and parameters.
         held_out: for the trust check: how many random parameters (100, a fifth of them where contact grazes; 0 for
             none), or paths.
         seed: of random parameters.
@@ -127,8 +142,10 @@ def _checked(scene: Scene, training: Any, held_out: Any, seed: Any) -> tuple[Any
 
 
 def training_points(scene: Scene, training: Any) -> np.ndarray:
-    """Training points, (S, P): on a regular grid for counts along each parameter, or as they are given."""
+    """Training points, (S, P): on a regular grid for counts along each parameter, sampled, or as they are given."""
     try:
+        if hasattr(training, "points"):
+            training = np.asarray(training.points(scene.parameters))
         given = isinstance(training, np.ndarray) and (training.ndim > 1 or training.dtype.kind == "f")
         points = scene.parameters.points(training) if given else scene.parameters.grid(training)
     except ParameterError as error:
