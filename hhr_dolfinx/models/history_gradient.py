@@ -96,7 +96,10 @@ class _Step:
         theta = model.amplitudes(answer.parameter)
         strain = model.strain(answer.unknown, theta)
         self.strain_size = float(np.abs(strain).max(initial=0.0))
-        update = model.material.at(answer.parameter).update(strain, before, dt, tangent=True)
+        try:
+            update = model.material.at(answer.parameter).update(strain, before, dt, tangent=True)
+        except ConvergenceError as error:
+            raise _in_parts(number, str(error)) from error
         _check_single(update, answer.state(), number)
         self._linear = model.linearised(update.tangents)
 
@@ -172,10 +175,14 @@ def _check_single(update: Update, kept: GaussState, number: int) -> None:
     """Raise ConvergenceError for a step whose stress is not that of a single step to its end."""
     apart = _largest(update.stress - kept.stress)
     if not apart <= SAME_STRESS * _largest(kept.stress):
-        raise ConvergenceError(
-            f"step {number} of the history was solved in parts, or by another model: its stress differs by {apart:.2g} "
-            "from that of a single step. Give the path more steps, march along it, and ask again"
-        )
+        raise _in_parts(number, f"its stress differs by {apart:.2g} from that of a single step")
+
+
+def _in_parts(number: int, why: str) -> ConvergenceError:
+    return ConvergenceError(
+        f"step {number} of the history was solved in parts, or by another model ({why}): march along the path in more "
+        "steps, and ask for the derivatives of that history"
+    )
 
 
 def _largest(values: np.ndarray) -> float:
