@@ -1,6 +1,7 @@
 """Constants of laws that are formulas of the parameters: histories, reduced models, files, derivatives."""
 
 import dataclasses
+import pickle
 import subprocess
 import sys
 from typing import Literal
@@ -210,6 +211,7 @@ def test_a_model_file_keeps_formulas(reduction, tmp_path):
     assert [group.law for group in stored.flow.material.groups] == list(FORMULAS)
     asked = path(9.0, 71.0, 950.0)
     assert same(stored.march(asked, QUIET), reduction.march(asked, QUIET))
+    assert same(pickle.loads(pickle.dumps(reduction)).march(asked, QUIET), reduction.march(asked, QUIET))
     found = marched_elsewhere(tmp_path / "model.npz", path(9.0, 71.0), tmp_path)
     assert found.tobytes() == flat(reduction.march(path(9.0, 71.0), QUIET)).tobytes()
 
@@ -292,6 +294,12 @@ def test_laws_that_are_impossible_somewhere_name_their_body(law, message):
 def test_what_is_no_formula_is_refused_where_it_is_written(law):
     with pytest.raises(SceneError, match=r"of (Plasticity|Norton): .*formula|must be positive"):
         law()
+
+
+def test_a_formula_has_no_flow_of_its_own():
+    material = Material([Group(np.arange(1), YOUNG, POISSON, hhr.Norton("K", 2.0))], 4, ("K",))
+    with pytest.raises(SceneError, match=r"'K' is a formula of the parameters: law_at\(law, names, point\)"):
+        material.update(np.ones((1, 4)), material.at_rest(), 1.0, tangent=False)
 
 
 def test_a_law_that_refuses_texts_says_so():

@@ -65,6 +65,13 @@ def _holds(what: str, constant: Any, possible: Callable[[Any], bool]) -> bool:
     return isinstance(constant, Real) and possible(constant)
 
 
+def _number(constant: float | str) -> float:
+    """A constant that must be a number by now."""
+    if isinstance(constant, str):
+        raise TypeError(f"{constant!r} is a formula of the parameters: law_at(law, names, point) has its number")
+    return constant
+
+
 @dataclass(frozen=True)
 class Plasticity:
     """Von Mises plasticity with linear isotropic hardening, thesis (6.23)-(6.26): yield at σ0 + H p.
@@ -94,8 +101,9 @@ class Plasticity:
         self, trial: np.ndarray, plastic_strain: np.ndarray, shear: float, dt: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Closed form of σ0 + H (p + Δp) = q_tr - 3 mu Δp; see :class:`Flow`."""
-        slope = 1 / (3 * shear + self.hardening)
-        over = trial - self.yield_stress - self.hardening * plastic_strain
+        hardening = _number(self.hardening)
+        slope = 1 / (3 * shear + hardening)
+        over = trial - _number(self.yield_stress) - hardening * plastic_strain
         return np.maximum(over, 0.0) * slope, np.where(over > 0, slope, 0.0)
 
 
@@ -129,12 +137,12 @@ class Norton:
         Raises:
             ArithmeticError: if the iteration does not settle.
         """
-        m = self.exponent
+        m, resistance = _number(self.exponent), _number(self.resistance)
         factor = 3 * shear * dt
-        x = np.minimum(trial, self.resistance * (trial / factor) ** (1 / m))
+        x = np.minimum(trial, resistance * (trial / factor) ** (1 / m))
         positive = np.where(x > 0, x, 1.0)
         for _ in range(ITERATIONS):
-            rate = _power(x / self.resistance, m)
+            rate = _power(x / resistance, m)
             step = (x + factor * rate - trial) / (1 + factor * m * rate / positive)
             x = x - step
             positive = np.where(x > 0, x, 1.0)
@@ -148,7 +156,7 @@ class Norton:
                     f"Newton's method still moves after {ITERATIONS} iterations under a trial stress of "
                     f"{trial[lost[0]]:g} with 3 mu dt = {factor:g}: check units"
                 )
-        rate = dt * _power(x / self.resistance, m)
+        rate = dt * _power(x / resistance, m)
         slope = m * rate / positive
         return rate, slope / (1 + 3 * shear * slope)
 
