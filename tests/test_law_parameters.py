@@ -4,6 +4,7 @@ import dataclasses
 import pickle
 import subprocess
 import sys
+import warnings
 from typing import Literal
 
 import flowing
@@ -69,6 +70,10 @@ def test_formulas_of_constants_are_the_constants(full):
     base = demo.scene(**flowing.SMALL_MESH).parameters
     one, other = (hhr.FullOrderModel(pellet(laws, base)).march(demo.path(8.0, 6)) for laws in (alone, NUMBERS))
     assert same(one, other)
+    with warnings.catch_warnings():
+        # no parameter is idle that a law names
+        warnings.simplefilter("error")
+        hhr.FullOrderModel(pellet(FORMULAS))
     with pytest.warns(SceneWarning, match=r"parameters \('sy', 'K'\) .* have no effect: .* or law names them"):
         numbers = hhr.FullOrderModel(pellet(NUMBERS))
     assert same(full.march(path()), numbers.march(path()))
@@ -279,6 +284,7 @@ def test_a_store_tells_formulas_apart(full, tmp_path):
         (hhr.Norton(1.0, "20 / T"), r"Norton refuses exponent = .*narrow the box"),
         (hhr.Plasticity("table(T, 20, 1, 500, 2)"), r"outside the table from 20 to 500.*further points, or narrow"),
         (Undeclared("log(T - 100)"), r"threshold = log\(T - 100\) of Undeclared is nan at .*: change the formula"),
+        (hhr.Plasticity("(-8) ** 0.5"), r"yield_stress = .* of Plasticity is nan at .*: change the formula"),
         (Undeclared("T +"), r"threshold of Undeclared: the formula 'T \+' cannot be read"),
     ],
 )

@@ -92,6 +92,8 @@ class LawOfParameters:
                     f"{field} = {text} of {type(self._law).__name__}: {error}, at {self._place(point)}. Give the table "
                     "further points, or narrow the box of the parameters"
                 ) from None
+            except TypeError:  # of complex numbers, as a root of a negative one is
+                found[field] = math.nan
             if not math.isfinite(found[field]):
                 raise SceneError(
                     f"{field} = {text} of {type(self._law).__name__} is {found[field]} at {self._place(point)}: change "
