@@ -264,7 +264,7 @@ def test_a_store_tells_formulas_apart(full, tmp_path):
     assert found(hhr.FullOrderModel(pellet(FORMULAS))) == flowing.STEPS
     wider = dataclasses.replace(SPACE, upper=(*SPACE.upper[:3], 110.0, 1300.0))
     assert found(hhr.FullOrderModel(pellet(FORMULAS, wider))) == flowing.STEPS
-    for law in (hhr.Plasticity("sy + 0"), hhr.Plasticity("sy", "1e3"), hhr.Plasticity("sy", 1001.0)):
+    for law in (hhr.Plasticity("sy + 0", 1e3), hhr.Plasticity("sy", "1e3"), hhr.Plasticity("sy", 1001.0)):
         assert found(hhr.FullOrderModel(pellet((law, FORMULAS[1])))) == 0
     assert found(full, 81.0) == 0
 
