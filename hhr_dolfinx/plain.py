@@ -9,7 +9,8 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping
-from typing import Any, get_args, get_origin, get_type_hints
+from types import UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -91,7 +92,9 @@ def restored(data: object, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
     for key, value in fields.items():
         if not _fits(value, hints.get(key)):
             wanted = getattr(hints[key], "__name__", hints[key])
-            raise FileContentError(f"{key} of {name} is {_shown(value)}, and must be a {wanted}")
+            formula = isinstance(value, str) and hints[key] is float
+            remedy = ": declare it float | str, if it may be a formula" if formula else ""
+            raise FileContentError(f"{key} of {name} is {_shown(value)}, and must be a {wanted}{remedy}")
     try:
         return kind(**fields)
     except Exception as error:  # a class of a user's own may raise anything
@@ -148,6 +151,8 @@ def _hints(kind: type) -> dict[str, Any]:
 def _fits(value: object, hint: object) -> bool:
     """Whether a field is of its declared type; what is declared in other ways is left to the class."""
     origin = get_origin(hint) or hint
+    if origin in (Union, UnionType):
+        return any(_fits(value, item) for item in get_args(hint))
     if origin is float:
         return type(value) in (int, float)
     if origin in (int, bool, str, np.ndarray):

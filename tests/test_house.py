@@ -170,9 +170,9 @@ def test_one_clock():
 
 # numba is not among them: DOLFINx loads it by itself where it is there; tests/test_extras.py does without
 UNNEEDED = {
-    "flow": ["hhr_dolfinx.materials.laws", "hhr_dolfinx.materials.update", "hhr_dolfinx.models.march",
-             "hhr_dolfinx.models.reduced_flow", "hhr_dolfinx.full_order.flow", "hhr_dolfinx.full_order.gauss_points",
-             "hhr_dolfinx.reduction.flow", "hhr_dolfinx.study.histories"],
+    "flow": ["hhr_dolfinx.materials.laws", "hhr_dolfinx.materials.constants", "hhr_dolfinx.materials.update",
+             "hhr_dolfinx.models.march", "hhr_dolfinx.models.reduced_flow", "hhr_dolfinx.full_order.flow",
+             "hhr_dolfinx.full_order.gauss_points", "hhr_dolfinx.reduction.flow", "hhr_dolfinx.study.histories"],
     "meshes that do not match": ["hhr_dolfinx.pairings.node_to_surface", "hhr_dolfinx.pairings.mortar",
                                  "hhr_dolfinx.pairings.segments", "hhr_dolfinx.pairings.projection", "shapely"],
     "clustering and peers": ["sklearn", "hhr_dolfinx.baselines.peers", "hhr_dolfinx.baselines.coarser"],

@@ -50,7 +50,7 @@ def test_what_is_no_answer_names_the_law(answer):
         update(Answers(answer), *some_states(1))
 
 
-@pytest.mark.parametrize("law", [lambda: Plasticity("80"), lambda: Plasticity(80.0, None), lambda: Norton(20.0, "3")])
+@pytest.mark.parametrize("law", [lambda: Plasticity([80]), lambda: Plasticity(80.0, None), lambda: Norton(20.0, None)])
 def test_constants_of_laws_are_numbers(law):
     with pytest.raises(SceneError, match="must be positive"):
         law()

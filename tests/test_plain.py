@@ -149,7 +149,7 @@ def test_any_other_data_are_refused(junk):
 
 @pytest.mark.parametrize("numbers", [
     {"yield_stress": 1.0}, {"yield_stress": 1.0, "hardening": 0.0, "more": 1.0},
-    {"yield_stress": "1", "hardening": 0.0}, {"yield_stress": [1.0], "hardening": 0.0},
+    {"yield_stress": "1 +", "hardening": 0.0}, {"yield_stress": [1.0], "hardening": 0.0},
     {"yield_stress": True, "hardening": 0.0}, {"yield_stress": None, "hardening": 0.0},
     {"yield_stress": float("nan"), "hardening": 0.0}, {"yield_stress": float("inf"), "hardening": 0.0},
     {"yield_stress": 10**400, "hardening": 0.0}, {"yield_stress": 1.0, "hardening": -1.0}, [1.0, 0.0],

@@ -20,7 +20,7 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.problem import ContactProblem, ContactRows
 from hhr_dolfinx.errors import NotSolvableError, SceneError, SceneWarning
 from hhr_dolfinx.linear.sparse import singular_stiffness
-from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.scene import Body, Scene
 
 CORNERS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
 """Cells that are supported, with their number of corners."""
@@ -56,15 +56,25 @@ def build_geometry(scene: Scene, comm: MPI.Comm) -> Any:
 
 
 def warn_of_idle_parameters(scene: Scene, amplitudes: Amplitudes) -> None:
-    """Warn of parameters that no amplitude of a scene depends on."""
-    idle = tuple(name for name in amplitudes.idle(scene.parameters) if name not in scene.named)
+    """Warn of parameters that no amplitude of a scene depends on, no body, and no law."""
+    used = scene.named.union(*(_parameters_of_law(body) for body in scene.bodies))
+    idle = tuple(name for name in amplitudes.idle(scene.parameters) if name not in used)
     if idle:
         warnings.warn(
-            f"parameters {idle} of scene '{scene.name}' have no effect: no displacement, load, opening, extent, body "
-            "or shape names them. Remove them from the ParameterSpace, or name them in the slopes of an Amplitude",
+            f"parameters {idle} of scene '{scene.name}' have no effect: no displacement, load, opening, extent, body, "
+            "law or shape names them. Remove them from the ParameterSpace, or name them in the slopes of an Amplitude",
             SceneWarning,
             stacklevel=2,
         )
+
+
+def _parameters_of_law(body: Body) -> set[str]:
+    """Names of the parameters on which a law depends; the module is loaded where a body flows."""
+    if body.law is None:
+        return set()
+    from hhr_dolfinx.materials.constants import parameters_of
+
+    return parameters_of(body.law)
 
 
 def _check_mesh(scene, mesh, comm):

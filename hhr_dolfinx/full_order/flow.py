@@ -18,6 +18,7 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.gauss_points import material_at, strain_operator
 from hhr_dolfinx.linear.sparse import FreeCholesky
+from hhr_dolfinx.materials.constants import check_law
 from hhr_dolfinx.materials.strain import ElasticPart, SparsePattern, StrainOperator
 from hhr_dolfinx.materials.update import Material
 from hhr_dolfinx.models.answer import Answer
@@ -51,9 +52,15 @@ class GaussModel:
 
     @classmethod
     def of(cls, scene: Scene, comm: MPI.Comm) -> GaussModel:
-        """The Gauss points of a scene."""
+        """The Gauss points of a scene.
+
+        Raises:
+            SceneError: for a law whose constants are impossible somewhere in the box of the parameters.
+        """
         if scene.hypothesis == "plane_stress":
             raise SceneError("flow in plane stress needs the thickness strain solved for: not built in")
+        for body in scene.bodies:
+            check_law(body.law, scene.parameters, f"body {body.tag} of scene '{scene.name}'")
         discretisation = Discretisation(scene, comm)
         operator, bodies = strain_operator(discretisation), discretisation.cell_bodies()
         material, pattern = material_at(scene, bodies, operator), operator.pattern()
@@ -107,6 +114,10 @@ class FullEquilibrium:
     def contact_load(self, forces: np.ndarray) -> np.ndarray:
         """B^T λ."""
         return self._transposed @ forces
+
+    def gaps(self, theta: Theta) -> np.ndarray:
+        """Gaps less the lift, (N_lambda,)."""
+        return self.problem.gaps @ theta
 
     def residual(self, stress: np.ndarray, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """Loads less internal forces on free dofs, and the norm of what they are made of in each body."""
@@ -177,6 +188,15 @@ class _SparseLinearisation:
             slack = problem.gaps @ theta - problem.contact @ (x + free)
             found = active_set(self.equalities, slack, active, pairs=self.pairs)
         return Correction(free - self.push(found.forces), found)
+
+    def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Solve K δ + B^T λ = residual, B δ = gaps where active, λ = 0 elsewhere."""
+        stiffness, solver = self.factors
+        with solver.lock:
+            solver.refactor(stiffness)
+            free = solver.solve(residual)
+            forces, _ = self.equalities(active, gaps - self.problem.contact @ free)
+            return free - self.push(forces), forces
 
 
 class _LazyColumns:

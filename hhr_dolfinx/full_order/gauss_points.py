@@ -39,7 +39,7 @@ def material_at(scene: Scene, bodies: np.ndarray, operator: StrainOperator) -> M
         Group(np.flatnonzero(of_point == place), body.young, body.poisson, body.law)
         for place, body in enumerate(scene.bodies)
     ]
-    return Material(groups, operator.components)
+    return Material(groups, operator.components, scene.parameters.names)
 
 
 def add_stiffness(discretisation: Discretisation, matrix: PETSc.Mat) -> None:

@@ -7,13 +7,19 @@ a flow Δp along it leaves
 
 and the physics is one scalar equation for Δp(q_tr), the *flow* of a law. A law of your own is a class with
 ``flow``; everything else is common. ``forms.return_mapping`` states the same in UFL, and tests hold the two together.
+
+A constant may be a text, a formula of the parameters of the scene such as ``"sy * (1 - 4e-4 * T)"``. A step of a
+history has the constants of the parameter at its end: its law is made again with numbers, and asked for the flow. In a
+law of your own, a frozen dataclass, any field that may be a ``float`` may be such a text; where ``__post_init__`` looks
+at numbers, it must let texts pass. See :mod:`hhr_dolfinx.materials.constants`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Real
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -48,21 +54,44 @@ class Flow(Protocol):
         """
 
 
+def _holds(what: str, constant: Any, possible: Callable[[Any], bool]) -> bool:
+    """Whether a constant is possible as far as can be told: of a formula, only that it is one."""
+    if isinstance(constant, str):
+        # here, since most laws have none, and then nothing of formulas is loaded
+        from hhr_dolfinx.formulas import formula_of
+
+        formula_of(constant, what)
+        return True
+    return isinstance(constant, Real) and possible(constant)
+
+
+def _number(constant: float | str) -> float:
+    """A constant that must be a number by now."""
+    if isinstance(constant, str):
+        raise TypeError(f"{constant!r} is a formula of the parameters: law_at(law, names, point) has its number")
+    return constant
+
+
 @dataclass(frozen=True)
 class Plasticity:
     """Von Mises plasticity with linear isotropic hardening, thesis (6.23)-(6.26): yield at σ0 + H p.
 
     Attributes:
-        yield_stress: σ0, in the unit of stress of the scene.
-        hardening: H >= 0.
+        yield_stress: σ0, in the unit of stress of the scene, or a formula of the parameters.
+        hardening: H >= 0, or a formula.
+
+    Example:
+        >>> Plasticity("table(T, 20, 300, 600, 180)", hardening="H").yield_stress
+        'table(T, 20, 300, 600, 180)'
     """
 
-    yield_stress: float
-    hardening: float = 0.0
+    yield_stress: float | str
+    hardening: float | str = 0.0
 
     def __post_init__(self) -> None:
-        numbers = isinstance(self.yield_stress, Real) and isinstance(self.hardening, Real)
-        if not (numbers and 0 < self.yield_stress < np.inf and 0 <= self.hardening < np.inf):
+        yields = _holds("yield_stress of Plasticity", self.yield_stress, lambda value: 0 < value < np.inf)
+        hardens = _holds("hardening of Plasticity", self.hardening, lambda value: 0 <= value < np.inf)
+        if not (yields and hardens):
             raise SceneError(
                 f"yield stress {self.yield_stress} must be positive and hardening {self.hardening} not negative: "
                 "softening has no answer that does not depend on the mesh"
@@ -72,8 +101,9 @@ class Plasticity:
         self, trial: np.ndarray, plastic_strain: np.ndarray, shear: float, dt: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Closed form of σ0 + H (p + Δp) = q_tr - 3 mu Δp; see :class:`Flow`."""
-        slope = 1 / (3 * shear + self.hardening)
-        over = trial - self.yield_stress - self.hardening * plastic_strain
+        hardening = _number(self.hardening)
+        slope = 1 / (3 * shear + hardening)
+        over = trial - _number(self.yield_stress) - hardening * plastic_strain
         return np.maximum(over, 0.0) * slope, np.where(over > 0, slope, 0.0)
 
 
@@ -84,16 +114,16 @@ class Norton:
     The thesis prints the exponent as n - 1.
 
     Attributes:
-        resistance: K, in stress times s^(1/m).
-        exponent: m >= 1.
+        resistance: K, in stress times s^(1/m), or a formula of the parameters.
+        exponent: m >= 1, or a formula.
     """
 
-    resistance: float
-    exponent: float
+    resistance: float | str
+    exponent: float | str
 
     def __post_init__(self) -> None:
-        numbers = isinstance(self.resistance, Real) and isinstance(self.exponent, Real)
-        if not (numbers and 0 < self.resistance < np.inf and 1 <= self.exponent < np.inf):
+        resists = _holds("resistance of Norton", self.resistance, lambda value: 0 < value < np.inf)
+        if not (resists and _holds("exponent of Norton", self.exponent, lambda value: 1 <= value < np.inf)):
             raise SceneError(f"resistance {self.resistance} must be positive and exponent {self.exponent} at least 1")
 
     def flow(
@@ -107,12 +137,12 @@ class Norton:
         Raises:
             ArithmeticError: if the iteration does not settle.
         """
-        m = self.exponent
+        m, resistance = _number(self.exponent), _number(self.resistance)
         factor = 3 * shear * dt
-        x = np.minimum(trial, self.resistance * (trial / factor) ** (1 / m))
+        x = np.minimum(trial, resistance * (trial / factor) ** (1 / m))
         positive = np.where(x > 0, x, 1.0)
         for _ in range(ITERATIONS):
-            rate = _power(x / self.resistance, m)
+            rate = _power(x / resistance, m)
             step = (x + factor * rate - trial) / (1 + factor * m * rate / positive)
             x = x - step
             positive = np.where(x > 0, x, 1.0)
@@ -126,7 +156,7 @@ class Norton:
                     f"Newton's method still moves after {ITERATIONS} iterations under a trial stress of "
                     f"{trial[lost[0]]:g} with 3 mu dt = {factor:g}: check units"
                 )
-        rate = dt * _power(x / self.resistance, m)
+        rate = dt * _power(x / resistance, m)
         slope = m * rate / positive
         return rate, slope / (1 + 3 * shear * slope)
 

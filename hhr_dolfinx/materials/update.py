@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.errors import ConvergenceError, SceneError
+from hhr_dolfinx.materials.constants import LawOfParameters, formulas_of
 from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.materials.laws import Flow
 
@@ -50,7 +52,7 @@ class Group:
     Attributes:
         indices: which of the model's Gauss points they are, (n,).
         young, poisson: elastic constants.
-        law: flow, or None for an elastic body.
+        law: flow, whose constants may be formulas of the parameters, or None for an elastic body.
     """
 
     indices: np.ndarray
@@ -65,19 +67,28 @@ class Material:
     Args:
         groups: one per body; together they hold every Gauss point once.
         components: of a strain, 4 or 6.
+        names: of the parameters, which laws with formulas need.
 
     Attributes:
-        groups, components: as given.
+        groups, components, names: as given.
         gauss_points: how many there are.
         elastic: elastic tangents, (gauss_points, components, components).
 
     Raises:
-        SceneError: if a Gauss point is in no group or in two: the compiled loops would read and write elsewhere.
+        SceneError: if a Gauss point is in no group or in two: the compiled loops would read and write elsewhere; for
+            formulas that name what is no parameter.
     """
 
-    def __init__(self, groups: Sequence[Group], components: int):
+    def __init__(self, groups: Sequence[Group], components: int, names: Sequence[str] = ()):
         self.groups = tuple(groups)
         self.components = components
+        self.names = tuple(names)
+        self._laws = {
+            place: LawOfParameters(group.law, names)
+            for place, group in enumerate(self.groups)
+            if formulas_of(group.law)
+        }
+        self._last: tuple[bytes, Material] | None = None
         self.gauss_points = sum(group.indices.size for group in self.groups)
         indices = np.concatenate([np.zeros(0, dtype=np.int64), *(group.indices for group in self.groups)])
         if not np.array_equal(np.sort(indices), np.arange(self.gauss_points)):
@@ -103,14 +114,40 @@ class Material:
             kept = np.flatnonzero(np.isin(indices, group.indices))
             if kept.size:
                 groups.append(Group(kept, group.young, group.poisson, group.law))
-        return Material(groups, self.components)
+        return Material(groups, self.components, self.names)
+
+    def at(self, point: np.ndarray) -> Material:
+        """The material whose laws have the constants of a point, (P,): itself, if none depends on parameters.
+
+        The one of the last point is kept. Elastic constants are the same at all points.
+
+        Raises:
+            SceneError: for constants that are impossible there.
+        """
+        if not self._laws:
+            return self
+        key, last = point.tobytes(), self._last
+        if last is not None and last[0] == key:
+            return last[1]
+        found = copy(self)
+        laws = {place: law.at(point) for place, law in self._laws.items()}
+        found.groups = tuple(replace(group, law=laws.get(place, group.law)) for place, group in enumerate(self.groups))
+        found._laws = {}
+        found._last = None
+        # in one assignment, since several threads may ask
+        self._last = key, found
+        return found
+
+    def constants(self, point: np.ndarray) -> list[dict[str, float]]:
+        """Values at a point, (P,), of the constants that are formulas, for each group by their names."""
+        return [self._laws[place].constants(point) if place in self._laws else {} for place in range(len(self.groups))]
 
     def at_rest(self) -> State:
         """No plastic strain anywhere."""
         return State(np.zeros((self.gauss_points, self.components)), np.zeros(self.gauss_points))
 
     def update(self, strain: np.ndarray, old: State, dt: float, *, tangent: bool) -> Update:
-        """Stress and state at the end of a step.
+        """Stress and state at the end of a step, by laws whose constants are numbers, see :meth:`at`.
 
         Args:
             strain: total strain at the end of the step, (gauss_points, components).

@@ -46,13 +46,16 @@ class Linearisation(Protocol):
     def correct(self, residual: np.ndarray, x: np.ndarray, theta: Theta, active: np.ndarray) -> Correction:
         """Solve K δ + B^T λ = residual, B (x + δ) <= gaps, from some statuses."""
 
+    def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Solve K δ + B^T λ = residual, B δ = gaps where active, λ = 0 elsewhere: (δ, λ) of a small change."""
+
 
 class Equilibrium(Protocol):
     """What the loop over time steps needs of a model; ``x`` is its unknown, U0 or gamma.
 
     Attributes:
         parameters: the box of the parameters.
-        material: laws at its Gauss points.
+        material: laws at its Gauss points; ``material.at(parameter)`` has their constants there.
         operator: strain at these points.
         points: their numbers in the full model.
         elastic: the elastic linearisation.
@@ -81,6 +84,9 @@ class Equilibrium(Protocol):
 
     def strain_of(self, change: np.ndarray) -> np.ndarray:
         """Strain of a change of the unknown."""
+
+    def gaps(self, theta: Theta) -> np.ndarray:
+        """Gaps less the lift on the own conditions, (conditions,), which bound B x."""
 
     def residual(self, stress: np.ndarray, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """Loads less internal forces, in the test space, and the size of both for each body, (bodies,)."""

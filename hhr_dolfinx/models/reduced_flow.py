@@ -97,6 +97,10 @@ class ReducedEquilibrium:
         """Strain of a change of gamma at the Gauss points of the RID."""
         return self.operator.strain(self.flow.modes @ change)
 
+    def gaps(self, theta: Theta) -> np.ndarray:
+        """Gaps of the RID less the lift, (N_lambda_C,)."""
+        return self.problem.gaps @ theta
+
     def residual(self, stress: np.ndarray, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """V[A]^T of loads less internal forces, and the norm of what they are made of on A, (1,)."""
         loads, (internal, size) = self._external @ theta, self.operator.internal(stress)
@@ -153,6 +157,12 @@ class _DenseLinearisation:
         slack = problem.gaps @ theta - problem.contact_trial @ (x + free)
         found = active_set(self._equalities, slack, active, pairs=self._pairs)
         return Correction(free - self._per_force @ found.forces, found)
+
+    def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Solve K~ δ + B~1^T λ = residual, B~2 δ = gaps where active, λ = 0 elsewhere."""
+        free = self._factor.solve(residual)
+        forces, _ = self._equalities(active, gaps - self._problem.contact_trial @ free)
+        return free - self._per_force @ forces, forces
 
 
 def _product(matrix: csr_matrix, rows: np.ndarray, dense: np.ndarray) -> np.ndarray:

@@ -325,6 +325,8 @@ def _check_contact(content: _Content) -> None:
 
 def _check_flow(content: _Content) -> None:
     """Sizes of Gauss points that are products of others, and material that is one; adds the number of all cells."""
+    from hhr_dolfinx.materials.constants import check_law
+
     arrays, sizes, laws = content.arrays, content.sizes, content.laws
     sizes["all cells"] = sizes["gauss points"] // sizes["per cell"]
     for name, factors in _PRODUCTS.items():
@@ -344,6 +346,8 @@ def _check_flow(content: _Content) -> None:
         raise FileContentError(f"trained steps take {steps[0]:g} to {steps[1]:g} s, which is no range")
     if len(laws) != sizes["groups"] or not all(law is None or callable(getattr(law, "flow", None)) for law in laws):
         raise FileContentError(f"{len(laws)} laws for {sizes['groups']} groups: each must have a flow, or be none")
+    for number, law in enumerate(laws):
+        check_law(law, content.space, f"law {number}")
 
 
 def _model(content: _Content) -> ReducedModel:
@@ -381,7 +385,7 @@ def _flow(flow: dict, completion: dict, content: _Content) -> tuple[ReducedFlow,
     constants = zip(flow.pop("young").tolist(), flow.pop("poisson").tolist(), content.laws, strict=True)
     groups = [Group(np.flatnonzero(number == k), *item) for k, item in enumerate(constants)]
     operator = StrainOperator(flow.pop("gradients"), flow.pop("weights"), flow.pop("dofs"), sizes["n"])
-    part = ReducedFlow(operator, Material(groups, sizes["components"]), **flow)
+    part = ReducedFlow(operator, Material(groups, sizes["components"], content.space.names), **flow)
     stress, cumulated = (
         GappyField(completion[f"{name}_modes"], completion[f"{name}_fit"]) for name in ("stress", "cumulated")
     )

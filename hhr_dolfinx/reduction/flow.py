@@ -44,7 +44,10 @@ def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> R
 def training_tangents(
     full: FullEquilibrium, histories: Sequence[History], count: int
 ) -> list[tuple[np.ndarray, csr_matrix]]:
-    """Tangents and stiffness of the full model at some states of each history, the last one among them."""
+    """Tangents and stiffness of the full model at some states of each history, the last one among them.
+
+    Laws have the constants of each state's own parameter.
+    """
     states: list[tuple[Any, csr_matrix]] = []
     for history in histories if full.material.flows else ():
         steps = np.unique(np.linspace(0, len(history.answers), count + 1).astype(int)[1:]) - 1
@@ -54,7 +57,8 @@ def training_tangents(
             if step > 0:
                 time, state = history.answers[step - 1].time, history.answers[step - 1].state().state
             strain = full.strain(here.unknown, full.amplitudes(here.parameter))
-            tangents: Any = full.material.update(strain, state, here.time - time, tangent=True).tangents
+            material = full.material.at(here.parameter)
+            tangents: Any = material.update(strain, state, here.time - time, tangent=True).tangents
             states.append((tangents, full.stiffness(tangents)))
     return states
 

@@ -73,6 +73,7 @@ class SnapshotStore:
         clear_leftovers(self._folder)
         self._full, self._problem = full, full.problem
         self._fingerprint = _digest_of(full)
+        self._behaviours: dict[tuple, str] = {}
         conditions, dofs = self._problem.contact.shape
         self._sizes = {"N": dofs, "N_lambda": conditions}
         if full.equilibrium is not None:
@@ -97,10 +98,26 @@ class SnapshotStore:
         """What is kept of a history."""
         return KeptSteps(self, checked_path(self._problem.parameters, path), settings)
 
-    def _asked(self, point: np.ndarray) -> list[float]:
-        """A point, and what amplitudes that are not affine are there."""
+    def _asked(self, point: np.ndarray) -> list[Any]:
+        """A point, and what amplitudes that are not affine and laws with formulas are there."""
         driven = [amplitude(point) for amplitude in self._problem.amplitudes.nonaffine]
-        return [*point.tolist(), *(float(item) for pair in driven for part in pair for item in part)]
+        numbers = [float(item) for pair in driven for part in pair for item in part]
+        return [*point.tolist(), *numbers, *self._laws_at(point)]
+
+    def _laws_at(self, point: np.ndarray) -> list[str]:
+        """A digest of what each law with formulas answers with its constants at a point."""
+        if self._full.equilibrium is None:
+            return []
+        material, digests = self._full.equilibrium.material, []
+        for place, constants in enumerate(material.constants(point)):
+            if constants:
+                key = place, *constants.values()
+                if key not in self._behaviours:
+                    digest = hashlib.sha256()
+                    _add_to(digest, [list(constants.values()), *_answers_of(material.at(point).groups[place])])
+                    self._behaviours[key] = digest.hexdigest()
+                digests.append(self._behaviours[key])
+        return digests
 
     def _load(self, point: np.ndarray, question: list, forces: float = 0.0) -> Answer | None:
         """The answer to a question, see :meth:`_residual`."""
@@ -219,7 +236,8 @@ def _digest_of(full: Any) -> bytes:
     """Fingerprint of every bit of a problem and of its laws, and of the version of the package that solves it.
 
     The bounds of the parameters are left out: a wider box finds the solutions of the narrower one. Amplitudes that are
-    not affine are left out too: each question holds what they are at its point. Where a machine assembles other last
+    not affine are left out too: each question holds what they are at its point. Of laws with formulas these stand here,
+    since a step may be cut, and what such a law answers in the questions. Where a machine assembles other last
     digits, snapshots are solved anew.
     """
     digest = hashlib.sha256(f"{FORMAT} {VERSION} of hhr_dolfinx {__version__}\0".encode())
@@ -231,18 +249,28 @@ def _digest_of(full: Any) -> bytes:
     parts += [] if problem.reshaped is None else [problem.reshaped.described]
     groups = () if full.equilibrium is None else full.equilibrium.material.groups
     parts += [part for group in groups for part in (group.indices, group.young, group.poisson, _answers_of(group))]
+    _add_to(digest, parts)
+    return digest.digest()
+
+
+def _add_to(digest: Any, parts: list[Any]) -> None:
+    """Tell a digest of arrays, sparse or not, numbers and texts, and of lists of these, to the last bit."""
     for part in parts:
         for item in part if isinstance(part, tuple | list) else (part,):
             arrays = (item.indptr, item.indices, item.data) if issparse(item) else (np.ascontiguousarray(item),)
             for array in arrays:
                 digest.update(f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
-    return digest.digest()
 
 
 def _answers_of(group: Group) -> list[Any]:
     """What the law of a body answers under fixed stresses: what counts is what it does, whatever its code says."""
     if group.law is None:
         return []
+    from hhr_dolfinx.materials.constants import formulas_of
+
+    formulas = formulas_of(group.law)
+    if formulas:  # without numbers it answers nothing
+        return [text for pair in formulas.items() for text in pair]
     _, shear = lame_parameters(group.young, group.poisson)
     trial = group.young * np.logspace(-8, 0, 201)
     found: list[Any] = []

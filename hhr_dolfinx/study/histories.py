@@ -143,14 +143,14 @@ def seconds_of_parts(full_or_reduced: FullOrderModel | ReducedModel, history: Hi
     model: Any = full_or_reduced.equilibrium
     (before, _), (time, _), answer = *history.path[-2:], history.answers[-1]
     theta, step = model.amplitudes(answer.parameter), time - before
-    gauss: Any = answer.gauss
+    gauss, material = answer.state(), model.material.at(answer.parameter)
     strain = model.strain(answer.unknown, theta)
-    update = model.material.update(strain, gauss.state, step, tangent=True)
+    update = material.update(strain, gauss.state, step, tangent=True)
     residual, _ = model.residual(update.stress, theta)
     operator = model.linearised(update.tangents)
     parts = {
         "strain": lambda: model.strain(answer.unknown, theta),
-        "laws": lambda: model.material.update(strain, gauss.state, step, tangent=False),
+        "laws": lambda: material.update(strain, gauss.state, step, tangent=False),
         "residual": lambda: model.residual(update.stress, theta),
         "tangent": lambda: model.linearised(update.tangents),
         "contact": lambda: operator.correct(residual, answer.unknown, theta, answer.active),

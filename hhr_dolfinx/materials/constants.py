@@ -1,0 +1,163 @@
+"""Constants of laws that are formulas of the parameters: which ones they are, and the law of a point.
+
+A field of a law is a formula if it holds a text and its class declares that it may be a number, as ``float`` or
+``float | str``. A field declared ``str`` alone holds a word of the law's own, and stays what it is; so does one whose
+type cannot be told. Model files keep a formula only where ``float | str`` is declared.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from numbers import Real
+from types import UnionType
+from typing import TYPE_CHECKING, Any, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from hhr_dolfinx.errors import ParameterError, SceneError
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.materials.laws import Flow
+    from hhr_dolfinx.parameters import ParameterSpace
+
+
+def formulas_of(law: Any) -> dict[str, str]:
+    """Fields of a law that are formulas of the parameters, by name; none of what is no dataclass."""
+    if not dataclasses.is_dataclass(law) or isinstance(law, type):
+        return {}
+    fields = {item.name: getattr(law, item.name, None) for item in dataclasses.fields(law) if item.init}
+    texts = {name: value for name, value in fields.items() if isinstance(value, str)}
+    hints = _hints(type(law)) if texts else {}
+    return {name: text for name, text in texts.items() if _may_be_number(hints.get(name))}
+
+
+def parameters_of(law: Any) -> set[str]:
+    """Names of the parameters on which a law depends.
+
+    Raises:
+        SceneError: for a text that is no formula.
+    """
+    found = formulas_of(law)
+    if not found:
+        return set()
+    from hhr_dolfinx.formulas import formula_of
+
+    kind = type(law).__name__
+    return {name for field, text in found.items() for name in formula_of(text, f"{field} of {kind}").variables}
+
+
+class LawOfParameters:
+    """A law with constants that are formulas, bound to the parameters of a scene.
+
+    Args:
+        law: a frozen dataclass.
+        names: of the parameters, in the order of a point.
+
+    Attributes:
+        formulas: its constants that are formulas, by name.
+
+    Raises:
+        SceneError: for a text that is no formula, or one that names what is no parameter.
+    """
+
+    def __init__(self, law: Any, names: Sequence[str]):
+        unknown = parameters_of(law) - set(names)
+        if unknown:
+            raise SceneError(
+                f"the law {law} names {sorted(unknown)}, and the parameters are {tuple(names)}: correct the formula, "
+                "or add the parameter to the ParameterSpace"
+            )
+        self.formulas = formulas_of(law)
+        self._law, self._names = law, tuple(names)
+        if self.formulas:
+            # here, since most laws have none, and then nothing of formulas is loaded
+            from hhr_dolfinx.formulas import Scalar
+
+            self._scalars = {field: Scalar(text, self._names) for field, text in self.formulas.items()}
+
+    def constants(self, point: np.ndarray) -> dict[str, float]:
+        """Values of the formulas at a point, (P,), by name.
+
+        Raises:
+            SceneError: for one that is not finite there, or whose table ends before.
+        """
+        found = {}
+        for field, text in self.formulas.items():
+            try:
+                found[field] = self._scalars[field].value(point)
+            except ParameterError as error:
+                raise SceneError(
+                    f"{field} = {text} of {type(self._law).__name__}: {error}, at {self._place(point)}. Give the table "
+                    "further points, or narrow the box of the parameters"
+                ) from None
+            except TypeError:  # of complex numbers, as a root of a negative one is
+                found[field] = math.nan
+            if not math.isfinite(found[field]):
+                raise SceneError(
+                    f"{field} = {text} of {type(self._law).__name__} is {found[field]} at {self._place(point)}: change "
+                    "the formula, or narrow the box of the parameters"
+                )
+        return found
+
+    def at(self, point: np.ndarray) -> Flow:
+        """The law with its constants at a point, (P,), made as any of its class.
+
+        Raises:
+            SceneError: for constants that are not finite, or that the class of the law refuses.
+        """
+        numbers = self.constants(point)
+        try:
+            return dataclasses.replace(self._law, **numbers) if numbers else self._law
+        except Exception as error:  # a class of a user's own may raise anything
+            shown = ", ".join(f"{field} = {self.formulas[field]} = {value:g}" for field, value in numbers.items())
+            raise SceneError(
+                f"{type(self._law).__name__} refuses {shown} at {self._place(point)} ({error}): change the formula, or "
+                "narrow the box of the parameters"
+            ) from error
+
+    def _place(self, point: np.ndarray) -> str:
+        return ", ".join(f"{name} = {value:g}" for name, value in zip(self._names, point, strict=True))
+
+
+def law_at(law: Any, names: Sequence[str], point: np.ndarray) -> Flow:
+    """A law with the numbers that its formulas are at a point, (P,); the law itself if it has none.
+
+    Raises:
+        SceneError: see :class:`LawOfParameters`.
+    """
+    return LawOfParameters(law, names).at(point)
+
+
+def check_law(law: Any, space: ParameterSpace, what: str) -> None:
+    """Raise SceneError, naming ``what`` has the law, unless its constants are possible all over the box.
+
+    They are tried in the corners, as far as these are few, and on some hundred points between; a step beyond what was
+    tried is refused where it is solved.
+    """
+    if not formulas_of(law):
+        return
+    from hhr_dolfinx.formulas import box_samples
+
+    try:
+        bound = LawOfParameters(law, space.names)
+        for point in box_samples(space):
+            bound.at(point)
+    except SceneError as error:
+        raise SceneError(f"{what}: {error}") from None
+
+
+def _hints(kind: type) -> dict[str, Any]:
+    """Types of the fields as the class declares them; none where they cannot be told here."""
+    try:
+        return get_type_hints(kind)
+    except Exception:  # names that are known to type checkers only
+        return {}
+
+
+def _may_be_number(hint: Any) -> bool:
+    """Whether a declared type admits a float."""
+    if get_origin(hint) in (Union, UnionType):
+        return any(_may_be_number(item) for item in get_args(hint))
+    return hint in (float, Real)
