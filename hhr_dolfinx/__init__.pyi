@@ -44,6 +44,7 @@ from .scene import Body as Body
 from .scene import Displacement as Displacement
 from .scene import Opening as Opening
 from .scene import Scene as Scene
+from .shapes import Shape as Shape
 from .snapshots.records import SnapshotSet as SnapshotSet
 from .snapshots.records import compute_snapshots as compute_snapshots
 from .snapshots.records import spread_snapshots as spread_snapshots

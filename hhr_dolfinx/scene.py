@@ -19,6 +19,7 @@ from hhr_dolfinx.parameters import ParameterSpace, as_tuple, check_tag, is_numbe
 
 if TYPE_CHECKING:
     from hhr_dolfinx.materials.laws import Flow
+    from hhr_dolfinx.shapes import Shape
 
 
 @dataclass(frozen=True)
@@ -146,6 +147,7 @@ class Scene:
         loads: each a :class:`~hhr_dolfinx.loads.Load`, such as a pressure, or your own.
         parameters: the box of the parameters.
         openings: initial gaps that depend on parameters.
+        shapes: bodies whose shape depends on parameters, each a :class:`~hhr_dolfinx.shapes.Shape`.
     """
 
     name: str
@@ -157,6 +159,7 @@ class Scene:
     displacements: tuple[Displacement, ...] = ()
     loads: tuple[Load, ...] = ()
     openings: tuple[Opening, ...] = ()
+    shapes: tuple[Shape, ...] = ()
 
     def __post_init__(self):
         if self.hypothesis not in elasticity.HYPOTHESES:
@@ -178,20 +181,35 @@ class Scene:
         for body in self.bodies:
             if body.varies:
                 body.check(self.parameters)
+        self._check_shapes()
         if not self.contacts:
             raise SceneError("a scene without contact pairs is a linear problem: nothing to hyper-reduce")
         self._check_places()
         self._check_names()
 
+    def _check_shapes(self) -> None:
+        """Raise SceneError for shapes of no body, or two of one, and of bodies that flow."""
+        tags = {body.tag: body for body in self.bodies}
+        for place, shape in enumerate(self.shapes):
+            shape.check(self.parameters, self.hypothesis)
+            if shape.tag not in tags or any(shape.tag == other.tag for other in self.shapes[:place]):
+                raise SceneError(
+                    f"shapes[{place}] of scene '{self.name}' is of body {shape.tag}: give one shape for each of the "
+                    f"bodies {sorted(tags)} that changes"
+                )
+        if self.shapes and any(body.law is not None for body in self.bodies):
+            raise SceneError(f"bodies of scene '{self.name}' flow, and their shape depends on parameters: not built in")
+
     @property
     def named(self) -> set[str]:
         """Parameters that bodies name, beside those of what drives the scene."""
+        found: set[str] = set().union(*(shape.variables for shape in self.shapes))
         texts = [text for body in self.bodies for text in (body.young, body.poisson) if isinstance(text, str)]
         if not texts:
-            return set()
+            return found
         from hhr_dolfinx.formulas import Formula
 
-        return {name for text in texts for name in Formula(text).variables}
+        return found | {name for text in texts for name in Formula(text).variables}
 
     def _check_places(self):
         """Raise SceneError for what is listed twice, and for openings of pairs that are missing."""
@@ -239,6 +257,7 @@ _PARTS = (
     ("displacements", "a Displacement", lambda item: isinstance(item, Displacement)),
     ("loads", "a load with terms, such as Pressure", _has("terms")),
     ("openings", "an Opening", lambda item: isinstance(item, Opening)),
+    ("shapes", "a Shape", _has("coordinates", "moved")),
 )
 """Fields of a scene that hold several items, what each item must be, and how that is seen."""
 

@@ -142,7 +142,7 @@ def problem_of(what):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model = Discretisation(what)
-        return model.contact_problem(model.own_rows(model.assemble_stiffness()))
+        return model.contact_problem((model.own_rows(model.assemble_stiffness()),))
 
 
 ARC = np.column_stack([np.cos(np.linspace(0, np.pi, 15)), np.sin(np.linspace(0, np.pi, 15))])

@@ -39,6 +39,8 @@ from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
+    from hhr_dolfinx.full_order.reshaped import Reshaped
+    from hhr_dolfinx.full_order.varying import CommonPattern
     from hhr_dolfinx.scene import Body
 
 
@@ -53,6 +55,8 @@ class Discretisation:
         rows: range of the dofs this rank owns.
         size: N, number of dofs on all ranks.
         mean_dilatation: whether each body takes the mean dilatation of its cells, see ``locking``.
+        common_pattern: of the parts of K where it depends on parameters, once it has been assembled.
+        reshaped: moves the mesh where its shape depends on parameters, else None; it lies as in the middle of the box.
 
     Raises:
         SceneError: for a mesh that does not suit the scene, missing tags, surfaces that do not face each other, or
@@ -73,11 +77,21 @@ class Discretisation:
         self._ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=self._facet_tags)
         self.mean_dilatation = mean_dilatation(scene, self.mesh.topology.cell_name())
         self._trial, self._test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
+        self.common_pattern: CommonPattern | None = None
+        self.reshaped: Reshaped | None = None
+        if scene.shapes:
+            from hhr_dolfinx.full_order.reshaped import Reshaped
+
+            self.reshaped = Reshaped(self)
 
     @property
     def arguments(self) -> tuple[ufl.Argument, ufl.Argument]:
         """Trial and test function."""
         return self._trial, self._test
+
+    def cells_of(self, tag: int) -> np.ndarray:
+        """Numbers of the cells of a body on this rank."""
+        return self._cell_tags.find(tag)
 
     def cells(self, tag: int) -> ufl.Measure:
         """Measure of the cells of a body."""
@@ -191,6 +205,13 @@ class Discretisation:
         Cells come in the order of ``ContactProblem.cell_nodes``. Bodies with a mean dilatation have its pressure. What
         depends on parameters is that of a point, (P,).
         """
+        if self.reshaped is not None:
+            with self.reshaped.at(point):
+                return self._stress(displacement, point)
+        return self._stress(displacement, point)
+
+    def _stress(self, displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """The same on the mesh as it lies."""
         field = fem.Function(self.space)
         field.x.petsc_vec.array[:] = displacement[self.rows]
         field.x.scatter_forward()

@@ -89,7 +89,8 @@ class FullOrderModel:
         2.3 ms by LU and 1.6 ms by MUMPS at 14,000 dofs), MUMPS those in space (8 ms against 13 ms at 22,000 dofs).
         """
         self.discretisation = discretisation
-        self.problem = problem = discretisation.contact_problem(stiffness, moduli)
+        problem = discretisation.contact_problem(stiffness, moduli)
+        self.problem = problem = problem if discretisation.reshaped is None else discretisation.reshaped.attached(problem)
         discretisation.check(problem)
         self.parameters, self._own = problem.parameters, problem.rows
         # a stiffness factored for each query, with a solve for each condition: at 14,140 dofs and 162 conditions MUMPS

@@ -64,21 +64,35 @@ def stiffness_terms(discretisation: Discretisation) -> tuple[tuple[csr_matrix, .
     for part, members in groups:
         matrices.append(discretisation.own_rows(_assembled(discretisation, members)))
         moduli.append(Modulus(part.factor, part.rest, names))
-    return of_one_pattern(matrices), tuple(moduli) if varying else ()
+    if discretisation.common_pattern is None:
+        discretisation.common_pattern = CommonPattern(matrices)
+    return discretisation.common_pattern.filled(matrices), tuple(moduli) if varying else ()
 
 
-def of_one_pattern(matrices: list[csr_matrix]) -> tuple[csr_matrix, ...]:
-    """The same matrices with the entries of all of them, zero where they had none; their sums are sums of data."""
-    rows, columns = matrices[0].shape
-    keys = [np.repeat(np.arange(rows), np.diff(item.indptr)) * columns + item.indices for item in matrices]
-    every = np.unique(np.concatenate(keys))
-    indptr = np.searchsorted(every, np.arange(rows + 1) * columns).astype(np.int32)
-    indices, found = (every % columns).astype(np.int32), []
-    for item, own in zip(matrices, keys, strict=True):
-        data = np.zeros(every.size)
-        data[np.searchsorted(every, own)] = item.data
-        found.append(csr_matrix((data, indices, indptr), shape=(rows, columns)))
-    return tuple(found)
+class CommonPattern:
+    """Entries of several matrices of one mesh, zero where one has none; their sums are then sums of data.
+
+    Args:
+        matrices: by own rows, (own, N) each; what is brought to the pattern later has the patterns of these.
+    """
+
+    def __init__(self, matrices: list[csr_matrix]):
+        self._shape = rows, columns = matrices[0].shape
+        keys = [np.repeat(np.arange(rows), np.diff(item.indptr)) * columns + item.indices for item in matrices]
+        every = np.sort(np.concatenate(keys))
+        every = every[np.append(True, np.diff(every) > 0)]
+        self._indptr = np.searchsorted(every, np.arange(rows + 1) * columns).astype(np.int32)
+        self._indices = (every % columns).astype(np.int32)
+        self._places = [np.searchsorted(every, own) for own in keys]
+
+    def filled(self, matrices: list[csr_matrix]) -> tuple[csr_matrix, ...]:
+        """The matrices in the common pattern."""
+        found = []
+        for item, places in zip(matrices, self._places, strict=True):
+            data = np.zeros(self._indices.size)
+            data[places] = item.data
+            found.append(csr_matrix((data, self._indices, self._indptr), shape=self._shape))
+        return tuple(found)
 
 
 def _assembled(discretisation: Discretisation, members: list) -> PETSc.Mat:

@@ -140,7 +140,7 @@ class Reconstruction:
         matrix = np.vstack([fitted, open_gap[:, None] * penalised])
         target = np.concatenate([answer.multipliers, np.zeros(open_gap.size)])
         try:
-            weights, _ = nnls(matrix, target)
+            weights, _ = nnls(matrix, target, maxiter=30 * matrix.shape[1])
         except (RuntimeError, ValueError) as error:  # scipy's iteration limit, numbers that overflow
             raise ConvergenceError(f"the forces outside the RID could not be fitted: {error}") from error
         forces = self.force_snapshots @ weights

@@ -126,19 +126,32 @@ def local_coordinates(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Reference coordinates of the orthogonal projection on a facet, inside or not, by Gauss-Newton, (m, 2)."""
     k = corners.shape[1]
     local = np.full((len(points), 2), 1 / k if k == 3 else 0.5)
+    # points that have settled are left alone: most do after three of the rounds that the worst ones take
+    moving = np.arange(len(points))
     for _ in range(1 if k == 3 else 20):
-        values, slopes = shape_functions(local, k)
-        residual = points - np.einsum("mk,mkd->md", values, corners)
-        tangents = np.einsum("mkj,mkd->mjd", slopes, corners)
-        gram = np.einsum("mid,mjd->mij", tangents, tangents)
-        # where corners coincide the tangents are dependent
-        gram += 1e-14 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(2)
-        step = np.linalg.solve(gram, np.einsum("mjd,md->mj", tangents, residual)[:, :, None])[:, :, 0]
+        values, slopes = shape_functions(local[moving], k)
+        own = corners[moving]
+        residual = points[moving] - (values[:, None] @ own)[:, 0]
+        tangents = slopes.transpose(0, 2, 1) @ own
+        step = _least_squares(tangents, (tangents @ residual[:, :, None])[:, :, 0])
         # a bilinear map folds far outside: do not go there
-        local = np.clip(local + step, -2.0, 3.0)
-        if np.abs(step).max(initial=0.0) < 1e-14:
+        local[moving] = np.clip(local[moving] + step, -2.0, 3.0)
+        moving = moving[np.abs(step).max(axis=1, initial=0.0) >= 1e-14]
+        if not moving.size:
             break
     return local
+
+
+def _least_squares(tangents: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solve T T^T x = b for two tangents at each point, (m, 2, dim) and (m, 2): (m, 2)."""
+    first, second = tangents[:, 0], tangents[:, 1]
+    a, b, c = (np.einsum("md,md->m", *pair) for pair in ((first, first), (first, second), (second, second)))
+    # where corners coincide the tangents are dependent
+    shift = 1e-14 * (a + c)
+    a, c = a + shift, c + shift
+    determinant = a * c - b * b
+    x, y = right.T
+    return np.stack([c * x - b * y, a * y - b * x], axis=1) / determinant[:, None]
 
 
 def _inside(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -94,12 +95,21 @@ def spanning_rays(columns: np.ndarray, tolerance: float) -> np.ndarray:
     kept = left[order[: int((sizes > tolerance * sizes[0]).sum())]]
     left = np.setdiff1d(left, kept)
     while left.size:
-        distances = np.array([nnls(rays[:, kept], rays[:, k])[1] for k in left])
+        distances = np.array([_distance(rays[:, kept], rays[:, k]) for k in left])
         left, distances = left[distances > tolerance], distances[distances > tolerance]
         farthest = np.argsort(-distances)[: (left.size + 1) // 2]
         kept = np.append(kept, left[farthest])
         left = np.delete(left, farthest)
     return np.ascontiguousarray(columns[:, np.sort(kept)])
+
+
+def _distance(cone: np.ndarray, ray: np.ndarray) -> float:
+    """Distance of a ray from a cone; infinite where the search for it does not settle: then the ray joins the cone."""
+    try:
+        # three rounds for each ray, scipy's own limit, are too few beside hundreds of rays that are nearly parallel
+        return float(nnls(cone, ray, maxiter=30 * cone.shape[1])[1])
+    except RuntimeError:
+        return math.inf
 
 
 def _gap_scale(problem, snapshots) -> np.ndarray:

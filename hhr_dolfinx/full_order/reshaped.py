@@ -1,0 +1,148 @@
+"""The contact problem on a mesh whose shape depends on parameters, assembled where it is asked for."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from threading import RLock
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hhr_dolfinx import compat
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.errors import PairingWarning, ParameterError, SceneError
+from hhr_dolfinx.formulas import box_samples
+from hhr_dolfinx.full_order.checks import FOLDED, corner_jacobians
+from hhr_dolfinx.shapes import coordinate_names
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.discretisation import Discretisation
+
+CLOSE = 1e-9
+"""Part of the size of the mesh by which two maps of one node may differ."""
+TRIED = 32
+"""Points beside the corners of the box at which maps are tried."""
+
+
+class Reshaped:
+    """Moves the mesh of a scene and assembles its problem anew; serial.
+
+    Args:
+        discretisation: whose mesh is moved; it lies as in the middle of the box otherwise.
+
+    Attributes:
+        axes: places of the parameters that shapes name.
+        described: all formulas, for fingerprints.
+
+    Raises:
+        SceneError: for maps that tear bodies apart or turn cells inside out somewhere in the box.
+    """
+
+    def __init__(self, discretisation: Discretisation):
+        scene = discretisation.scene
+        if discretisation.comm.size > 1:
+            raise SceneError(f"the shape of scene '{scene.name}' depends on parameters: build its model on one rank")
+        self._owner, self._lock = discretisation, RLock()
+        names = scene.parameters.names
+        used = set().union(*(shape.variables for shape in scene.shapes))
+        self.axes = tuple(place for place, name in enumerate(names) if name in used)
+        self.described = "; ".join(
+            f"{shape.tag}: " + ", ".join(formula.text for formula in shape.coordinates) for shape in scene.shapes
+        )
+        mesh = discretisation.mesh
+        self._cells = compat.geometry_dofmap(mesh)
+        self._reference = mesh.geometry.x.copy()
+        self._nodes = [np.unique(self._cells[discretisation.cells_of(shape.tag)]) for shape in scene.shapes]
+        self._check_box()
+        self._middle = np.mean([scene.parameters.lower, scene.parameters.upper], axis=0)
+        mesh.geometry.x[:] = self.coordinates(self._middle)
+        self._base: ContactProblem | None = None
+
+    def coordinates(self, point: np.ndarray) -> np.ndarray:
+        """Coordinates of the nodes of the geometry at a point, (nodes, 3)."""
+        scene, moved = self._owner.scene, self._reference.copy()
+        names, dim = coordinate_names(scene.hypothesis), self._owner.mesh.geometry.dim
+        values = dict(zip(scene.parameters.names, point.tolist(), strict=True))
+        size, seen = np.ptp(self._reference, axis=0).max(), np.zeros(len(moved), dtype=bool)
+        for shape, nodes in zip(scene.shapes, self._nodes, strict=True):
+            there = shape.moved(self._reference[nodes, :dim], names, values)
+            both = seen[nodes] & (np.abs(moved[nodes, :dim] - there).max(axis=1) > CLOSE * size)
+            if both.any():
+                raise SceneError(
+                    f"the shape of body {shape.tag} tears it from its neighbour, at {self._reference[nodes][both][0]}: "
+                    "two bodies that share nodes must move them alike"
+                )
+            moved[nodes, :dim] = there
+            seen[nodes] = True
+        return moved
+
+    @contextmanager
+    def at(self, point: np.ndarray) -> Iterator[None]:
+        """The mesh as it is at a point, for what is evaluated on it."""
+        geometry = self._owner.mesh.geometry
+        with self._lock:
+            before = geometry.x.copy()
+            geometry.x[:] = self.coordinates(point)
+            try:
+                yield
+            finally:
+                geometry.x[:] = before
+
+    def __call__(self, point: np.ndarray) -> ContactProblem:
+        """The problem at a point, (P,), its conditions in the order of the base problem.
+
+        Raises:
+            ParameterError: if other nodes are in contact there, or the line of a partial pressure has moved.
+        """
+        with self.at(point), warnings.catch_warnings():
+            warnings.simplefilter("ignore", PairingWarning)  # said once, where the model was built
+            problem = self._owner.contact_problem(*self._owner.stiffness_terms())
+        return problem if self._base is None else self._ordered(problem, self._base, point)
+
+    def attached(self, problem: ContactProblem) -> ContactProblem:
+        """The base problem, that of the middle of the box, which others are ordered like."""
+        self._base = replace(problem, reshaped=self)
+        return self._base
+
+    def _ordered(self, problem: ContactProblem, base: ContactProblem, point: np.ndarray) -> ContactProblem:
+        """Rows of a pairing may come in another order for another shape: they are known by their slave node."""
+        keys = [np.lexsort((item.contact_slaves, item.contact_pairs)) for item in (base, problem)]
+        pairs = zip(keys, (base, problem), strict=True)
+        same = [np.column_stack([item.contact_slaves, item.contact_pairs])[key] for key, item in pairs]
+        if not np.array_equal(*same):
+            raise ParameterError(
+                f"at {base.parameters.described(point)} other nodes are in contact than in the middle of the box: the "
+                "shape changes which surfaces face each other. Narrow the box, or tag surfaces that face in all of it"
+            )
+        for before, after in zip(base.amplitudes.nonaffine, problem.amplitudes.nonaffine, strict=True):
+            if hasattr(before, "positions") and not np.allclose(before.positions, after.positions, rtol=1e-12):
+                raise ParameterError(
+                    "the line of a partial pressure moves with the shape: press on a surface that does not, or on all"
+                )
+        order = np.empty(len(problem.gaps), dtype=np.int64)
+        order[keys[0]] = keys[1]
+        rows = ("contact", "gaps", "contact_slaves", "contact_pairs", "contact_points", "contact_areas")
+        taken = {name: getattr(problem, name)[order] for name in rows}
+        return replace(problem, **taken | {"gaps": np.asfortranarray(taken["gaps"])})
+
+    def _check_box(self) -> None:
+        """Raise SceneError for maps that turn a cell inside out in a corner of the box or between."""
+        scene, dim = self._owner.scene, self._owner.mesh.geometry.dim
+        sign = np.sign(corner_jacobians(self._reference[self._cells][:, :, :dim]).mean(axis=1))[:, None]
+        for point in box_samples(scene.parameters, TRIED):
+            corners = self.coordinates(point)[self._cells][:, :, :dim]
+            where = scene.parameters.described(point)
+            if not np.isfinite(corners).all():
+                raise SceneError(f"a shape of scene '{scene.name}' is not finite at {where}: check its formulas")
+            jacobians = corner_jacobians(corners) * sign
+            bad = np.flatnonzero(jacobians.min(axis=1) <= FOLDED * np.abs(jacobians).max(axis=1))
+            if bad.size:
+                raise SceneError(
+                    f"a shape of scene '{scene.name}' turns {bad.size} cells inside out at {where}, e.g. around "
+                    f"{self._reference[self._cells[bad[0]]].mean(axis=0)[:dim].tolist()}: narrow the box, or move the "
+                    "nodes around it too"
+                )
+

@@ -1,0 +1,76 @@
+"""Bodies whose shape depends on parameters: a smooth map of a fixed mesh, as formulas of coordinates and parameters.
+
+The mesh keeps its nodes, cells and tags; only coordinates move. What a map does is data, so that a reduced model can
+move its own nodes without a mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.formulas import Formula, formula_of
+from hhr_dolfinx.parameters import ParameterSpace, as_tuple, check_tag
+
+NAMES = {"axisymmetric": ("r", "z"), "solid": ("x", "y", "z")}
+"""Names of the coordinates in formulas; elsewhere x and y."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """How the mesh of one body moves: its new coordinates as formulas of the old ones and of parameters.
+
+    Attributes:
+        tag: cell tag of the body.
+        coordinates: one formula for each coordinate, named x, y, z, in axisymmetry r, z: a body that is ``t`` times as
+            high is ``("x", "t * y")``.
+
+    Example:
+        >>> Shape(1, ("x", "y * (1 + c * x**2)")).coordinates[0].text
+        'x'
+    """
+
+    tag: int
+    coordinates: tuple[Formula, ...]
+
+    def __post_init__(self) -> None:
+        check_tag("shape", self.tag)
+        given = as_tuple(f"coordinates of the shape of body {self.tag}", self.coordinates)
+        formulas = tuple(formula_of(item, f"a coordinate of the shape of body {self.tag}") for item in given)
+        object.__setattr__(self, "coordinates", formulas)
+
+    def check(self, parameters: ParameterSpace, hypothesis: str) -> None:
+        """Raise SceneError for formulas that are too few or name what is neither a parameter nor a coordinate."""
+        names = coordinate_names(hypothesis)
+        if len(self.coordinates) != len(names):
+            raise SceneError(
+                f"the shape of body {self.tag} has {len(self.coordinates)} formulas: one for each of {names} is needed"
+            )
+        clash = set(names) & set(parameters.names)
+        if clash:
+            raise SceneError(f"parameters {sorted(clash)} have the names of coordinates: rename them, shapes use both")
+        unknown = self.variables - set(names) - set(parameters.names)
+        if unknown:
+            raise SceneError(
+                f"the shape of body {self.tag} names {sorted(unknown)}: coordinates are {names}, parameters "
+                f"{parameters.names}"
+            )
+
+    @property
+    def variables(self) -> set[str]:
+        """All that its formulas name."""
+        return {name for formula in self.coordinates for name in formula.variables}
+
+    def moved(self, points: np.ndarray, names: Sequence[str], values: dict[str, float]) -> np.ndarray:
+        """New coordinates of points, (n, dim), for parameters by name."""
+        given = {**values, **dict(zip(names, points.T, strict=True))}
+        columns = [np.broadcast_to(formula(given), len(points)) for formula in self.coordinates]
+        return np.stack(columns, axis=1).astype(float)
+
+
+def coordinate_names(hypothesis: str) -> tuple[str, ...]:
+    """Names of the coordinates of a mesh."""
+    return NAMES.get(hypothesis, ("x", "y"))
