@@ -90,7 +90,9 @@ class FullOrderModel:
         """
         self.discretisation = discretisation
         problem = discretisation.contact_problem(stiffness, moduli)
-        self.problem = problem = problem if discretisation.reshaped is None else discretisation.reshaped.attached(problem)
+        self.problem = problem = (
+            problem if discretisation.reshaped is None else discretisation.reshaped.attached(problem)
+        )
         discretisation.check(problem)
         self.parameters, self._own = problem.parameters, problem.rows
         # a stiffness factored for each query, with a solve for each condition: at 14,140 dofs and 162 conditions MUMPS

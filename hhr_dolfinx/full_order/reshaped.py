@@ -145,4 +145,3 @@ class Reshaped:
                     f"{self._reference[self._cells[bad[0]]].mean(axis=0)[:dim].tolist()}: narrow the box, or move the "
                     "nodes around it too"
                 )
-

@@ -18,7 +18,11 @@ from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.models.projected import ReducedProblem, ReducedTerms
 
 
-class _Block(NamedTuple):
+ROUND_OFF = 1e-12
+"""Part of the largest entry of a part of K~ below which an entry couples nothing."""
+
+
+class Block(NamedTuple):
     """Modes that no other ones share entries of K~ with.
 
     Attributes:
@@ -52,9 +56,7 @@ class BlockElimination:
         self._forces, self._gaps = np.asfortranarray(terms.forces), np.asfortranarray(problem.gaps)
         # all parts beside each other, so that one product sums their lifts
         self._lifts = terms.lifts if np.any(terms.lifts) else None
-        coupled = np.any(terms.stiffness != 0, axis=0)
-        _, label = connected_components(coupled, directed=False)
-        self.blocks = [_block(problem, terms, np.flatnonzero(label == k)) for k in range(label.max() + 1)]
+        self.blocks = blocks_of(problem)
 
     def __call__(self, point: np.ndarray) -> ReducedElimination:
         """Eliminate at a point, (P,).
@@ -84,12 +86,25 @@ class BlockElimination:
         return ReducedElimination(self, point, weights, schur, slack, free, factors, pushed)
 
 
-def _block(problem: ReducedProblem, terms: ReducedTerms, modes: np.ndarray) -> _Block:
+def blocks_of(problem: ReducedProblem) -> list[Block]:
+    """What of a reduced problem whose stiffness is a sum of parts shares entries of K~."""
+    terms = problem.terms
+    if terms is None:
+        return []
+    sizes = np.abs(terms.stiffness)
+    # orthonormal modes of one body have round-off on the other
+    coupled = np.any(sizes > ROUND_OFF * sizes.max(axis=(1, 2), keepdims=True), axis=0)
+    _, label = connected_components(coupled, directed=False)
+    return [_block(problem, terms, np.flatnonzero(label == k)) for k in range(label.max() + 1)]
+
+
+def _block(problem: ReducedProblem, terms: ReducedTerms, modes: np.ndarray) -> Block:
     parts = terms.stiffness[:, modes][:, :, modes]
-    touching = np.flatnonzero(parts.any(axis=(1, 2)))
+    largest = np.abs(terms.stiffness).max(axis=(1, 2))
+    touching = np.flatnonzero(np.abs(parts).max(axis=(1, 2)) > ROUND_OFF * largest)
     entries = np.ascontiguousarray(parts[touching].transpose(0, 2, 1)).reshape(touching.size, -1)
     test = np.asfortranarray(problem.contact_test[:, modes].T)
-    return _Block(modes, touching, entries, test, np.ascontiguousarray(problem.contact_trial[:, modes]))
+    return Block(modes, touching, entries, test, np.ascontiguousarray(problem.contact_trial[:, modes]))
 
 
 @dataclass(frozen=True)

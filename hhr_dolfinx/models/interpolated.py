@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.sparse import csc_matrix
@@ -25,6 +25,21 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
+class PrimalModes:
+    """What the unknown of one part is made of, along the modes of its compliance.
+
+    Attributes:
+        unknowns: places of its unknowns, (n_c,).
+        pushed: modes of K^-1 B^T, (r, n_c, m_c).
+        columns: modes of K^-1 F of the terms forced and, behind them, of K^-1 K lift, (T_F + T_L, n_c, r).
+    """
+
+    unknowns: np.ndarray
+    pushed: np.ndarray
+    columns: np.ndarray
+
+
+@dataclass(frozen=True)
 class Compliance:
     """What one part of a scene that hangs together leaves of itself once it is eliminated.
 
@@ -35,6 +50,7 @@ class Compliance:
         factor: the modulus that all of it has in common; None for none, or one that is constant.
         interpolant: of S_c for the factor 1, (m_c^2, r) modes.
         columns: modes of B K^-1 F of the terms forced and, behind them, of B K^-1 K lift, (T_F + T_L, m_c, r).
+        primal: what its unknown is made of; None where fields are made in another way.
     """
 
     conditions: np.ndarray
@@ -43,6 +59,7 @@ class Compliance:
     factor: Scalar | None
     interpolant: Interpolant
     columns: np.ndarray
+    primal: PrimalModes | None = None
 
     @cached_property
     def where(self) -> slice | np.ndarray:
@@ -60,19 +77,63 @@ class Compliance:
         """Terms forced and lifted, (T_F + T_L,)."""
         return np.concatenate([self.forced, self.lifted])
 
+    def compliance(self, point: np.ndarray) -> float:
+        """1 / E."""
+        return 1.0 if self.factor is None else 1.0 / self.factor.value(point)
+
     def schur(self, along: np.ndarray) -> np.ndarray:
         """S_c for the factor 1, from components along the modes, (m_c, m_c)."""
         m = self.conditions.size
         return (self.interpolant.modes @ along).reshape(m, m)
 
-    def moved(self, along: np.ndarray, theta: np.ndarray, compliance: float) -> np.ndarray:
-        """B K^-1 (F - K lift): forces move by the compliance 1/E, lifts by 1 whatever it is, (m_c,)."""
+    def moved(self, columns: np.ndarray, along: np.ndarray, theta: np.ndarray, compliance: float) -> np.ndarray:
+        """Columns of F less those of K lift: forces move by the compliance 1/E, lifts by 1 whatever it is."""
         weights = theta[self.terms]
         weights[: self.forced.size] *= compliance
         weights[self.forced.size :] *= -1.0
         # a partial pressure has hundreds of columns, of which three act
         used = weights.nonzero()[0]
-        return weights[used] @ (self.columns[used] @ along) if used.size else np.zeros(self.conditions.size)
+        return weights[used] @ (columns[used] @ along) if used.size else np.zeros(columns.shape[1])
+
+    def moved_slopes(
+        self, columns: np.ndarray, ways: np.ndarray, theta: np.ndarray, changes: np.ndarray, factor: Factored
+    ) -> np.ndarray:
+        """Derivatives of what :meth:`moved` returns along the parameters, (rows, P).
+
+        ``ways`` holds components along the modes and their derivatives along the axes, (r, 1 + d); ``changes`` the
+        derivatives of θ.
+        """
+        # terms that act or change, of which there may be hundreds that do neither
+        used = np.flatnonzero(theta[self.terms].astype(bool) | changes[self.terms].any(axis=1))
+        moved = np.moveaxis(columns[used] @ ways, 0, 2)
+        terms, forced = self.terms[used], used < self.forced.size
+        scales = np.where(forced, factor.compliance, -1.0)
+        found = np.outer(moved[:, 0] @ (theta[terms] * forced), factor.slopes)
+        found += moved[:, 0] @ (scales[:, None] * changes[terms])
+        found[:, self.interpolant.axes] += moved[:, 1:] @ (scales * theta[terms])
+        return found
+
+    def pushed_slopes(self, pushed: np.ndarray, ways: np.ndarray, factor: Factored) -> np.ndarray:
+        """Derivatives of compliance times what forces push along the modes, (rows, r): (rows, P)."""
+        along = pushed @ ways
+        found = np.outer(along[:, 0], factor.slopes)
+        found[:, self.interpolant.axes] += factor.compliance * along[:, 1:]
+        return found
+
+
+class Factored(NamedTuple):
+    """The compliance 1 / E of a part, and its derivatives along the parameters, (P,)."""
+
+    compliance: float
+    slopes: np.ndarray
+
+    @classmethod
+    def at(cls, part: Compliance, point: np.ndarray) -> Factored:
+        """At a point."""
+        if part.factor is None:
+            return cls(1.0, np.zeros(point.size))
+        modulus = part.factor.value(point)
+        return cls(1.0 / modulus, -part.factor.derivative(point) / modulus**2)
 
 
 @dataclass(frozen=True)
@@ -84,12 +145,16 @@ class Compliances:
         amplitudes: θ as a function of the parameters.
         gaps: D as terms of θ, (m, 1 + T).
         reshaped: D where it changes with the shape of the bodies, (m (1 + T), r) modes; None where it does not.
+        unknowns: number of unknowns, if the parts say what they are made of; 0 otherwise.
+        symmetric: whether S is.
     """
 
     parts: tuple[Compliance, ...]
     amplitudes: Amplitudes
     gaps: np.ndarray
     reshaped: Interpolant | None = None
+    unknowns: int = 0
+    symmetric: bool = True
 
     def __call__(self, point: np.ndarray) -> InterpolatedElimination:
         """S and the free slack at a point, (P,)."""
@@ -97,12 +162,13 @@ class Compliances:
         theta = _dense(self.amplitudes, point, terms)
         slack = self.gaps_at(point) @ theta
         schur = np.zeros((size, size))
+        along_modes = []
         for part in self.parts:
-            along = part.interpolant.along_modes(point)
-            compliance = 1.0 if part.factor is None else 1.0 / part.factor.value(point)
+            along, compliance = part.interpolant.along_modes(point), part.compliance(point)
             schur[part.block] += part.schur(compliance * along)
-            slack[part.where] -= part.moved(along, theta, compliance)
-        return InterpolatedElimination(self, point, schur, slack)
+            slack[part.where] -= part.moved(part.columns, along, theta, compliance)
+            along_modes.append((along, compliance))
+        return InterpolatedElimination(self, point, schur, slack, theta, along_modes)
 
     def gaps_at(self, point: np.ndarray) -> np.ndarray:
         """D at a point, (m, 1 + T)."""
@@ -111,66 +177,68 @@ class Compliances:
 
 @dataclass(frozen=True)
 class InterpolatedElimination:
-    """See :class:`hhr_dolfinx.models.varying.Elimination`; the primal unknown is left out.
+    """See :class:`hhr_dolfinx.models.varying.Elimination`; the primal unknown may be left out.
 
     Attributes:
         owner: what it was made by.
         point: the parameter, (P,).
         schur, free_slack: as there.
+        theta: θ, (1 + T,).
+        along: components along the modes of each part, and its compliance.
     """
 
     owner: Compliances
     point: np.ndarray
     schur: np.ndarray
     free_slack: np.ndarray
+    theta: np.ndarray
+    along: list[tuple[np.ndarray, float]]
 
-    symmetric = True
+    @property
+    def symmetric(self) -> bool:
+        """Whether S is."""
+        return self.owner.symmetric
 
     def unknown(self, forces: np.ndarray) -> np.ndarray:
-        """None: fields are made when somebody asks."""
-        return np.zeros(0)
+        """The unknown of all parts, (n,); nothing where fields are made when somebody asks."""
+        found = np.zeros(self.owner.unknowns)
+        for part, (along, compliance) in zip(self.owner.parts, self.along, strict=True):
+            if part.primal is not None:
+                free = part.moved(part.primal.columns, along, self.theta, compliance)
+                found[part.primal.unknowns] = free - compliance * (along @ (part.primal.pushed @ forces[part.where]))
+        return found
 
     def pushed(self, forces: np.ndarray) -> np.ndarray:
-        """Nothing of nothing."""
-        return np.zeros((0, *forces.shape[1:]))
+        """K^-1 B^T times forces, (m, k): (n, k)."""
+        found = np.zeros((self.owner.unknowns, *forces.shape[1:]))
+        for part, (along, compliance) in zip(self.owner.parts, self.along, strict=True):
+            if part.primal is not None:
+                columns = part.primal.pushed @ forces[part.where]
+                found[part.primal.unknowns] = compliance * np.tensordot(along, columns, 1)
+        return found
 
     def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of gaps, free displacement and S times forces."""
         owner, point, (size, terms) = self.owner, self.point, self.owner.gaps.shape
-        theta, (acting, slopes) = _dense(owner.amplitudes, point, terms), owner.amplitudes.slopes_at(point)
+        theta, (acting, slopes) = self.theta, owner.amplitudes.slopes_at(point)
         changes = np.zeros((terms, point.size))
         changes[acting] = slopes
-        slack = owner.gaps_at(point) @ changes
+        slack, found = owner.gaps_at(point) @ changes, np.zeros((owner.unknowns, point.size))
         if owner.reshaped is not None:
             for axis, column in zip(owner.reshaped.axes, owner.reshaped.derivative(point).T, strict=True):
                 slack[:, axis] += column.reshape(size, terms) @ theta
-        for part in owner.parts:
-            slack[part.where] += _of_part(part, point, theta, changes, forces[part.where])
-        return slack, np.zeros((0, point.size))
-
-
-def _of_part(
-    part: Compliance, point: np.ndarray, theta: np.ndarray, changes: np.ndarray, forces: np.ndarray
-) -> np.ndarray:
-    """Derivatives of what a part adds to the slack while the forces stay, (m_c, P)."""
-    along, slopes = part.interpolant.along_modes(point), part.interpolant.slopes_along_modes(point)
-    compliance, change = 1.0, np.zeros(point.size)
-    if part.factor is not None:
-        modulus = part.factor.value(point)
-        compliance, change = 1.0 / modulus, -part.factor.derivative(point) / modulus**2
-    # S_c forces of every mode, so that no derivative forms S_c: it is symmetric
-    m, ways = part.conditions.size, np.column_stack([along, slopes])
-    pushed = (part.interpolant.modes.T.reshape(-1, m, m) @ forces).T @ ways
-    # terms that act or change, of which there may be hundreds that do neither
-    used = np.flatnonzero(theta[part.terms].astype(bool) | changes[part.terms].any(axis=1))
-    moved = np.moveaxis(part.columns[used] @ ways, 0, 2)
-    terms, forced = part.terms[used], used < part.forced.size
-    # forces move by the compliance 1/E, lifts by 1 whatever it is
-    scales = np.where(forced, compliance, -1.0)
-    acting, altered = theta[terms], changes[terms]
-    found = np.outer(pushed[:, 0] - moved[:, 0] @ (acting * forced), change) - moved[:, 0] @ (scales[:, None] * altered)
-    found[:, part.interpolant.axes] += compliance * pushed[:, 1:] - moved[:, 1:] @ (scales * acting)
-    return found
+        for part, (along, _) in zip(owner.parts, self.along, strict=True):
+            factor, own = Factored.at(part, point), forces[part.where]
+            ways = np.column_stack([along, part.interpolant.slopes_along_modes(point)])
+            # S_c forces of every mode, so that no derivative forms S_c
+            pushed = (part.interpolant.modes.T.reshape(-1, own.size, own.size) @ own).T
+            slack[part.where] += part.pushed_slopes(pushed, ways, factor)
+            slack[part.where] -= part.moved_slopes(part.columns, ways, theta, changes, factor)
+            if part.primal is not None:
+                free = part.moved_slopes(part.primal.columns, ways, theta, changes, factor)
+                taken = part.pushed_slopes((part.primal.pushed @ own).T, ways, factor)
+                found[part.primal.unknowns] = free - taken
+        return slack, found
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.interpolated import Compliances
     from hhr_dolfinx.models.varying import VaryingModel
     from hhr_dolfinx.models.reduced_flow import ReducedEquilibrium, ReducedFlow
 
@@ -48,6 +49,7 @@ class ReducedModel:
         flow: Gauss points and laws of the RID; None where nothing flows.
         offline: how it was made, an ``OfflineRecord`` of the build; None for a model from a file.
         factorise: what factors K~ and the active blocks.
+        compliances: what eliminates gamma between few parameters where K~ depends on them; None factors K~ for each.
 
     Raises:
         SingularError: if K~ is singular.
@@ -64,7 +66,9 @@ class ReducedModel:
         flow: ReducedFlow | None = None,
         offline: Any = None,
         factorise: Factorise = dense_factors,
+        compliances: Compliances | None = None,
     ):
+        self.compliances = compliances
         self.problem, self.parameters, self.fields, self.trained = problem, parameters, fields, trained
         self.known, self.flow, self.offline, self._factorise = known, flow, offline, factorise
         self.equilibrium: ReducedEquilibrium | None = None
@@ -82,7 +86,8 @@ class ReducedModel:
 
     def __reduce__(self) -> tuple:
         """Copy and pickle by the projected arrays; how the model was made stays behind."""
-        return _restored, (self.known, self.flow, self.problem, self.parameters, self.fields, self.trained)
+        given = self.known, self.flow, self.compliances, self.problem, self.parameters, self.fields, self.trained
+        return _restored, given
 
     @property
     def dimension(self) -> int:
@@ -91,7 +96,7 @@ class ReducedModel:
 
     def changed(self, **parts: Any) -> ReducedModel:
         """The same model with some parts in the place of its own, by the names of its arguments."""
-        names = ("problem", "parameters", "fields", "trained", "known", "flow", "offline")
+        names = ("problem", "parameters", "fields", "trained", "known", "flow", "offline", "compliances")
         own = {name: getattr(self, name) for name in names} | {"factorise": self._factorise}
         return ReducedModel(**(own | parts))
 
@@ -131,7 +136,7 @@ class ReducedModel:
             from hhr_dolfinx.models.block_elimination import BlockElimination
             from hhr_dolfinx.models.varying import VaryingModel
 
-            eliminated = BlockElimination(problem, self.fields.amplitudes)
+            eliminated = self.compliances or BlockElimination(problem, self.fields.amplitudes)
             rest = self.known, self.fields, problem.pairs, trained, ADVICE
             return VaryingModel(self.parameters, eliminated, *rest)
         responses = Responses.eliminate(factorise(problem.stiffness), problem.loads, problem.gaps, *contact)
@@ -139,6 +144,8 @@ class ReducedModel:
         return CondensedModel(self.parameters, self.fields.amplitudes, responses, self.known, self.fields, *how)
 
 
-def _restored(known: KnownStatuses | None, flow: ReducedFlow | None, *parts: Any) -> ReducedModel:
+def _restored(
+    known: KnownStatuses | None, flow: ReducedFlow | None, compliances: Compliances | None, *parts: Any
+) -> ReducedModel:
     """A model from its arrays."""
-    return ReducedModel(*parts, known=known, flow=flow)
+    return ReducedModel(*parts, known=known, flow=flow, compliances=compliances)

@@ -236,11 +236,26 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
     with log.stage("online_arrays"):
         range_ = TrainedRange.of(shared.snapshots.points, problem.parameters) if flow is None else None
         model = ReducedModel(reduced, full.parameters, fields, range_, known=known, flow=flow)
+        if reduced.terms is not None:
+            model = _eliminated_between(model, log)
     margin = _checked_margin(shared, model, layers)
     with log.stage("validation"):
         comparison, trained = _compared(shared, model)
     record = OfflineRecord(recipe, layers, basis, sets, stability, enrichment, margin, comparison, log)
     return model.changed(trained=trained, offline=record)
+
+
+def _eliminated_between(model: ReducedModel, log: StageLog) -> ReducedModel:
+    """A model whose K~ depends on parameters, eliminated between few of them; statuses start along derivatives."""
+    from hhr_dolfinx.reduction.interpolate_reduced import interpolated_reduction
+    from hhr_dolfinx.reduction.starts import linear_starts
+
+    compliances, _ = interpolated_reduction(model.problem, model.fields.amplitudes, model.parameters)
+    if compliances is None:
+        log.skip("interpolation", "K~^-1 is no smooth function of the parameters: it is factored for each query")
+        return model
+    known = linear_starts(compliances, model.known.points, model.problem.pairs)
+    return model.changed(compliances=compliances, known=known)
 
 
 def _enriched(shared: _Offline, sets: IndexSets) -> Enrichment:

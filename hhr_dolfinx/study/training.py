@@ -27,7 +27,7 @@ from hhr_dolfinx.timing import StageLog
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.varying import VaryingModel
-    from hhr_dolfinx.reduction.condense import GridSettings
+    from hhr_dolfinx.reduction.interpolate import GridSettings
 
 Progress = Callable[[str], Callable[[Iterable], Iterable]]
 """Maps a label to a wrapper of iterations, for progress bars."""
@@ -72,7 +72,8 @@ class Training:
         Raises:
             ReductionError: for another scene.
         """
-        from hhr_dolfinx.reduction.condense import GridSettings, condense
+        from hhr_dolfinx.reduction.condense import condense
+        from hhr_dolfinx.reduction.interpolate import GridSettings
 
         return condense(self.full_order, self.snapshots, settings or GridSettings(), self.held_out)
 

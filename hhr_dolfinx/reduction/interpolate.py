@@ -1,0 +1,126 @@
+"""What interpolated condensation of a full and of a reduced problem share: grids, axes, the cut into arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.formulas import Modulus, Scalar
+from hhr_dolfinx.models.interpolated import Compliance, PrimalModes
+from hhr_dolfinx.models.interpolation import GrownGrid, Interpolant, grow
+from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
+
+
+@dataclass(frozen=True)
+class GridSettings:
+    """How far a sparse grid grows.
+
+    Attributes:
+        tolerance: wished error of S and of the free slack, relative to their size.
+        budget: most solutions for each part of a scene that hangs together.
+    """
+
+    tolerance: float = 1e-5
+    budget: int = 200
+
+    def __post_init__(self) -> None:
+        if not is_number(self.tolerance) or not 0 < self.tolerance < 1 or not is_whole(self.budget, 1):
+            raise ReductionError(
+                f"tolerance = {self.tolerance!r} of an interpolation must lie in (0, 1), and its budget = "
+                f"{self.budget!r} be a positive integer"
+            )
+
+
+@dataclass(frozen=True)
+class Part:
+    """What of a problem hangs together.
+
+    Attributes:
+        conditions: contact conditions that act on it, increasing.
+        forced, lifted: terms of θ whose loads or imposed displacements act on it.
+        factor: the modulus that all of it shares; None for none.
+        axes: parameters on which the rest depends.
+    """
+
+    conditions: np.ndarray
+    forced: np.ndarray
+    lifted: np.ndarray
+    factor: Scalar | None
+    axes: np.ndarray
+
+    def factor_at(self, point: np.ndarray) -> float:
+        """The modulus at a point; 1 where there is none."""
+        return 1.0 if self.factor is None else self.factor.value(point)
+
+
+def dependence(
+    moduli: list[Modulus], others: tuple[int, ...], names: tuple[str, ...]
+) -> tuple[Scalar | None, np.ndarray]:
+    """The factor that all parts of a stiffness share, if it varies, and the places of the parameters of the rest.
+
+    ``others`` are places of parameters that count in any case.
+    """
+    factor, rests = None, [scalar for modulus in moduli for scalar in (modulus.factor_scalar, modulus.rest_scalar)]
+    if len({modulus.factor for modulus in moduli}) == 1:
+        rests = [modulus.rest_scalar for modulus in moduli]
+        factor = moduli[0].factor_scalar if moduli[0].factor_scalar.formula.variables else None
+    named = {name for scalar in rests for name in scalar.formula.variables}
+    return factor, np.array(sorted({names.index(name) for name in named} | set(others)), dtype=np.int64)
+
+
+def grown(
+    solved: Callable[[np.ndarray], Mapping[str, np.ndarray]],
+    space: ParameterSpace,
+    axes: np.ndarray,
+    settings: GridSettings,
+) -> tuple[GrownGrid, dict[str, np.ndarray]]:
+    """Interpolate arrays by name over some parameters; the others stay in the middle of the box.
+
+    Returns:
+        The grid, and the modes of each array, its own shape with the modes along the last axis.
+    """
+    lower, upper = np.array([space.lower, space.upper], dtype=float)
+    shapes: dict[str, tuple[int, ...]] = {}
+
+    def joined(values: np.ndarray) -> np.ndarray:
+        point = (lower + upper) / 2
+        point[axes] = values
+        found = solved(point)
+        shapes.update({name: np.shape(part) for name, part in found.items()})
+        return np.concatenate([np.ravel(part) for part in found.values()])
+
+    sizes: list[float] = []
+
+    def scale(values: np.ndarray) -> float:
+        """The largest of the parts relative to the first, that of the values."""
+        ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes.values())])
+        norms = [float(np.linalg.norm(values[a:b])) for a, b in pairwise(ends)]
+        if not sizes:
+            sizes.extend(norms)
+        return max((norm / size for norm, size in zip(norms, sizes, strict=True) if size > 0), default=0.0)
+
+    grid = grow(joined, scale, (axes, lower[axes], upper[axes]), settings.tolerance, settings.budget)
+    modes, first, parts = grid.interpolant.modes, 0, {}
+    for name, shape in shapes.items():
+        size = int(np.prod(shape))
+        parts[name] = modes[first : first + size].reshape(*shape, modes.shape[1])
+        first += size
+    return grid, parts
+
+
+def compliance_of(part: Part, grid: GrownGrid, modes: dict[str, np.ndarray], unknowns: np.ndarray | None) -> Compliance:
+    """A part from the modes of ``schur`` (m, m), ``columns`` (T, m), and of ``pushed`` (n, m) and ``free`` (T, n)."""
+    rank = len(grid.interpolant.weights)
+    schur = np.asfortranarray(modes["schur"].reshape(-1, rank))
+    interpolant: Interpolant = replace(grid.interpolant, modes=schur)
+    primal = None
+    if unknowns is not None:
+        pushed = np.ascontiguousarray(np.moveaxis(modes["pushed"], 2, 0))
+        primal = PrimalModes(unknowns, pushed, np.ascontiguousarray(modes["free"]))
+    given: Any = part.conditions, part.forced, part.lifted, part.factor
+    return Compliance(*given, interpolant, np.ascontiguousarray(modes["columns"]), primal)

@@ -1,0 +1,66 @@
+"""HHR models whose stiffness depends on parameters, with K~(mu) eliminated between few parameters.
+
+What the contact of a reduced model needs, S~ = B~2 K~^-1 B~1^T and the unknown under forces, is as smooth in the parameters
+as K~: a sparse grid of a dozen factorisations of K~ replaces the one for each query.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg.lapack import dgetrf, dgetrs
+
+from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.errors import SingularError
+from hhr_dolfinx.models.block_elimination import Block, blocks_of
+from hhr_dolfinx.models.interpolated import Compliances
+from hhr_dolfinx.models.interpolation import GrownGrid
+from hhr_dolfinx.models.projected import ReducedProblem, ReducedTerms
+from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of, dependence, grown
+
+REDUCED_GRID = GridSettings(1e-5, 300)
+"""A factorisation of K~ costs milliseconds, so that the interpolation can be far better than the reduction."""
+
+
+def interpolated_reduction(
+    problem: ReducedProblem, amplitudes: Amplitudes, space: ParameterSpace, settings: GridSettings = REDUCED_GRID
+) -> tuple[Compliances | None, list[GrownGrid]]:
+    """Interpolate what eliminates gamma; None for what should rather be factored for each query: it is not smooth."""
+    parts, grids = [], []
+    for block in blocks_of(problem):
+        if problem.terms is None or not block.modes.size:
+            continue
+        part = _part(problem.terms, block, space)
+        grid, modes = grown(
+            lambda point, b=block, p=part: _solved(problem.terms, b, p, point), space, part.axes, settings
+        )
+        grids.append(grid)
+        if grid.surplus > settings.tolerance:
+            return None, grids
+        parts.append(compliance_of(part, grid, modes, block.modes))
+    size = len(problem.stiffness)
+    return Compliances(tuple(parts), amplitudes, problem.gaps, None, size, symmetric=False), grids
+
+
+def _part(terms: ReducedTerms, block: Block, space: ParameterSpace) -> Part:
+    """What acts on a block."""
+    conditions = np.flatnonzero(block.test.any(axis=0) | block.trial.any(axis=1))
+    forced = np.flatnonzero(terms.forces[block.modes].any(axis=0))
+    lifted = np.flatnonzero(terms.lifts[:, block.modes].any(axis=(0, 1)))
+    factor, axes = dependence([terms.moduli[k] for k in block.parts], (), space.names)
+    return Part(conditions, forced, lifted, factor, axes)
+
+
+def _solved(terms: ReducedTerms, block: Block, part: Part, point: np.ndarray) -> dict[str, np.ndarray]:
+    """What is left of a block for the factor 1, see :func:`compliance_of`."""
+    weights = np.array([modulus.value(point) for modulus in terms.moduli])
+    size, factor = block.modes.size, part.factor_at(point)
+    lu, pivots, info = dgetrf((weights[block.parts] @ block.entries).reshape(size, size).T)
+    if info:
+        raise SingularError(f"K~ of {size} modes is singular at {point.tolist()}")
+    forces = terms.forces[np.ix_(block.modes, part.forced)]
+    lifts = np.tensordot(weights, terms.lifts[:, block.modes][:, :, part.lifted], 1)
+    pushed = factor * dgetrs(lu, pivots, block.test[:, part.conditions])[0]
+    free = np.column_stack([factor * dgetrs(lu, pivots, forces)[0], dgetrs(lu, pivots, lifts)[0]])
+    trial = block.trial[part.conditions]
+    return {"schur": trial @ pushed, "columns": (trial @ free).T, "pushed": pushed, "free": free.T}
