@@ -147,6 +147,8 @@ class CondensedModel:
         advice: what helps against a status, for the messages.
     """
 
+    offline: Any = None  # nothing was approximated: there is no record
+
     def __init__(
         self,
         parameters: ParameterSpace,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,12 +13,15 @@ from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.linear.dense import Factorise, LapackLU, PetscLU
 from hhr_dolfinx.models.answer import Model
-from hhr_dolfinx.models.condensed import KnownStatuses
+from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.study.measure import Measurement, Row
 from hhr_dolfinx.study.references import References
 from hhr_dolfinx.study.training import Progress, Training
 from hhr_dolfinx.timing import time_queries
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.varying import VaryingModel
 
 COMPARED = ("fom_naive", "fom_best", "condensed")
 TIMED = (*COMPARED, "condensed_full", "online", "online_lapack", "online_full")
@@ -37,7 +40,7 @@ def measure_points(
     full, space, known = training.full_order, training.full_order.parameters, training.snapshots.known_statuses()
     references = References.at(points, full, training.snapshots, progress("references"))
     answers = [model.solve(point, raise_on_failure=False, outside="ignore") for point in points]
-    forces_only, condensed = (exact_condensation(full, known, field=field) for field in (False, True))
+    forces_only, condensed = _condensed(training, known)
     models: dict[str, Model] = {
         "fom_best": full,
         "online": model,
@@ -65,8 +68,9 @@ def measure_points(
         why = "not asked for: one query takes too long to measure a hundred"
         skipped.append({"stage": "fom_naive", "why": why})
     iterations = [answer.iterations for answer in answers]
+    offline = {} if forces_only.offline is None else {"offline_condensed": dict(forces_only.offline.log.times)}
     report = {
-        "times": {**_summaries(warm, TIMED), "cold_start": _summaries(cold, COLD)},
+        "times": {**_summaries(warm, TIMED), "cold_start": _summaries(cold, COLD), **offline},
         "ratios": {**_ratios(warm), "cold_start": _ratios(cold)},
         "active_set": {
             "iterations_median": float(np.median(iterations)),
@@ -75,8 +79,18 @@ def measure_points(
         },
     }
     own = Row("HHR", "this model", warm["online"], references.errors(model))
-    rows = [Row(name, "exact", warm[name], errors) for name, errors in exact.items()]
+    how = {"condensed": "interpolated"} if offline else {}
+    rows = [Row(name, how.get(name, "exact"), warm[name], errors) for name, errors in exact.items()]
     return Measurement(own, rows, beside, report, skipped)
+
+
+def _condensed(training: Training, known: KnownStatuses) -> tuple[CondensedModel | VaryingModel, ...]:
+    """Condensation with forces alone and with fields: exact, or interpolated where the stiffness depends on parameters."""
+    full = training.full_order
+    if full.problem.varies:
+        model = training.condense()
+        return model, model
+    return exact_condensation(full, known, field=False), exact_condensation(full, known, field=True)
 
 
 def _warm(models: dict[str, Model], known: KnownStatuses) -> Queries:

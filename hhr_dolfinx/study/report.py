@@ -36,7 +36,9 @@ def make_report(
     report["times"] = {"offline": {**training.log.times, **model.offline.log.times}, **report["times"]}
     report["skipped"] += measured.skipped
     report["break_even"] = break_even(report["times"])
-    return {**report, "advice": advice(report)} if "condensed_full" in report["times"] else report
+    if "condensed_full" not in report["times"]:
+        return report
+    return {**report, "advice": advice(report) if "offline_condensed" not in report["times"] else advice_varying(report)}
 
 
 def model_report(model: ReducedModel, row: Row) -> dict[str, Any]:
@@ -75,6 +77,12 @@ def break_even(times: dict[str, Any]) -> dict[str, float | None]:
     for name, kind in kinds.items():
         saved = times["fom_best"]["median"] - times[kind]["median"]
         found[name] = offline / saved if saved > 0 else None
+    if "offline_condensed" in times:
+        # forces need no training answers: fields do, and checks
+        stages = times["offline_condensed"]
+        saved = times["fom_best"]["median"] - times["condensed"]["median"]
+        spent = stages["compliances"] + stages["starts"]
+        found["forces, condensed"] = spent / saved if saved > 0 else None
     return found
 
 
@@ -132,6 +140,42 @@ def advice(report: dict[str, Any]) -> str:
             "Use the hyper-reduced model where the displacement field is not needed for every query or memory is short."
         )
     return f"Use the hyper-reduced model: {figures}. Use exact condensation where no error can be afforded."
+
+
+def advice_varying(report: dict[str, Any]) -> str:
+    """Which method a scene should use whose stiffness or shape depends on parameters, by what was measured.
+
+    The most accurate one within a factor of three of the fastest is advised: beside the full order all of them are fast.
+    """
+    times, rows = report["times"], {row["method"]: row for row in report["work_precision"] if row["setting"] in _OWN}
+    names = {"condensed": "interpolated condensation", "HHR": "the hyper-reduced model"}
+    seconds = {"condensed": times["condensed"]["median"], "HHR": times["online"]["median"]}
+    best = min(seconds.values())
+    close = [method for method in names if method in rows and seconds[method] <= 3 * best]
+    favoured = min(close, key=lambda method: rows[method]["dual_full_floored_max"])
+    other = "HHR" if favoured == "condensed" else "condensed"
+    even = report["break_even"]
+    after = {"condensed": even.get("forces, condensed"), "HHR": even.get("forces")}
+
+    def told(method: str) -> str:
+        row, count = rows[method], after[method]
+        paid = "never pays" if count is None else f"pays after {count:.0f} queries"
+        return (
+            f"{_seconds(seconds[method])} for the forces, {times['fom_best']['median'] / seconds[method]:.0f} times the "
+            f"best full order, errors {row['dual_full_floored']:.1e} median and {row['dual_full_floored_max']:.1e} at most, "
+            f"and {paid}"
+        )
+
+    sentence = f"Use {names[favoured]}: {told(favoured)}."
+    if other in rows:
+        sentence += f" {names[other].capitalize()}: {told(other)}."
+    return sentence + (
+        " The hyper-reduced model is for contact conditions by the thousand, and where operators do not interpolate."
+    )
+
+
+_OWN = ("this model", "interpolated")
+"""Settings of the rows of the work-precision table that the advice compares."""
 
 
 def write_report(report: dict[str, Any] | list[dict[str, Any]], folder: str | Path, name: str = "report") -> Path:
