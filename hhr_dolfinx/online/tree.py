@@ -74,7 +74,9 @@ def put_together(tree: Any, arrays: Mapping[str, np.ndarray], kinds: Mapping[str
     if tree.keys() == {"items"} and isinstance(tree["items"], list):
         return tuple(put_together(item, arrays, kinds, depth + 1) for item in tree["items"])
     if tree.keys() != {"kind", "fields"} or tree["kind"] not in kinds or not isinstance(tree["fields"], dict):
-        raise FileContentError(f"a part of the file is of the kind {str(tree.get('kind'))[:40]!r}, which is unknown here")
+        raise FileContentError(
+            f"a part of the file is of the kind {str(tree.get('kind'))[:40]!r}, which is unknown here"
+        )
     kind = kinds[tree["kind"]]
     expected = {item.name for item in dataclasses.fields(kind) if item.init}
     if tree["fields"].keys() != expected:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -21,8 +22,10 @@ from hhr_dolfinx.linear.sparse import FreeCholesky
 from hhr_dolfinx.models.block_elimination import BlockElimination
 from hhr_dolfinx.models.interpolated import Compliances, InterpolatedFields
 from hhr_dolfinx.models.interpolation import GrownGrid
+from hhr_dolfinx.models.reshaped import ReshapedReduction
 from hhr_dolfinx.models.varying import VaryingModel
 from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of, dependence, grown
+from hhr_dolfinx.reduction.interpolate_reduced import interpolated_problem
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.recipe import Pod
 from hhr_dolfinx.reduction.starts import linear_starts
@@ -91,10 +94,15 @@ def condense(
     problem.require_whole()
     check_of_problem("snapshots", snapshots, problem)
     log = StageLog()
+    # where a shape changes a problem is assembled once for all that asks for it there
+    problem_at = lru_cache(maxsize=_most_problems(problem))(lambda key: problem.at(np.frombuffer(key)))
+    fields_seen: list[np.ndarray] = []
     with log.stage("compliances"):
-        compliances, grids = interpolated_compliances(full, settings)
+        forces = snapshots.forces if problem.reshaped is not None else snapshots.forces[:, :0]
+        solving = _Solving(full, lambda point: problem_at(point.tobytes()), forces, fields_seen)
+        compliances, grids = interpolated_compliances(solving, settings)
     with log.stage("fields"):
-        fields = _fields(full, snapshots)
+        fields = _fields(full, np.column_stack([snapshots.displacements, *fields_seen]), settings)
     with log.stage("starts"):
         points = Sobol(STARTS).points(problem.parameters)
         known = linear_starts(compliances, points, problem.contact_pairs)
@@ -109,14 +117,28 @@ def condense(
     return model
 
 
-def _fields(full: Any, snapshots: SnapshotSet) -> InterpolatedFields:
-    """Galerkin's method on what snapshots span, body by body."""
+MOST_BYTES = 5e8
+"""Memory that problems kept for other parts of a scene may take."""
+
+
+def _most_problems(problem: ContactProblem) -> int:
+    """How many problems are kept."""
+    return max(1, int(MOST_BYTES / (12 * problem.own_stiffness.nnz)))
+
+
+def _fields(full: Any, displacements: np.ndarray, settings: GridSettings) -> InterpolatedFields:
+    """Galerkin's method on what displacements span, body by body."""
     problem: ContactProblem = full.problem
-    basis = Pod(FIELD_TOLERANCE, relative=True, by_body=True).modes(problem, snapshots)
+    basis = Pod(FIELD_TOLERANCE, relative=True, by_body=True).of_columns(problem, displacements)
     every = np.flatnonzero(problem.free)
     conditions = np.arange(len(problem.gaps))
     sets = IndexSets(np.arange(len(problem.cell_nodes)), every, conditions, every, every, np.zeros(0, dtype=np.int64))
-    galerkin = BlockElimination(project(problem, basis, sets), problem.amplitudes)
+    galerkin: Any = None
+    if problem.reshaped is None:
+        galerkin = BlockElimination(project(problem, basis, sets), problem.amplitudes)
+    else:
+        interpolated = interpolated_problem(problem, basis, sets, settings)
+        galerkin = ReshapedReduction(interpolated, problem.amplitudes, problem.parameters)
     rest = galerkin, problem.block_size, full.stress_of
     return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest)
 
@@ -148,21 +170,36 @@ def _acting(columns: csc_matrix, dofs: np.ndarray) -> np.ndarray:
     return np.flatnonzero(np.diff(csc_matrix(columns[dofs]).indptr))
 
 
-def interpolated_compliances(
-    full: Any, settings: GridSettings, progress: Progress = iter
-) -> tuple[Compliances, list[GrownGrid]]:
+@dataclass(frozen=True)
+class _Solving:
+    """What the parts of a scene are solved for with.
+
+    Attributes:
+        full: the full model, on one rank.
+        problem_at: the problem at a point, (P,).
+        forces: training forces whose fields are kept, (m, S); none where the snapshots are enough.
+        fields: displacements under these forces, which every solution adds to.
+    """
+
+    full: Any
+    problem_at: Callable[[np.ndarray], ContactProblem]
+    forces: np.ndarray
+    fields: list[np.ndarray]
+
+
+def interpolated_compliances(solving: _Solving, settings: GridSettings) -> tuple[Compliances, list[GrownGrid]]:
     """Solve for and interpolate all that contact needs of a full model; on one rank."""
-    problem: ContactProblem = full.problem
+    problem: ContactProblem = solving.full.problem
     parts, grids = [], []
-    for component in progress(components_of(problem)):
-        solve = _Solver(full, component)
+    for component in components_of(problem):
+        solve = _Solver(solving, component)
         grid, modes = grown(solve, problem.parameters, component.part.axes, settings)
         parts.append(compliance_of(component.part, grid, modes, None))
         grids.append(grid)
     reshaped = None
     if problem.reshaped is not None:
         axes = np.array(problem.reshaped.axes, dtype=np.int64)
-        grid, _ = grown(lambda point: {"gaps": problem.at(point).gaps}, problem.parameters, axes, settings)
+        grid, _ = grown(lambda point: {"gaps": solving.problem_at(point).gaps}, problem.parameters, axes, settings)
         grids.append(grid)
         reshaped = grid.interpolant
     return Compliances(tuple(parts), problem.amplitudes, problem.gaps, reshaped), grids
@@ -172,20 +209,21 @@ class _Solver:
     """Solves for what one component leaves of itself; its factors take the values of each point.
 
     Args:
-        full: the full model.
-        component: of its scene.
+        solving: what all components share.
+        component: of the scene.
     """
 
-    def __init__(self, full: Any, component: Component):
-        self._full, self._component = full, component
+    def __init__(self, solving: _Solving, component: Component):
+        self._solving, self._component = solving, component
         self._factors: FreeCholesky | None = None
 
     def __call__(self, point: np.ndarray) -> dict[str, np.ndarray]:
         """S_c, (m_c, m_c), and B K^-1 F above B K^-1 K lift, (T, m_c), for the factor 1."""
-        problem, part = self._full.problem.at(point), self._component.part
+        full, part = self._solving.full, self._component.part
+        problem = self._solving.problem_at(point)
         stiffness = problem.own_stiffness
         if self._factors is None:
-            how = slice(0, problem.free.size), self._full.scene.name, self._full.block_ordering, self._full.comm
+            how = slice(0, problem.free.size), full.scene.name, full.block_ordering, full.comm
             self._factors = FreeCholesky(stiffness, self._component.dofs, *how)
         else:
             self._factors.refactor(stiffness)
@@ -195,4 +233,13 @@ class _Solver:
         # K^-1 is symmetric: no solve for the loads, of which there may be more than conditions
         forced = problem.external[:, part.forced].T @ per_force
         lifted = (stiffness @ problem.lifts[:, part.lifted]).T @ per_force
+        if self._solving.forces.size:
+            self._solving.fields.append(self._fields_of(problem, per_force))
         return {"schur": factor * (schur + schur.T) / 2, "columns": np.vstack([factor * forced, lifted])}
+
+    def _fields_of(self, problem: ContactProblem, per_force: np.ndarray) -> np.ndarray:
+        """Displacements under training forces, and under each load, (N, S + T)."""
+        part = self._component.part
+        loads = problem.loads[:, np.union1d(part.forced, part.lifted)]
+        assert self._factors is not None
+        return np.column_stack([per_force @ self._solving.forces[part.conditions], self._factors.solve_columns(loads)])

@@ -6,17 +6,23 @@ as K~: a sparse grid of a dozen factorisations of K~ replaces the one for each q
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.linalg.lapack import dgetrf, dgetrs
 
 from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import SingularError
+from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.models.block_elimination import Block, blocks_of
 from hhr_dolfinx.models.interpolated import Compliances
 from hhr_dolfinx.models.interpolation import GrownGrid
 from hhr_dolfinx.models.projected import ReducedProblem, ReducedTerms
+from hhr_dolfinx.models.reshaped import InterpolatedProblem
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of, dependence, grown
+from hhr_dolfinx.reduction.projection import project
 
 REDUCED_GRID = GridSettings(1e-5, 300)
 """A factorisation of K~ costs milliseconds, so that the interpolation can be far better than the reduction."""
@@ -64,3 +70,37 @@ def _solved(terms: ReducedTerms, block: Block, part: Part, point: np.ndarray) ->
     free = np.column_stack([factor * dgetrs(lu, pivots, forces)[0], dgetrs(lu, pivots, lifts)[0]])
     trial = block.trial[part.conditions]
     return {"schur": trial @ pushed, "columns": (trial @ free).T, "pushed": pushed, "free": free.T}
+
+
+def interpolated_problem(
+    problem: ContactProblem, basis: np.ndarray, sets: IndexSets, settings: GridSettings
+) -> InterpolatedProblem:
+    """Interpolate a projected problem over the parameters of a shape, for the fields of other models.
+
+    A projection that hyper-reduces assembles its own cells instead, see :mod:`hhr_dolfinx.reduction.shaped`.
+    """
+
+    def terms_of(there: ContactProblem) -> tuple[ReducedProblem, ReducedTerms]:
+        reduced = project(there, basis, sets)
+        if reduced.terms is not None:
+            return reduced, reduced.terms
+        one = Modulus("1", "1", problem.parameters.names)
+        lifts = np.zeros((1, *reduced.loads.shape))
+        return reduced, ReducedTerms(reduced.stiffness[None], lifts, reduced.loads, (one,))
+
+    def solved(point: np.ndarray) -> dict[str, np.ndarray]:
+        reduced, terms = terms_of(problem.reshaped(point))
+        return {
+            "stiffness": terms.stiffness,
+            "lifts": terms.lifts,
+            "forces": terms.forces,
+            "test": reduced.contact_test,
+            "trial": reduced.contact_trial,
+            "gaps": reduced.gaps,
+        }
+
+    axes = np.array(problem.reshaped.axes, dtype=np.int64)
+    grid, modes = grown(solved, problem.parameters, axes, settings)
+    base, terms = terms_of(problem)
+    shapes = tuple(part.shape[:-1] for part in modes.values())
+    return InterpolatedProblem(replace(base, terms=None), terms, grid.interpolant, shapes)

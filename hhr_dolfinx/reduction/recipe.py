@@ -97,8 +97,11 @@ class Pod(_Truncated):
 
     def modes(self, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
         """The leading modes, (N, ell)."""
+        return self.of_columns(problem, snapshots.displacements)
+
+    def of_columns(self, problem: ContactProblem, columns: np.ndarray) -> np.ndarray:
+        """The same of any displacements, (N, S)."""
         gram = {"euclidean": None, "energy": problem.stiffness, "l2": problem.mass}[self.norm]
-        columns = snapshots.displacements
         columns = columns * _weights(columns) if self.relative else columns
         if not self.by_body:
             return pod(columns, self.tolerance, gram)[0]

@@ -38,7 +38,10 @@ def make_report(
     report["break_even"] = break_even(report["times"])
     if "condensed_full" not in report["times"]:
         return report
-    return {**report, "advice": advice(report) if "offline_condensed" not in report["times"] else advice_varying(report)}
+    return {
+        **report,
+        "advice": advice(report) if "offline_condensed" not in report["times"] else advice_varying(report),
+    }
 
 
 def model_report(model: ReducedModel, row: Row) -> dict[str, Any]:

@@ -1,0 +1,130 @@
+"""Reduced problems on bodies whose shape depends on parameters: made anew for each query, then eliminated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg.lapack import dgetrf, dgetrs
+
+from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.errors import SingularError
+from hhr_dolfinx.models.interpolation import Interpolant
+from hhr_dolfinx.models.projected import ReducedProblem, ReducedTerms
+from hhr_dolfinx.parameters import ParameterSpace
+
+DIFFERENCE = 1e-4
+"""Part of the box by which the problem is moved to either side for its derivatives: their error is its square."""
+
+
+@dataclass(frozen=True)
+class InterpolatedProblem:
+    """A reduced problem whose arrays are interpolated over the parameters of a shape; maps a point to the problem there.
+
+    Attributes:
+        base: the problem in the middle of the box, of constant stiffness.
+        terms: moduli of the parts of its stiffness, and these parts in the middle of the box.
+        interpolant: of the arrays beside each other, in the order of ``shapes``.
+        shapes: of the arrays: parts of K~, their lifts, forces, B~1, B~2, gaps.
+    """
+
+    base: ReducedProblem
+    terms: ReducedTerms
+    interpolant: Interpolant
+    shapes: tuple[tuple[int, ...], ...]
+
+    def __call__(self, point: np.ndarray) -> ReducedProblem:
+        """The problem at a point, (P,), of constant stiffness."""
+        values, first, parts = self.interpolant.value(point), 0, []
+        for shape in self.shapes:
+            size = int(np.prod(shape))
+            parts.append(values[first : first + size].reshape(shape))
+            first += size
+        stiffness, lifts, forces, test, trial, gaps = parts
+        weights = np.array([modulus.value(point) for modulus in self.terms.moduli])
+        loads = forces - np.tensordot(weights, lifts, 1)
+        return ReducedProblem(np.tensordot(weights, stiffness, 1), test, trial, loads, gaps, self.base.pairs)
+
+
+@dataclass(frozen=True)
+class ReshapedElimination:
+    """See :class:`hhr_dolfinx.models.varying.Elimination`.
+
+    Attributes:
+        owner: what makes the problem of a point.
+        point: the parameter, (P,).
+        problem: the problem there.
+        factors: LU of K~.
+        free: gamma without contact forces, (ell,).
+        per_force: K~^-1 B~1^T, (ell, m).
+        schur, free_slack: as there.
+    """
+
+    owner: ReshapedReduction
+    point: np.ndarray
+    problem: ReducedProblem
+    factors: tuple[np.ndarray, np.ndarray]
+    free: np.ndarray
+    per_force: np.ndarray
+    schur: np.ndarray
+    free_slack: np.ndarray
+
+    symmetric = False
+
+    def unknown(self, forces: np.ndarray) -> np.ndarray:
+        """gamma under contact forces, (ell,)."""
+        return self.free - self.per_force @ forces
+
+    def pushed(self, forces: np.ndarray) -> np.ndarray:
+        """K~^-1 B~1^T times forces, (ell, k)."""
+        return self.per_force @ forces
+
+    def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """K~ gamma' = -R' with the residual R differenced between problems a little to either side."""
+        space, columns = self.owner.parameters, []
+        for place, (low, high) in enumerate(zip(space.lower, space.upper, strict=True)):
+            ends = []
+            for shift in (-DIFFERENCE, DIFFERENCE):
+                moved = self.point.copy()
+                moved[place] = min(max(moved[place] + shift * (high - low), low), high)
+                problem, theta = self.owner.problem_at(moved), self.owner.amplitudes(moved)
+                left = problem.stiffness @ unknown + problem.contact_test.T @ forces - problem.loads @ theta
+                ends.append((moved[place], np.append(left, problem.gaps @ theta - problem.contact_trial @ unknown)))
+            (before, first), (after, second) = ends
+            columns.append((second - first) / (after - before))
+        explicit, size = np.stack(columns, axis=1), unknown.size
+        found = dgetrs(*self.factors, -explicit[:size])[0]
+        return explicit[size:] - self.problem.contact_trial @ found, found
+
+
+@dataclass(frozen=True)
+class ReshapedReduction:
+    """Eliminates gamma from the problem of each point, (P,).
+
+    Attributes:
+        problem_at: makes the reduced problem of a point, of constant stiffness.
+        amplitudes: θ as a function of the parameters.
+        parameters: the box of the parameters.
+    """
+
+    problem_at: Callable[[np.ndarray], ReducedProblem]
+    amplitudes: Amplitudes
+    parameters: ParameterSpace
+
+    def __call__(self, point: np.ndarray) -> ReshapedElimination:
+        """Factor K~ of a point.
+
+        Raises:
+            SingularError: if K~ is singular there.
+        """
+        problem, theta = self.problem_at(point), self.amplitudes(point)
+        lu, pivots, info = dgetrf(problem.stiffness)
+        if info:
+            raise SingularError(f"K~ of {len(problem.stiffness)} modes is singular at {point.tolist()}")
+        solved = dgetrs(lu, pivots, np.column_stack([problem.loads @ theta, problem.contact_test.T]))[0]
+        free, per_force = solved[:, 0], solved[:, 1:]
+        slack = problem.gaps @ theta - problem.contact_trial @ free
+        return ReshapedElimination(
+            self, point, problem, (lu, pivots), free, per_force, problem.contact_trial @ per_force, slack
+        )
