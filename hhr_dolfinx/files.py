@@ -23,6 +23,7 @@ import re
 import secrets
 import stat
 import zipfile
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -121,6 +122,16 @@ def write_arrays(
     with replacing(path, tidy=tidy) as file:
         members: dict[str, Any] = {"header": np.array(json.dumps(signed)), **whole}
         np.savez(file, **members)
+
+
+def format_of(path: str | Path) -> str | None:
+    """The format that the header of a file names; None where it has none that can be read. Nothing else is read."""
+    try:
+        with zipfile.ZipFile(path) as archive, archive.open("header.npy") as member:
+            header = json.loads(str(np.lib.format.read_array(member, allow_pickle=False)))
+        return header["format"]
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error, MemoryError):
+        return None
 
 
 def read_arrays(path: str | Path, kind: str, version: int) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

@@ -7,6 +7,7 @@ that are factored one by one, a quarter of the work for two of them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -84,6 +85,30 @@ class BlockElimination:
             factors.append((lu, pivots))
             pushed.append(solved[:, 1:])
         return ReducedElimination(self, point, weights, schur, slack, free, factors, pushed)
+
+
+@dataclass(frozen=True)
+class BlockReduction:
+    """Eliminates the unknown of a reduced problem whose stiffness is a sum of parts; plain data, for files.
+
+    Attributes:
+        problem: with its terms.
+        amplitudes: θ as a function of the parameters.
+    """
+
+    problem: ReducedProblem
+    amplitudes: Amplitudes
+
+    @cached_property
+    def _eliminated(self) -> BlockElimination:
+        return BlockElimination(self.problem, self.amplitudes)
+
+    def __call__(self, point: np.ndarray) -> ReducedElimination:
+        """Eliminate at a point, (P,)."""
+        return self._eliminated(point)
+
+    def __reduce__(self) -> tuple:
+        return BlockReduction, (self.problem, self.amplitudes)
 
 
 def blocks_of(problem: ReducedProblem) -> list[Block]:

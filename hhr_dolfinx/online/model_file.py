@@ -25,7 +25,7 @@ from hhr_dolfinx.errors import (
     ModelFileWarning,
     SceneError,
 )
-from hhr_dolfinx.files import check_layout, read_arrays, write_arrays
+from hhr_dolfinx.files import check_layout, format_of, read_arrays, write_arrays
 from hhr_dolfinx.models.condensed import KnownStatuses
 from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.models.reconstruct import FlowFields, GappyField, Reconstruction
@@ -36,8 +36,11 @@ from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.reduced_flow import ReducedFlow
+    from hhr_dolfinx.models.varying import VaryingModel
 
 FORMAT, VERSION = "hhr_dolfinx reduced model", 6
+CONDENSED = "hhr_dolfinx condensed model"
+"""Format of files of interpolated condensation, see ``varying_file``."""
 
 PACKED = {
     "reduced.gaps": ("C", "m", "terms"),
@@ -117,7 +120,7 @@ _TYPES = {"float": np.float64, "int": np.int64, "bool": np.bool_}
 _MAY_BE_NONE = {"force snapshots", "stress modes", "strain modes", *(f"entries of {name}" for name in PACKED)}
 
 
-def save_model(path: str | Path, model: ReducedModel) -> None:
+def save_model(path: str | Path, model: ReducedModel | VaryingModel) -> None:
     """Write a model as one ``.npz`` file; an existing file is replaced only by a complete one.
 
     What needs the mesh or is code stays behind: the stress of elastic bodies, an indicator, the record of how the model
@@ -132,6 +135,11 @@ def save_model(path: str | Path, model: ReducedModel) -> None:
     Warns:
         ModelFileWarning: if the model has an indicator.
     """
+    if not isinstance(model, ReducedModel) and hasattr(model, "eliminated"):
+        from hhr_dolfinx.online.varying_file import save_condensed
+
+        save_condensed(path, model)
+        return
     if not isinstance(model, ReducedModel):
         raise TypeError(f"a model file holds what build returns, a ReducedModel, not a {type(model).__name__}")
     if model.fields.indicator is not None:
@@ -157,12 +165,17 @@ def save_model(path: str | Path, model: ReducedModel) -> None:
             header[what] = [data for data, _ in plain]
             arrays |= {f"{what}{k}.{name}": own for k, (_, parts) in enumerate(plain) for name, own in parts.items()}
         _checked(header, arrays, kinds)
+        if model.problem.terms is not None:
+            from hhr_dolfinx.online.varying_file import varying_parts
+
+            header["varying"], others = varying_parts(model)
+            arrays |= others
         write_arrays(path, header, arrays)
     except (FileContentError, SceneError) as error:
         raise ModelFileError(f"this model cannot be kept in {path}: {error}") from error
 
 
-def load_model(path: str | Path, known: Iterable[type] = ()) -> ReducedModel:
+def load_model(path: str | Path, known: Iterable[type] = ()) -> ReducedModel | VaryingModel:
     """Read a model written by :func:`save_model`. Needs neither DOLFINx nor the scene.
 
     Args:
@@ -175,15 +188,26 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> ReducedModel:
     """
     if isinstance(known, type | str) or not isinstance(known, Iterable):
         raise ModelFileError(f"known = {known!r} must be a list of classes, load_model(path, known=[MyLaw])")
+    if format_of(path) == CONDENSED:
+        from hhr_dolfinx.online.varying_file import load_condensed
+
+        return load_condensed(path, known)
     try:
         header, arrays = read_arrays(path, FORMAT, VERSION)
     except FileNotFoundError:
         raise ModelFileError(f"there is no model file {path}") from None
     except FileContentError as error:
         raise ModelFileError(f"{error}: build the model again") from error
+    varying = header.pop("varying", None)
+    others = {name: arrays.pop(name) for name in list(arrays) if name.startswith("varying.")}
     kinds = _kinds(arrays, known)
     try:
-        return _model(_checked(header, arrays, kinds))
+        model = _model(_checked(header, arrays, kinds))
+        if varying is None:
+            return model
+        from hhr_dolfinx.online.varying_file import with_varying_parts
+
+        return with_varying_parts(model, varying, others, known)
     except ModelFileError as error:  # a class that was not passed: nothing is wrong with the file
         raise ModelFileError(f"{path} cannot be read: {error}") from error
     except MissingPackageError:  # nothing is wrong with the file here either

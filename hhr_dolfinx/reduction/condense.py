@@ -19,7 +19,7 @@ from hhr_dolfinx.certify.trust import TrustLimits, check_comparison
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.linear.sparse import FreeCholesky
-from hhr_dolfinx.models.block_elimination import BlockElimination
+from hhr_dolfinx.models.block_elimination import BlockReduction
 from hhr_dolfinx.models.interpolated import Compliances, InterpolatedFields
 from hhr_dolfinx.models.interpolation import GrownGrid
 from hhr_dolfinx.models.reshaped import ReshapedReduction
@@ -135,7 +135,7 @@ def _fields(full: Any, displacements: np.ndarray, settings: GridSettings) -> Int
     sets = IndexSets(np.arange(len(problem.cell_nodes)), every, conditions, every, every, np.zeros(0, dtype=np.int64))
     galerkin: Any = None
     if problem.reshaped is None:
-        galerkin = BlockElimination(project(problem, basis, sets), problem.amplitudes)
+        galerkin = BlockReduction(project(problem, basis, sets), problem.amplitudes)
     else:
         interpolated = interpolated_problem(problem, basis, sets, settings)
         galerkin = ReshapedReduction(interpolated, problem.amplitudes, problem.parameters)

@@ -1,0 +1,127 @@
+"""What files hold of models whose stiffness or shape depends on parameters: trees of plain values."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.amplitudes import Amplitudes, Coverage
+from hhr_dolfinx.errors import FileContentError, HHRError, ModelFileError
+from hhr_dolfinx.files import read_arrays, write_arrays
+from hhr_dolfinx.formulas import Formula, Modulus, Scalar
+from hhr_dolfinx.models.block_elimination import BlockReduction
+from hhr_dolfinx.models.condensed import KnownStatuses
+from hhr_dolfinx.models.interpolated import Compliance, Compliances, InterpolatedFields, PrimalModes
+from hhr_dolfinx.models.interpolation import Interpolant
+from hhr_dolfinx.models.projected import ReducedProblem, ReducedTerms
+from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.models.reshaped import InterpolatedProblem, ReshapedReduction
+from hhr_dolfinx.models.starts import LinearStarts
+from hhr_dolfinx.models.varying import VaryingModel
+from hhr_dolfinx.online.model_file import CONDENSED
+from hhr_dolfinx.online.tree import put_together, taken_apart
+from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.plain import by_name
+
+VERSION = 1
+
+KINDS = (
+    Amplitudes, BlockReduction, Compliance, Compliances, Coverage, Formula, InterpolatedFields, InterpolatedProblem,
+    Interpolant, KnownStatuses, LinearStarts, Modulus, ParameterSpace, PrimalModes, ReducedProblem, ReducedTerms,
+    ReshapedReduction, Scalar,
+)  # fmt: skip
+"""Classes that may come out of a file."""
+
+PREFIX = "varying"
+
+
+def save_condensed(path: str | Path, model: VaryingModel) -> None:
+    """Write a model of interpolated condensation as one ``.npz`` file; stress, which needs the mesh, stays behind.
+
+    Raises:
+        ModelFileError: if the model cannot be read back: numbers that are not finite, amplitudes that are no data.
+    """
+    arrays: dict[str, np.ndarray] = {}
+    parts = {
+        "parameters": model.parameters,
+        "compliances": model.eliminated,
+        "known": model.known,
+        "fields": _without_mesh(model.fields),
+        "pairs": np.asarray(model.pairs),
+    }
+    try:
+        tree = {name: taken_apart(part, name, arrays) for name, part in parts.items()}
+    except FileContentError as error:
+        raise ModelFileError(f"this model cannot be kept in {path}: {error}") from error
+    write_arrays(path, {"format": CONDENSED, "version": VERSION, "tree": tree}, arrays)
+
+
+def load_condensed(path: str | Path, known: Iterable[type] = ()) -> VaryingModel:
+    """Read a model written by :func:`save_condensed`.
+
+    Args:
+        path: the file.
+        known: classes of a user's own amplitudes that may come out of it.
+
+    Raises:
+        ModelFileError: if the file is missing, no model, of another version, or damaged.
+    """
+    try:
+        header, arrays = read_arrays(path, CONDENSED, VERSION)
+        kinds = by_name([*KINDS, *known])
+        given = header["tree"]
+        parts = {name: put_together(given[name], arrays, kinds) for name in
+                 ("parameters", "compliances", "known", "fields", "pairs")}  # fmt: skip
+        model = VaryingModel(*parts.values())
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            # a model that cannot answer in the middle of its box is none
+            answer = model.solve(np.mean([model.parameters.lower, model.parameters.upper], axis=0), gradient=True)
+            answer.displacement()
+    except FileNotFoundError:
+        raise ModelFileError(f"there is no model file {path}") from None
+    except (HHRError, KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+        raise ModelFileError(f"{path} is damaged or no model file ({error}): build the model again") from error
+    return model
+
+
+def varying_parts(model: ReducedModel) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """What a reduced model has beside the arrays of its table: a tree for the header, and arrays by path."""
+    arrays: dict[str, np.ndarray] = {}
+    parts = {"terms": model.problem.terms, "compliances": model.compliances, "known": model.known}
+    tree = {name: taken_apart(part, f"{PREFIX}.{name}", arrays) for name, part in parts.items()}
+    return tree, arrays
+
+
+def with_varying_parts(
+    model: ReducedModel, tree: Any, arrays: Mapping[str, np.ndarray], known: Iterable[type]
+) -> ReducedModel:
+    """A reduced model with what :func:`varying_parts` returned.
+
+    Raises:
+        FileContentError: for a tree that is none, or does not suit the model.
+    """
+    kinds = by_name([*KINDS, *known])
+    if not isinstance(tree, dict) or tree.keys() != {"terms", "compliances", "known"}:
+        raise FileContentError("what varies in the model is no tree")
+    terms, compliances, starts = (put_together(tree[name], arrays, kinds) for name in tree)
+    fits = isinstance(terms, ReducedTerms) and isinstance(compliances, Compliances | None)
+    if not fits or not isinstance(starts, KnownStatuses):
+        raise FileContentError("what varies in the model is of other kinds")
+    try:
+        whole = model.changed(problem=replace(model.problem, terms=terms), compliances=compliances, known=starts)
+        middle = np.mean([model.parameters.lower, model.parameters.upper], axis=0)
+        whole.solve(middle, outside="ignore", raise_on_failure=False)
+    except (IndexError, TypeError, ValueError, AttributeError) as error:
+        raise FileContentError(f"what varies does not suit the model: {error}") from error
+    return whole
+
+
+def _without_mesh(fields: Any) -> Any:
+    """Fields without what computes stress on a mesh."""
+    return replace(fields, stress_of=None)
