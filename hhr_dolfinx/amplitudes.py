@@ -20,6 +20,8 @@ from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
+    from hhr_dolfinx.formulas import Formula
+
 
 @dataclass(frozen=True)
 class Amplitude:
@@ -59,6 +61,35 @@ def check_amplitude(item: Any, what: str, *, formulas: bool = False) -> None:
             f"the amplitude {item.amplitude!r} of {what} must be a finite number or an Amplitude, for instance "
             "Amplitude(slopes={'name of a parameter': 1.0})"
         )
+
+
+def check_formula(amplitude: Formula, space: ParameterSpace, what: str) -> None:
+    """Raise SceneError for a formula of unknown parameters, or one that is not finite everywhere in the box."""
+    from hhr_dolfinx.formulas import Scalar, check_over_box
+
+    try:
+        scalar = Scalar(amplitude.text, space.names)
+    except SceneError as error:
+        raise SceneError(f"{what}: {error}") from None
+    remedy = "an amplitude must be finite everywhere in the box: change the formula, or narrow the box"
+    check_over_box(scalar, space, what, -np.inf, np.inf, remedy)
+
+
+def bound(amplitude: Any, space: ParameterSpace) -> Any:
+    """A formula as an amplitude of the parameters of a scene; anything else as it is.
+
+    A single number or name becomes affine: models tabulate answers of affine scenes.
+    """
+    # asking for what a formula has imports no formulas
+    if not hasattr(amplitude, "variables"):
+        return amplitude
+    from hhr_dolfinx.formulas import Scalar
+
+    scalar = Scalar(amplitude.text, space.names)
+    if not scalar.formula.variables:
+        return Amplitude(scalar.value(np.zeros(0)))
+    name = scalar.text.strip()
+    return Amplitude(slopes={name: 1.0}) if name in space.names else scalar
 
 
 class Theta:
