@@ -51,7 +51,7 @@ def check_amplitude(item: Any, what: str, *, formulas: bool = False) -> None:
     """
     if is_number(item.amplitude):
         object.__setattr__(item, "amplitude", Amplitude(item.amplitude))
-    if formulas and not isinstance(item.amplitude, Amplitude):
+    if formulas and (isinstance(item.amplitude, str) or hasattr(item.amplitude, "variables")):
         from hhr_dolfinx.formulas import formula_of
 
         object.__setattr__(item, "amplitude", formula_of(item.amplitude, f"the amplitude of {what}"))
@@ -59,7 +59,7 @@ def check_amplitude(item: Any, what: str, *, formulas: bool = False) -> None:
     if not isinstance(item.amplitude, Amplitude):
         raise SceneError(
             f"the amplitude {item.amplitude!r} of {what} must be a finite number or an Amplitude, for instance "
-            "Amplitude(slopes={'name of a parameter': 1.0})"
+            "Amplitude(slopes={'name of a parameter': 1.0})" + (", or a formula of parameters as text" if formulas else "")
         )
 
 

@@ -51,8 +51,8 @@ class Assembler:
         dx: measure of the cells with a tag.
         vector: assembles a UFL form that is linear in v, (N,); refuses any other.
         surface: nodes of the facets with a tag, their coordinates and measures.
-        eigenstress: nodal forces of a strain, a UFL tensor 3x3, that the body with a tag takes without stress: pairs of a
-            modulus, which is a formula of the parameters, and the forces for the modulus 1, (N,).
+        eigenstress: nodal forces of a strain, a UFL tensor 3x3, that the body with a tag takes without stress: pairs of
+            a modulus, which is a formula of the parameters, and the forces for the modulus 1, (N,).
     """
 
     test: ufl.Argument
@@ -71,7 +71,7 @@ class Load(Protocol):
 
     A scene checks that an ``amplitude`` of it, if affine or a formula, names parameters of the box, and calls its
     method ``check(parameters)``, if it has one, to raise SceneError for anything else. A load that is a strain has a
-    method ``eigenstrain_of(tag, mesh)``, as :class:`hhr_dolfinx.volume_loads.Eigenstrain`, for stresses to leave it out.
+    method ``eigenstrain_of(tag, mesh)`` for stresses to leave it out, as those of ``volume_loads`` have.
     """
 
     def terms(self, assembler: Assembler) -> Sequence[Term]:
