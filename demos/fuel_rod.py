@@ -1,13 +1,13 @@
 """A fuel rod at power: a hot pellet grows into its cladding, over eight parameters.
 
-Linear power q heats the pellet by a parabola over its radius, above the temperature of its surface; it expands, more in its
-middle than at its side, takes the shape of an hourglass, and touches the cladding with its end first. The coolant presses
-on the cladding from outside. What varies: Young's modulus and Poisson's ratio of both, power, pressure, the gap as it was
-built, and the expansion of the pellet. Axisymmetric; half a pellet, whose middle is a plane of symmetry. The rod as a whole
-is free to grow in length: the cladding swells across it only.
+Linear power q heats the pellet by a parabola over its radius, above the temperature of its surface. It takes the shape
+of an hourglass and touches the cladding with its end first; the coolant presses on the cladding from outside. Young's
+modulus and Poisson's ratio of both vary, and power, pressure, the gap as built, and the expansion of the pellet.
+Axisymmetric; half a pellet, whose middle is a plane of symmetry. The rod as a whole is free to grow in length: the
+cladding swells across it only.
 
-What to see: the stiffness and the thermal forces, which are products of moduli and temperatures, change with every query.
-Interpolated condensation answers with forces right to five digits, without any stiffness matrix.
+What to see: stiffness and thermal forces, products of moduli and temperatures, change with every query. Interpolated
+condensation solves each body at six points for contact forces right to five digits.
 
     python demos/fuel_rod.py [--out DIR] [--quick] [--seed N]
 """

@@ -59,7 +59,8 @@ def check_amplitude(item: Any, what: str, *, formulas: bool = False) -> None:
     if not isinstance(item.amplitude, Amplitude):
         raise SceneError(
             f"the amplitude {item.amplitude!r} of {what} must be a finite number or an Amplitude, for instance "
-            "Amplitude(slopes={'name of a parameter': 1.0})" + (", or a formula of parameters as text" if formulas else "")
+            "Amplitude(slopes={'name of a parameter': 1.0})"
+            + (", or a formula of parameters as text" if formulas else "")
         )
 
 
@@ -259,10 +260,11 @@ class Amplitudes:
     nonaffine: tuple[NonAffine, ...] = ()
 
     @classmethod
-    def collect(cls, amplitudes: Sequence[Amplitude | NonAffine], space: ParameterSpace) -> Amplitudes:
+    def collect(cls, amplitudes: Sequence[Amplitude | Formula | NonAffine], space: ParameterSpace) -> Amplitudes:
         """Stack affine ones behind the leading constant 1, and behind these the others, each in their order."""
-        affine = [amplitude for amplitude in amplitudes if isinstance(amplitude, Amplitude)]
-        others = tuple(amplitude for amplitude in amplitudes if not isinstance(amplitude, Amplitude))
+        given = [bound(amplitude, space) for amplitude in amplitudes]
+        affine = [amplitude for amplitude in given if isinstance(amplitude, Amplitude)]
+        others = tuple(amplitude for amplitude in given if not isinstance(amplitude, Amplitude))
         constant = np.array([1.0] + [amplitude.constant for amplitude in affine])
         slopes = np.array([np.zeros(len(space.names)), *(amplitude.row(space) for amplitude in affine)])
         return cls(constant, slopes, others)

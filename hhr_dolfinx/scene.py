@@ -221,7 +221,7 @@ class Scene:
         """Raise SceneError for names of parameters that the box does not have."""
         driven: tuple[Any, ...] = (*self.displacements, *self.openings, *self.loads)
         for item in driven:
-            amplitude = getattr(item, "amplitude", None)
+            amplitude: Any = getattr(item, "amplitude", None)
             if isinstance(amplitude, Amplitude):
                 amplitude.row(self.parameters)
             elif hasattr(amplitude, "variables"):
