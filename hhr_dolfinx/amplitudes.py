@@ -90,7 +90,7 @@ def bound(amplitude: Any, space: ParameterSpace) -> Any:
     if not scalar.formula.variables:
         return Amplitude(scalar.value(np.zeros(0)))
     name = scalar.text.strip()
-    return Amplitude(slopes={name: 1.0}) if name in space.names else scalar
+    return Amplitude(slopes={name: 1.0}) if scalar.formula.variables == (name,) else scalar
 
 
 class Theta:

@@ -188,8 +188,8 @@ class Discretisation:
     def stress(self, displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Stress of a displacement, (N,), in the middle of each cell, Kelvin's notation, (cells, 4), in space 6.
 
-        Cells come in the order of ``ContactProblem.cell_nodes``. Bodies with a mean dilatation have its pressure. What
-        depends on parameters is that of a point, (P,).
+        Cells come in the order of ``ContactProblem.cell_nodes``. Bodies with a mean dilatation have its pressure, and
+        loads that are strains give no stress. What depends on parameters is that of a point, (P,).
         """
         field = fem.Function(self.space)
         field.x.petsc_vec.array[:] = displacement[self.rows]
