@@ -3,7 +3,7 @@
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: demo pellet nonmatching plastic sphere patch extreme recipes lint test slow setup
+.PHONY: demo pellet nonmatching plastic sphere rod patch extreme recipes lint test slow setup
 
 demo: setup
 	.venv/bin/python demos/hertz_half_discs.py
@@ -19,6 +19,9 @@ plastic: setup
 
 sphere: setup
 	.venv/bin/python demos/sphere_on_block.py
+
+rod: setup
+	.venv/bin/python demos/fuel_rod.py
 
 patch: setup
 	.venv/bin/python demos/contact_patch_test.py

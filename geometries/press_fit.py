@@ -1,7 +1,7 @@
 """A hub on a hollow shaft, one quarter and the upper half of both: meshes that differ along the axis only.
 
-Structured hexahedra in polar coordinates. Around the axis both have the same cells, so that their flat facets lie on each
-other and the gap between them is not one of the mesh.
+Structured hexahedra in polar coordinates. Around the axis both have the same cells, so that their flat facets lie on
+each other and the gap between them is not one of the mesh.
 """
 
 from __future__ import annotations

@@ -56,3 +56,7 @@ from .study.study import study_scene as study_scene
 from .study.training import train as train
 from .study.view import View as View
 from .version import __version__ as __version__
+from .volume_loads import BodyForce as BodyForce
+from .volume_loads import Centrifugal as Centrifugal
+from .volume_loads import Eigenstrain as Eigenstrain
+from .volume_loads import ThermalExpansion as ThermalExpansion

@@ -20,6 +20,8 @@ from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
+    from hhr_dolfinx.formulas import Formula
+
 
 @dataclass(frozen=True)
 class Amplitude:
@@ -49,7 +51,7 @@ def check_amplitude(item: Any, what: str, *, formulas: bool = False) -> None:
     """
     if is_number(item.amplitude):
         object.__setattr__(item, "amplitude", Amplitude(item.amplitude))
-    if formulas and not isinstance(item.amplitude, Amplitude):
+    if formulas and (isinstance(item.amplitude, str) or hasattr(item.amplitude, "variables")):
         from hhr_dolfinx.formulas import formula_of
 
         object.__setattr__(item, "amplitude", formula_of(item.amplitude, f"the amplitude of {what}"))
@@ -58,7 +60,37 @@ def check_amplitude(item: Any, what: str, *, formulas: bool = False) -> None:
         raise SceneError(
             f"the amplitude {item.amplitude!r} of {what} must be a finite number or an Amplitude, for instance "
             "Amplitude(slopes={'name of a parameter': 1.0})"
+            + (", or a formula of parameters as text" if formulas else "")
         )
+
+
+def check_formula(amplitude: Formula, space: ParameterSpace, what: str) -> None:
+    """Raise SceneError for a formula of unknown parameters, or one that is not finite everywhere in the box."""
+    from hhr_dolfinx.formulas import Scalar, check_over_box
+
+    try:
+        scalar = Scalar(amplitude.text, space.names)
+    except SceneError as error:
+        raise SceneError(f"{what}: {error}") from None
+    remedy = "an amplitude must be finite everywhere in the box: change the formula, or narrow the box"
+    check_over_box(scalar, space, what, -np.inf, np.inf, remedy)
+
+
+def bound(amplitude: Any, space: ParameterSpace) -> Any:
+    """A formula as an amplitude of the parameters of a scene; anything else as it is.
+
+    A single number or name becomes affine: models tabulate answers of affine scenes.
+    """
+    # asking for what a formula has imports no formulas
+    if not hasattr(amplitude, "variables"):
+        return amplitude
+    from hhr_dolfinx.formulas import Scalar
+
+    scalar = Scalar(amplitude.text, space.names)
+    if not scalar.formula.variables:
+        return Amplitude(scalar.value(np.zeros(0)))
+    name = scalar.text.strip()
+    return Amplitude(slopes={name: 1.0}) if scalar.formula.variables == (name,) else scalar
 
 
 class Theta:
@@ -228,10 +260,11 @@ class Amplitudes:
     nonaffine: tuple[NonAffine, ...] = ()
 
     @classmethod
-    def collect(cls, amplitudes: Sequence[Amplitude | NonAffine], space: ParameterSpace) -> Amplitudes:
+    def collect(cls, amplitudes: Sequence[Amplitude | Formula | NonAffine], space: ParameterSpace) -> Amplitudes:
         """Stack affine ones behind the leading constant 1, and behind these the others, each in their order."""
-        affine = [amplitude for amplitude in amplitudes if isinstance(amplitude, Amplitude)]
-        others = tuple(amplitude for amplitude in amplitudes if not isinstance(amplitude, Amplitude))
+        given = [bound(amplitude, space) for amplitude in amplitudes]
+        affine = [amplitude for amplitude in given if isinstance(amplitude, Amplitude)]
+        others = tuple(amplitude for amplitude in given if not isinstance(amplitude, Amplitude))
         constant = np.array([1.0] + [amplitude.constant for amplitude in affine])
         slopes = np.array([np.zeros(len(space.names)), *(amplitude.row(space) for amplitude in affine)])
         return cls(constant, slopes, others)

@@ -95,6 +95,11 @@ class Formula:
         except (RecursionError, MemoryError, ValueError) as error:
             raise SceneError(f"the formula {self.text[:80]!r} cannot be read: {error}") from None
 
+    @cached_property
+    def _calls(self) -> bool:
+        """Whether it calls functions, which warn where they are not defined."""
+        return "(" in self.text and any(name in self.text for name in (*FUNCTIONS, "table"))
+
     @property
     def variables(self) -> tuple[str, ...]:
         """Names that it depends on, in their order."""
@@ -106,11 +111,13 @@ class Formula:
         Raises:
             ParameterError: beyond the ends of a table.
         """
-        with np.errstate(all="ignore"):
-            try:
+        try:
+            if not self._calls:
                 return self._parsed[0](values)
-            except (OverflowError, ZeroDivisionError):
-                return math.nan
+            with np.errstate(all="ignore"):
+                return self._parsed[0](values)
+        except (OverflowError, ZeroDivisionError):
+            return math.nan
 
     def times(self, other: Formula) -> Formula:
         """The product of two formulas."""
@@ -166,7 +173,9 @@ class Scalar:
 
     def value(self, point: np.ndarray) -> float:
         """At a point, (P,); NaN where it is not defined."""
-        return float(self.formula({name: point[place] for name, place in self._places}))
+        # Python's own numbers are several times as fast as numpy's, and complex where numpy's are NaN
+        value = self.formula({name: float(point[place]) for name, place in self._places})
+        return math.nan if isinstance(value, complex) else float(value)
 
     def derivative(self, point: np.ndarray) -> np.ndarray:
         """Its derivatives along the parameters at a point, exact to round-off, (P,)."""

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from scipy.sparse import csc_matrix, hstack, issparse
 
-from hhr_dolfinx.amplitudes import Amplitude, Coverage, NonAffine, check_amplitude, checked_count
+from hhr_dolfinx.amplitudes import Amplitude, Coverage, NonAffine, bound, check_amplitude, checked_count
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.parameters import ParameterSpace, as_tuple, check_tag, is_number
@@ -20,6 +20,7 @@ from hhr_dolfinx.parameters import ParameterSpace, as_tuple, check_tag, is_numbe
 if TYPE_CHECKING:
     import ufl
 
+    from hhr_dolfinx.formulas import Formula
     from hhr_dolfinx.pairings.surface import Surface
 
 
@@ -28,11 +29,11 @@ class Term:
     """Columns of F and the amplitudes they are multiplied by.
 
     Attributes:
-        amplitude: affine, of a single column, or a :class:`~hhr_dolfinx.amplitudes.NonAffine` of several.
+        amplitude: affine or a formula, of a single column, or a :class:`~hhr_dolfinx.amplitudes.NonAffine` of several.
         columns: nodal forces for the amplitude 1, (N,), or sparse (N, k).
     """
 
-    amplitude: Amplitude | NonAffine
+    amplitude: Amplitude | Formula | NonAffine
     columns: np.ndarray | csc_matrix
 
 
@@ -50,6 +51,8 @@ class Assembler:
         dx: measure of the cells with a tag.
         vector: assembles a UFL form that is linear in v, (N,); refuses any other.
         surface: nodes of the facets with a tag, their coordinates and measures.
+        eigenstress: nodal forces of a strain, a UFL tensor 3x3, that the body with a tag takes without stress: pairs of
+            a modulus, which is a formula of the parameters, and the forces for the modulus 1, (N,).
     """
 
     test: ufl.Argument
@@ -60,13 +63,15 @@ class Assembler:
     dx: Callable[[int], ufl.Measure]
     vector: Callable[[ufl.Form], np.ndarray]
     surface: Callable[[int], Surface]
+    eigenstress: Callable[[int, Any], Sequence[tuple[Formula, np.ndarray]]]
 
 
 class Load(Protocol):
     """A load.
 
-    A scene checks that an ``amplitude`` of it, if affine, names parameters of the box, and calls its method
-    ``check(parameters)``, if it has one, to raise SceneError for anything else.
+    A scene checks that an ``amplitude`` of it, if affine or a formula, names parameters of the box, and calls its
+    method ``check(parameters)``, if it has one, to raise SceneError for anything else. A load that is a strain has a
+    method ``eigenstrain_of(tag, mesh)`` for stresses to leave it out, as those of ``volume_loads`` have.
     """
 
     def terms(self, assembler: Assembler) -> Sequence[Term]:
@@ -75,18 +80,21 @@ class Load(Protocol):
 
 @dataclass(frozen=True)
 class Traction:
-    """Surface force ``amplitude(mu) * direction`` per area on tagged facets."""
+    """Surface force ``amplitude(mu) * direction`` per area on tagged facets.
+
+    The amplitude is a number, an :class:`Amplitude`, or a formula of the parameters as text, ``"0.6 * speed**2"``.
+    """
 
     tag: int
     direction: tuple[float, ...]
-    amplitude: Amplitude
+    amplitude: Amplitude | Formula
 
     def __post_init__(self):
         check_tag("traction", self.tag)
         object.__setattr__(self, "direction", as_tuple("the direction of a traction", self.direction))
         if not all(is_number(value) for value in self.direction) or not any(self.direction):
             raise SceneError(f"the traction {self.direction} on tag {self.tag} must be finite and not zero")
-        check_amplitude(self, f"the traction on tag {self.tag}")
+        check_amplitude(self, f"the traction on tag {self.tag}", formulas=True)
 
     def terms(self, assembler: Assembler) -> list[Term]:
         """One vector."""
@@ -99,14 +107,14 @@ class Traction:
 
 @dataclass(frozen=True)
 class Pressure:
-    """Pressure ``amplitude(mu)`` against the outer normal of tagged facets."""
+    """Pressure ``amplitude(mu)`` against the outer normal of tagged facets; the amplitude as that of a traction."""
 
     tag: int
-    amplitude: Amplitude
+    amplitude: Amplitude | Formula
 
     def __post_init__(self):
         check_tag("pressure", self.tag)
-        check_amplitude(self, f"the pressure on tag {self.tag}")
+        check_amplitude(self, f"the pressure on tag {self.tag}", formulas=True)
 
     def terms(self, assembler: Assembler) -> list[Term]:
         """One vector."""
@@ -201,6 +209,7 @@ def checked_terms(load: Load, assembler: Assembler) -> list[Term]:
     terms = load.terms(assembler)
     if not isinstance(terms, Sequence) or not all(isinstance(term, Term) for term in terms):
         raise SceneError(f"the terms of {load!r} must be a list of Term, and are {terms!r}")
+    terms = [Term(bound(term.amplitude, assembler.parameters), term.columns) for term in terms]
     return [Term(term.amplitude, _checked_columns(load, term, assembler)) for term in terms]
 
 

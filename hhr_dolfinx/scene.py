@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhr_dolfinx.amplitudes import Amplitude, check_amplitude
+from hhr_dolfinx.amplitudes import Amplitude, check_amplitude, check_formula
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.loads import Load
@@ -239,9 +239,11 @@ class Scene:
         """Raise SceneError for names of parameters that the box does not have."""
         driven: tuple[Any, ...] = (*self.displacements, *self.openings, *self.loads)
         for item in driven:
-            amplitude = getattr(item, "amplitude", None)
+            amplitude: Any = getattr(item, "amplitude", None)
             if isinstance(amplitude, Amplitude):
                 amplitude.row(self.parameters)
+            elif hasattr(amplitude, "variables"):
+                check_formula(amplitude, self.parameters, f"the amplitude of {item!r}")
             if hasattr(item, "check"):
                 item.check(self.parameters)
 

@@ -234,8 +234,8 @@ def test_numbers_are_constant_amplitudes():
     ("make", "message"),
     [
         (
-            lambda: hhr.Pressure(1, "2"),
-            r"the amplitude '2' of the pressure on tag 1 must be a finite number or an Ampl",
+            lambda: hhr.Opening(0, "2"),
+            r"the amplitude '2' of the opening of contact 0 must be a finite number or an Ampl",
         ),
         (lambda: hhr.Pressure(1, np.nan), "the amplitude nan of the pressure on tag 1 must be a finite number"),
         (lambda: hhr.Traction(1, (0, 1), None), "the amplitude None of the traction on tag 1"),

@@ -18,6 +18,7 @@ from petsc4py import PETSc
 from scipy.sparse import csc_matrix, csr_matrix, hstack, vstack
 from ufl.algorithms import compute_form_data
 from ufl.algorithms.check_arities import ArityMismatch
+from ufl.core.expr import Expr
 
 from hhr_dolfinx import compat, ranks
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
@@ -38,10 +39,9 @@ from hhr_dolfinx.pairings.surface import Surface, make_surface
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.formulas import Modulus
+    from hhr_dolfinx.formulas import Formula, Modulus
     from hhr_dolfinx.full_order.reshaped import Reshaped
     from hhr_dolfinx.full_order.varying import CommonPattern
-    from hhr_dolfinx.scene import Body
 
 
 class Discretisation:
@@ -102,7 +102,7 @@ class Discretisation:
         return fem_petsc.create_matrix(self._mass_form)
 
     def stiffness_terms(self) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
-        """Own rows of the parts of K, and their moduli; one part and no modulus where K does not depend on parameters."""
+        """Own rows of the parts of K, and their moduli; one part and no modulus where K is constant."""
         if not any(body.varies or body.grading is not None for body in self.scene.bodies):
             return (self.own_rows(self.assemble_stiffness()),), ()
         from hhr_dolfinx.full_order.varying import stiffness_terms
@@ -202,8 +202,8 @@ class Discretisation:
     def stress(self, displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Stress of a displacement, (N,), in the middle of each cell, Kelvin's notation, (cells, 4), in space 6.
 
-        Cells come in the order of ``ContactProblem.cell_nodes``. Bodies with a mean dilatation have its pressure. What
-        depends on parameters is that of a point, (P,).
+        Cells come in the order of ``ContactProblem.cell_nodes``. Bodies with a mean dilatation have its pressure, and
+        loads that are strains give no stress. What depends on parameters is that of a point, (P,).
         """
         if self.reshaped is not None:
             with self.reshaped.at(point):
@@ -218,33 +218,37 @@ class Discretisation:
         constants = fem.functionspace(self.mesh, ("Discontinuous Lagrange", 0, (3, 3)))
         points = compat.interpolation_points(constants.element)
         stress = fem.Function(constants)
-        dilatation = self._mean_dilatation_of(field) if any(self.mean_dilatation) else None
-        for body, mean in zip(self.scene.bodies, self.mean_dilatation, strict=True):
-            sigma = self._stress_of(body, field, dilatation if mean else None, point)
+        trace = ufl.tr(elasticity.strain(field, self.scene.hypothesis))
+        dilatation = self.cell_means(trace) if any(self.mean_dilatation) else None
+        for place, (body, mean) in enumerate(zip(self.scene.bodies, self.mean_dilatation, strict=True)):
+            sigma = self._stress_of(place, field, dilatation if mean else None, point)
             stress.interpolate(fem.Expression(sigma, points), self._cell_tags.find(body.tag))
         owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
         values = stress.x.array.reshape(-1, 3, 3)[constants.dofmap.list[:owned].ravel()]
         return _kelvin(np.concatenate(self.comm.allgather(values)), self.mesh.geometry.dim)
 
-    def _stress_of(self, body: Body, field: fem.Function, dilatation: fem.Function | None, point: np.ndarray):
-        """Stress of a body in UFL."""
-        if not body.varies and body.grading is None:
+    def _stress_of(self, place: int, field: fem.Function, dilatation: fem.Function | None, point: np.ndarray):
+        """Stress of a body, by its place, in UFL."""
+        body, eigenstrain = self.scene.bodies[place], None
+        if any(hasattr(load, "eigenstrain_of") for load in self.scene.loads):
+            from hhr_dolfinx.full_order.eigenstrains import eigenstrain_at
+
+            eigenstrain = eigenstrain_at(self, place, point)
+        if not body.varies and body.grading is None and eigenstrain is None:
             return elasticity.stress(field, body.young, body.poisson, self.scene.hypothesis, dilatation)
         from hhr_dolfinx.full_order.varying import stress_of
 
-        return stress_of(self, body, field, dilatation, point)
+        return stress_of(self, body, field, dilatation, point, eigenstrain)
 
-    def _mean_dilatation_of(self, field) -> fem.Function:
-        """Mean of tr(ε) over the volume of each cell, by the rule of the stiffness; on the cells of this rank."""
-        dilatation = fem.Function(fem.functionspace(self.mesh, ("Discontinuous Lagrange", 0)))
-        test, hypothesis = ufl.TestFunction(dilatation.function_space), self.scene.hypothesis
+    def cell_means(self, field: Expr) -> fem.Function:
+        """Mean of a UFL scalar over each cell's volume, by the rule of the stiffness; on the cells of this rank."""
+        means = fem.Function(fem.functionspace(self.mesh, ("Discontinuous Lagrange", 0)))
         dx = ufl.dx(self.mesh, metadata={"quadrature_degree": QUADRATURE})
-        volume = elasticity.volume_weight(self.mesh, hypothesis) * test
-        trace = ufl.tr(elasticity.strain(field, hypothesis))
-        change, size = (fem.assemble_vector(fem.form(form * dx)).array for form in (trace * volume, volume))
-        own = dilatation.function_space.dofmap.index_map.size_local
-        dilatation.x.array[:own] = change[:own] / size[:own]
-        return dilatation
+        volume = elasticity.volume_weight(self.mesh, self.scene.hypothesis) * ufl.TestFunction(means.function_space)
+        change, size = (fem.assemble_vector(fem.form(form * dx)).array for form in (field * volume, volume))
+        own = means.function_space.dofmap.index_map.size_local
+        means.x.array[:own] = change[:own] / size[:own]
+        return means
 
     def _displacements(self) -> tuple[list[Term], np.ndarray]:
         """Lifts of the displacements that move, and the dofs that none holds or moves, (N,)."""
@@ -272,7 +276,14 @@ class Discretisation:
             dx=self._cells,
             vector=partial(self._load_vector, load),
             surface=self._surface,
+            eigenstress=partial(self._eigenstress, load),
         )
+
+    def _eigenstress(self, load: Load, tag: int, strain: Expr) -> list[tuple[Formula, np.ndarray]]:
+        """Nodal forces of a strain of a body, see :func:`eigenstress`."""
+        from hhr_dolfinx.full_order.eigenstrains import eigenstress
+
+        return eigenstress(self, tag, strain, partial(self._load_vector, load))
 
     def _outer_facets(self, load: str, tag: int) -> ufl.Measure:
         """Measure of the facets with a tag, under a load of this class."""

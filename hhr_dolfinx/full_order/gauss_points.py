@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -65,9 +66,26 @@ def add_parts(discretisation: Discretisation, matrix: PETSc.Mat, moduli: dict[in
     }
     of_point = np.repeat(bodies[cells], operator.per_cell)
     elastic = np.array([tangents[place] for place in of_point]).reshape(-1, *identity.shape)
+    elastic *= _gradings(discretisation, moduli, cells).reshape(-1, 1, 1)
     dofs = operator.dofs.astype(PETSc.IntType)
     elements = operator.element_stiffness(elastic).reshape(len(cells), dofs.shape[1] ** 2)
     matrix.setValuesLocalRCV(dofs, dofs, elements, addv=PETSc.InsertMode.ADD)
+
+
+def _gradings(discretisation: Discretisation, places: Iterable[int], cells: np.ndarray) -> np.ndarray:
+    """What the moduli of bodies, by their places, are multiplied by at the Gauss points of cells, (cells, per_cell)."""
+    mesh, bodies = discretisation.mesh, discretisation.cell_bodies()[cells]
+    points, weights = compat.quadrature(mesh.topology.cell_name(), QUADRATURE)
+    found = np.ones((len(cells), len(weights)))
+    for place in places:
+        grading, own = discretisation.scene.bodies[place].grading, np.flatnonzero(bodies == place)
+        if grading is not None:
+            # a grading that is a number has no mesh of its own
+            plain = abs(ufl.JacobianDeterminant(mesh))
+            parts = (grading(ufl.SpatialCoordinate(mesh)) * plain, plain)
+            graded, size = (fem.Expression(part, points).eval(mesh, cells[own].astype(np.int32)) for part in parts)
+            found[own] = (graded / size).reshape(len(own), len(weights))
+    return found
 
 
 def _tabulated(discretisation: Discretisation, cells: np.ndarray) -> StrainOperator:

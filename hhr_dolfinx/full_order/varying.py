@@ -16,8 +16,8 @@ from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
+from hhr_dolfinx.forms import elasticity, volume
 from hhr_dolfinx.formulas import Modulus, Scalar
-from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.scene import Body
 
 if TYPE_CHECKING:
@@ -130,15 +130,28 @@ def grading_of(discretisation: Discretisation, body: Body) -> object:
 
 
 def stress_of(
-    discretisation: Discretisation, body: Body, field: fem.Function, dilatation: fem.Function | None, point: np.ndarray
+    discretisation: Discretisation,
+    body: Body,
+    field: fem.Function,
+    dilatation: fem.Function | None,
+    point: np.ndarray,
+    eigenstrain: object = None,
 ) -> object:
-    """Stress of a body at a point of the parameters, (P,), in UFL; its constants are not compiled in."""
+    """Stress of a body at a point of the parameters, (P,), in UFL; its constants are not compiled in.
+
+    The graded strain gives way to what an ``eigenstrain``, graded too, leaves of it.
+    """
     names, hypothesis = discretisation.scene.parameters.names, discretisation.scene.hypothesis
     formulas = (str(body.young), str(body.poisson))
     young, poisson = (fem.Constant(discretisation.mesh, Scalar(text, names).value(point)) for text in formulas)
     strain = elasticity.strain(field, hypothesis, poisson)
     if dilatation is not None:
         strain += (dilatation - ufl.tr(strain)) / 3 * ufl.Identity(3)
+    strain = grading_of(discretisation, body) * strain
+    if eigenstrain is not None:
+        strain = strain - eigenstrain
+        if hypothesis == "plane_stress":
+            strain = volume.without_third_stress(strain, poisson)
     shear = young / (2 * (1 + poisson))
     lam = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
-    return grading_of(discretisation, body) * (lam * ufl.tr(strain) * ufl.Identity(3) + 2 * shear * strain)
+    return lam * ufl.tr(strain) * ufl.Identity(3) + 2 * shear * strain

@@ -157,7 +157,7 @@ def save_model(path: str | Path, model: ReducedModel | VaryingModel) -> None:
     }
     try:
         fields = _taken_apart(model)
-        kinds = _kinds(fields, {type(item) for items in values.values() for item in items if item is not None})
+        kinds = _kinds(fields, (), {type(item) for items in values.values() for item in items if item is not None})
         layout = _layout(fields)
         arrays = {name: np.asarray(fields[name], dtype=_TYPES[kind[0]]) for name, kind in layout.items()}
         for what, items in values.items():
@@ -200,7 +200,7 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> ReducedModel | V
         raise ModelFileError(f"{error}: build the model again") from error
     varying = header.pop("varying", None)
     others = {name: arrays.pop(name) for name in list(arrays) if name.startswith("varying.")}
-    kinds = _kinds(arrays, known)
+    kinds = _kinds(arrays, header.get("amplitudes"), known)
     try:
         model = _model(_checked(header, arrays, kinds))
         if varying is None:
@@ -221,13 +221,23 @@ def _flows(names: Iterable[str]) -> bool:
     return any(name.startswith("flow.") for name in names)
 
 
-def _kinds(names: Iterable[str], own: Iterable[type]) -> dict[str, type]:
-    """Classes of values that a file may hold, by name: those of this package, laws where bodies flow, and a user's."""
-    if not _flows(names):
-        return by_name([Coverage, *own])
-    from hhr_dolfinx.materials.laws import Norton, Plasticity
+def _kinds(names: Iterable[str], amplitudes: object, own: Iterable[type]) -> dict[str, type]:
+    """Classes of values that a file may hold, by name: those of this package that it may need, and a user's.
 
-    return by_name([Coverage, Plasticity, Norton, *own])
+    Laws are for bodies that flow, formulas for ``amplitudes`` of a file that are some.
+    """
+    kinds: list[type] = [Coverage]
+    if isinstance(amplitudes, list) and any(
+        isinstance(item, dict) and item.get("kind") == "Scalar" for item in amplitudes
+    ):
+        from hhr_dolfinx.formulas import Scalar
+
+        kinds.append(Scalar)
+    if _flows(names):
+        from hhr_dolfinx.materials.laws import Norton, Plasticity
+
+        kinds += [Plasticity, Norton]
+    return by_name([*kinds, *own])
 
 
 def _layout(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
@@ -288,6 +298,8 @@ def _checked(header: dict, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
     space, arrays = ParameterSpace(**header["parameters"]), dict(arrays)
     amplitudes, laws = (_values(what, header[what], arrays, kinds) for what in ("amplitudes", "laws"))
     layout = _layout(arrays)
+    if any(type(value).__name__ == "Scalar" and value.names != space.names for value in amplitudes):
+        raise FileContentError(f"a formula is one of other parameters than {space.names}")
     sizes = check_layout(arrays, layout, {"P": len(space.names), "ends": 2})
     empty = [name for name, size in sizes.items() if size == 0 and name not in _MAY_BE_NONE]
     if empty:

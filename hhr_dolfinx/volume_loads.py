@@ -1,0 +1,237 @@
+"""Loads on whole bodies: forces per volume, turning, temperature, swelling; those on surfaces are in ``loads``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hhr_dolfinx.amplitudes import Amplitude, check_amplitude
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.forms import volume
+from hhr_dolfinx.formulas import Formula, formula_of
+from hhr_dolfinx.loads import Assembler, Term
+from hhr_dolfinx.parameters import as_tuple, check_tag, is_number
+
+if TYPE_CHECKING:
+    import ufl
+
+ISOTROPIC = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+"""Strain 1 along each axis."""
+
+
+@dataclass(frozen=True)
+class BodyForce:
+    """Force ``amplitude(mu) * direction`` per volume of a body, such as its weight.
+
+    Attributes:
+        tag: cell tag of the body.
+        direction: constant vector, (dim,); in axisymmetry its first component is radial.
+        amplitude: number, :class:`Amplitude`, or a formula of the parameters as text, ``"9.81 * rho"``.
+    """
+
+    tag: int
+    direction: tuple[float, ...]
+    amplitude: Amplitude | Formula
+
+    def __post_init__(self) -> None:
+        check_tag("body force", self.tag)
+        what = f"the body force on tag {self.tag}"
+        object.__setattr__(self, "direction", _vector(f"the direction of {what}", self.direction))
+        if not any(self.direction):
+            raise SceneError(f"the direction {self.direction} of {what} must not be zero")
+        check_amplitude(self, what, formulas=True)
+
+    def terms(self, assembler: Assembler) -> list[Term]:
+        """One vector."""
+        _check_length(f"the direction of the body force on tag {self.tag}", self.direction, assembler)
+        form = volume.body_force(assembler.test, self.direction, assembler.hypothesis, assembler.dx(self.tag))
+        return [Term(self.amplitude, assembler.vector(form))]
+
+
+@dataclass(frozen=True)
+class Centrifugal:
+    """Force ``amplitude(mu) * d`` per volume of a body that turns, d the vector from the axis.
+
+    Attributes:
+        tag: cell tag of the body.
+        amplitude: density times the square of the angular velocity, ``"rho * omega**2"``.
+        axis_point: a point of the axis, (dim,); None for the origin. In axisymmetry the axis is that of the scene.
+        axis_direction: of the axis in space, (3,); in the plane, where it stands upright, and in axisymmetry None.
+    """
+
+    tag: int
+    amplitude: Amplitude | Formula
+    axis_point: tuple[float, ...] | None = None
+    axis_direction: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        check_tag("centrifugal force", self.tag)
+        for name in ("axis_point", "axis_direction"):
+            if getattr(self, name) is not None:
+                vector = _vector(f"{name} of the centrifugal force on tag {self.tag}", getattr(self, name))
+                object.__setattr__(self, name, vector)
+        if self.axis_direction is not None and not any(self.axis_direction):
+            raise SceneError(f"axis_direction of the centrifugal force on tag {self.tag} must not be zero")
+        check_amplitude(self, f"the centrifugal force on tag {self.tag}", formulas=True)
+
+    def terms(self, assembler: Assembler) -> list[Term]:
+        """One vector."""
+        point, axis = self._axis(assembler)
+        form = volume.centrifugal(assembler.test, point, axis, assembler.hypothesis, assembler.dx(self.tag))
+        return [Term(self.amplitude, assembler.vector(form))]
+
+    def _axis(self, assembler: Assembler) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """A point of the axis and its unit vector within the mesh, (dim,) each."""
+        what, hypothesis = f"the centrifugal force on tag {self.tag}", assembler.hypothesis
+        point = (0.0,) * assembler.test.ufl_shape[0] if self.axis_point is None else self.axis_point
+        _check_length(f"axis_point of {what}", point, assembler)
+        if hypothesis == "solid":
+            if self.axis_direction is None or len(self.axis_direction) != 3:
+                raise SceneError(f"{what} needs an axis_direction of 3 components, and has {self.axis_direction}")
+            return point, tuple((np.array(self.axis_direction) / np.linalg.norm(self.axis_direction)).tolist())
+        if self.axis_direction is not None:
+            raise SceneError(f"{what}: the axis of a scene in {hypothesis} is known: leave out {self.axis_direction}")
+        if hypothesis == "axisymmetric" and point[0] != 0:
+            raise SceneError(f"{what}: the axis of an axisymmetric scene is at r = 0: leave out the point {point}")
+        return point, (0.0, 1.0) if hypothesis == "axisymmetric" else (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Eigenstrain:
+    """A strain ``amplitude(mu) * field(x) * strain`` that a body takes without stress, such as swelling.
+
+    Stresses are those of what is left, σ = C (ε - ε0). The nodal forces follow moduli that depend on parameters. For
+    elastic bodies.
+
+    Attributes:
+        tag: cell tag of the body.
+        amplitude: number, :class:`Amplitude`, or a formula of the parameters as text.
+        strain: symmetric 3x3 tensor in the axes of the scene, (r, z, θ) in axisymmetry; a number for the same
+            along each axis. In the plane too it has its third axis.
+        field: function of the UFL coordinates that returns a UFL scalar; None for 1.
+    """
+
+    tag: int
+    amplitude: Amplitude | Formula
+    strain: tuple[tuple[float, ...], ...] = ISOTROPIC
+    field: Callable[[Any], Any] | None = None
+
+    def __post_init__(self) -> None:
+        check_tag("eigenstrain", self.tag)
+        what = f"the eigenstrain of body {self.tag}"
+        object.__setattr__(self, "strain", _symmetric(what, self.strain))
+        _check_field(what, self.field)
+        check_amplitude(self, what, formulas=True)
+
+    def terms(self, assembler: Assembler) -> list[Term]:
+        """A vector for each part of the stiffness of the body."""
+        if assembler.hypothesis != "solid" and (self.strain[0][2] or self.strain[1][2]):
+            raise SceneError(
+                f"the eigenstrain {self.strain} of body {self.tag} shears out of the plane, which a scene in "
+                f"{assembler.hypothesis} does not: set these components to zero"
+            )
+        strain = volume.eigenstrain(self.strain, self.field, assembler.dx(self.tag).ufl_domain())
+        return [_times(self.amplitude, *part) for part in assembler.eigenstress(self.tag, strain)]
+
+    def eigenstrain_of(self, tag: int, mesh: ufl.Mesh) -> tuple[Amplitude | Formula, Any] | None:
+        """Its amplitude and what it multiplies, a UFL tensor 3x3; None for another body. Stresses ask for it."""
+        return (self.amplitude, volume.eigenstrain(self.strain, self.field, mesh)) if tag == self.tag else None
+
+
+@dataclass(frozen=True)
+class ThermalExpansion:
+    """The isotropic strain ``expansion(mu) * temperature(mu) * field(x)`` of a body that is heated.
+
+    Attributes:
+        tag: cell tag of the body.
+        expansion: coefficient of linear expansion: number, :class:`Amplitude`, or formula of the parameters as text;
+            one that depends on temperature is a table, ``"table(T, 0, 1e-5, 500, 1.2e-5)"``.
+        temperature: above that at which the body is free of stress; likewise.
+        field: where it is hot, a function of the UFL coordinates that returns a UFL scalar; None for 1.
+    """
+
+    tag: int
+    expansion: Formula
+    temperature: Formula
+    field: Callable[[Any], Any] | None = None
+
+    def __post_init__(self) -> None:
+        check_tag("thermal expansion", self.tag)
+        for name in ("expansion", "temperature"):
+            what = f"{name} of the thermal expansion of body {self.tag}"
+            object.__setattr__(self, name, _formula(getattr(self, name), what))
+        _check_field(f"the thermal expansion of body {self.tag}", self.field)
+
+    @cached_property
+    def amplitude(self) -> Amplitude | Formula:
+        """Strain where the field is 1."""
+        return self.expansion.times(self.temperature)
+
+    @cached_property
+    def _eigenstrain(self) -> Eigenstrain:
+        return Eigenstrain(self.tag, self.amplitude, field=self.field)
+
+    def terms(self, assembler: Assembler) -> list[Term]:
+        """See :meth:`Eigenstrain.terms`."""
+        return self._eigenstrain.terms(assembler)
+
+    def eigenstrain_of(self, tag: int, mesh: ufl.Mesh) -> tuple[Amplitude | Formula, Any] | None:
+        """See :meth:`Eigenstrain.eigenstrain_of`."""
+        return self._eigenstrain.eigenstrain_of(tag, mesh)
+
+
+def _times(amplitude: Amplitude | Formula, modulus: Formula, forces: np.ndarray) -> Term:
+    """Nodal forces for the modulus 1, (N,), under an amplitude; a constant modulus leaves an affine one as it is."""
+    if not modulus.variables:
+        return Term(amplitude, float(modulus({})) * forces)
+    return Term(modulus.times(_formula(amplitude, "an amplitude")), forces)
+
+
+def _formula(value: Any, what: str) -> Formula:
+    """A number, a text or an affine amplitude as a formula."""
+    if not isinstance(value, Amplitude):
+        return formula_of(value, what)
+    terms = [repr(float(value.constant)), *(f"({float(slope)!r}) * {name}" for name, slope in value.slopes.items())]
+    formula = formula_of(" + ".join(terms), what)
+    if set(formula.variables) != set(value.slopes):
+        raise SceneError(
+            f"{what} multiplies a modulus, and names {sorted(value.slopes)}: in a formula names of parameters are words"
+        )
+    return formula
+
+
+def _vector(what: str, value: Any) -> tuple[float, ...]:
+    """A tuple of finite numbers."""
+    vector = as_tuple(what, value)
+    if not all(is_number(item) for item in vector):
+        raise SceneError(f"{what} = {value!r} must hold finite numbers")
+    return tuple(float(item) for item in vector)
+
+
+def _check_length(what: str, vector: tuple[float, ...], assembler: Assembler) -> None:
+    (dim,) = assembler.test.ufl_shape
+    if len(vector) != dim:
+        raise SceneError(f"{what}, {vector}, must have {dim} components, as the mesh")
+
+
+def _symmetric(what: str, value: Any) -> tuple[tuple[float, ...], ...]:
+    """A symmetric 3x3 tensor, isotropic for a number."""
+    try:
+        tensor = float(value) * np.eye(3) if is_number(value) else np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        tensor = np.zeros(0)
+    if tensor.shape != (3, 3) or not np.isfinite(tensor).all() or not (tensor == tensor.T).all() or not tensor.any():
+        raise SceneError(
+            f"the strain {value!r} of {what} must be a symmetric 3x3 tensor of finite numbers that is not zero, or a "
+            "number for the same strain along each axis"
+        )
+    return tuple(tuple(row) for row in tensor.tolist())
+
+
+def _check_field(what: str, field: Any) -> None:
+    if field is not None and not callable(field):
+        raise SceneError(f"the field {field!r} of {what} must be a function of the coordinates, or None for 1")
