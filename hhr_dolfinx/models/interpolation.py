@@ -74,6 +74,11 @@ class Interpolant:
         """Derivatives along its own axes, (M, d)."""
         return self.modes @ self.slopes_along_modes(point)
 
+    @property
+    def nodes(self) -> np.ndarray:
+        """Coordinates along its axes at which the function was evaluated, in the order of the polynomials, (n, d)."""
+        return self.lower + (np.array(leja_points())[self.levels] + 1) / 2 * (self.upper - self.lower)
+
     def polynomials(self, point: np.ndarray) -> np.ndarray:
         """All polynomials at a point, (n,)."""
         product = np.ones(len(self.levels))

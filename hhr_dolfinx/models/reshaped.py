@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg.lapack import dgetrf, dgetrs
@@ -11,8 +12,11 @@ from scipy.linalg.lapack import dgetrf, dgetrs
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.models.interpolation import Interpolant
-from hhr_dolfinx.models.projected import ReducedProblem, ReducedTerms
+from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.parameters import ParameterSpace
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.formulas import Modulus
 
 DIFFERENCE = 1e-4
 """Part of the box by which the problem is moved to either side for its derivatives: their error is its square."""
@@ -20,17 +24,19 @@ DIFFERENCE = 1e-4
 
 @dataclass(frozen=True)
 class InterpolatedProblem:
-    """A reduced problem whose arrays are interpolated over the parameters of a shape; maps a point to the problem there.
+    """A reduced problem whose arrays are interpolated over the parameters of a shape; maps a point to the one there.
 
     Attributes:
-        base: the problem in the middle of the box, of constant stiffness.
-        terms: moduli of the parts of its stiffness, and these parts in the middle of the box.
+        pairs: number of the contact pair of each condition, (m,).
+        moduli: of the parts of its stiffness.
+        sizes: these moduli in the middle of the box, by which the parts are multiplied, (Q,).
         interpolant: of the arrays beside each other, in the order of ``shapes``.
         shapes: of the arrays: parts of K~, their lifts, forces, B~1, B~2, gaps.
     """
 
-    base: ReducedProblem
-    terms: ReducedTerms
+    pairs: np.ndarray
+    moduli: tuple[Modulus, ...]
+    sizes: np.ndarray
     interpolant: Interpolant
     shapes: tuple[tuple[int, ...], ...]
 
@@ -42,9 +48,9 @@ class InterpolatedProblem:
             parts.append(values[first : first + size].reshape(shape))
             first += size
         stiffness, lifts, forces, test, trial, gaps = parts
-        weights = np.array([modulus.value(point) for modulus in self.terms.moduli])
+        weights = np.array([modulus.value(point) for modulus in self.moduli]) / self.sizes
         loads = forces - np.tensordot(weights, lifts, 1)
-        return ReducedProblem(np.tensordot(weights, stiffness, 1), test, trial, loads, gaps, self.base.pairs)
+        return ReducedProblem(np.tensordot(weights, stiffness, 1), test, trial, loads, gaps, self.pairs)
 
 
 @dataclass(frozen=True)

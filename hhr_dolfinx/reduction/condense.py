@@ -11,7 +11,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix
+from scipy.sparse import csc_matrix, csr_matrix, hstack
 
 from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.certify.compare import Comparison, compare_points
@@ -23,9 +23,11 @@ from hhr_dolfinx.models.block_elimination import BlockReduction
 from hhr_dolfinx.models.interpolated import Compliances, InterpolatedFields
 from hhr_dolfinx.models.interpolation import GrownGrid
 from hhr_dolfinx.models.reshaped import ReshapedReduction
+from hhr_dolfinx.models.starts import LinearStarts
 from hhr_dolfinx.models.varying import VaryingModel
-from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of, dependence, grown
+from hhr_dolfinx.reduction.interpolate import DEFAULT_GRID, GridSettings, Part, compliance_of, dependence, grown
 from hhr_dolfinx.reduction.interpolate_reduced import interpolated_problem
+from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.recipe import Pod
 from hhr_dolfinx.reduction.starts import linear_starts
@@ -39,6 +41,8 @@ STARTS = 256
 """Points at which statuses are known beforehand: four times as many save a tenth of the iterations on the pellet."""
 FIELD_TOLERANCE = 1e-13
 """Part of the squared sum of displacements that the basis of the fields may leave out."""
+FORCE_TOLERANCE, FIELD_NODES, TINY = 1e-9, 8, 1e-300
+"""Part of the squared forces that the fields of a shape may leave out, and at how many shapes they are solved for."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +75,7 @@ class CondensedRecord:
 def condense(
     full: Any,
     snapshots: SnapshotSet,
-    settings: GridSettings = GridSettings(),
+    settings: GridSettings = DEFAULT_GRID,
     held_out: SnapshotSet | None = None,
 ) -> VaryingModel:
     """Build a model that keeps all contact conditions and interpolates what is behind them.
@@ -88,24 +92,22 @@ def condense(
     problem: ContactProblem = full.problem
     if full.equilibrium is not None or not problem.varies:
         raise ReductionError(
-            f"the stiffness of scene '{full.scene.name}' does not depend on parameters, or its bodies flow: interpolated "
-            "condensation is for elastic bodies that vary; take exact_condensation"
+            f"the stiffness of scene '{full.scene.name}' does not depend on parameters, or its bodies flow: "
+            "interpolated condensation is for elastic bodies that vary; take exact_condensation"
         )
     problem.require_whole()
     check_of_problem("snapshots", snapshots, problem)
     log = StageLog()
     # where a shape changes a problem is assembled once for all that asks for it there
     problem_at = lru_cache(maxsize=_most_problems(problem))(lambda key: problem.at(np.frombuffer(key)))
-    fields_seen: list[np.ndarray] = []
+    solvers = [_Solver(full, component, problem_at) for component in components_of(problem)]
     with log.stage("compliances"):
-        forces = snapshots.forces if problem.reshaped is not None else snapshots.forces[:, :0]
-        solving = _Solving(full, lambda point: problem_at(point.tobytes()), forces, fields_seen)
-        compliances, grids = interpolated_compliances(solving, settings)
-    with log.stage("fields"):
-        fields = _fields(full, np.column_stack([snapshots.displacements, *fields_seen]), settings)
+        compliances, grids = interpolated_compliances(problem, solvers, settings)
     with log.stage("starts"):
-        points = Sobol(STARTS).points(problem.parameters)
-        known = linear_starts(compliances, points, problem.contact_pairs)
+        known = linear_starts(compliances, Sobol(STARTS).points(problem.parameters), problem.contact_pairs)
+    with log.stage("fields"):
+        seen = [] if problem.reshaped is None else _fields_seen(compliances, solvers, known)
+        fields = _fields(full, np.column_stack([snapshots.displacements, *seen]), settings)
     model = VaryingModel(full.parameters, compliances, known, fields, problem.contact_pairs)
     comparison = None
     if held_out is not None:
@@ -130,6 +132,8 @@ def _fields(full: Any, displacements: np.ndarray, settings: GridSettings) -> Int
     """Galerkin's method on what displacements span, body by body."""
     problem: ContactProblem = full.problem
     basis = Pod(FIELD_TOLERANCE, relative=True, by_body=True).of_columns(problem, displacements)
+    if problem.reshaped is not None:
+        basis = _of_energy(basis, problem)
     every = np.flatnonzero(problem.free)
     conditions = np.arange(len(problem.gaps))
     sets = IndexSets(np.arange(len(problem.cell_nodes)), every, conditions, every, every, np.zeros(0, dtype=np.int64))
@@ -141,6 +145,16 @@ def _fields(full: Any, displacements: np.ndarray, settings: GridSettings) -> Int
         galerkin = ReshapedReduction(interpolated, problem.amplitudes, problem.parameters)
     rest = galerkin, problem.block_size, full.stress_of
     return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest)
+
+
+def _of_energy(basis: np.ndarray, problem: ContactProblem) -> np.ndarray:
+    """Modes of the same span, orthonormal in the energy of the middle of the box.
+
+    K~ is then near the identity at every shape, and what is interpolated is as exact for soft modes as for stiff ones.
+    """
+    energies, ways = np.linalg.eigh(basis.T @ (problem.stiffness @ basis))
+    kept = energies > 1e-12 * energies[-1]
+    return basis @ (ways[:, kept] / np.sqrt(energies[kept]))
 
 
 def components_of(problem: ContactProblem) -> list[Component]:
@@ -170,76 +184,80 @@ def _acting(columns: csc_matrix, dofs: np.ndarray) -> np.ndarray:
     return np.flatnonzero(np.diff(csc_matrix(columns[dofs]).indptr))
 
 
-@dataclass(frozen=True)
-class _Solving:
-    """What the parts of a scene are solved for with.
-
-    Attributes:
-        full: the full model, on one rank.
-        problem_at: the problem at a point, (P,).
-        forces: training forces whose fields are kept, (m, S); none where the snapshots are enough.
-        fields: displacements under these forces, which every solution adds to.
-    """
-
-    full: Any
-    problem_at: Callable[[np.ndarray], ContactProblem]
-    forces: np.ndarray
-    fields: list[np.ndarray]
-
-
-def interpolated_compliances(solving: _Solving, settings: GridSettings) -> tuple[Compliances, list[GrownGrid]]:
+def interpolated_compliances(
+    problem: ContactProblem, solvers: list[_Solver], settings: GridSettings
+) -> tuple[Compliances, list[GrownGrid]]:
     """Solve for and interpolate all that contact needs of a full model; on one rank."""
-    problem: ContactProblem = solving.full.problem
     parts, grids = [], []
-    for component in components_of(problem):
-        solve = _Solver(solving, component)
-        grid, modes = grown(solve, problem.parameters, component.part.axes, settings)
-        parts.append(compliance_of(component.part, grid, modes, None))
+    for solver in solvers:
+        part = solver.component.part
+        grid, modes = grown(solver, problem.parameters, part.axes, settings)
+        parts.append(compliance_of(part, grid, modes, None))
         grids.append(grid)
     reshaped = None
     if problem.reshaped is not None:
         axes = np.array(problem.reshaped.axes, dtype=np.int64)
-        grid, _ = grown(lambda point: {"gaps": solving.problem_at(point).gaps}, problem.parameters, axes, settings)
+        gaps_at = solvers[0].problem_at
+        grid, _ = grown(lambda point: {"gaps": gaps_at(point.tobytes()).gaps}, problem.parameters, axes, settings)
         grids.append(grid)
         reshaped = grid.interpolant
     return Compliances(tuple(parts), problem.amplitudes, problem.gaps, reshaped), grids
+
+
+def _fields_seen(compliances: Compliances, solvers: list[_Solver], known: LinearStarts) -> list[np.ndarray]:
+    """Displacements at some shapes under forces as they occur, (N, k) each: few snapshots do not span them."""
+    forces = np.maximum(known.margins, 0.0).T
+    forces = pod(forces / np.maximum(np.linalg.norm(forces, axis=0), TINY), FORCE_TOLERANCE)[0]
+    found = []
+    for part, solver in zip(compliances.parts, solvers, strict=True):
+        for node in part.interpolant.nodes[:FIELD_NODES]:
+            point = np.array([solver.problem.parameters.lower, solver.problem.parameters.upper]).mean(axis=0)
+            point[part.interpolant.axes] = node
+            found.append(solver.fields_at(point, forces))
+    return found
 
 
 class _Solver:
     """Solves for what one component leaves of itself; its factors take the values of each point.
 
     Args:
-        solving: what all components share.
-        component: of the scene.
+        full: the full model, on one rank.
+        component: of its scene.
+        problem_at: the problem at a point, (P,), given as its bytes.
     """
 
-    def __init__(self, solving: _Solving, component: Component):
-        self._solving, self._component = solving, component
+    def __init__(self, full: Any, component: Component, problem_at: Callable[[bytes], ContactProblem]):
+        self.problem, self.component, self.problem_at = full.problem, component, problem_at
+        self._full = full
         self._factors: FreeCholesky | None = None
 
     def __call__(self, point: np.ndarray) -> dict[str, np.ndarray]:
         """S_c, (m_c, m_c), and B K^-1 F above B K^-1 K lift, (T, m_c), for the factor 1."""
-        full, part = self._solving.full, self._component.part
-        problem = self._solving.problem_at(point)
-        stiffness = problem.own_stiffness
-        if self._factors is None:
-            how = slice(0, problem.free.size), full.scene.name, full.block_ordering, full.comm
-            self._factors = FreeCholesky(stiffness, self._component.dofs, *how)
-        else:
-            self._factors.refactor(stiffness)
+        problem, factors = self._factored(point)
+        part = self.component.part
         rows, factor = csr_matrix(problem.contact[part.conditions]), part.factor_at(point)
-        per_force = self._factors.solve_columns(rows.T)
+        per_force = factors.solve_columns(rows.T)
         schur = rows @ per_force
         # K^-1 is symmetric: no solve for the loads, of which there may be more than conditions
         forced = problem.external[:, part.forced].T @ per_force
-        lifted = (stiffness @ problem.lifts[:, part.lifted]).T @ per_force
-        if self._solving.forces.size:
-            self._solving.fields.append(self._fields_of(problem, per_force))
+        lifted = (problem.own_stiffness @ problem.lifts[:, part.lifted]).T @ per_force
         return {"schur": factor * (schur + schur.T) / 2, "columns": np.vstack([factor * forced, lifted])}
 
-    def _fields_of(self, problem: ContactProblem, per_force: np.ndarray) -> np.ndarray:
-        """Displacements under training forces, and under each load, (N, S + T)."""
-        part = self._component.part
+    def fields_at(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
+        """Displacements under contact forces, (m, k), and under each load, (N, k + T)."""
+        problem, factors = self._factored(point)
+        part = self.component.part
+        pushed = csc_matrix(problem.contact[part.conditions].T @ forces[part.conditions])
         loads = problem.loads[:, np.union1d(part.forced, part.lifted)]
-        assert self._factors is not None
-        return np.column_stack([per_force @ self._solving.forces[part.conditions], self._factors.solve_columns(loads)])
+        return factors.solve_columns(hstack([pushed, loads], format="csc"))
+
+    def _factored(self, point: np.ndarray) -> tuple[ContactProblem, FreeCholesky]:
+        """The problem at a point, and its factors."""
+        problem = self.problem_at(point.tobytes())
+        if self._factors is None:
+            full = self._full
+            how = slice(0, problem.free.size), full.scene.name, full.block_ordering, full.comm
+            self._factors = FreeCholesky(problem.own_stiffness, self.component.dofs, *how)
+        else:
+            self._factors.refactor(problem.own_stiffness)
+        return problem, self._factors

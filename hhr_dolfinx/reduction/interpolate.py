@@ -36,6 +36,9 @@ class GridSettings:
             )
 
 
+DEFAULT_GRID = GridSettings()
+
+
 @dataclass(frozen=True)
 class Part:
     """What of a problem hangs together.

@@ -1,12 +1,10 @@
 """HHR models whose stiffness depends on parameters, with K~(mu) eliminated between few parameters.
 
-What the contact of a reduced model needs, S~ = B~2 K~^-1 B~1^T and the unknown under forces, is as smooth in the parameters
-as K~: a sparse grid of a dozen factorisations of K~ replaces the one for each query.
+What the contact of a reduced model needs, S~ = B~2 K~^-1 B~1^T and the unknown under forces, is as smooth in the
+parameters as K~: a sparse grid of a dozen factorisations of K~ replaces the one for each query.
 """
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 from scipy.linalg.lapack import dgetrf, dgetrs
@@ -90,9 +88,10 @@ def interpolated_problem(
 
     def solved(point: np.ndarray) -> dict[str, np.ndarray]:
         reduced, terms = terms_of(problem.reshaped(point))
+        # each part as large as it is in the middle: a small one would drown in the error of a large one
         return {
-            "stiffness": terms.stiffness,
-            "lifts": terms.lifts,
+            "stiffness": sizes[:, None, None] * terms.stiffness,
+            "lifts": sizes[:, None, None] * terms.lifts,
             "forces": terms.forces,
             "test": reduced.contact_test,
             "trial": reduced.contact_trial,
@@ -100,7 +99,8 @@ def interpolated_problem(
         }
 
     axes = np.array(problem.reshaped.axes, dtype=np.int64)
-    grid, modes = grown(solved, problem.parameters, axes, settings)
     base, terms = terms_of(problem)
+    sizes = np.array([modulus.value(problem.middle) for modulus in terms.moduli])
+    grid, modes = grown(solved, problem.parameters, axes, settings)
     shapes = tuple(part.shape[:-1] for part in modes.values())
-    return InterpolatedProblem(replace(base, terms=None), terms, grid.interpolant, shapes)
+    return InterpolatedProblem(base.pairs, terms.moduli, sizes, grid.interpolant, shapes)

@@ -85,7 +85,7 @@ def measure_points(
 
 
 def _condensed(training: Training, known: KnownStatuses) -> tuple[CondensedModel | VaryingModel, ...]:
-    """Condensation with forces alone and with fields: exact, or interpolated where the stiffness depends on parameters."""
+    """Condensation with forces alone and with fields: exact, or interpolated where the stiffness varies."""
     full = training.full_order
     if full.problem.varies:
         model = training.condense()

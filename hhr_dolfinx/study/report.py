@@ -148,7 +148,7 @@ def advice(report: dict[str, Any]) -> str:
 def advice_varying(report: dict[str, Any]) -> str:
     """Which method a scene should use whose stiffness or shape depends on parameters, by what was measured.
 
-    The most accurate one within a factor of three of the fastest is advised: beside the full order all of them are fast.
+    The most accurate one within a factor of three of the fastest is advised: beside the full order both are fast.
     """
     times, rows = report["times"], {row["method"]: row for row in report["work_precision"] if row["setting"] in _OWN}
     names = {"condensed": "interpolated condensation", "HHR": "the hyper-reduced model"}
@@ -163,10 +163,10 @@ def advice_varying(report: dict[str, Any]) -> str:
     def told(method: str) -> str:
         row, count = rows[method], after[method]
         paid = "never pays" if count is None else f"pays after {count:.0f} queries"
+        ratio = times["fom_best"]["median"] / seconds[method]
         return (
-            f"{_seconds(seconds[method])} for the forces, {times['fom_best']['median'] / seconds[method]:.0f} times the "
-            f"best full order, errors {row['dual_full_floored']:.1e} median and {row['dual_full_floored_max']:.1e} at most, "
-            f"and {paid}"
+            f"{_seconds(seconds[method])} for the forces, {ratio:.0f} times the best full order, errors "
+            f"{row['dual_full_floored']:.1e} median and {row['dual_full_floored_max']:.1e} at most, and {paid}"
         )
 
     sentence = f"Use {names[favoured]}: {told(favoured)}."
