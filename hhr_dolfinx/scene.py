@@ -18,6 +18,7 @@ from hhr_dolfinx.pairings import Pairing
 from hhr_dolfinx.parameters import ParameterSpace, as_tuple, check_tag, is_number, is_whole
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.outputs import Output
     from hhr_dolfinx.materials.laws import Flow
 
 
@@ -146,6 +147,7 @@ class Scene:
         loads: each a :class:`~hhr_dolfinx.loads.Load`, such as a pressure, or your own.
         parameters: the box of the parameters.
         openings: initial gaps that depend on parameters.
+        outputs: numbers that every model of the scene answers by name, see :mod:`hhr_dolfinx.outputs`.
     """
 
     name: str
@@ -157,6 +159,7 @@ class Scene:
     displacements: tuple[Displacement, ...] = ()
     loads: tuple[Load, ...] = ()
     openings: tuple[Opening, ...] = ()
+    outputs: tuple[Output, ...] = ()
 
     def __post_init__(self):
         if self.hypothesis not in elasticity.HYPOTHESES:
@@ -213,6 +216,10 @@ class Scene:
                         f"contacts {before} and {place} are the same pair of surfaces {tuple(item.tags)}: its "
                         "conditions would be dependent. List each pair once"
                     )
+        names = [output.name for output in self.outputs]
+        for name in names:
+            if names.count(name) > 1:
+                raise SceneError(f"two outputs are called '{name}': each needs a name of its own")
         for opening in self.openings:
             if opening.contact >= len(self.contacts):
                 raise SceneError(f"an opening names contact {opening.contact}, of {len(self.contacts)} counted from 0")
@@ -239,6 +246,7 @@ _PARTS = (
     ("displacements", "a Displacement", lambda item: isinstance(item, Displacement)),
     ("loads", "a load with terms, such as Pressure", _has("terms")),
     ("openings", "an Opening", lambda item: isinstance(item, Opening)),
+    ("outputs", "an output with name, unit and prepared, such as LargestPressure", _has("name", "unit", "prepared")),
 )
 """Fields of a scene that hold several items, what each item must be, and how that is seen."""
 

@@ -23,7 +23,7 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
 from hhr_dolfinx.errors import ParameterError, SingularError
 from hhr_dolfinx.linear.dense import Factor, Factorise, dense_factors, solve_columns
-from hhr_dolfinx.models.answer import Answer, Fields, History, Path, found_as, outcome
+from hhr_dolfinx.models.answer import Answer, Fields, History, Path, WithOutputs, found_as, outcome
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedRange, check_outside
@@ -125,7 +125,7 @@ def checked_start(start: Any, conditions: int) -> Any:
     return statuses
 
 
-class CondensedModel:
+class CondensedModel(WithOutputs):
     """Answers parameters with the primal unknown eliminated.
 
     With fixed statuses the solution is affine in the parameters. These affine maps, the critical

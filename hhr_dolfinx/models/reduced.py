@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ReductionError, SingularError
 from hhr_dolfinx.linear.dense import Factorise, dense_factors
-from hhr_dolfinx.models.answer import Answer, History, Path
+from hhr_dolfinx.models.answer import Answer, History, Path, WithOutputs
 from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses, checked_start
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient, solve_along
 from hhr_dolfinx.models.projected import ReducedProblem
@@ -33,7 +33,7 @@ ADVICE: Mapping[Status, str] = MappingProxyType(
 )
 
 
-class ReducedModel:
+class ReducedModel(WithOutputs):
     """HHR model: from a parameter or a path to answers, by the projected equations on the RID.
 
     Where nothing flows gamma is eliminated, (5.23), and an answer costs one small contact problem. Where bodies flow

@@ -14,7 +14,7 @@ import numpy as np
 
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
 from hhr_dolfinx.linear.dense import LapackLU
-from hhr_dolfinx.models.answer import Answer, Fields, History, Path, found_as, outcome
+from hhr_dolfinx.models.answer import Answer, Fields, History, Path, WithOutputs, found_as, outcome
 from hhr_dolfinx.models.condensed import KnownStatuses, checked_start
 from hhr_dolfinx.models.gradient import gradient_of
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
@@ -68,7 +68,7 @@ def answer_of(
     return answer._replace(gradient=gradient_of(equalities, *how))
 
 
-class VaryingModel:
+class VaryingModel(WithOutputs):
     """Answers parameters with the primal unknown eliminated for each of them.
 
     Several threads may ask one model.

@@ -152,7 +152,7 @@ def _fields(full: Any, snapshots: SnapshotSet) -> InterpolatedFields:
     conditions = np.arange(len(problem.gaps))
     sets = IndexSets(np.arange(len(problem.cell_nodes)), every, conditions, every, every, np.zeros(0, dtype=np.int64))
     galerkin = BlockElimination(project(problem, basis, sets), problem.amplitudes)
-    rest = galerkin, problem.block_size, full.stress_of
+    rest = galerkin, problem.block_size, full.stress_of, full.functionals
     return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest)
 
 
