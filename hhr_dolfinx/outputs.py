@@ -7,110 +7,24 @@ areas are those of the whole turn in axisymmetry, and per unit depth in the plan
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.loads import Assembler
-from hhr_dolfinx.models.functionals import Functional, Largest, Linear, Loaded
+from hhr_dolfinx.models.functional_kinds import Largest, Linear, Loaded
+from hhr_dolfinx.models.functionals import Functional
 from hhr_dolfinx.parameters import as_tuple, check_tag, is_number, is_whole
 
 if TYPE_CHECKING:
     import ufl
 
-    from hhr_dolfinx.contact.problem import ContactProblem
-    from hhr_dolfinx.scene import Scene
+    from hhr_dolfinx.full_order.outputs import Probe
+    from hhr_dolfinx.loads import Assembler
 
-_NOWHERE = np.zeros(0, dtype=np.int64)
-
-
-@dataclass(frozen=True)
-class Probe:
-    """What an output may ask of the finite element model; on several ranks all of them ask together.
-
-    Attributes:
-        scene: the scene.
-        problem: the contact problem.
-        contact_rows: B with the columns of imposed dofs, (N_lambda, N).
-        assembler: what loads may ask for.
-        nodes: numbers of the nodes of a body, by its cell tag; refuses tags that are not there.
-        mises: von Mises' stress of the cells of a body within a box, given by its corners or None.
-        energy: elastic energy.
-    """
-
-    scene: Scene
-    problem: ContactProblem
-    contact_rows: csr_matrix
-    assembler: Assembler
-    nodes: Callable[[int], np.ndarray]
-    mises: Callable[[VonMises], Functional]
-    energy: Callable[[ElasticEnergy], Functional]
-
-    @property
-    def dimension(self) -> int:
-        """Components of a displacement."""
-        return self.problem.block_size
-
-    def conditions(self, output: Any) -> np.ndarray:
-        """Numbers of the conditions of the contact that an output names."""
-        contacts = len(self.scene.contacts)
-        if output.contact >= contacts:
-            raise SceneError(
-                f"output '{output.name}' names contact {output.contact}, and the scene has {contacts}, counted from 0"
-            )
-        found = np.flatnonzero(self.problem.contact_pairs == output.contact)
-        if not found.size:
-            raise SceneError(
-                f"output '{output.name}' names contact {output.contact}, of which no condition moves: name another"
-            )
-        return found
-
-    def loaded(self, output: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Conditions of a contact that have an area, and their areas."""
-        conditions = self.conditions(output)
-        conditions = conditions[self.problem.contact_areas[conditions] > 0]
-        if not conditions.size:
-            raise SceneError(f"output '{output.name}': no condition of contact {output.contact} has an area")
-        return conditions, self.problem.contact_areas[conditions]
-
-    def at_place(self, output: Any, points: np.ndarray) -> np.ndarray:
-        """Numbers of the points, (n, dim), nearest to the place of an output; several where they coincide.
-
-        Raises:
-            SceneError: for a place farther from all of them than a cell is long.
-        """
-        dim, place = self.dimension, np.array(output.place, dtype=float)
-        if place.size != dim:
-            raise SceneError(f"output '{output.name}': the place {output.place} must have {dim} coordinates")
-        distances = np.linalg.norm(points - place, axis=1)
-        nearest = int(distances.argmin())
-        size = self._cell_size(points[nearest])
-        if distances[nearest] > size:
-            raise SceneError(
-                f"output '{output.name}': the place {output.place} is {distances[nearest]:.4g} away from the nearest "
-                f"point at {points[nearest].tolist()}, and a cell there is {size:.4g} long: move it"
-            )
-        return np.flatnonzero(distances <= distances[nearest] + 1e-6 * size)
-
-    def _cell_size(self, point: np.ndarray) -> float:
-        """Length of the largest cell at the node nearest to a point."""
-        cells, nodes = self.problem.cell_nodes, self.problem.points
-        nearest = np.linalg.norm(nodes - point, axis=1).argmin()
-        at_node = cells[(cells == nearest).any(axis=1)]
-        return float(np.linalg.norm(np.ptp(nodes[at_node], axis=1), axis=1).max(initial=0.0))
-
-    def nodal_forces(self, output: Any) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
-        """Conditions of a contact, positions of its first surface's nodes, and the forces on them.
-
-        These are -B^T λ on the body of the surface named first, the slave: (c,), (n, dim), sparse (c, n dim).
-        """
-        conditions = self.conditions(output)
-        surface = self.assembler.surface(self.scene.contacts[output.contact].tags[0])
-        dofs = (surface.nodes[:, None] * self.dimension + np.arange(self.dimension)).ravel()
-        return conditions, surface.points, csr_matrix(-self.contact_rows[conditions][:, dofs])
+_NOWHERE, _NOTHING = np.zeros(0, dtype=np.int64), np.zeros(0)
 
 
 class Output(Protocol):
@@ -129,20 +43,55 @@ class Output(Protocol):
 
 
 @dataclass(frozen=True)
-class LargestPressure:
-    """Largest contact pressure of a contact: force over tributary area.
+class _Output:
+    """What outputs have in common.
 
     Attributes:
-        name, unit: of the output.
+        name: by which it is read.
+        unit: of its value, as text.
+        vectors: names of fields that hold coordinates or components.
+    """
+
+    vectors: ClassVar[tuple[str, ...]] = ()
+
+    name: str
+    unit: str = field(default="", kw_only=True)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name.strip():
+            raise SceneError(f"the name {self.name!r} of an output must be a text")
+        if not isinstance(self.unit, str):
+            raise SceneError(f"output '{self.name}': the unit {self.unit!r} must be a text")
+        for name in self.vectors:
+            value = getattr(self, name)
+            if value is not None:
+                items = as_tuple(f"{name} of output '{self.name}'", value)
+                if not items or not all(is_number(item) for item in items):
+                    raise SceneError(f"output '{self.name}': {name} = {value!r} must hold finite numbers")
+                object.__setattr__(self, name, tuple(float(item) for item in items))
+
+
+@dataclass(frozen=True)
+class _OfContact(_Output):
+    """What outputs of a contact have in common.
+
+    Attributes:
         contact: place of the pair in ``Scene.contacts``.
     """
 
-    name: str
-    contact: int = 0
-    unit: str = ""
+    contact: int
 
     def __post_init__(self) -> None:
-        _check(self)
+        super().__post_init__()
+        if not is_whole(self.contact, 0):
+            raise SceneError(
+                f"output '{self.name}': contact {self.contact!r} must be the place of a pair in Scene.contacts, from 0"
+            )
+
+
+@dataclass(frozen=True)
+class LargestPressure(_OfContact):
+    """Largest contact pressure of a contact: force over tributary area."""
 
     def prepared(self, probe: Probe) -> Functional:
         """See :class:`Output`."""
@@ -150,23 +99,17 @@ class LargestPressure:
 
 
 @dataclass(frozen=True)
-class ContactForce:
+class ContactForce(_OfContact):
     """Component of the resultant of a contact on the body of its first surface, the slave.
 
     Attributes:
-        name, unit: of the output.
-        contact: place of the pair in ``Scene.contacts``.
         direction: of the component; its length does not matter. In axisymmetry the first component sums radial forces
             around the whole turn.
     """
 
-    name: str
-    contact: int
-    direction: tuple[float, ...]
-    unit: str = ""
+    vectors: ClassVar[tuple[str, ...]] = ("direction",)
 
-    def __post_init__(self) -> None:
-        _check(self, "direction")
+    direction: tuple[float, ...]
 
     def prepared(self, probe: Probe) -> Functional:
         """See :class:`Output`."""
@@ -176,24 +119,18 @@ class ContactForce:
 
 
 @dataclass(frozen=True)
-class ContactMoment:
+class ContactMoment(_OfContact):
     """Component of the moment of a contact on the body of its first surface, the slave.
 
     Attributes:
-        name, unit: of the output.
-        contact: place of the pair in ``Scene.contacts``.
         about: the point about which it turns.
         axis: of the component in space; None in the plane, where it points out of it.
     """
 
-    name: str
-    contact: int
+    vectors: ClassVar[tuple[str, ...]] = ("about", "axis")
+
     about: tuple[float, ...]
     axis: tuple[float, ...] | None = None
-    unit: str = ""
-
-    def __post_init__(self) -> None:
-        _check(self, "about", "axis")
 
     def prepared(self, probe: Probe) -> Functional:
         """See :class:`Output`."""
@@ -213,26 +150,23 @@ class ContactMoment:
 
 
 @dataclass(frozen=True)
-class Torque:
+class Torque(_OfContact):
     """Torque about an axis that friction can bear: friction times the sum of forces times distances to the axis.
 
     Attributes:
-        name, unit: of the output.
-        contact: place of the pair in ``Scene.contacts``.
         friction: coefficient of friction.
         origin: a point of the axis; None in axisymmetry, where the axis is that of the scene.
         axis: its direction in space; None in the plane, where it points out of it.
     """
 
-    name: str
-    contact: int
+    vectors: ClassVar[tuple[str, ...]] = ("origin", "axis")
+
     friction: float
     origin: tuple[float, ...] | None = None
     axis: tuple[float, ...] | None = None
-    unit: str = ""
 
     def __post_init__(self) -> None:
-        _check(self, "origin", "axis")
+        super().__post_init__()
         if not is_number(self.friction) or self.friction < 0:
             raise SceneError(f"output '{self.name}': the friction {self.friction!r} must be a number, not negative")
 
@@ -256,23 +190,12 @@ class Torque:
 
 
 @dataclass(frozen=True)
-class ContactWidth:
+class ContactWidth(_OfContact):
     """Area under load of a contact: a width per unit depth in the plane, the area of the whole turn in axisymmetry.
 
     What bears less than a thousandth of the largest pressure of the contact does not count. It changes by steps of a
     cell, and its derivatives are zero.
-
-    Attributes:
-        name, unit: of the output.
-        contact: place of the pair in ``Scene.contacts``.
     """
-
-    name: str
-    contact: int = 0
-    unit: str = ""
-
-    def __post_init__(self) -> None:
-        _check(self)
 
     def prepared(self, probe: Probe) -> Functional:
         """See :class:`Output`."""
@@ -280,20 +203,8 @@ class ContactWidth:
 
 
 @dataclass(frozen=True)
-class LostContact:
-    """Share of the area of a contact that is not under load, from 0 to 1; see :class:`ContactWidth`.
-
-    Attributes:
-        name, unit: of the output.
-        contact: place of the pair in ``Scene.contacts``.
-    """
-
-    name: str
-    contact: int = 0
-    unit: str = ""
-
-    def __post_init__(self) -> None:
-        _check(self)
+class LostContact(_OfContact):
+    """Share of the area of a contact that is not under load, from 0 to 1; see :class:`ContactWidth`."""
 
     def prepared(self, probe: Probe) -> Functional:
         """See :class:`Output`."""
@@ -302,22 +213,16 @@ class LostContact:
 
 
 @dataclass(frozen=True)
-class GapAt:
+class GapAt(_OfContact):
     """Gap of the contact condition nearest to a place; zero where it touches.
 
     Attributes:
-        name, unit: of the output.
-        contact: place of the pair in ``Scene.contacts``.
         place: coordinates.
     """
 
-    name: str
-    contact: int
-    place: tuple[float, ...]
-    unit: str = ""
+    vectors: ClassVar[tuple[str, ...]] = ("place",)
 
-    def __post_init__(self) -> None:
-        _check(self, "place")
+    place: tuple[float, ...]
 
     def prepared(self, probe: Probe) -> Functional:
         """See :class:`Output`."""
@@ -328,24 +233,23 @@ class GapAt:
 
 
 @dataclass(frozen=True)
-class DisplacementAt:
+class DisplacementAt(_Output):
     """Component of the displacement of the node nearest to a place.
 
     Attributes:
-        name, unit: of the output.
         place: coordinates.
         component: 0, 1 or 2.
         tag: cell tag of the body that is meant, where nodes of several lie at the place.
     """
 
-    name: str
+    vectors: ClassVar[tuple[str, ...]] = ("place",)
+
     place: tuple[float, ...]
     component: int
     tag: int | None = None
-    unit: str = ""
 
     def __post_init__(self) -> None:
-        _check(self, "place")
+        super().__post_init__()
         if not is_whole(self.component, 0) or self.component > 2:
             raise SceneError(f"output '{self.name}': the component {self.component!r} must be 0, 1 or 2")
 
@@ -368,24 +272,21 @@ class DisplacementAt:
 
 
 @dataclass(frozen=True)
-class VonMises:
+class VonMises(_Output):
     """Von Mises' equivalent stress of a body: in the middles of its cells, or at their Gauss points where bodies flow.
 
     Attributes:
-        name, unit: of the output.
         tag: cell tag of the body.
         kind: ``max``, or ``mean`` over the volume.
         where: two corners of a box; cells whose middle lies inside count. None for the whole body.
     """
 
-    name: str
     tag: int
     kind: str = "max"
     where: tuple[Sequence[float], Sequence[float]] | None = None
-    unit: str = ""
 
     def __post_init__(self) -> None:
-        _check(self)
+        super().__post_init__()
         check_tag(f"body of output '{self.name}'", self.tag)
         if self.kind not in ("max", "mean"):
             raise SceneError(f"output '{self.name}': the kind {self.kind!r} must be 'max' or 'mean'")
@@ -402,20 +303,11 @@ class VonMises:
 
 
 @dataclass(frozen=True)
-class ElasticEnergy:
+class ElasticEnergy(_Output):
     """Elastic energy of all bodies, by the work of all forces; where nothing flows.
 
     A reduced model has it with the errors of its forces and displacement.
-
-    Attributes:
-        name, unit: of the output.
     """
-
-    name: str
-    unit: str = ""
-
-    def __post_init__(self) -> None:
-        _check(self)
 
     def prepared(self, probe: Probe) -> Functional:
         """See :class:`Output`."""
@@ -423,22 +315,19 @@ class ElasticEnergy:
 
 
 @dataclass(frozen=True)
-class LinearForm:
+class LinearForm(_Output):
     """A form that is linear in the displacement, such as its mean over a surface.
 
     Attributes:
-        name, unit: of the output.
         form: function of an :class:`~hhr_dolfinx.loads.Assembler` that returns a UFL form, linear in its ``test``,
             which stands for the displacement: ``lambda a: a.test[0] * a.ds(TAG)``. In axisymmetry give it the weight
             :func:`hhr_dolfinx.forms.elasticity.volume_weight`.
     """
 
-    name: str
     form: Callable[[Assembler], ufl.Form]
-    unit: str = ""
 
     def __post_init__(self) -> None:
-        _check(self)
+        super().__post_init__()
         if not callable(self.form):
             raise SceneError(f"output '{self.name}': the form {self.form!r} must be a function of an Assembler")
 
@@ -446,26 +335,6 @@ class LinearForm:
         """See :class:`Output`."""
         vector = probe.assembler.vector(self.form(probe.assembler))
         return _linear(self, row=csr_matrix(vector[None]))
-
-
-def _check(output: Any, *vectors: str) -> None:
-    """Raise SceneError for a name or a unit that is no text, a contact that is no place, vectors that are none."""
-    if not isinstance(output.name, str) or not output.name.strip():
-        raise SceneError(f"the name {output.name!r} of an output must be a text")
-    if not isinstance(output.unit, str):
-        raise SceneError(f"output '{output.name}': the unit {output.unit!r} must be a text")
-    contact = getattr(output, "contact", 0)
-    if not is_whole(contact, 0):
-        raise SceneError(
-            f"output '{output.name}': contact {contact!r} must be the place of a pair in Scene.contacts, 0 for the first"
-        )
-    for name in vectors:
-        value = getattr(output, name)
-        if value is not None:
-            items = as_tuple(f"{name} of output '{output.name}'", value)
-            if not items or not all(is_number(item) for item in items):
-                raise SceneError(f"output '{output.name}': {name} = {value!r} must hold finite numbers")
-            object.__setattr__(output, name, tuple(float(item) for item in items))
 
 
 def _place(output: Any, name: str, dim: int) -> np.ndarray:
@@ -491,17 +360,17 @@ def _no_axis(output: Any) -> None:
 
 
 def _no_rows() -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
-    return 0, _NOWHERE, _NOWHERE, np.zeros(0)
+    return 0, _NOWHERE, _NOWHERE, _NOTHING
 
 
 def _linear(
     output: Any,
     conditions: np.ndarray = _NOWHERE,
-    weights: np.ndarray = np.zeros(0),
+    weights: np.ndarray = _NOTHING,
     *,
     row: csr_matrix | None = None,
     terms: np.ndarray = _NOWHERE,
-    coefficients: np.ndarray = np.zeros(0),
+    coefficients: np.ndarray = _NOTHING,
 ) -> Linear:
     """An output that is linear in forces, or in the displacement and the amplitudes."""
     matrix, along = _no_rows(), np.zeros(0)

@@ -18,8 +18,8 @@ from hhr_dolfinx.pairings import Pairing
 from hhr_dolfinx.parameters import ParameterSpace, as_tuple, check_tag, is_number, is_whole
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.outputs import Output
     from hhr_dolfinx.materials.laws import Flow
+    from hhr_dolfinx.outputs import Output
 
 
 @dataclass(frozen=True)

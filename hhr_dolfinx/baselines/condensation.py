@@ -71,7 +71,7 @@ class ExactFields(ElasticFields):
         return per_term @ theta - per_force @ answer.multipliers
 
     def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all forces and of these products along the parameters, see :class:`Fields`."""
+        """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
         assert answer.gradient is not None
         per_term, per_force = self._measures
         forces = answer.gradient.multipliers

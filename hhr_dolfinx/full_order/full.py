@@ -252,7 +252,7 @@ class FullOrderModel(WithOutputs):
         return self.functionals.rows @ self.displacement(answer)
 
     def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all forces and of these products along the parameters, see :class:`Fields`."""
+        """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
         assert self.functionals is not None and answer.gradient is not None
         field = answer.gradient.unknown + self.problem.lifts @ changes
         return answer.gradient.multipliers, self.functionals.rows @ field

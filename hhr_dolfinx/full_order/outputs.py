@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
-from scipy.sparse import csc_matrix, hstack
+from scipy.sparse import csc_matrix, csr_matrix, hstack
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.contact.problem import ContactProblem, masked
@@ -17,13 +19,102 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.forms.return_mapping import strain_vector
 from hhr_dolfinx.full_order.checks import check_present
-from hhr_dolfinx.models.functionals import Energy, FlowMises, Functional, Functionals, Mises
-from hhr_dolfinx.outputs import ElasticEnergy, Probe, VonMises
+from hhr_dolfinx.models.functional_kinds import Energy, FlowMises, Mises
+from hhr_dolfinx.models.functionals import Functional, Functionals
+from hhr_dolfinx.outputs import ElasticEnergy, VonMises
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discretisation import Discretisation
-    from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.full_order.flow import FullEquilibrium
+    from hhr_dolfinx.full_order.full import FullOrderModel
+    from hhr_dolfinx.loads import Assembler
+    from hhr_dolfinx.scene import Scene
+
+
+@dataclass(frozen=True)
+class Probe:
+    """What an output may ask of the finite element model; on several ranks all of them ask together.
+
+    Attributes:
+        scene: the scene.
+        problem: the contact problem.
+        contact_rows: B with the columns of imposed dofs, (N_lambda, N).
+        assembler: what loads may ask for.
+        nodes: numbers of the nodes of a body, by its cell tag; refuses tags that are not there.
+        mises: von Mises' stress of the cells of a body within a box, given by its corners or None.
+        energy: elastic energy.
+    """
+
+    scene: Scene
+    problem: ContactProblem
+    contact_rows: csr_matrix
+    assembler: Assembler
+    nodes: Callable[[int], np.ndarray]
+    mises: Callable[[VonMises], Functional]
+    energy: Callable[[ElasticEnergy], Functional]
+
+    @property
+    def dimension(self) -> int:
+        """Components of a displacement."""
+        return self.problem.block_size
+
+    def conditions(self, output: Any) -> np.ndarray:
+        """Numbers of the conditions of the contact that an output names."""
+        contacts = len(self.scene.contacts)
+        if output.contact >= contacts:
+            raise SceneError(
+                f"output '{output.name}' names contact {output.contact}, and the scene has {contacts}, counted from 0"
+            )
+        found = np.flatnonzero(self.problem.contact_pairs == output.contact)
+        if not found.size:
+            raise SceneError(
+                f"output '{output.name}' names contact {output.contact}, of which no condition moves: name another"
+            )
+        return found
+
+    def loaded(self, output: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Conditions of a contact that have an area, and their areas."""
+        conditions = self.conditions(output)
+        conditions = conditions[self.problem.contact_areas[conditions] > 0]
+        if not conditions.size:
+            raise SceneError(f"output '{output.name}': no condition of contact {output.contact} has an area")
+        return conditions, self.problem.contact_areas[conditions]
+
+    def at_place(self, output: Any, points: np.ndarray) -> np.ndarray:
+        """Numbers of the points, (n, dim), nearest to the place of an output; several where they coincide.
+
+        Raises:
+            SceneError: for a place farther from all of them than a cell is long.
+        """
+        dim, place = self.dimension, np.array(output.place, dtype=float)
+        if place.size != dim:
+            raise SceneError(f"output '{output.name}': the place {output.place} must have {dim} coordinates")
+        distances = np.linalg.norm(points - place, axis=1)
+        nearest = int(distances.argmin())
+        size = self._cell_size(points[nearest])
+        if distances[nearest] > size:
+            raise SceneError(
+                f"output '{output.name}': the place {output.place} is {distances[nearest]:.4g} away from the nearest "
+                f"point at {points[nearest].tolist()}, and a cell there is {size:.4g} long: move it"
+            )
+        return np.flatnonzero(distances <= distances[nearest] + 1e-6 * size)
+
+    def _cell_size(self, point: np.ndarray) -> float:
+        """Length of the largest cell at the node nearest to a point."""
+        cells, nodes = self.problem.cell_nodes, self.problem.points
+        nearest = np.linalg.norm(nodes - point, axis=1).argmin()
+        at_node = cells[(cells == nearest).any(axis=1)]
+        return float(np.linalg.norm(np.ptp(nodes[at_node], axis=1), axis=1).max(initial=0.0))
+
+    def nodal_forces(self, output: Any) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
+        """Conditions of a contact, positions of its first surface's nodes, and the forces on them.
+
+        These are -B^T λ on the body of the surface named first, the slave: (c,), (n, dim), sparse (c, n dim).
+        """
+        conditions = self.conditions(output)
+        surface = self.assembler.surface(self.scene.contacts[output.contact].tags[0])
+        dofs = (surface.nodes[:, None] * self.dimension + np.arange(self.dimension)).ravel()
+        return conditions, surface.points, csr_matrix(-self.contact_rows[conditions][:, dofs])
 
 
 def functionals_of(full: FullOrderModel) -> Functionals:
@@ -50,12 +141,10 @@ def prepared_outputs(
             mises=partial(_mises, discretisation, problem, equilibrium),
             energy=partial(_energy, discretisation, problem, equilibrium),
         )
-        item = output.prepared(probe)
-        if not isinstance(item, Functional):
-            raise SceneError(f"{output!r} must be prepared as a Functional, and is {item!r}")
-        items.append(item)
+        items.append(output.prepared(probe))
     found = Functionals(tuple(items), problem.free.size, problem.amplitudes)
-    found.check(len(problem.gaps))
+    gauss_points = 0 if equilibrium is None else equilibrium.operator.gauss_points
+    found.check(problem.parameters, len(problem.gaps), gauss_points)
     return found
 
 
@@ -112,11 +201,10 @@ def _mises(
     used = strain != 0
     matrix = count * components, rows[used].astype(np.int64), columns[used].astype(np.int64), strain[used]
     body, scene = discretisation.scene.bodies[place], discretisation.scene
-    moduli = [
-        f"({_text(body.young)}) * ({unit})" for unit in elasticity.unit_moduli(_text(body.poisson), scene.hypothesis)
-    ]
-    how = scene.parameters.names, *moduli, scene.hypothesis == "plane_stress", factors
-    return Mises(output.name, output.unit, *matrix, *how, volumes / volumes.sum() if mean else np.zeros(0))
+    volume, shape = elasticity.unit_moduli(_text(body.poisson), scene.hypothesis)
+    moduli = f"({_text(body.young)}) * ({volume})", f"({_text(body.young)}) * ({shape})"
+    flat, shares = scene.hypothesis == "plane_stress", volumes / volumes.sum() if mean else np.zeros(0)
+    return Mises(output.name, output.unit, *matrix, scene.parameters.names, *moduli, flat, factors, shares)
 
 
 def _text(value: float | str) -> str:
@@ -171,8 +259,8 @@ def _energy(
     """Elastic energy by the work of all forces."""
     if equilibrium is not None:
         raise SceneError(
-            f"output '{output.name}': bodies of scene '{discretisation.scene.name}' flow, and the work of forces is not "
-            "their elastic energy: leave it out"
+            f"output '{output.name}': bodies of scene '{discretisation.scene.name}' flow, and the work of forces is "
+            "not their elastic energy: leave it out"
         )
     whole = problem.gathered(discretisation.comm)
     names = problem.parameters.names

@@ -16,7 +16,7 @@ from hhr_dolfinx.trained import Signs
 
 if TYPE_CHECKING:
     from hhr_dolfinx.materials.update import State
-    from hhr_dolfinx.models.functionals import Functionals, Outputs
+    from hhr_dolfinx.models.functionals import Outputs
     from hhr_dolfinx.models.gradient import Gradient
 
 Path = list[tuple[float, np.ndarray]]
@@ -40,19 +40,6 @@ class Fields(Protocol):
 
     def estimate(self, answer: Answer) -> float | None:
         """Estimate of the error, None where the model has none."""
-
-    @property
-    def functionals(self) -> Functionals | None:
-        """Outputs of the scene; None where it has none."""
-
-    def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
-        """Rows of the outputs times the displacement, (K,), for amplitudes (1 + T,)."""
-
-    def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all contact forces, (N_lambda, P), and of these products, (K, P).
-
-        ``changes`` are those of the amplitudes, (1 + T, P); the answer has a gradient.
-        """
 
 
 class ElasticFields:

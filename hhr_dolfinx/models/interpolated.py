@@ -232,7 +232,7 @@ class InterpolatedFields(ElasticFields):
         return per_mode @ self.galerkin(answer.parameter).unknown(answer.multipliers) + per_lift @ theta
 
     def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all forces and of these products along the parameters, see :class:`Fields`."""
+        """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
         assert answer.gradient is not None
         forces, (per_mode, per_lift) = answer.gradient.multipliers, self._measures
         galerkin = self.galerkin(answer.parameter)

@@ -201,7 +201,7 @@ class Reconstruction:
         return per_mode @ answer.unknown + per_lift @ theta
 
     def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all forces and of these products along the parameters, see :class:`models.answer.Fields`."""
+        """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
         assert self.functionals is not None and answer.gradient is not None
         per_mode, per_lift = self._measures
         forces = self._force_changes(answer, changes) if self.functionals.uses_forces else np.zeros((0, 0))
