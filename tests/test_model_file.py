@@ -307,7 +307,7 @@ SIGNED = {
     "the amplitudes are 1": array("amplitudes0.positions", lambda a: a[:-1]),
     "a Coverage has the fields": lambda header, arrays: arrays.pop("amplitudes0.slopes"),
     "must have a kind and numbers": header(amplitudes=[None]),
-    "amplitudes and laws in its header must be lists": header(laws={}),
+    "amplitudes, laws, outputs in its header must be lists": header(laws={}),
     "laws of flow, and nothing flows": header(laws=[None]),
     "amplitude Toy.* must be an Amplitude": lambda header, arrays: header["amplitudes"].append(TOY),
     "trained range ends below": array("trained.upper", lambda a: a - 1e6),
