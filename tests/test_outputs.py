@@ -69,7 +69,7 @@ def constant():
 
 
 def pressed_stack(dim, outputs, hypothesis=None, grading=None):
-    """Two blocks of edge 1, one on the other, pressed together by p: the stress is uniform and the contact permanent."""
+    """Two blocks of edge 1, one on the other, pressed together: a uniform stress, and all of the surface touches."""
     up, lower, upper = dim - 1, stacked_blocks.LOWER, stacked_blocks.UPPER
     side = stacked_blocks.interface
     # one block of 50, one of 100: under a pressure p they are shortened by p / 50 + p / 100

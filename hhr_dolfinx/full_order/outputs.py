@@ -244,7 +244,7 @@ def _tabulated(discretisation: Discretisation, cells: np.ndarray, place: int) ->
     weight = elasticity.volume_weight(mesh, hypothesis) * ufl.TestFunction(constants) * ufl.dx(mesh)
     volumes = fem_petsc.assemble_vector(fem.form(weight)).array_r[constants.dofmap.list[cells].ravel()]
     nodes = space.dofmap.index_map.local_to_global(blocks.ravel().astype(np.int32)).reshape(blocks.shape)
-    dofs = (dim * nodes[:, :, None] + np.arange(dim)).reshape(len(cells), -1)
+    dofs = (dim * nodes[:, :, None] + np.arange(dim)).reshape(len(cells), dim * blocks.shape[1])
     return strain, dofs, grading, volumes
 
 
