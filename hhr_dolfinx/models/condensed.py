@@ -30,6 +30,7 @@ from hhr_dolfinx.trained import TrainedRange, check_outside
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.gradient import Gradient
+    from hhr_dolfinx.models.many import ManyAnswers
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ class KnownStatuses:
         self.active.setflags(write=False)  # answers share them
 
     @cached_property
-    def _distances(self) -> tuple[np.ndarray, np.ndarray]:
+    def distances(self) -> tuple[np.ndarray, np.ndarray]:
         """Offsets and directions of |x - p|^2 / 2 less what does not depend on the candidate x.
 
         The parameters, whose units differ, are scaled by their spread.
@@ -100,7 +101,7 @@ class KnownStatuses:
 
     def nearest(self, point: np.ndarray) -> int:
         """Index of the nearest known parameter."""
-        offsets, directions = self._distances
+        offsets, directions = self.distances
         return (offsets - directions @ point).argmin()
 
     def start(self, point: np.ndarray) -> np.ndarray:
@@ -212,6 +213,29 @@ class CondensedModel(WithOutputs):
         found = active_set(self._equalities, free_slack, start, pairs=self._pairs)
         unknown = response[self._m :] - self._per_force @ found.forces
         return outcome(found_as(found, point, unknown, self.fields), raise_on_failure, self._advice)
+
+    @property
+    def responses(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Free slack and, behind it, free primal unknown, (m + n, 1 + T); S, (m, m); K^-1 B^T, (n, m)."""
+        return self._response, self._schur, self._per_force
+
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> ManyAnswers:
+        """Answer many parameters, (n, P), at once; as :meth:`solve` does, to round-off, and quicker the more there are.
+
+        Args:
+            points: one row for each.
+            raise_on_failure: raise at the first that has no answer, or go on with NaN and a status.
+            outside: see :meth:`Model.solve`.
+        """
+        from hhr_dolfinx.models.many import checked_points, condensed_answers
+
+        checked = checked_points(self.parameters, points)
+        check_outside(outside)
+        if self._door is not None:
+            inside = ((checked >= self._door.lower) & (checked <= self._door.upper)).all(axis=1)
+            for point in checked[~inside]:
+                self._door.check(point, outside)
+        return condensed_answers(self, checked, raise_on_failure=raise_on_failure, outside="ignore")
 
     def _gradient(self, answer: Answer) -> Gradient:
         """Derivatives of an answer."""

@@ -22,6 +22,7 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.many import ManyAnswers
     from hhr_dolfinx.models.reduced_flow import ReducedEquilibrium, ReducedFlow
     from hhr_dolfinx.models.varying import VaryingModel
 
@@ -68,10 +69,12 @@ class ReducedModel(WithOutputs):
         self.problem, self.parameters, self.fields, self.trained = problem, parameters, fields, trained
         self.known, self.flow, self.offline, self._factorise = known, flow, offline, factorise
         self.equilibrium: ReducedEquilibrium | None = None
+        self._elastic: CondensedModel | VaryingModel | None = None
         try:
             if flow is None:
                 # asked directly: a call less is a tenth of a query
-                self.solve = self._eliminated(factorise).solve  # type: ignore[method-assign]
+                self._elastic = self._eliminated(factorise)
+                self.solve = self._elastic.solve  # type: ignore[method-assign]
             else:
                 from hhr_dolfinx.models.reduced_flow import ReducedEquilibrium
 
@@ -112,6 +115,14 @@ class ReducedModel(WithOutputs):
         checked_start(start, len(self.problem.gaps))
         refuse_gradient(gradient)
         return one_step(self, mu, raise_on_failure, outside, **step)
+
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> ManyAnswers:
+        """Answer many parameters, (n, P), see :meth:`CondensedModel.solve_many`; where bodies flow one by one."""
+        if self._elastic is not None:
+            return self._elastic.solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
+        from hhr_dolfinx.models.many import one_by_one
+
+        return one_by_one(self, points, {"raise_on_failure": raise_on_failure, "outside": outside})
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
         """Solve a history from rest, see :meth:`Model.march`."""
