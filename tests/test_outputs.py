@@ -215,6 +215,8 @@ def test_file_and_table_have_the_outputs(constant, tmp_path):
     loaded = hhr.load_model(tmp_path / "model.npz")
     for point in points:
         assert dict(loaded.outputs(point)) == pytest.approx(dict(model.outputs(point)), rel=1e-12)
+    table = loaded.solve_many(points).outputs()
+    assert table["energy"][1] == pytest.approx(model.outputs(points[1])["energy"], rel=1e-10)
     answers = hhr.answer_points(loaded, np.vstack([points, [1e9, 1.0]]))
     assert hhr.write_answers(tmp_path / "answers.csv", loaded.parameters, answers) == 1
     with open(tmp_path / "answers.csv", newline="") as file:

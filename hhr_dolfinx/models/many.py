@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.amplitudes import Amplitudes, Coverage
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.linear.dense import LapackLU
@@ -61,9 +61,21 @@ class ManyAnswers:
     @classmethod
     def of(cls, answers: list[Answer], fields: Fields) -> ManyAnswers:
         """Of answers found one by one, one or more."""
-        parts = zip(*((a.parameter, a.unknown, a.multipliers, a.active) for a in answers), strict=True)
+        points, unknown, forces, active = (
+            np.array([getattr(answer, name) for answer in answers])
+            for name in ("parameter", "unknown", "multipliers", "active")
+        )
         status, iterations = [answer.status for answer in answers], np.array([answer.iterations for answer in answers])
-        return cls(*(np.array(part) for part in parts), status, iterations, fields)
+        return cls(points, unknown, forces, active, status, iterations, fields)
+
+    def outputs(self) -> dict[str, np.ndarray]:
+        """Outputs of the scene by name, (n,) each; NaN without an answer.
+
+        Raises:
+            HHRError: if the scene has none.
+        """
+        found = [answer.outputs() for answer in self]
+        return {name: np.array([outputs[name] for outputs in found]) for name in found[0].keys()}
 
 
 def one_by_one(model: Any, table: Any, how: dict[str, Any]) -> ManyAnswers:
@@ -110,8 +122,9 @@ def _amplitudes_at(amplitudes: Amplitudes, points: np.ndarray) -> np.ndarray | c
         return amplitudes.constant + points @ amplitudes.slopes.T
     affine = amplitudes.constant + points @ amplitudes.slopes.T
     terms, values = [np.broadcast_to(np.arange(affine.shape[1]), affine.shape)], [affine]
-    if all(hasattr(amplitude, "rows") for amplitude in amplitudes.nonaffine):
-        for first, amplitude in zip(amplitudes.firsts, amplitudes.nonaffine, strict=False):
+    quick = [amplitude for amplitude in amplitudes.nonaffine if isinstance(amplitude, Coverage)]
+    if len(quick) == len(amplitudes.nonaffine):
+        for first, amplitude in zip(amplitudes.firsts, quick, strict=False):
             columns, weights = amplitude.rows(points)
             terms.append(first + columns)
             values.append(weights)
