@@ -91,7 +91,7 @@ def main() -> None:
     """Calibrate on exact and on noisy data, and sample the posterior."""
     options = cli.parse(cli.demo_parser("calibrate", __doc__))
     started = time.perf_counter()
-    training = hhr.train(scene(**(QUICK_MESH if options.quick else {})), hhr.Sobol(32), held_out=20, comm=hhr_self())
+    training = hhr.train(scene(**(QUICK_MESH if options.quick else {})), hhr.Sobol(32), held_out=20)
     model, full = training.condense(), training.full_order
     offline = time.perf_counter() - started
     exact = np.array([full.outputs((depth, *TRUE)).values["force"] for depth in DEPTHS])

@@ -20,6 +20,17 @@ from .online.batch import read_points as read_points
 from .online.batch import write_answers as write_answers
 from .online.model_file import load_model as load_model
 from .online.model_file import save_model as save_model
+from .outputs import ContactForce as ContactForce
+from .outputs import ContactMoment as ContactMoment
+from .outputs import ContactWidth as ContactWidth
+from .outputs import DisplacementAt as DisplacementAt
+from .outputs import ElasticEnergy as ElasticEnergy
+from .outputs import GapAt as GapAt
+from .outputs import LargestPressure as LargestPressure
+from .outputs import LinearForm as LinearForm
+from .outputs import LostContact as LostContact
+from .outputs import Torque as Torque
+from .outputs import VonMises as VonMises
 from .pairings.mortar import Mortar as Mortar
 from .pairings.node_to_node import NodeToNode as NodeToNode
 from .pairings.node_to_surface import DoublePass as DoublePass

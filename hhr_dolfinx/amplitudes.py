@@ -232,6 +232,16 @@ class Coverage:
         weights = [amplitude, amplitude * length * (s - s * s / 2), amplitude * length * s * s / 2]
         return [edge, edges + edge, edges + edge + 1], weights
 
+    def rows(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same at many points, (n, P): numbers and amplitudes, (n, 3) each."""
+        positions, edges = self.positions, len(self.positions) - 1
+        edge = np.clip(positions.searchsorted(points[:, self.extent]) - 1, 0, edges - 1)
+        lengths = np.diff(positions)[edge]
+        s = np.clip((points[:, self.extent] - positions[edge]) / lengths, 0.0, 1.0)
+        parts = np.stack([np.ones(len(s)), lengths * (s - s * s / 2), lengths * s * s / 2], axis=1)
+        columns = np.stack([edge, edges + edge, edges + edge + 1], axis=1)
+        return columns, (self.constant + points @ self.slopes)[:, None] * parts
+
     def derivative(self, point: np.ndarray) -> np.ndarray:
         """Derivatives of the three amplitudes along the parameters, (3, P); from the left at a node."""
         (edge, *_), (amplitude, *_) = self(point)

@@ -19,6 +19,7 @@ from hhr_dolfinx.parameters import ParameterSpace, as_tuple, check_tag, is_numbe
 
 if TYPE_CHECKING:
     from hhr_dolfinx.materials.laws import Flow
+    from hhr_dolfinx.outputs import Output
     from hhr_dolfinx.shapes import Shape
 
 
@@ -148,6 +149,7 @@ class Scene:
         parameters: the box of the parameters.
         openings: initial gaps that depend on parameters.
         shapes: bodies whose shape depends on parameters, each a :class:`~hhr_dolfinx.shapes.Shape`.
+        outputs: numbers that every model of the scene answers by name, see :mod:`hhr_dolfinx.outputs`.
     """
 
     name: str
@@ -160,6 +162,7 @@ class Scene:
     loads: tuple[Load, ...] = ()
     openings: tuple[Opening, ...] = ()
     shapes: tuple[Shape, ...] = ()
+    outputs: tuple[Output, ...] = ()
 
     def __post_init__(self):
         if self.hypothesis not in elasticity.HYPOTHESES:
@@ -231,6 +234,10 @@ class Scene:
                         f"contacts {before} and {place} are the same pair of surfaces {tuple(item.tags)}: its "
                         "conditions would be dependent. List each pair once"
                     )
+        names = [output.name for output in self.outputs]
+        for name in names:
+            if names.count(name) > 1:
+                raise SceneError(f"two outputs are called '{name}': each needs a name of its own")
         for opening in self.openings:
             if opening.contact >= len(self.contacts):
                 raise SceneError(f"an opening names contact {opening.contact}, of {len(self.contacts)} counted from 0")
@@ -260,6 +267,7 @@ _PARTS = (
     ("loads", "a load with terms, such as Pressure", _has("terms")),
     ("openings", "an Opening", lambda item: isinstance(item, Opening)),
     ("shapes", "a Shape", _has("coordinates", "moved")),
+    ("outputs", "an output with name, unit and prepared, such as LargestPressure", _has("name", "unit", "prepared")),
 )
 """Fields of a scene that hold several items, what each item must be, and how that is seen."""
 

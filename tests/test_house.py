@@ -177,10 +177,13 @@ UNNEEDED = {
                                  "hhr_dolfinx.pairings.segments", "hhr_dolfinx.pairings.projection", "shapely"],
     "clustering and peers": ["sklearn", "hhr_dolfinx.baselines.peers", "hhr_dolfinx.baselines.coarser"],
     "pictures": ["hhr_dolfinx.study.plots", "matplotlib", "pyvista"],
+    "outputs": ["hhr_dolfinx.outputs", "hhr_dolfinx.full_order.outputs", "hhr_dolfinx.models.functionals",
+                "hhr_dolfinx.models.functional_kinds"],
+    "many parameters at once": ["hhr_dolfinx.models.many"],
 }  # fmt: skip
 """What a study of an elastic scene on matching meshes does without; numba is not listed: DOLFINx loads it itself."""
 UNNEEDED_BY_FLOW = {
-    **{name: UNNEEDED[name] for name in ("clustering and peers", "pictures")},
+    **{name: UNNEEDED[name] for name in ("clustering and peers", "pictures", "outputs", "many parameters at once")},
     "what only elastic scenes are compared with": [
         "hhr_dolfinx.study.points", "hhr_dolfinx.study.references", "hhr_dolfinx.baselines.naive",
         "hhr_dolfinx.baselines.condensation", "hhr_dolfinx.study.verify"],

@@ -246,7 +246,7 @@ def test_the_table_has_a_line_for_every_field(pellet_reduction, flowing_reductio
     others = {"amplitudes.nonaffine", "flow.law", "flow.size", "fields.dimension", "trained.names", "paths.parameters"}
     others |= {"flow.operator", "flow.material", "flow.indices", "fields.amplitudes", "fields.flow"}
     # the parts of a stiffness that varies are a tree of their own
-    left_behind = {"fields.stress_of", "fields.indicator", "reduced.terms"}
+    left_behind = {"fields.stress_of", "fields.indicator", "reduced.terms", "fields.functionals"}
     assert names - named == others | left_behind
     completion = {f"completion.{field}_{part}" for field in ("stress", "cumulated") for part in GappyField._fields}
     assert named - names == completion | {"flow.group"}
@@ -308,7 +308,7 @@ SIGNED = {
     "the amplitudes are 1": array("amplitudes0.positions", lambda a: a[:-1]),
     "a Coverage has the fields": lambda header, arrays: arrays.pop("amplitudes0.slopes"),
     "must have a kind and numbers": header(amplitudes=[None]),
-    "amplitudes and laws in its header must be lists": header(laws={}),
+    "amplitudes, laws, outputs in its header must be lists": header(laws={}),
     "laws of flow, and nothing flows": header(laws=[None]),
     "amplitude Toy.* must be an Amplitude": lambda header, arrays: header["amplitudes"].append(TOY),
     "trained range ends below": array("trained.upper", lambda a: a - 1e6),

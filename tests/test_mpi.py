@@ -297,7 +297,7 @@ def refuse(point, outside):
     raise ParameterError("no answer")
 
 answering = SimpleNamespace(
-    parameters=scene.parameters, dimension=2, fields=SimpleNamespace(gaps=[]), solve=refuse
+    parameters=scene.parameters, dimension=2, fields=SimpleNamespace(gaps=[], functionals=None), solve=refuse
 )
 {case}
 print("rank", world.rank, "went on", flush=True)

@@ -182,7 +182,12 @@ def test_node_order_does_not_matter(hertz, hertz_snapshots, hertz_reduction):
     problem, dofs = renumbered(hertz.problem, seed=5)
     snapshots = dataclasses.replace(hertz_snapshots, displacements=hertz_snapshots.displacements[dofs])
     other = SimpleNamespace(
-        problem=problem, parameters=problem.parameters, schur=hertz.schur, equilibrium=None, stress_of=None
+        problem=problem,
+        parameters=problem.parameters,
+        schur=hertz.schur,
+        equilibrium=None,
+        stress_of=None,
+        functionals=None,
     )
     reduction = hhr.build(other, snapshots, THESIS.as_it_is())
     assert np.array_equal(reduction.offline.sets.A_lambda, hertz_reduction.offline.sets.A_lambda)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +14,9 @@ from hhr_dolfinx.errors import HHRError, SceneError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import Answer, ElasticFields
 from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.functionals import Functionals
 
 
 @dataclass(frozen=True)
@@ -23,16 +28,18 @@ class ExactFields(ElasticFields):
         per_force: K^-1 B^T, (N, N_lambda).
         unloaded: K^-1 loads, (N, 1 + T).
         stress_of: stress of a displacement; None of a copy, since a mesh belongs to one process.
+        functionals: outputs of the scene; None where it has none.
     """
 
     problem: ContactProblem
     per_force: np.ndarray
     unloaded: np.ndarray
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None
+    functionals: Functionals | None = None
 
     def __reduce__(self) -> tuple:
         """Copy and pickle by the arrays."""
-        return ExactFields, (self.problem, self.per_force, self.unloaded, None)
+        return ExactFields, (self.problem, self.per_force, self.unloaded, None, self.functionals)
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """K^-1 (loads - B^T λ) and the lift, (N,); a model that answers with fields has it at hand."""
@@ -50,6 +57,25 @@ class ExactFields(ElasticFields):
         if self.stress_of is None:
             raise HHRError("a copied model has no mesh, and stress needs one: ask the model it was copied from")
         return self.stress_of(self.displacement(answer), answer.parameter)
+
+    @cached_property
+    def _measures(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows of the outputs times what each amplitude and each force does to the displacement."""
+        assert self.functionals is not None
+        rows = self.functionals.rows
+        return np.asarray(rows @ self.unloaded + (rows @ self.problem.lifts).toarray()), rows @ self.per_force
+
+    def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
+        """Rows of the outputs times the displacement, (K,)."""
+        per_term, per_force = self._measures
+        return per_term @ theta - per_force @ answer.multipliers
+
+    def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
+        assert answer.gradient is not None
+        per_term, per_force = self._measures
+        forces = answer.gradient.multipliers
+        return forces, per_term @ changes - per_force @ forces
 
 
 def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: bool = True) -> CondensedModel:
@@ -87,6 +113,6 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
         free_slack=problem.gaps - problem.contact @ free,
         schur=full.schur,
     )
-    fields = ExactFields(problem, full.per_force, free, full.stress_of)
+    fields = ExactFields(problem, full.per_force, free, full.stress_of, full.functionals)
     given = problem.parameters, problem.amplitudes, responses, known, fields
     return CondensedModel(*given, pairs=problem.contact_pairs)

@@ -7,7 +7,7 @@ that flow or keep their volume need at their Gauss points is in ``gauss_points``
 from __future__ import annotations
 
 from functools import cached_property, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
@@ -34,7 +34,7 @@ from hhr_dolfinx.full_order.checks import (
     warn_of_idle_parameters,
 )
 from hhr_dolfinx.full_order.locking import QUADRATURE, mean_dilatation
-from hhr_dolfinx.loads import Assembler, Load, Term, checked_terms
+from hhr_dolfinx.loads import Assembler, Term, checked_terms
 from hhr_dolfinx.pairings.surface import Surface, make_surface
 from hhr_dolfinx.scene import Scene
 
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Formula, Modulus
     from hhr_dolfinx.full_order.reshaped import Reshaped
     from hhr_dolfinx.full_order.varying import CommonPattern
+    from hhr_dolfinx.loads import Load
 
 
 class Discretisation:
@@ -57,11 +58,14 @@ class Discretisation:
         mean_dilatation: whether each body takes the mean dilatation of its cells, see ``locking``.
         common_pattern: of the parts of K where it depends on parameters, once it has been assembled.
         reshaped: moves the mesh where its shape depends on parameters, else None; it lies as in the middle of the box.
+        contact_rows: B with the columns of imposed dofs, (N_lambda, N), once the problem is made.
 
     Raises:
         SceneError: for a mesh that does not suit the scene, missing tags, surfaces that do not face each other, or
             conflicting displacements.
     """
+
+    contact_rows: csr_matrix
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
         compat.require_dolfinx()
@@ -147,7 +151,7 @@ class Discretisation:
         mass = fem_petsc.assemble_matrix(self._mass_form)
         mass.assemble()
         moved, free = self._displacements()
-        terms = [term for load in scene.loads for term in checked_terms(load, self._assembler(load))]
+        terms = [term for load in scene.loads for term in checked_terms(load, self.assembler(load))]
         # θ counts those that are affine first
         terms.sort(key=lambda term: not isinstance(term.amplitude, Amplitude))
         fixed = [*(term.amplitude for term in moved), *(item.amplitude for item in scene.openings)]
@@ -161,6 +165,7 @@ class Discretisation:
             gaps[pairs == item.contact, k] += 1.0
         kept = conditions_with_unknowns(scene, rows, gaps, amplitudes, free)
         rows, pairs, gaps = rows.take(kept), pairs[kept], gaps[kept]
+        self.contact_rows = rows.matrix
         lifted = [masked(csc_matrix(vstack(self.comm.allgather(term @ lifts))), free) for term in stiffness]
         middle = np.mean([scene.parameters.lower, scene.parameters.upper], axis=0)
         weights = [modulus.value(middle) for modulus in moduli] or [1.0]
@@ -265,8 +270,8 @@ class Discretisation:
                 terms.append(Term(item.amplitude, csc_matrix(entries, shape=(self.size, 1))))
         return terms, owner < 0
 
-    def _assembler(self, load: Load) -> Assembler:
-        """What a load may ask for."""
+    def assembler(self, load: Any) -> Assembler:
+        """What a load, or an output, may ask for."""
         return Assembler(
             test=self._test,
             hypothesis=self.scene.hypothesis,
@@ -304,7 +309,7 @@ class Discretisation:
         owned = local[local < dim * self.space.dofmap.index_map.size_local]
         return np.concatenate(self.comm.allgather(owned + self.rows.start))
 
-    def _load_vector(self, load: Load, form: ufl.Form) -> np.ndarray:
+    def _load_vector(self, load: Any, form: ufl.Form) -> np.ndarray:
         """Assemble a form that is linear in v, (N,)."""
         arguments = form.arguments() if isinstance(form, ufl.Form) else ()
         try:

@@ -16,7 +16,7 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.linear.sparse import FreeCholesky, ordering_of
-from hhr_dolfinx.models.answer import Answer, History, Path, found_as, outcome
+from hhr_dolfinx.models.answer import Answer, History, Path, WithOutputs, found_as, outcome
 from hhr_dolfinx.models.condensed import checked_start
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient, solve_along
 from hhr_dolfinx.scene import Scene
@@ -25,11 +25,12 @@ from hhr_dolfinx.trained import check_outside
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.full_order.flow import FullEquilibrium
+    from hhr_dolfinx.models.functionals import Functionals
 
 FULL_ORDER_ADVICE = {Status.SINGULAR: "list each contact pair once, and let no two conditions hold the same dofs"}
 
 
-class FullOrderModel:
+class FullOrderModel(WithOutputs):
     """The finite element model of a scene: K factored once, the contact on its Schur complement.
 
     Where nothing flows a query costs one solve with K, the statuses on S = B K^-1 B^T, and u = K^-1 F - K^-1 B^T
@@ -50,6 +51,7 @@ class FullOrderModel:
         per_force: K^-1 B^T on the dofs of this rank, (own dofs, N_lambda).
         schur: S, (N_lambda, N_lambda).
         equilibrium: what bodies that flow need besides; None where nothing flows.
+        functionals: outputs of the scene; None where it has none.
         trained: None, since nothing is outside what a full model can answer.
 
     Raises:
@@ -70,6 +72,7 @@ class FullOrderModel:
             else:
                 discretisation = Discretisation(scene, comm)
                 self._factor(discretisation, *discretisation.stiffness_terms())
+            self.functionals = self._prepared_outputs()
 
     def _build_flowing(self) -> None:
         from hhr_dolfinx.full_order.flow import FullEquilibrium, GaussModel
@@ -77,6 +80,13 @@ class FullOrderModel:
         gauss = GaussModel.of(self.scene, self.comm)
         self._factor(gauss.discretisation, (gauss.stiffness,))
         self.equilibrium = FullEquilibrium(self, gauss)
+
+    def _prepared_outputs(self) -> Functionals | None:
+        if not self.scene.outputs:
+            return None
+        from hhr_dolfinx.full_order.outputs import functionals_of
+
+        return functionals_of(self)
 
     def _factor(
         self, discretisation: Discretisation, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()
@@ -238,6 +248,17 @@ class FullOrderModel:
     def estimate(self, answer: Answer) -> float:
         """None but that of the mesh, which is not estimated."""
         return 0.0
+
+    def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
+        """Rows of the outputs times the displacement, (K,)."""
+        assert self.functionals is not None
+        return self.functionals.rows @ self.displacement(answer)
+
+    def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
+        assert self.functionals is not None and answer.gradient is not None
+        field = answer.gradient.unknown + self.problem.lifts @ changes
+        return answer.gradient.multipliers, self.functionals.rows @ field
 
     def _sum(self, part: np.ndarray) -> np.ndarray:
         return part if self.comm.size == 1 else self.comm.allreduce(part)

@@ -30,7 +30,7 @@ def strain_operator(discretisation: Discretisation) -> StrainOperator:
             f"the mesh of scene '{discretisation.scene.name}' is spread over {discretisation.comm.size} ranks, and "
             "bodies that flow are solved on one: give each rank a model on MPI.COMM_SELF, and share the histories out"
         )
-    return _tabulated(discretisation, np.arange(discretisation.cell_bodies().size))
+    return tabulated(discretisation, np.arange(discretisation.cell_bodies().size))
 
 
 def material_at(scene: Scene, bodies: np.ndarray, operator: StrainOperator) -> Material:
@@ -47,7 +47,7 @@ def add_stiffness(discretisation: Discretisation, matrix: PETSc.Mat) -> None:
     """Add the elastic stiffness of the bodies with a mean dilatation to a matrix, each rank that of its own cells."""
     bodies = discretisation.cell_bodies()
     cells = np.flatnonzero(np.array(discretisation.mean_dilatation)[bodies])
-    operator = _tabulated(discretisation, cells)
+    operator = tabulated(discretisation, cells)
     elastic = material_at(discretisation.scene, bodies[cells], operator).elastic
     dofs = operator.dofs.astype(PETSc.IntType)
     elements = operator.element_stiffness(elastic).reshape(len(cells), dofs.shape[1] ** 2)
@@ -58,7 +58,7 @@ def add_parts(discretisation: Discretisation, matrix: PETSc.Mat, moduli: dict[in
     """Add parts of the stiffness of bodies with a mean dilatation: weights λ' and 2 μ' of each body by its place."""
     bodies = discretisation.cell_bodies()
     cells = np.flatnonzero(np.isin(bodies, list(moduli)))
-    operator = _tabulated(discretisation, cells)
+    operator = tabulated(discretisation, cells)
     unit, identity = np.zeros(operator.components), np.eye(operator.components)
     unit[:3] = 1.0
     tangents = {
@@ -88,7 +88,7 @@ def _gradings(discretisation: Discretisation, places: Iterable[int], cells: np.n
     return found
 
 
-def _tabulated(discretisation: Discretisation, cells: np.ndarray) -> StrainOperator:
+def tabulated(discretisation: Discretisation, cells: np.ndarray) -> StrainOperator:
     """Strain at the Gauss points of some cells of this rank, in its own numbers of the dofs; collective."""
     mesh, space, hypothesis = discretisation.mesh, discretisation.space, discretisation.scene.hypothesis
     cells = cells.astype(np.int32)

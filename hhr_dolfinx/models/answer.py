@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
@@ -16,6 +16,7 @@ from hhr_dolfinx.trained import Signs
 
 if TYPE_CHECKING:
     from hhr_dolfinx.materials.update import State
+    from hhr_dolfinx.models.functionals import Outputs
     from hhr_dolfinx.models.gradient import Gradient
 
 Path = list[tuple[float, np.ndarray]]
@@ -133,6 +134,16 @@ class Answer(NamedTuple):
         """Estimate of the error of this answer; None of a model that has no indicator."""
         return self.fields.estimate(self)
 
+    def outputs(self) -> Outputs:
+        """Outputs of the scene by name, with derivatives if the answer has a gradient.
+
+        Raises:
+            HHRError: if the scene has none.
+        """
+        from hhr_dolfinx.models.functionals import outputs_of
+
+        return outputs_of(self)
+
 
 @dataclass
 class History:
@@ -207,6 +218,20 @@ class Model(Protocol):
             ParameterError: if the path is none, or leaves the box.
             ConvergenceError, OutsideTrainingError: with an attribute ``history`` that holds the steps before.
         """
+
+
+class WithOutputs:
+    """What all models do alike."""
+
+    solve: Callable[..., Answer]
+
+    def outputs(self, mu: Any, *, gradient: bool = False, **how: Any) -> Outputs:
+        """Outputs of the scene at one parameter; ``how`` are further arguments of :meth:`Model.solve`.
+
+        Raises:
+            HHRError: if the scene has none; see :meth:`Model.solve` besides.
+        """
+        return self.solve(mu, gradient=gradient, **how).outputs()
 
 
 def outcome(answer: Answer, raise_on_failure: bool, advice: Mapping[Status, str] = MappingProxyType({})) -> Answer:

@@ -23,13 +23,14 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
 from hhr_dolfinx.errors import ParameterError, SingularError
 from hhr_dolfinx.linear.dense import Factor, Factorise, dense_factors, solve_columns
-from hhr_dolfinx.models.answer import Answer, Fields, History, Path, found_as, outcome
+from hhr_dolfinx.models.answer import Answer, Fields, History, Path, WithOutputs, found_as, outcome
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedRange, check_outside
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.gradient import Gradient
+    from hhr_dolfinx.models.many import ManyAnswers
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ class KnownStatuses:
         self.active.setflags(write=False)  # answers share them
 
     @cached_property
-    def _distances(self) -> tuple[np.ndarray, np.ndarray]:
+    def distances(self) -> tuple[np.ndarray, np.ndarray]:
         """Offsets and directions of |x - p|^2 / 2 less what does not depend on the candidate x.
 
         The parameters, whose units differ, are scaled by their spread.
@@ -100,7 +101,7 @@ class KnownStatuses:
 
     def nearest(self, point: np.ndarray) -> int:
         """Index of the nearest known parameter."""
-        offsets, directions = self._distances
+        offsets, directions = self.distances
         return (offsets - directions @ point).argmin()
 
     def start(self, point: np.ndarray) -> np.ndarray:
@@ -125,7 +126,7 @@ def checked_start(start: Any, conditions: int) -> Any:
     return statuses
 
 
-class CondensedModel:
+class CondensedModel(WithOutputs):
     """Answers parameters with the primal unknown eliminated.
 
     With fixed statuses the solution is affine in the parameters. These affine maps, the critical
@@ -214,6 +215,29 @@ class CondensedModel:
         found = active_set(self._equalities, free_slack, start, pairs=self._pairs)
         unknown = response[self._m :] - self._per_force @ found.forces
         return outcome(found_as(found, point, unknown, self.fields), raise_on_failure, self._advice)
+
+    @property
+    def responses(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Free slack and, behind it, free primal unknown, (m + n, 1 + T); S, (m, m); K^-1 B^T, (n, m)."""
+        return self._response, self._schur, self._per_force
+
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> ManyAnswers:
+        """Answer many parameters, (n, P), at once; as :meth:`solve` does, to round-off, and quicker the more there are.
+
+        Args:
+            points: one row for each.
+            raise_on_failure: raise at the first that has no answer, or go on with NaN and a status.
+            outside: see :meth:`Model.solve`.
+        """
+        from hhr_dolfinx.models.many import checked_points, condensed_answers
+
+        checked = checked_points(self.parameters, points)
+        check_outside(outside)
+        if self._door is not None:
+            inside = ((checked >= self._door.lower) & (checked <= self._door.upper)).all(axis=1)
+            for point in checked[~inside]:
+                self._door.check(point, outside)
+        return condensed_answers(self, checked, raise_on_failure=raise_on_failure, outside="ignore")
 
     def _gradient(self, answer: Answer) -> Gradient:
         """Derivatives of an answer."""

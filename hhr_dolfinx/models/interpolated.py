@@ -21,6 +21,7 @@ from hhr_dolfinx.models.interpolation import Interpolant
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Scalar
+    from hhr_dolfinx.models.functionals import Functionals
     from hhr_dolfinx.models.varying import Elimination
 
 
@@ -255,6 +256,7 @@ class InterpolatedFields(ElasticFields):
         galerkin: eliminates the unknown of the basis at a point, (P,).
         dimension: components of the displacement at a node.
         stress_of: stress of a displacement at a parameter; None where there is no mesh.
+        functionals: outputs of the scene; None where it has none.
     """
 
     amplitudes: Amplitudes
@@ -263,10 +265,12 @@ class InterpolatedFields(ElasticFields):
     galerkin: Callable[[np.ndarray], Elimination]
     dimension: int
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+    functionals: Functionals | None = None
 
     def __reduce__(self) -> tuple:
         """Copy and pickle by the arrays: a mesh belongs to one process."""
-        return InterpolatedFields, (self.amplitudes, self.basis, self.lifts, self.galerkin, self.dimension)
+        given = self.amplitudes, self.basis, self.lifts, self.galerkin, self.dimension
+        return InterpolatedFields, (*given, None, self.functionals)
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """V gamma and the lift, (N,)."""
@@ -282,6 +286,26 @@ class InterpolatedFields(ElasticFields):
         if self.stress_of is None:
             raise HHRError("this model keeps no mesh, and stress needs one: full.stress_of(displacement, mu)")
         return self.stress_of(self.displacement(answer), answer.parameter)
+
+    @cached_property
+    def _measures(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows of the outputs times the basis and the lifts."""
+        assert self.functionals is not None
+        rows = self.functionals.rows
+        return rows @ self.basis, (rows @ self.lifts).toarray()
+
+    def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
+        """Rows of the outputs times the displacement, (K,)."""
+        per_mode, per_lift = self._measures
+        return per_mode @ self.galerkin(answer.parameter).unknown(answer.multipliers) + per_lift @ theta
+
+    def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
+        assert answer.gradient is not None
+        forces, (per_mode, per_lift) = answer.gradient.multipliers, self._measures
+        galerkin = self.galerkin(answer.parameter)
+        _, fixed = galerkin.at_fixed_forces(answer.multipliers, galerkin.unknown(answer.multipliers))
+        return forces, per_mode @ (fixed - galerkin.pushed(forces)) + per_lift @ changes
 
 
 def _dense(amplitudes: Amplitudes, point: np.ndarray, terms: int) -> np.ndarray:

@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from scipy.linalg import solve_triangular
 from scipy.optimize import nnls
 from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.errors import ConvergenceError, HHRError
 from hhr_dolfinx.models.answer import Answer
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.functionals import Functionals
 
 
 class GappyField(NamedTuple):
@@ -68,6 +72,15 @@ class FlowFields:
         return field
 
 
+class _Fit(NamedTuple):
+    """A non-negative fit: weights of the training forces, the matrix and target fitted, and the open gaps in it."""
+
+    weights: np.ndarray
+    matrix: np.ndarray
+    target: np.ndarray
+    open_gap: np.ndarray
+
+
 @dataclass(frozen=True)
 class Reconstruction:
     """Fields on the whole mesh and contact forces on the whole contact surface; see :class:`models.answer.Fields`.
@@ -86,6 +99,7 @@ class Reconstruction:
         flow: what completes stress and plastic strain where bodies flow.
         stress_of: stress of a displacement where nothing flows; None for a model from a file, which has no mesh.
         indicator: estimates the error of an answer; None for none.
+        functionals: outputs of the scene; None where it has none.
     """
 
     amplitudes: Amplitudes
@@ -100,6 +114,7 @@ class Reconstruction:
     flow: FlowFields | None = None
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     indicator: Callable[[Answer], float] | None = None
+    functionals: Functionals | None = None
 
     @cached_property
     def _lifted(self) -> tuple[np.ndarray, np.ndarray]:
@@ -133,6 +148,12 @@ class Reconstruction:
         """
         if not answer.converged:
             return np.full(len(self.gaps), np.nan)
+        forces = self.force_snapshots @ self._fitted(answer).weights
+        forces[self.A_lambda] = answer.multipliers
+        return forces
+
+    def _fitted(self, answer: Answer) -> _Fit:
+        """The fit of (1.70)."""
         outside, fitted, penalised = self._parts
         theta = self.amplitudes(answer.parameter)
         slack = self.gaps[outside] @ theta - self.contact_basis[outside] @ answer.unknown
@@ -143,9 +164,48 @@ class Reconstruction:
             weights, _ = nnls(matrix, target, maxiter=30 * matrix.shape[1])
         except (RuntimeError, ValueError) as error:  # scipy's iteration limit, numbers that overflow
             raise ConvergenceError(f"the forces outside the RID could not be fitted: {error}") from error
-        forces = self.force_snapshots @ weights
-        forces[self.A_lambda] = answer.multipliers
+        return _Fit(weights, matrix, target, open_gap)
+
+    def _force_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
+        """Derivatives of all forces, (N_lambda, P), while the same training forces are combined.
+
+        The weights solve a least-squares problem whose matrix M changes with the open gaps: M^T M w' = M'^T (t - M w)
+        + M^T (t' - M' w).
+        """
+        gradient, (outside, _, penalised) = answer.gradient, self._parts
+        assert gradient is not None
+        fit = self._fitted(answer)
+        used = np.flatnonzero(fit.weights)
+        slack = self.gaps[outside] @ changes - self.contact_basis[outside] @ gradient.unknown
+        opening = slack * (fit.open_gap > 0)[:, None] / self.gap_scale[outside][:, None]
+        combined, m = penalised @ fit.weights, len(self.A_lambda)
+        left = fit.target[m:] - fit.open_gap * combined
+        orthogonal, triangle = np.linalg.qr(fit.matrix[:, used])
+        right = np.vstack([gradient.multipliers, -opening * combined[:, None]])
+        turned = solve_triangular(triangle, penalised[:, used].T @ (opening * left[:, None]), trans="T")
+        weights = solve_triangular(triangle, orthogonal.T @ right + turned)
+        forces = self.force_snapshots[:, used] @ weights
+        forces[self.A_lambda] = gradient.multipliers
         return forces
+
+    @cached_property
+    def _measures(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows of the outputs times the basis and the lifts."""
+        assert self.functionals is not None
+        rows = self.functionals.rows
+        return rows @ self.basis, (rows @ self.lifts).toarray()
+
+    def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
+        """Rows of the outputs times the displacement, (K,)."""
+        per_mode, per_lift = self._measures
+        return per_mode @ answer.unknown + per_lift @ theta
+
+    def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
+        assert self.functionals is not None and answer.gradient is not None
+        per_mode, per_lift = self._measures
+        forces = self._force_changes(answer, changes) if self.functionals.uses_forces else np.zeros((0, 0))
+        return forces, per_mode @ answer.gradient.unknown + per_lift @ changes
 
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress in Kelvin's notation, at Gauss points where bodies flow, else in cell middles.

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ReductionError, SingularError
 from hhr_dolfinx.linear.dense import Factorise, dense_factors
-from hhr_dolfinx.models.answer import Answer, History, Path
+from hhr_dolfinx.models.answer import Answer, History, Path, WithOutputs
 from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses, checked_start
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient, solve_along
 from hhr_dolfinx.models.projected import ReducedProblem
@@ -23,6 +23,7 @@ from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.interpolated import Compliances
+    from hhr_dolfinx.models.many import ManyAnswers
     from hhr_dolfinx.models.reduced_flow import ReducedEquilibrium, ReducedFlow
     from hhr_dolfinx.models.varying import VaryingModel
 
@@ -34,7 +35,7 @@ ADVICE: Mapping[Status, str] = MappingProxyType(
 )
 
 
-class ReducedModel:
+class ReducedModel(WithOutputs):
     """HHR model: from a parameter or a path to answers, by the projected equations on the RID.
 
     Where nothing flows gamma is eliminated, (5.23), and an answer costs one small contact problem. Where bodies flow
@@ -72,10 +73,12 @@ class ReducedModel:
         self.problem, self.parameters, self.fields, self.trained = problem, parameters, fields, trained
         self.known, self.flow, self.offline, self._factorise = known, flow, offline, factorise
         self.equilibrium: ReducedEquilibrium | None = None
+        self._elastic: CondensedModel | VaryingModel | None = None
         try:
             if flow is None:
                 # asked directly: a call less is a tenth of a query
-                self.solve = self._eliminated(factorise).solve  # type: ignore[method-assign]
+                self._elastic = self._eliminated(factorise)
+                self.solve = self._elastic.solve  # type: ignore[method-assign]
             else:
                 from hhr_dolfinx.models.reduced_flow import ReducedEquilibrium
 
@@ -117,6 +120,14 @@ class ReducedModel:
         checked_start(start, len(self.problem.gaps))
         refuse_gradient(gradient)
         return one_step(self, mu, raise_on_failure, outside, **step)
+
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> ManyAnswers:
+        """Answer many parameters, (n, P), see :meth:`CondensedModel.solve_many`; where bodies flow one by one."""
+        if self._elastic is not None:
+            return self._elastic.solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
+        from hhr_dolfinx.models.many import one_by_one
+
+        return one_by_one(self, points, {"raise_on_failure": raise_on_failure, "outside": outside})
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
         """Solve a history from rest, see :meth:`Model.march`."""

@@ -26,7 +26,7 @@ class LinearStarts(KnownStatuses):
     slopes: np.ndarray
 
     @cached_property
-    def _distances(self) -> tuple[np.ndarray, np.ndarray]:
+    def distances(self) -> tuple[np.ndarray, np.ndarray]:
         """As there, each parameter scaled by how much it moves the margins.
 
         On the pellet with six parameters and 1000 points this takes 1.8 iterations of the active set where scaling by

@@ -8,18 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
 from hhr_dolfinx.linear.dense import LapackLU
-from hhr_dolfinx.models.answer import Answer, Fields, History, Path, found_as, outcome
+from hhr_dolfinx.models.answer import Answer, Fields, History, Path, WithOutputs, found_as, outcome
 from hhr_dolfinx.models.condensed import KnownStatuses, checked_start
 from hhr_dolfinx.models.gradient import gradient_of
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedRange, check_outside
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.many import ManyAnswers
 
 
 class Elimination(Protocol):
@@ -68,7 +71,7 @@ def answer_of(
     return answer._replace(gradient=gradient_of(equalities, *how))
 
 
-class VaryingModel:
+class VaryingModel(WithOutputs):
     """Answers parameters with the primal unknown eliminated for each of them.
 
     Several threads may ask one model.
@@ -121,6 +124,12 @@ class VaryingModel:
             start = self.known.start(point)
         answer = answer_of(self.eliminated(point), point, start, self._pairs, self.fields, gradient=gradient)
         return outcome(answer, raise_on_failure, self._advice)
+
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> ManyAnswers:
+        """Answer many parameters, (n, P), one by one: each has a stiffness of its own."""
+        from hhr_dolfinx.models.many import one_by_one
+
+        return one_by_one(self, points, {"raise_on_failure": raise_on_failure, "outside": outside})
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
         """Solve along a path; see :func:`solve_along`."""

@@ -6,9 +6,10 @@ A parameter that has no answer gets a reason and does not stop the others.
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -41,12 +42,14 @@ class Answers(NamedTuple):
         status: ``ok``, or why there is no answer.
         largest_displacement: of any node, (S,).
         forces: nodal contact forces on the whole surface, (S, N_lambda).
+        outputs: those of the scene by the head of their column, ``name [unit]``, (S,) each.
     """
 
     points: np.ndarray
     status: list[str]
     largest_displacement: np.ndarray
     forces: np.ndarray
+    outputs: Mapping[str, np.ndarray] = MappingProxyType({})
 
 
 class TableRow(NamedTuple):
@@ -96,8 +99,11 @@ def answer_points(
     parts = [rows] if comm is None else comm.gather(rows, root=0)
     if parts is None:
         return None
-    status, largest, forces = zip(*(row for part in parts for row in part), strict=True) if len(points) else ((),) * 3
-    return Answers(points, list(status), np.array(largest), np.array(forces).reshape(len(points), _forces_of(model)))
+    every = [row for part in parts for row in part]
+    status, largest, forces, outputs = zip(*every, strict=True) if every else ((),) * 4
+    heads, count = _heads_of(model), len(points)
+    columns = dict(zip(heads, np.array(outputs).reshape(count, len(heads)).T, strict=True))
+    return Answers(points, list(status), np.array(largest), np.array(forces).reshape(count, _forces_of(model)), columns)
 
 
 def read_points(path: str | Path, space: ParameterSpace) -> list[TableRow]:
@@ -178,13 +184,12 @@ def write_answers(
     count = answers.forces.shape[1]
     with replacing(path, text=True) as file:
         writer = csv.writer(file)
-        writer.writerow([*space.names, *_COLUMNS, *(f"force_{k}" for k in range(count))])
-        for row, status, largest, forces in zip(given, *answers[1:], strict=True):
+        writer.writerow([*space.names, *_COLUMNS, *answers.outputs, *(f"force_{k}" for k in range(count))])
+        for k, (row, status) in enumerate(zip(given, answers.status, strict=True)):
+            forces, outputs = answers.forces[k], [column[k] for column in answers.outputs.values()]
+            values = [answers.largest_displacement[k], forces.sum(), *outputs, *forces]
             # 12 digits: what different orders of summation leave alone
-            values = (
-                [f"{value:.12g}" for value in (largest, forces.sum(), *forces)] if status == OK else [""] * (count + 2)
-            )
-            writer.writerow([*row, status, *values])
+            writer.writerow([*row, status, *(f"{value:.12g}" if status == OK else "" for value in values)])
     return sum(status != OK for status in answers.status)
 
 
@@ -222,14 +227,22 @@ def _numbers(row: TableRow, space: ParameterSpace) -> tuple[list[float], str]:
     return point, ""
 
 
-def _answer(model: ReducedModel, point: np.ndarray, outside: str) -> tuple[str, float, np.ndarray]:
-    """Status, largest displacement and forces at one point."""
+def _answer(model: ReducedModel, point: np.ndarray, outside: str) -> tuple[str, float, np.ndarray, list[float]]:
+    """Status, largest displacement, forces and outputs at one point."""
+    heads = _heads_of(model)
     try:
         answer = model.solve(point, outside=outside)
         displacement, forces = answer.displacement(), answer.forces()
+        outputs = list(answer.outputs().values.values()) if heads else []
     except HHRError as error:  # what a row may do; anything else is a fault of the program and ends the run
-        return str(error), np.nan, np.full(_forces_of(model), np.nan)
-    return OK, np.linalg.norm(displacement.reshape(-1, model.dimension), axis=1).max(), forces
+        return str(error), np.nan, np.full(_forces_of(model), np.nan), [np.nan] * len(heads)
+    return OK, np.linalg.norm(displacement.reshape(-1, model.dimension), axis=1).max(), forces, outputs
+
+
+def _heads_of(model: ReducedModel) -> list[str]:
+    """Heads of the columns of the outputs."""
+    items = () if model.fields.functionals is None else model.fields.functionals.items
+    return [f"{item.name} [{item.unit}]" if item.unit else item.name for item in items]
 
 
 def _forces_of(model: ReducedModel) -> int:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -38,9 +39,10 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.reduced_flow import ReducedFlow
     from hhr_dolfinx.models.varying import VaryingModel
 
-FORMAT, VERSION = "hhr_dolfinx reduced model", 6
+FORMAT, VERSION = "hhr_dolfinx reduced model", 7
 CONDENSED = "hhr_dolfinx condensed model"
 """Format of files of interpolated condensation, see ``varying_file``."""
+VALUES = ("amplitudes", "laws", "outputs")  # lists in the header
 
 PACKED = {
     "reduced.gaps": ("C", "m", "terms"),
@@ -146,15 +148,13 @@ def save_model(path: str | Path, model: ReducedModel | VaryingModel) -> None:
         why = "the indicator stays behind: answers of the model read from it have no estimate"
         warnings.warn(f"{path} holds no code, {why}", ModelFileWarning, stacklevel=2)
     laws = [group.law for group in model.flow.material.groups] if model.flow is not None else []
-    values: dict[str, list[Any]] = {"amplitudes": list(model.fields.amplitudes.nonaffine), "laws": laws}
+    outputs = [] if model.fields.functionals is None else list(model.fields.functionals.items)
+    lists: tuple[list[Any], ...] = (list(model.fields.amplitudes.nonaffine), laws, outputs)
+    values = dict(zip(VALUES, lists, strict=True))
     space = model.parameters
     box = {"names": space.names, "lower": [float(x) for x in space.lower], "upper": [float(x) for x in space.upper]}
-    header: dict[str, Any] = {
-        "format": FORMAT,
-        "version": VERSION,
-        "parameters": box,
-        "dimension": int(model.dimension),
-    }
+    header: dict[str, Any] = {"format": FORMAT, "version": VERSION, "parameters": box}
+    header["dimension"] = int(model.dimension)
     try:
         fields = _taken_apart(model)
         kinds = _kinds(fields, (), {type(item) for items in values.values() for item in items if item is not None})
@@ -200,6 +200,10 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> ReducedModel | V
         raise ModelFileError(f"{error}: build the model again") from error
     varying = header.pop("varying", None)
     others = {name: arrays.pop(name) for name in list(arrays) if name.startswith("varying.")}
+    if header.get("outputs"):
+        from hhr_dolfinx.models.functional_kinds import KINDS
+
+        known = [*known, *KINDS]
     kinds = _kinds(arrays, header.get("amplitudes"), known)
     try:
         model = _model(_checked(header, arrays, kinds))
@@ -290,15 +294,16 @@ class _Content(NamedTuple):
     sizes: dict[str, int]
     amplitudes: list[Any]
     laws: list[Any]
+    outputs: list[Any]
 
 
 def _checked(header: dict, arrays: Mapping[str, np.ndarray], kinds: Mapping[str, type]) -> _Content:
     """The content of a file, if it is that of a model."""
     _check_header(header)
     space, arrays = ParameterSpace(**header["parameters"]), dict(arrays)
-    amplitudes, laws = (_values(what, header[what], arrays, kinds) for what in ("amplitudes", "laws"))
+    values = [_values(what, header[what], arrays, kinds) for what in VALUES]
     layout = _layout(arrays)
-    if any(type(value).__name__ == "Scalar" and value.names != space.names for value in amplitudes):
+    if any(type(value).__name__ == "Scalar" and value.names != space.names for value in values[0]):
         raise FileContentError(f"a formula is one of other parameters than {space.names}")
     sizes = check_layout(arrays, layout, {"P": len(space.names), "ends": 2})
     empty = [name for name, size in sizes.items() if size == 0 and name not in _MAY_BE_NONE]
@@ -306,10 +311,10 @@ def _checked(header: dict, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
         raise FileContentError(f"sizes {empty} are zero")
     # compiled loops multiply indices, for which four bytes may be too few
     arrays = {name: arrays[name].astype(_TYPES[kind[0]], copy=False) for name, kind in layout.items()}
-    content = _Content(space, header["dimension"], arrays, sizes, amplitudes, laws)
+    content = _Content(space, header["dimension"], arrays, sizes, *values)
     if _flows(arrays):
         _check_flow(content)
-    elif laws:
+    elif content.laws:
         raise FileContentError("it has laws of flow, and nothing flows")
     for name in INDICES.keys() & layout.keys():
         array, size = arrays[name], sizes[INDICES[name]]
@@ -320,12 +325,12 @@ def _checked(header: dict, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
 
 
 def _check_header(header: dict) -> None:
-    if header.keys() != {"format", "version", "parameters", "dimension", "amplitudes", "laws"}:
+    if header.keys() != {"format", "version", "parameters", "dimension", *VALUES}:
         raise FileContentError(f"its header has the keys {sorted(header)}")
     if type(header["dimension"]) is not int or header["dimension"] not in (2, 3):
         raise FileContentError(f"the dimension must be 2 or 3, not {repr(header['dimension'])[:40]}")
-    if not all(isinstance(header[what], list) for what in ("amplitudes", "laws")):
-        raise FileContentError("the amplitudes and laws in its header must be lists")
+    if not all(isinstance(header[what], list) for what in VALUES):
+        raise FileContentError(f"the {', '.join(VALUES)} in its header must be lists")
     box = header["parameters"]
     if not isinstance(box, dict) or box.keys() != {"names", "lower", "upper"}:
         raise FileContentError("the parameters must have names, lower and upper")
@@ -407,6 +412,12 @@ def _model(content: _Content) -> ReducedModel:
             trained = TrainedPaths(range_, steps=steps, **parts["paths"])
     flow, completion = _flow(parts["flow"], parts["completion"], content) if "flow" in parts else (None, None)
     fields = Reconstruction(theta, **parts["fields"], dimension=content.dimension, flow=completion)
+    if content.outputs:
+        from hhr_dolfinx.models.functionals import Functionals
+
+        functionals = Functionals(tuple(content.outputs), content.sizes["N"], theta)
+        functionals.check(content.space, content.sizes["N_lambda"], content.sizes.get("gauss points", 0))
+        fields = replace(fields, functionals=functionals)
     known = KnownStatuses(**parts["known"]) if "known" in parts else None
     return ReducedModel(ReducedProblem(**parts["reduced"]), content.space, fields, trained, known=known, flow=flow)
 

@@ -16,6 +16,8 @@ from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.formulas import Formula, Modulus, Scalar
 from hhr_dolfinx.models.block_elimination import BlockReduction
 from hhr_dolfinx.models.condensed import KnownStatuses
+from hhr_dolfinx.models.functional_kinds import KINDS as FUNCTIONALS
+from hhr_dolfinx.models.functionals import Functionals
 from hhr_dolfinx.models.interpolated import Compliance, Compliances, InterpolatedFields, PrimalModes
 from hhr_dolfinx.models.interpolation import Interpolant
 from hhr_dolfinx.models.projected import ReducedProblem, ReducedTerms
@@ -33,7 +35,7 @@ VERSION = 1
 KINDS = (
     Amplitudes, BlockReduction, Compliance, Compliances, Coverage, Formula, InterpolatedFields, InterpolatedProblem,
     Interpolant, KnownStatuses, LinearStarts, Modulus, ParameterSpace, PrimalModes, ReducedProblem, ReducedTerms,
-    ReshapedReduction, Scalar,
+    ReshapedReduction, Scalar, Functionals, *FUNCTIONALS,
 )  # fmt: skip
 """Classes that may come out of a file."""
 

@@ -229,7 +229,7 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
             check_stability(stability, recipe.trust)
     with log.stage("reconstruction"):
         fields = shared.completion.reconstruction(problem, basis, sets, flow)
-        fields = replace(fields, stress_of=full.stress_of)
+        fields = replace(fields, stress_of=full.stress_of, functionals=full.functionals)
         if recipe.indicator is not None:
             fields = replace(fields, indicator=recipe.indicator.prepared(problem, basis, sets))
     known = shared.snapshots.known_statuses(sets.A_lambda) if flow is None else None

@@ -143,7 +143,7 @@ def _fields(full: Any, displacements: np.ndarray, settings: GridSettings) -> Int
     else:
         interpolated = interpolated_problem(problem, basis, sets, settings)
         galerkin = ReshapedReduction(interpolated, problem.amplitudes, problem.parameters)
-    rest = galerkin, problem.block_size, full.stress_of
+    rest = galerkin, problem.block_size, full.stress_of, full.functionals
     return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest)
 
 

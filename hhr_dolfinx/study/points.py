@@ -11,10 +11,13 @@ import numpy as np
 from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.certify.accuracy import summary
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.linear.dense import Factorise, LapackLU, PetscLU
-from hhr_dolfinx.models.answer import Model
+from hhr_dolfinx.models.answer import Answer, Model
 from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses
 from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.study.measure import Measurement, Row
 from hhr_dolfinx.study.references import References
 from hhr_dolfinx.study.training import Progress, Training
@@ -78,6 +81,8 @@ def measure_points(
             "cycles": sum(answer.cycled for answer in answers),
         },
     }
+    if full.functionals is not None:
+        report["outputs"] = _outputs(full, references.solutions, answers)
     own = Row("HHR", "this model", warm["online"], references.errors(model))
     how = {"condensed": "interpolated"} if offline else {}
     rows = [Row(name, how.get(name, "exact"), warm[name], errors) for name, errors in exact.items()]
@@ -110,6 +115,24 @@ def _everywhere(model: Model) -> Callable[[np.ndarray], tuple[np.ndarray, np.nda
         return answer.displacement(), answer.forces()
 
     return query
+
+
+def _outputs(full: FullOrderModel, solutions: SnapshotSet, answers: list[Answer]) -> dict[str, Any]:
+    """The ``outputs`` part of a report: unit, largest absolute value and errors relative to it, by name.
+
+    Errors are infinite where there is no answer.
+    """
+    exact = []
+    for point, unknown, forces in zip(solutions.points, solutions.displacements.T, solutions.forces.T, strict=True):
+        exact.append(Answer(point, unknown, forces, forces > 0, 0, Status.CONVERGED, False, full).outputs())
+    found = [answer.outputs() for answer in answers]
+    report = {}
+    for name, unit in exact[0].units.items():
+        values, others = (np.array([outputs[name] for outputs in part]) for part in (exact, found))
+        largest = float(np.abs(values).max())
+        errors = np.abs(others - values) / (largest or 1.0)
+        report[name] = {"unit": unit, "largest": largest, **summary(np.where(np.isfinite(errors), errors, np.inf))}
+    return report
 
 
 def _twin(model: ReducedModel, factorise: Factorise) -> ReducedModel:

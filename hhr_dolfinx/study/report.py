@@ -219,6 +219,12 @@ def print_report(report: dict[str, Any], console: Console) -> None:
         if row is not None and "median" in row:
             times.add_row(name, _seconds(row["median"]), _seconds(row["p95"]), f"{row['median'] / online:.1f}")
     console.print(errors, times)
+    if "outputs" in report:
+        outputs = Table("output", "largest", "median error", "95 %", "max")
+        for name, row in report["outputs"].items():
+            head = f"{name} [{row['unit']}]" if row["unit"] else name
+            outputs.add_row(head, *(f"{row[key]:.2e}" for key in ("largest", "median", "p95", "max")))
+        console.print(outputs)
     for name, row in report["times"].items():
         for line in _lines(name, row):
             console.print(line)

@@ -1,0 +1,285 @@
+"""Outputs of a scene as plain data: what of them needs the mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from scipy.sparse import csc_matrix, csr_matrix, hstack
+
+from hhr_dolfinx import compat
+from hhr_dolfinx.contact.problem import ContactProblem, masked
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.forms import elasticity
+from hhr_dolfinx.forms.return_mapping import strain_vector
+from hhr_dolfinx.full_order.checks import check_present
+from hhr_dolfinx.models.functional_kinds import Energy, FlowMises, Mises
+from hhr_dolfinx.models.functionals import Functional, Functionals
+from hhr_dolfinx.outputs import ElasticEnergy, VonMises
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.discretisation import Discretisation
+    from hhr_dolfinx.full_order.flow import FullEquilibrium
+    from hhr_dolfinx.full_order.full import FullOrderModel
+    from hhr_dolfinx.loads import Assembler
+    from hhr_dolfinx.scene import Scene
+
+
+@dataclass(frozen=True)
+class Probe:
+    """What an output may ask of the finite element model; on several ranks all of them ask together.
+
+    Attributes:
+        scene: the scene.
+        problem: the contact problem.
+        contact_rows: B with the columns of imposed dofs, (N_lambda, N).
+        assembler: what loads may ask for.
+        nodes: numbers of the nodes of a body, by its cell tag; refuses tags that are not there.
+        mises: von Mises' stress of the cells of a body within a box, given by its corners or None.
+        energy: elastic energy.
+    """
+
+    scene: Scene
+    problem: ContactProblem
+    contact_rows: csr_matrix
+    assembler: Assembler
+    nodes: Callable[[int], np.ndarray]
+    mises: Callable[[VonMises], Functional]
+    energy: Callable[[ElasticEnergy], Functional]
+
+    @property
+    def dimension(self) -> int:
+        """Components of a displacement."""
+        return self.problem.block_size
+
+    def conditions(self, output: Any) -> np.ndarray:
+        """Numbers of the conditions of the contact that an output names."""
+        contacts = len(self.scene.contacts)
+        if output.contact >= contacts:
+            raise SceneError(
+                f"output '{output.name}' names contact {output.contact}, and the scene has {contacts}, counted from 0"
+            )
+        found = np.flatnonzero(self.problem.contact_pairs == output.contact)
+        if not found.size:
+            raise SceneError(
+                f"output '{output.name}' names contact {output.contact}, of which no condition moves: name another"
+            )
+        return found
+
+    def loaded(self, output: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Conditions of a contact that have an area, and their areas."""
+        conditions = self.conditions(output)
+        conditions = conditions[self.problem.contact_areas[conditions] > 0]
+        if not conditions.size:
+            raise SceneError(f"output '{output.name}': no condition of contact {output.contact} has an area")
+        return conditions, self.problem.contact_areas[conditions]
+
+    def at_place(self, output: Any, points: np.ndarray) -> np.ndarray:
+        """Numbers of the points, (n, dim), nearest to the place of an output; several where they coincide.
+
+        Raises:
+            SceneError: for a place farther from all of them than a cell is long.
+        """
+        dim, place = self.dimension, np.array(output.place, dtype=float)
+        if place.size != dim:
+            raise SceneError(f"output '{output.name}': the place {output.place} must have {dim} coordinates")
+        distances = np.linalg.norm(points - place, axis=1)
+        nearest = int(distances.argmin())
+        size = self._cell_size(points[nearest])
+        if distances[nearest] > size:
+            raise SceneError(
+                f"output '{output.name}': the place {output.place} is {distances[nearest]:.4g} away from the nearest "
+                f"point at {points[nearest].tolist()}, and a cell there is {size:.4g} long: move it"
+            )
+        return np.flatnonzero(distances <= distances[nearest] + 1e-6 * size)
+
+    def _cell_size(self, point: np.ndarray) -> float:
+        """Length of the largest cell at the node nearest to a point."""
+        cells, nodes = self.problem.cell_nodes, self.problem.points
+        nearest = np.linalg.norm(nodes - point, axis=1).argmin()
+        at_node = cells[(cells == nearest).any(axis=1)]
+        return float(np.linalg.norm(np.ptp(nodes[at_node], axis=1), axis=1).max(initial=0.0))
+
+    def nodal_forces(self, output: Any) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
+        """Conditions of a contact, positions of its first surface's nodes, and the forces on them.
+
+        These are -B^T λ on the body of the surface named first, the slave: (c,), (n, dim), sparse (c, n dim).
+        """
+        conditions = self.conditions(output)
+        surface = self.assembler.surface(self.scene.contacts[output.contact].tags[0])
+        dofs = (surface.nodes[:, None] * self.dimension + np.arange(self.dimension)).ravel()
+        return conditions, surface.points, csr_matrix(-self.contact_rows[conditions][:, dofs])
+
+
+def functionals_of(full: FullOrderModel) -> Functionals:
+    """All outputs of a scene; on several ranks the same on each, and all of them ask together.
+
+    Raises:
+        SceneError: for an output of what the model does not have.
+    """
+    return prepared_outputs(full.discretisation, full.problem, full.equilibrium)
+
+
+def prepared_outputs(
+    discretisation: Discretisation, problem: ContactProblem, equilibrium: FullEquilibrium | None
+) -> Functionals:
+    """The same of a mesh with its problem, and of what flows on it."""
+    items = []
+    for output in discretisation.scene.outputs:
+        probe = Probe(
+            scene=discretisation.scene,
+            problem=problem,
+            contact_rows=discretisation.contact_rows,
+            assembler=discretisation.assembler(output),
+            nodes=partial(_nodes, discretisation, problem),
+            mises=partial(_mises, discretisation, problem, equilibrium),
+            energy=partial(_energy, discretisation, problem, equilibrium),
+        )
+        items.append(output.prepared(probe))
+    found = Functionals(tuple(items), problem.free.size, problem.amplitudes)
+    gauss_points = 0 if equilibrium is None else equilibrium.operator.gauss_points
+    found.check(problem.parameters, len(problem.gaps), gauss_points)
+    return found
+
+
+def _cells(discretisation: Discretisation, tag: int) -> np.ndarray:
+    """Cells of a body on all ranks, as a mask in the order of ``cell_nodes``."""
+    tags = [body.tag for body in discretisation.scene.bodies]
+    if tag not in tags:
+        raise SceneError(f"the cell tag {tag} is none of the bodies {tags} of scene '{discretisation.scene.name}'")
+    check_present("cell", discretisation._cell_tags, [tag], discretisation.comm)
+    return np.concatenate(discretisation.comm.allgather(discretisation.cell_bodies())) == tags.index(tag)
+
+
+def _nodes(discretisation: Discretisation, problem: ContactProblem, tag: int) -> np.ndarray:
+    """Nodes of a body."""
+    return np.unique(problem.cell_nodes[_cells(discretisation, tag)])
+
+
+def _mises(
+    discretisation: Discretisation, problem: ContactProblem, equilibrium: FullEquilibrium | None, output: VonMises
+) -> Functional:
+    """Von Mises' stress of the cells of an output."""
+    try:
+        inside = _cells(discretisation, output.tag)
+    except SceneError as error:
+        raise SceneError(f"output '{output.name}': {error}") from None
+    if output.where is not None:
+        middles = problem.points[problem.cell_nodes].mean(axis=1)
+        if any(len(corner) != middles.shape[1] for corner in output.where):
+            raise SceneError(
+                f"output '{output.name}': where = {output.where} must have {middles.shape[1]} coordinates, as the mesh"
+            )
+        within = (middles >= np.array(output.where[0])) & (middles <= np.array(output.where[1]))
+        if not (inside & within.all(axis=1)).any():
+            low, high = middles[inside].min(axis=0).tolist(), middles[inside].max(axis=0).tolist()
+            raise SceneError(
+                f"output '{output.name}': no cell of body {output.tag} has its middle in {output.where}; they lie "
+                f"between {low} and {high}: enlarge the box"
+            )
+        inside &= within.all(axis=1)
+    mean, cells = output.kind == "mean", np.flatnonzero(inside)
+    nothing = 0, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0)
+    if equilibrium is not None:
+        points = equilibrium.operator.points_of(cells)
+        shares = equilibrium.operator.weights.ravel()[points]
+        given = points.astype(np.int64), shares / shares.sum() if mean else np.zeros(0)
+        return FlowMises(output.name, output.unit, *nothing, *given)
+    first = sum(discretisation.comm.allgather(_own_cells(discretisation))[: discretisation.comm.rank])
+    own = cells[(cells >= first) & (cells < first + _own_cells(discretisation))] - first
+    place = next(k for k, body in enumerate(discretisation.scene.bodies) if body.tag == output.tag)
+    strain, dofs, factors, volumes = _gathered(discretisation, _tabulated(discretisation, own.astype(np.int32), place))
+    count, components, _ = strain.shape
+    rows = np.broadcast_to(np.arange(count * components).reshape(count, components, 1), strain.shape)
+    columns = np.broadcast_to(dofs[:, None], strain.shape)
+    used = strain != 0
+    matrix = count * components, rows[used].astype(np.int64), columns[used].astype(np.int64), strain[used]
+    body, scene = discretisation.scene.bodies[place], discretisation.scene
+    volume, shape = elasticity.unit_moduli(_text(body.poisson), scene.hypothesis)
+    moduli = f"({_text(body.young)}) * ({volume})", f"({_text(body.young)}) * ({shape})"
+    flat, shares = scene.hypothesis == "plane_stress", volumes / volumes.sum() if mean else np.zeros(0)
+    return Mises(output.name, output.unit, *matrix, scene.parameters.names, *moduli, flat, factors, shares)
+
+
+def _text(value: float | str) -> str:
+    """A number or a formula as a formula, without loss."""
+    return value if isinstance(value, str) else repr(float(value))
+
+
+def _own_cells(discretisation: Discretisation) -> int:
+    """Number of the cells of this rank."""
+    return discretisation.mesh.topology.index_map(discretisation.mesh.topology.dim).size_local
+
+
+def _tabulated(discretisation: Discretisation, cells: np.ndarray, place: int) -> tuple[np.ndarray, ...]:
+    """Strain in the middles of some cells of this rank, its dofs, the factor of the modulus, and the volumes.
+
+    (c, components, k), (c, k), (c,), (c,); where the body takes the mean dilatation, so does its strain.
+    """
+    mesh, space, hypothesis = discretisation.mesh, discretisation.space, discretisation.scene.hypothesis
+    constants = fem.functionspace(mesh, ("Discontinuous Lagrange", 0))
+    middle = compat.interpolation_points(constants.element)
+    dim, components = mesh.geometry.dim, 6 if hypothesis == "solid" else 4
+    blocks = space.dofmap.list[cells]
+    table = fem.Expression(strain_vector(ufl.TrialFunction(space), hypothesis), middle).eval(mesh, cells)
+    strain = table.reshape(len(cells), components, dim * blocks.shape[1])
+    if discretisation.mean_dilatation[place]:
+        from hhr_dolfinx.full_order.gauss_points import tabulated
+
+        # at each Gauss point the trace is its mean over the cell already
+        mean = tabulated(discretisation, cells).gradients[:, 0, :3].sum(axis=1)
+        strain[:, :3] += ((mean - strain[:, :3].sum(axis=1)) / 3)[:, None]
+    grading, body = np.ones(len(cells)), discretisation.scene.bodies[place]
+    if body.grading is not None:
+        from hhr_dolfinx.full_order.varying import grading_of
+
+        factor = grading_of(discretisation, body) + 0 * ufl.SpatialCoordinate(mesh)[0]
+        grading = fem.Expression(factor, middle).eval(mesh, cells).reshape(len(cells))
+    weight = elasticity.volume_weight(mesh, hypothesis) * ufl.TestFunction(constants) * ufl.dx(mesh)
+    volumes = fem_petsc.assemble_vector(fem.form(weight)).array_r[constants.dofmap.list[cells].ravel()]
+    nodes = space.dofmap.index_map.local_to_global(blocks.ravel().astype(np.int32)).reshape(blocks.shape)
+    dofs = (dim * nodes[:, :, None] + np.arange(dim)).reshape(len(cells), dim * blocks.shape[1])
+    return strain, dofs, grading, volumes
+
+
+def _gathered(discretisation: Discretisation, parts: tuple[np.ndarray, ...]) -> list[np.ndarray]:
+    """Arrays of the cells of all ranks, one behind another."""
+    return [np.concatenate(part) for part in zip(*discretisation.comm.allgather(parts), strict=True)]
+
+
+def _energy(
+    discretisation: Discretisation, problem: ContactProblem, equilibrium: FullEquilibrium | None, output: ElasticEnergy
+) -> Functional:
+    """Elastic energy by the work of all forces."""
+    if equilibrium is not None:
+        raise SceneError(
+            f"output '{output.name}': bodies of scene '{discretisation.scene.name}' flow, and the work of forces is "
+            "not their elastic energy: leave it out"
+        )
+    whole = problem.gathered(discretisation.comm)
+    names = problem.parameters.names
+    moduli = tuple(f"({modulus.factor}) * ({modulus.rest})" for modulus in problem.moduli) or ("1",)
+    stiffness = whole.stiffness_terms if problem.moduli else (whole.stiffness,)
+    external = whole.external
+    loaded = np.flatnonzero(np.diff(external.indptr))
+    lifted = np.flatnonzero(np.diff(whole.lifts.tocsc().indptr))
+    lifts = whole.lifts.tocsc()[:, lifted]
+    pushed = [part @ lifts for part in stiffness]
+    blocks = [external[:, loaded], *(masked(csc_matrix(part), problem.free) for part in pushed)]
+    entries = hstack([csc_matrix(block) for block in blocks]).T.tocoo()
+    terms = np.concatenate([loaded, np.tile(lifted, len(stiffness))]).astype(np.int64)
+    parts = np.concatenate([np.full(loaded.size, -1), np.repeat(np.arange(len(stiffness)), lifted.size)])
+    matrix = terms.size, entries.row.astype(np.int64), entries.col.astype(np.int64), entries.data
+    squares = np.array([(lifts.T @ part).toarray() for part in pushed]).reshape(
+        len(stiffness), lifted.size, lifted.size
+    )
+    gap_terms = np.flatnonzero(problem.gaps.any(axis=0)).astype(np.int64)
+    gaps = np.ascontiguousarray(problem.gaps[:, gap_terms])
+    rest = terms, parts.astype(np.int64), lifted.astype(np.int64), squares, gap_terms, gaps
+    return Energy(output.name, output.unit, *matrix, names, moduli, *rest)

@@ -1,0 +1,280 @@
+"""What outputs are made of: a class for each way in which a number depends on forces, displacement and point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from hhr_dolfinx.formulas import Scalar
+from hhr_dolfinx.materials.elasticity import von_mises
+from hhr_dolfinx.models.functionals import Functional, Slopes, State
+
+TIE = 1e-9
+"""Relative difference below which two values are both the largest, and the derivative holds on one side only."""
+LOADED = 1e-3
+"""Part of the largest pressure of a contact from which on a condition is under load: below it forces that a reduced
+model completes outside its domain are noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Linear(Functional):
+    """Forces, displacement and amplitudes times weights.
+
+    Attributes:
+        conditions, weights: of the forces, (c,) each.
+        along: weights of its rows, (k,).
+        terms, coefficients: of the amplitudes, (t,) each.
+    """
+
+    conditions: np.ndarray
+    weights: np.ndarray
+    along: np.ndarray
+    terms: np.ndarray
+    coefficients: np.ndarray
+
+    @property
+    def uses_forces(self) -> bool:  # type: ignore[override]
+        """Whether it depends on any."""
+        return self.conditions.size > 0
+
+    def value(self, state: State) -> float:
+        """The sum of all products."""
+        value = state.measured @ self.along + state.theta[self.terms] @ self.coefficients
+        return float(value + state.forces[self.conditions] @ self.weights if self.uses_forces else value)
+
+    def slopes(self, state: State) -> Slopes:
+        """The weights."""
+        theta = np.zeros(state.theta.size)
+        theta[self.terms] = self.coefficients
+        return Slopes(self.conditions, self.weights, self.along, theta)
+
+    def indices(self) -> dict[str, np.ndarray]:
+        """Conditions and terms."""
+        return {"conditions": self.conditions, "terms": self.terms}
+
+
+@dataclass(frozen=True, eq=False)
+class Largest(Functional):
+    """Largest pressure, force over area.
+
+    Attributes:
+        conditions, areas: (c,) each.
+    """
+
+    uses_forces: ClassVar[bool] = True
+
+    conditions: np.ndarray
+    areas: np.ndarray
+
+    def value(self, state: State) -> float:
+        """Of any condition."""
+        return float((state.forces[self.conditions] / self.areas).max())
+
+    def slopes(self, state: State) -> Slopes:
+        """Of the condition where it is attained."""
+        pressures = state.forces[self.conditions] / self.areas
+        place = pressures.argmax()
+        return Slopes(self.conditions[[place]], 1 / self.areas[[place]], kink=_tied(pressures, place))
+
+    def indices(self) -> dict[str, np.ndarray]:
+        """Conditions."""
+        return {"conditions": self.conditions}
+
+
+@dataclass(frozen=True, eq=False)
+class Loaded(Functional):
+    """Area under load times a factor and an offset; piecewise constant, so that its derivatives are zero.
+
+    Attributes:
+        conditions, areas: (c,) each.
+        offset, factor: what its value is made of.
+    """
+
+    uses_forces: ClassVar[bool] = True
+
+    conditions: np.ndarray
+    areas: np.ndarray
+    offset: float
+    factor: float
+
+    def value(self, state: State) -> float:
+        """By what is pressed by more than :data:`LOADED` of the largest pressure."""
+        pressures = state.forces[self.conditions] / self.areas
+        largest = pressures.max()
+        loaded = (pressures > LOADED * largest) & (largest > 0)
+        return float(self.offset + self.factor * self.areas[loaded].sum())
+
+    def slopes(self, state: State) -> Slopes:
+        """None."""
+        return Slopes()
+
+    def indices(self) -> dict[str, np.ndarray]:
+        """Conditions."""
+        return {"conditions": self.conditions}
+
+
+@dataclass(frozen=True, eq=False)
+class Mises(Functional):
+    """Von Mises' stress of elastic cells: rows are the strain in their middles, Kelvin's notation, cell by cell.
+
+    Attributes:
+        names: of the parameters.
+        volume, shape: λ' and μ' as formulas, see :func:`hhr_dolfinx.forms.elasticity.isotropic_parts`.
+        plane_stress: whether the stress across the plane vanishes.
+        grading: factor of the moduli of each cell, (cells,).
+        shares: of each cell in the mean, (cells,); none for the largest value.
+    """
+
+    names: tuple[str, ...]
+    volume: str
+    shape: str
+    plane_stress: bool
+    grading: np.ndarray
+    shares: np.ndarray
+
+    def __post_init__(self) -> None:
+        _ = self._moduli  # what cannot be read is refused where it is made
+
+    @cached_property
+    def _moduli(self) -> tuple[Scalar, Scalar]:
+        return Scalar(self.volume, tuple(self.names)), Scalar(self.shape, tuple(self.names))
+
+    def _stress(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Stress and its parts per λ' and μ', (cells, components) each, and the unit tensor, (components,)."""
+        strain = state.measured.reshape(self.grading.size, -1)
+        if self.plane_stress:
+            strain = strain * np.array([1.0, 1.0, 0.0, 1.0])
+        unit = np.zeros(strain.shape[1])
+        unit[: 2 if self.plane_stress else 3] = 1.0
+        of_volume = self.grading[:, None] * np.outer(strain @ unit, unit)
+        of_shape = 2 * self.grading[:, None] * strain
+        volume, shape = (modulus.value(state.point) for modulus in self._moduli)
+        return volume * of_volume + shape * of_shape, of_volume, of_shape, unit
+
+    def value(self, state: State) -> float:
+        """The largest one, or their mean over the volume."""
+        values = von_mises(self._stress(state)[0])
+        return float(self.shares @ values if self.shares.size else values.max())
+
+    def slopes(self, state: State) -> Slopes:
+        """Through the stress."""
+        stress, of_volume, of_shape, unit = self._stress(state)
+        values = von_mises(stress)
+        shares, kink = self.shares, False
+        if not shares.size:
+            shares = np.zeros(values.size)
+            shares[values.argmax()] = 1.0
+            kink = _tied(values, int(values.argmax()))
+        deviator = stress.copy()
+        deviator[:, :3] -= stress[:, :3].mean(axis=1, keepdims=True)
+        scale = np.divide(1.5 * shares, values, out=np.zeros(values.size), where=values > 0)
+        along = scale[:, None] * deviator
+        volume, shape = self._moduli
+        found = volume.value(state.point) * np.outer(along @ unit, unit) + 2 * shape.value(state.point) * along
+        found *= self.grading[:, None]
+        if self.plane_stress:
+            found *= np.array([1.0, 1.0, 0.0, 1.0])
+        point = np.sum(along * of_volume) * volume.derivative(state.point)
+        point = point + np.sum(along * of_shape) * shape.derivative(state.point)
+        return Slopes(measured=found.ravel(), point=point, kink=kink or bool((values[shares > 0] == 0).any()))
+
+
+@dataclass(frozen=True, eq=False)
+class FlowMises(Functional):
+    """Von Mises' stress at Gauss points of bodies that flow.
+
+    Attributes:
+        points: numbers of the Gauss points, (g,).
+        shares: of each in the mean, (g,); none for the largest value.
+    """
+
+    points: np.ndarray
+    shares: np.ndarray
+
+    def value(self, state: State) -> float:
+        """The largest one, or their mean over the volume."""
+        values = von_mises(state.stress()[self.points])
+        return float(self.shares @ values if self.shares.size else values.max())
+
+    def indices(self) -> dict[str, np.ndarray]:
+        """Gauss points."""
+        return {"points": self.points}
+
+
+@dataclass(frozen=True, eq=False)
+class Energy(Functional):
+    """Elastic energy by the work of all forces: (U0·F θ + U0·K lift + lift·K lift - λ·D θ) / 2.
+
+    It is u·K u / 2 in equilibrium, since K U0 = F - K lift - B^T λ, and B U0 = D wherever λ is not zero.
+
+    Attributes:
+        names: of the parameters.
+        moduli: of the parts of K, as formulas.
+        terms: of θ by which each row is multiplied, (k,).
+        parts: number of the modulus of each row, (k,); -1 for a load, which has none.
+        lifted: terms that impose displacements, (l,).
+        lifts: lift·K_q lift of each part, (Q, l, l).
+        gap_terms: terms on which gaps depend, (g,).
+        gaps: D, (m, g).
+    """
+
+    uses_forces: ClassVar[bool] = True
+
+    names: tuple[str, ...]
+    moduli: tuple[str, ...]
+    terms: np.ndarray
+    parts: np.ndarray
+    lifted: np.ndarray
+    lifts: np.ndarray
+    gap_terms: np.ndarray
+    gaps: np.ndarray
+
+    def __post_init__(self) -> None:
+        _ = self._moduli
+
+    @cached_property
+    def _moduli(self) -> tuple[Scalar, ...]:
+        return tuple(Scalar(text, tuple(self.names)) for text in self.moduli)
+
+    def value(self, state: State) -> float:
+        """Half the work."""
+        weights = np.array([*(modulus.value(state.point) for modulus in self._moduli), 1.0])
+        theta, moved = state.theta, state.theta[self.lifted]
+        work = (theta[self.terms] * weights[self.parts]) @ state.measured
+        work += weights[:-1] @ (self.lifts @ moved @ moved)
+        return float(work - state.forces @ (self.gaps @ theta[self.gap_terms])) / 2
+
+    def slopes(self, state: State) -> Slopes:
+        """Product by product."""
+        weights = np.array([*(modulus.value(state.point) for modulus in self._moduli), 1.0])
+        theta, moved = state.theta, state.theta[self.lifted]
+        of_theta = np.zeros(theta.size)
+        np.add.at(of_theta, self.terms, weights[self.parts] * state.measured)
+        np.add.at(of_theta, self.lifted, 2 * np.tensordot(weights[:-1], self.lifts, 1) @ moved)
+        np.add.at(of_theta, self.gap_terms, -(state.forces @ self.gaps))
+        of_weights = self.lifts @ moved @ moved
+        inner = self.parts >= 0
+        np.add.at(of_weights, self.parts[inner], (theta[self.terms] * state.measured)[inner])
+        point = np.zeros(state.point.size)
+        for modulus, slope in zip(self._moduli, of_weights, strict=True):
+            point += slope * modulus.derivative(state.point)
+        of_forces = -(self.gaps @ theta[self.gap_terms]) / 2
+        every = np.arange(state.forces.size)
+        return Slopes(every, of_forces, theta[self.terms] * weights[self.parts] / 2, of_theta / 2, point / 2)
+
+    def indices(self) -> dict[str, np.ndarray]:
+        """Terms."""
+        return {"terms": np.concatenate([self.terms, self.lifted, self.gap_terms])}
+
+
+KINDS = (Linear, Largest, Loaded, Mises, FlowMises, Energy)
+"""All of them, as a model file may hold."""
+
+
+def _tied(values: np.ndarray, place: int) -> bool:
+    """Whether another value is as large as the largest, or all are zero."""
+    largest = values[place]
+    return bool(np.count_nonzero(values >= largest - TIE * abs(largest)) > 1)

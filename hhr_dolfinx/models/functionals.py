@@ -1,0 +1,238 @@
+"""Named outputs of a model: numbers that depend on the contact forces, on a few rows of the displacement, on the point.
+
+They are plain data, so that a model file keeps them, and are read without a field: a model multiplies the rows with its
+basis once. Derivatives are exact; where an output has a kink, as a largest value has where two are equal, they hold on
+one side only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+from scipy.sparse import csr_matrix, vstack
+
+from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.errors import HHRError, SceneError
+from hhr_dolfinx.parameters import ParameterSpace
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import Answer
+
+_NOTHING = np.zeros(0)
+_NOWHERE = np.zeros(0, dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Values of the outputs of a scene at one parameter; read like a mapping from names to numbers.
+
+    Attributes:
+        values: by name; NaN without an answer.
+        units: as the scene gives them.
+        gradient: derivatives along the parameters by name, (P,) each; None unless they were asked for.
+        one_sided: whether some of the derivatives hold on one side only.
+    """
+
+    values: dict[str, float]
+    units: dict[str, str]
+    gradient: dict[str, np.ndarray] | None = None
+    one_sided: bool = False
+
+    def __getitem__(self, name: str) -> float:
+        return self.values[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.values)
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def keys(self) -> list[str]:
+        """Names, in the order of the scene."""
+        return list(self.values)
+
+
+class MeasuredFields(Protocol):
+    """What the fields of a model that knows outputs do besides, see :class:`models.answer.Fields`."""
+
+    @property
+    def functionals(self) -> Functionals | None:
+        """Outputs of the scene; None where it has none."""
+
+    def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
+        """Rows of the outputs times the displacement, (K,), for amplitudes (1 + T,)."""
+
+    def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of all contact forces, (N_lambda, P), and of these products, (K, P).
+
+        ``changes`` are those of the amplitudes, (1 + T, P); the answer has a gradient. Where no output depends on
+        forces, theirs may be left out.
+        """
+
+
+class State(NamedTuple):
+    """What an output is a function of.
+
+    Attributes:
+        forces: on all contact conditions, (m,); nothing where no output asks.
+        measured: rows of the output times the displacement, (k,).
+        point: the parameter, (P,).
+        theta: amplitudes of all terms, (1 + T,).
+        stress: makes the stress at all Gauss points, where bodies flow.
+    """
+
+    forces: np.ndarray
+    measured: np.ndarray
+    point: np.ndarray
+    theta: np.ndarray
+    stress: Callable[[], np.ndarray]
+
+
+class Slopes(NamedTuple):
+    """Partial derivatives of an output.
+
+    Attributes:
+        conditions: contact conditions on whose forces it depends.
+        forces: along these forces.
+        measured: along its rows, (k,).
+        theta: along the amplitudes, (1 + T,), or nothing.
+        point: along the parameters by themselves, (P,), or nothing.
+        kink: whether they hold on one side only.
+    """
+
+    conditions: np.ndarray = _NOWHERE
+    forces: np.ndarray = _NOTHING
+    measured: np.ndarray = _NOTHING
+    theta: np.ndarray = _NOTHING
+    point: np.ndarray = _NOTHING
+    kink: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Functional:
+    """An output as numbers.
+
+    Attributes:
+        name, unit: of the output.
+        count: k, number of its rows.
+        rows, columns, entries: of the sparse matrix of its rows, (k, N).
+    """
+
+    uses_forces: ClassVar[bool] = False
+
+    name: str
+    unit: str
+    count: int
+    rows: np.ndarray
+    columns: np.ndarray
+    entries: np.ndarray
+
+    def matrix(self, size: int) -> csr_matrix:
+        """Its rows, (k, N)."""
+        return csr_matrix((self.entries, (self.rows, self.columns)), shape=(self.count, size))
+
+    def value(self, state: State) -> float:
+        """Its value."""
+        raise NotImplementedError
+
+    def slopes(self, state: State) -> Slopes:
+        """Its partial derivatives."""
+        raise NotImplementedError
+
+    def indices(self) -> dict[str, np.ndarray]:
+        """Its indices of ``conditions`` and ``terms``, to be checked."""
+        return {}
+
+
+@dataclass(frozen=True, eq=False)
+class Functionals:
+    """All outputs of a scene.
+
+    Attributes:
+        items: one for each output.
+        size: N, number of dofs.
+        amplitudes: θ as a function of the parameters.
+    """
+
+    items: tuple[Functional, ...]
+    size: int
+    amplitudes: Amplitudes
+
+    @cached_property
+    def rows(self) -> csr_matrix:
+        """Rows of all outputs, one behind another, (K, N)."""
+        return csr_matrix(vstack([item.matrix(self.size) for item in self.items], format="csr"))
+
+    @cached_property
+    def places(self) -> list[slice]:
+        """Rows of each."""
+        ends = np.cumsum([0, *(item.count for item in self.items)]).tolist()
+        return [slice(*pair) for pair in pairwise(ends)]
+
+    @cached_property
+    def uses_forces(self) -> bool:
+        """Whether any depends on the contact forces."""
+        return any(item.uses_forces for item in self.items)
+
+    def check(self, space: ParameterSpace, conditions: int, gauss_points: int) -> None:
+        """Raise SceneError for what does not fit a model; what was read from a file may be anything."""
+        sizes = {"conditions": conditions, "terms": self.amplitudes.firsts[-1], "points": gauss_points}
+        point = np.mean([space.lower, space.upper], axis=0)
+        for item in self.items:
+            if not isinstance(item, Functional):
+                raise SceneError(f"{item!r} is no Functional, and an output must be one")
+            own = [("rows", item.rows, item.count), ("columns", item.columns, self.size)]
+            own += [(what, index, sizes[what]) for what, index in item.indices().items()]
+            for what, index, size in own:
+                if index.size and not (index.min() >= 0 and index.max() < size):
+                    raise SceneError(f"output '{item.name}' has {what} outside 0 .. {size - 1}")
+            stress = np.zeros((gauss_points, 4))
+            tried = State(np.ones(conditions), np.ones(item.count), point, np.ones(sizes["terms"]), stress.copy)
+            try:
+                item.value(tried)
+                item.matrix(self.size)
+            except (ValueError, IndexError) as error:
+                raise SceneError(f"output '{item.name}' has arrays of sizes that do not fit: {error}") from None
+
+
+def outputs_of(answer: Answer) -> Outputs:
+    """Outputs at an answer, with derivatives if the answer has any.
+
+    Raises:
+        HHRError: for a model of a scene without outputs.
+    """
+    fields: Any = answer.fields
+    functionals: Functionals | None = getattr(fields, "functionals", None)
+    if functionals is None:
+        raise HHRError("this model has no outputs: name them in the scene, Scene(..., outputs=(...,)), and build again")
+    units = {item.name: item.unit for item in functionals.items}
+    if not answer.converged:
+        return Outputs(dict.fromkeys(units, np.nan), units)
+    point, amplitudes = answer.parameter, functionals.amplitudes
+    given = amplitudes(point)
+    theta = np.zeros(amplitudes.firsts[-1])
+    theta[given.terms] = given.values
+    forces = fields.forces(answer) if functionals.uses_forces else _NOTHING
+    measured = fields.measured(answer, theta)
+    states = [State(forces, measured[place], point, theta, answer.stress) for place in functionals.places]
+    values = {item.name: item.value(state) for item, state in zip(functionals.items, states, strict=True)}
+    if answer.gradient is None:
+        return Outputs(values, units)
+    acting, slopes = amplitudes.slopes_at(point)
+    changes = np.zeros((theta.size, point.size))
+    changes[acting] = slopes
+    of_forces, of_measured = fields.measured_changes(answer, changes)
+    gradient, one_sided = {}, answer.gradient.one_sided
+    for item, state, place in zip(functionals.items, states, functionals.places, strict=True):
+        part = item.slopes(state)
+        found = part.forces @ of_forces[part.conditions] if part.conditions.size else np.zeros(point.size)
+        for slope, change in ((part.measured, of_measured[place]), (part.theta, changes)):
+            found = found + slope @ change if slope.size else found
+        gradient[item.name] = found + part.point if part.point.size else found
+        one_sided = one_sided or part.kink
+    return Outputs(values, units, gradient, one_sided)

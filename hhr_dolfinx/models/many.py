@@ -1,0 +1,189 @@
+"""Many parameters at once: those with the same statuses share factors, and are solved for by products of matrices."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from hhr_dolfinx.amplitudes import Amplitudes, Coverage
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.errors import SingularError
+from hhr_dolfinx.linear.dense import LapackLU
+from hhr_dolfinx.models.answer import Answer, Fields
+from hhr_dolfinx.parameters import ParameterSpace
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses
+
+ROUNDS = 6
+"""Times that statuses are changed for many points together; what is left then is solved point by point."""
+BLOCK = 1024
+"""Points whose unknown is made at once, so that what is made on the way stays small beside the answers."""
+
+
+@dataclass(frozen=True)
+class ManyAnswers:
+    """Answers to many parameters, in their order; ``answers[k]`` is one of them, like any :class:`Answer`.
+
+    Attributes:
+        points: parameters, (n, P).
+        unknown: the model's own unknown, (n, k); NaN without an answer.
+        multipliers: forces on the model's own contact conditions, (n, m); NaN likewise.
+        active: their statuses, (n, m) bool.
+        status: why each search stopped.
+        iterations: equality problems solved for each, (n,).
+        fields: what completes the answers.
+    """
+
+    points: np.ndarray
+    unknown: np.ndarray
+    multipliers: np.ndarray
+    active: np.ndarray
+    status: list[Status]
+    iterations: np.ndarray
+    fields: Fields
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __getitem__(self, k: int) -> Answer:
+        """The answer to a point."""
+        own = self.points[k], self.unknown[k], self.multipliers[k], self.active[k]
+        return Answer(*own, int(self.iterations[k]), self.status[k], False, self.fields)
+
+    def __iter__(self) -> Iterator[Answer]:
+        return (self[k] for k in range(len(self)))
+
+    @classmethod
+    def of(cls, answers: list[Answer], fields: Fields) -> ManyAnswers:
+        """Of answers found one by one, one or more."""
+        points, unknown, forces, active = (
+            np.array([getattr(answer, name) for answer in answers])
+            for name in ("parameter", "unknown", "multipliers", "active")
+        )
+        status, iterations = [answer.status for answer in answers], np.array([answer.iterations for answer in answers])
+        return cls(points, unknown, forces, active, status, iterations, fields)
+
+    def outputs(self) -> dict[str, np.ndarray]:
+        """Outputs of the scene by name, (n,) each; NaN without an answer.
+
+        Raises:
+            HHRError: if the scene has none.
+        """
+        found = [answer.outputs() for answer in self]
+        return {name: np.array([outputs[name] for outputs in found]) for name in found[0].keys()}
+
+
+def one_by_one(model: Any, table: Any, how: dict[str, Any]) -> ManyAnswers:
+    """Answers of a model that has no faster way."""
+    points = model.parameters.points(table)
+    return ManyAnswers.of([model.solve(point, **how) for point in points], model.fields)
+
+
+def checked_points(space: ParameterSpace, table: Any) -> np.ndarray:
+    """A table of points, (n, P), checked as by :meth:`ParameterSpace.points`, and quickly where all lie inside."""
+    plain = isinstance(table, np.ndarray) and table.dtype == float and table.shape[1:] == (len(space.names),)
+    if plain and len(table) and ((table >= space.lower) & (table <= space.upper)).all():
+        return table.copy()
+    return space.points(table)
+
+
+def condensed_answers(model: CondensedModel, points: np.ndarray, **how: Any) -> ManyAnswers:
+    """Answers of a condensed model to checked points, (n, P)."""
+    response, schur, per_force = model.responses
+    m, n = len(schur), len(points)
+    theta, active = _amplitudes_at(model.amplitudes, points), nearest_statuses(model.known, points)
+    forces, iterations, left = _settled(schur, np.asarray(theta @ response[:m].T), active)
+    unknown, status = np.empty((n, len(response) - m)), [Status.CONVERGED] * n
+    for first in range(0, n, BLOCK):
+        block = slice(first, first + BLOCK)
+        unknown[block] = theta[block] @ response[m:].T
+        unknown[block] -= forces[block] @ per_force.T
+    for k in left:
+        answer = model.solve(points[k], start=active[k].copy(), **how)
+        unknown[k], forces[k], active[k], status[k] = answer.unknown, answer.multipliers, answer.active, answer.status
+        iterations[k] += answer.iterations
+    return ManyAnswers(points, unknown, forces, active, status, iterations, model.fields)
+
+
+def nearest_statuses(known: KnownStatuses, points: np.ndarray) -> np.ndarray:
+    """Statuses to start from at every point, (n, m) bool, for the caller to change."""
+    offsets, directions = known.distances
+    return known.active[(offsets - points @ directions.T).argmin(axis=1)]
+
+
+def _amplitudes_at(amplitudes: Amplitudes, points: np.ndarray) -> np.ndarray | csr_matrix:
+    """θ at every point, (n, 1 + T); sparse where most terms may be zero."""
+    if not amplitudes.nonaffine:
+        return amplitudes.constant + points @ amplitudes.slopes.T
+    affine = amplitudes.constant + points @ amplitudes.slopes.T
+    terms, values = [np.broadcast_to(np.arange(affine.shape[1]), affine.shape)], [affine]
+    quick = [amplitude for amplitude in amplitudes.nonaffine if isinstance(amplitude, Coverage)]
+    if len(quick) == len(amplitudes.nonaffine):
+        for first, amplitude in zip(amplitudes.firsts, quick, strict=False):
+            columns, weights = amplitude.rows(points)
+            terms.append(first + columns)
+            values.append(weights)
+        columns, entries = np.hstack(terms), np.hstack(values)
+        starts = np.arange(len(points) + 1) * columns.shape[1]
+    else:
+        given = [amplitudes(point) for point in points]
+        columns, entries = (np.concatenate([getattr(theta, part) for theta in given]) for part in ("terms", "values"))
+        starts = np.cumsum([0, *(theta.values.size for theta in given)])
+    return csr_matrix((entries.ravel(), columns.ravel(), starts), shape=(len(points), amplitudes.firsts[-1]))
+
+
+def _settled(schur: np.ndarray, free_slack: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[int]]:
+    """Alg. 1.1 for many free slacks, (n, m), from statuses that are changed in place.
+
+    Returns:
+        The forces, (n, m); equality problems solved for each point, (n,); and the points that have not settled:
+        round-off and singular sets are left to the search of a single point.
+    """
+    forces, iterations = np.zeros_like(free_slack), np.zeros(len(active), dtype=int)
+    factors: dict[bytes, LapackLU] = {}
+    pending, left = np.arange(len(active)), []
+    for _ in range(ROUNDS):
+        groups: dict[bytes, list[int]] = {}
+        for k in pending.tolist():
+            groups.setdefault(active[k].tobytes(), []).append(k)
+        changed = []
+        for key, places in groups.items():
+            members = np.array(places)
+            index = np.flatnonzero(active[places[0]])
+            try:
+                found, slack = _equalities(schur, free_slack[members], index, key, factors)
+            except SingularError:
+                left += places
+                continue
+            forces[members] = found
+            iterations[members] += 1
+            # what is not finite is wrong too
+            wrong = ~((found >= 0) & (slack >= 0))
+            open_ = wrong.any(axis=1)
+            active[members[open_]] ^= wrong[open_]
+            changed.append(members[open_])
+        pending = np.concatenate([np.zeros(0, dtype=int), *changed])
+        if not pending.size:
+            break
+    return forces, iterations, [*left, *pending.tolist()]
+
+
+def _equalities(
+    schur: np.ndarray, free_slack: np.ndarray, index: np.ndarray, key: bytes, factors: dict[bytes, LapackLU]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Forces and slacks, (g, m) each, of points that share their statuses."""
+    forces = np.zeros_like(free_slack)
+    if not index.size:
+        return forces, free_slack
+    if key not in factors:
+        factors[key] = LapackLU(schur[np.ix_(index, index)])
+    local = factors[key].solve(-free_slack[:, index].T).T
+    forces[:, index] = local
+    slack = free_slack + local @ schur[:, index].T
+    slack[:, index] = 0.0
+    return forces, slack

@@ -1,0 +1,74 @@
+"""Many parameters at once: the answers of one by one, to round-off, whatever the model."""
+
+import hertz_half_discs as discs
+import numpy as np
+import pellet_cladding as pellet
+import pytest
+from scenes import pressed_block
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.errors import OutsideTrainingError, OutsideTrainingWarning, ParameterError
+
+
+@pytest.fixture(scope="module", params=["discs", "pellet"])
+def training(request):
+    if request.param == "discs":
+        return hhr.train(discs.scene(arc_segments=28, flat_segments=7), (12,), held_out=4)
+    return hhr.train(pellet.scene(**pellet.QUICK_MESH), (8, 6), held_out=4)
+
+
+def models(training):
+    known = training.snapshots.known_statuses()
+    yield training.build()
+    for field in (False, True):
+        yield hhr.exact_condensation(training.full_order, known, field=field)
+
+
+def test_many_are_those_one_by_one(training):
+    points = training.full_order.parameters.random(300, seed=5)
+    for model in models(training):
+        many = model.solve_many(points)
+        assert len(many) == 300 and set(many.status) == {Status.CONVERGED}
+        for point, answer in zip(points, many, strict=True):
+            alone = model.solve(point)
+            assert np.array_equal(answer.parameter, point) and np.array_equal(answer.active, alone.active)
+            assert np.abs(answer.multipliers - alone.multipliers).max() <= 1e-11 * np.abs(alone.multipliers).max()
+            size = np.abs(alone.unknown).max(initial=0.0)
+            assert np.abs(answer.unknown - alone.unknown).max(initial=0.0) <= 1e-10 * size
+        field, exact = many[7].displacement(), model.solve(points[7]).displacement()
+        assert np.linalg.norm(field - exact) <= 1e-10 * np.linalg.norm(exact)
+
+
+def test_the_edge_of_contact_is_left_to_the_search():
+    """Where all gaps close at once forces are round-off, of either sign."""
+    full = hhr.FullOrderModel(pressed_block("plane_strain"))
+    known = hhr.compute_snapshots(full, np.array([[0.0], [0.1]])).known_statuses()
+    model = hhr.exact_condensation(full, known)
+    points = np.array([0.01, 0.01 + 1e-17, 0.0, 0.05, 0.1])[:, None]
+    many = model.solve_many(points)
+    assert set(many.status) == {Status.CONVERGED}
+    for k, point in enumerate(points):
+        assert many.multipliers[k] == pytest.approx(model.solve(point).multipliers, rel=1e-10, abs=1e-14)
+
+
+def test_bad_tables_are_refused(training):
+    model, space = training.build(), training.full_order.parameters
+    inside = np.array([space.lower], dtype=float)
+    for table in (inside + 1e9, np.full_like(inside, np.nan), inside[:, :0], "points", inside[0, 0]):
+        with pytest.raises(ParameterError):
+            model.solve_many(table)
+    with pytest.raises(ParameterError, match="is unknown"):
+        model.solve_many(inside, outside="somewhere")
+    assert len(model.solve_many(inside.tolist())) == 1
+
+
+def test_outside_the_training(training):
+    model, space = training.build(), training.full_order.parameters
+    middle = np.mean([space.lower, space.upper], axis=0)
+    narrow = type(model.trained)(space.names, middle, np.array(space.upper))
+    model, points = model.changed(trained=narrow), np.array([space.lower, space.upper], dtype=float)
+    with pytest.raises(OutsideTrainingError):
+        model.solve_many(points, outside="refuse")
+    with pytest.warns(OutsideTrainingWarning):
+        assert len(model.solve_many(points)) == 2
