@@ -73,7 +73,7 @@ def posterior(model: Any, data: np.ndarray, start: np.ndarray, count: int, seed:
 
     def misfit(moduli: np.ndarray) -> float:
         points = np.column_stack([DEPTHS, np.tile(moduli, (DEPTHS.size, 1))])
-        found = model.solve_many(points).outputs().values["force"]
+        found = model.solve_many(points).outputs()["force"]
         return 0.5 * float(np.sum(((found - data) / sizes) ** 2))
 
     here, value, samples = start, misfit(start), np.empty((count, 2))

@@ -25,7 +25,7 @@ class GridSettings:
         budget: most solutions for each part of a scene that hangs together.
     """
 
-    tolerance: float = 1e-5
+    tolerance: float = 3e-5
     budget: int = 200
 
     def __post_init__(self) -> None:
