@@ -3,7 +3,7 @@
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: demo pellet nonmatching plastic sphere rod patch extreme recipes lint test slow setup
+.PHONY: demo pellet nonmatching plastic sphere materials rod press calibrate patch extreme recipes lint test slow setup
 
 demo: setup
 	.venv/bin/python demos/hertz_half_discs.py
@@ -20,8 +20,17 @@ plastic: setup
 sphere: setup
 	.venv/bin/python demos/sphere_on_block.py
 
+materials: setup
+	.venv/bin/python demos/pellet_materials.py
+
 rod: setup
 	.venv/bin/python demos/fuel_rod.py
+
+press: setup
+	.venv/bin/python demos/press_fit.py
+
+calibrate: setup
+	.venv/bin/python demos/calibrate.py
 
 patch: setup
 	.venv/bin/python demos/contact_patch_test.py
