@@ -12,6 +12,7 @@ import ufl
 from flowing import SMALL_MESH, STEPS, TRAINING
 from scenes import pressed_block
 from scipy.spatial.transform import Rotation
+from toy_output import MeanPressure
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import HHRError, ModelFileError, SceneError
@@ -97,6 +98,7 @@ def test_uniform_pressure_in_closed_form(dim):
     axis, place = ({}, (1.0,)) if dim == 2 else ({"axis": (0.0, 1.0, 0.0)}, (1.0, 1.0))
     outputs = (
         hhr.LargestPressure("peak", 0),
+        MeanPressure("average", 0),
         hhr.ContactForce("force", 0, tuple(3 * upwards)),
         hhr.ContactMoment("moment", 0, (0.0,) * dim, **axis),
         hhr.ContactMoment("centred", 0, tuple(middle), **axis),
@@ -113,7 +115,8 @@ def test_uniform_pressure_in_closed_form(dim):
     found = full.outputs(PRESSURE, gradient=True)
     lever = 0.5 if dim == 3 else -0.5
     closed = {
-        "peak": PRESSURE, "force": -PRESSURE, "moment": lever * PRESSURE, "centred": 0.0, "width": 1.0, "lost": 0.0,
+        "peak": PRESSURE, "average": PRESSURE,
+        "force": -PRESSURE, "moment": lever * PRESSURE, "centred": 0.0, "width": 1.0, "lost": 0.0,
         "gap": 0.0, "top": -1.5 * PRESSURE / YOUNG, "between": -PRESSURE / YOUNG, "mises": PRESSURE, "mean": PRESSURE,
         "energy": 0.75 * PRESSURE**2 / YOUNG,
     }  # fmt: skip
