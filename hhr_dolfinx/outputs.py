@@ -115,7 +115,7 @@ class ContactForce(_OfContact):
         """See :class:`Output`."""
         conditions, points, forces = probe.nodal_forces(self)
         along = np.tile(_unit(self, "direction", probe.dimension), len(points))
-        return _linear(self, conditions, forces @ along)
+        return Linear.of(self.name, self.unit, conditions, forces @ along)
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ class ContactMoment(_OfContact):
             turned = np.column_stack([-arms[:, 1], arms[:, 0]])
         else:
             turned = np.cross(_unit(self, "axis", 3), arms)
-        return _linear(self, conditions, forces @ turned.ravel())
+        return Linear.of(self.name, self.unit, conditions, forces @ turned.ravel())
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ class Torque(_OfContact):
                 distances = np.linalg.norm(arms, axis=1)
             else:
                 distances = np.linalg.norm(np.cross(_unit(self, "axis", 3), arms), axis=1)
-        return _linear(self, conditions, float(self.friction) * distances)
+        return Linear.of(self.name, self.unit, conditions, float(self.friction) * distances)
 
 
 @dataclass(frozen=True)
@@ -229,7 +229,13 @@ class GapAt(_OfContact):
         conditions, problem = probe.conditions(self), probe.problem
         nearest = conditions[probe.at_place(self, problem.contact_points[conditions])[0]]
         terms = np.flatnonzero(problem.gaps[nearest])
-        return _linear(self, row=-problem.contact[[nearest]], terms=terms, coefficients=problem.gaps[nearest, terms])
+        return Linear.of(
+            self.name,
+            self.unit,
+            row=-problem.contact[[nearest]],
+            terms=terms,
+            coefficients=problem.gaps[nearest, terms],
+        )
 
 
 @dataclass(frozen=True)
@@ -268,7 +274,7 @@ class DisplacementAt(_Output):
                 "name the body, tag=..., or move the place"
             )
         dof = dim * found[0] + self.component
-        return _linear(self, row=csr_matrix(([1.0], ([0], [dof])), shape=(1, problem.free.size)))
+        return Linear.of(self.name, self.unit, row=csr_matrix(([1.0], ([0], [dof])), shape=(1, problem.free.size)))
 
 
 @dataclass(frozen=True)
@@ -334,7 +340,7 @@ class LinearForm(_Output):
     def prepared(self, probe: Probe) -> Functional:
         """See :class:`Output`."""
         vector = probe.assembler.vector(self.form(probe.assembler))
-        return _linear(self, row=csr_matrix(vector[None]))
+        return Linear.of(self.name, self.unit, row=csr_matrix(vector[None]))
 
 
 def _place(output: Any, name: str, dim: int) -> np.ndarray:
@@ -361,22 +367,3 @@ def _no_axis(output: Any) -> None:
 
 def _no_rows() -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
     return 0, _NOWHERE, _NOWHERE, _NOTHING
-
-
-def _linear(
-    output: Any,
-    conditions: np.ndarray = _NOWHERE,
-    weights: np.ndarray = _NOTHING,
-    *,
-    row: csr_matrix | None = None,
-    terms: np.ndarray = _NOWHERE,
-    coefficients: np.ndarray = _NOTHING,
-) -> Linear:
-    """An output that is linear in forces, or in the displacement and the amplitudes."""
-    matrix, along = _no_rows(), np.zeros(0)
-    if row is not None:
-        entries = row.tocoo()
-        own = entries.row.astype(np.int64), entries.col.astype(np.int64), entries.data.astype(float)
-        matrix, along = (1, *own), np.ones(1)
-    given = conditions.astype(np.int64), np.asarray(weights, dtype=float), along, terms.astype(np.int64), coefficients
-    return Linear(output.name, output.unit, *matrix, *given)

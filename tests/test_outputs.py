@@ -12,6 +12,7 @@ import ufl
 from flowing import SMALL_MESH, STEPS, TRAINING
 from scenes import pressed_block
 from scipy.spatial.transform import Rotation
+from toy_output import MeanPressure
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import HHRError, ModelFileError, SceneError
@@ -97,6 +98,7 @@ def test_uniform_pressure_in_closed_form(dim):
     axis, place = ({}, (1.0,)) if dim == 2 else ({"axis": (0.0, 1.0, 0.0)}, (1.0, 1.0))
     outputs = (
         hhr.LargestPressure("peak", 0),
+        MeanPressure("average", 0),
         hhr.ContactForce("force", 0, tuple(3 * upwards)),
         hhr.ContactMoment("moment", 0, (0.0,) * dim, **axis),
         hhr.ContactMoment("centred", 0, tuple(middle), **axis),
@@ -113,7 +115,8 @@ def test_uniform_pressure_in_closed_form(dim):
     found = full.outputs(PRESSURE, gradient=True)
     lever = 0.5 if dim == 3 else -0.5
     closed = {
-        "peak": PRESSURE, "force": -PRESSURE, "moment": lever * PRESSURE, "centred": 0.0, "width": 1.0, "lost": 0.0,
+        "peak": PRESSURE, "average": PRESSURE,
+        "force": -PRESSURE, "moment": lever * PRESSURE, "centred": 0.0, "width": 1.0, "lost": 0.0,
         "gap": 0.0, "top": -1.5 * PRESSURE / YOUNG, "between": -PRESSURE / YOUNG, "mises": PRESSURE, "mean": PRESSURE,
         "energy": 0.75 * PRESSURE**2 / YOUNG,
     }  # fmt: skip
@@ -201,8 +204,27 @@ def test_derivatives_are_those_of_the_model_itself(name, varying, constant):
             assert abs(slope - found.gradient[key][place]) * middle[place] < 1e-6 * abs(value), key
 
 
-def test_a_full_basis_gives_the_full_answers(constant):
-    """Exact condensation by another way: rows times responses, not fields."""
+def test_a_basis_that_spans_all_answers_gives_the_full_outputs():
+    """All answers of the stack are multiples of one: the reduced model is exact, and so are all its outputs."""
+    outputs = (
+        hhr.LargestPressure("peak", 0),
+        hhr.ContactForce("force", 0, (0.0, 1.0)),
+        hhr.GapAt("gap", 0, (0.5, 1.0)),
+        hhr.VonMises("mises", stacked_blocks.LOWER),
+        hhr.ElasticEnergy("energy"),
+    )
+    training = hhr.train(pressed_stack(2, outputs), (5,), held_out=2)
+    model = training.build(checked=False)
+    for point in (0.7, 3.3):
+        exact = training.full_order.outputs(point, gradient=True)
+        found = model.outputs(point, gradient=True)
+        assert dict(found) == pytest.approx(dict(exact), rel=1e-9, abs=1e-12)
+        for name in found:
+            assert found.gradient[name] == pytest.approx(exact.gradient[name], rel=1e-8, abs=1e-10)
+
+
+def test_exact_condensation_gives_the_full_outputs(constant):
+    """By another way: rows times responses, not fields."""
     full = constant.full_order
     exact = hhr.exact_condensation(full, constant.snapshots.known_statuses(), field=False)
     for point in full.parameters.random(5, seed=3):

@@ -121,8 +121,13 @@ def functionals_of(full: FullOrderModel) -> Functionals:
     """All outputs of a scene; on several ranks the same on each, and all of them ask together.
 
     Raises:
-        SceneError: for an output of what the model does not have.
+        SceneError: for an output of what the model does not have, or of a mesh that depends on parameters.
     """
+    if full.problem.reshaped is not None:
+        raise SceneError(
+            f"the shape of scene '{full.scene.name}' depends on parameters, and its outputs would be those of one "
+            "mesh: leave them out, or give each shape a scene"
+        )
     return prepared_outputs(full.discretisation, full.problem, full.equilibrium)
 
 

@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.materials.elasticity import von_mises
@@ -17,6 +18,7 @@ TIE = 1e-9
 LOADED = 1e-3
 """Part of the largest pressure of a contact from which on a condition is under load: below it forces that a reduced
 model completes outside its domain are noise."""
+_NOTHING, _NOWHERE = np.zeros(0), np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +36,27 @@ class Linear(Functional):
     along: np.ndarray
     terms: np.ndarray
     coefficients: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        unit: str,
+        conditions: np.ndarray = _NOWHERE,
+        weights: np.ndarray = _NOTHING,
+        *,
+        row: csr_matrix | None = None,
+        terms: np.ndarray = _NOWHERE,
+        coefficients: np.ndarray = _NOTHING,
+    ) -> Linear:
+        """From conditions and weights of their forces, one row of the displacement, (1, N), and amplitudes."""
+        matrix, along = (0, _NOWHERE, _NOWHERE, _NOTHING), _NOTHING
+        if row is not None:
+            entries = row.tocoo()
+            own = entries.row.astype(np.int64), entries.col.astype(np.int64), entries.data.astype(float)
+            matrix, along = (1, *own), np.ones(1)
+        forces = conditions.astype(np.int64), np.asarray(weights, dtype=float)
+        return cls(name, unit, *matrix, *forces, along, terms.astype(np.int64), np.asarray(coefficients, dtype=float))
 
     @property
     def uses_forces(self) -> bool:  # type: ignore[override]
