@@ -1,8 +1,8 @@
 """Hub pressed on a hollow shaft, in space: the shape of the hub is a parameter, and so is the speed of rotation.
 
 A quarter of both, mortar contact, N = 23,000. Parameters are the interference, the wall thickness of the hub and the
-crowning of its bore (both move the mesh), its Young's modulus, and the speed, at which the hub lifts off. Outputs are the
-torque that friction transmits, the largest von Mises stress of the hub, and the share of the surface that has no contact.
+crowning of its bore (both move the mesh), its Young's modulus, and the speed, at which the hub lifts off. Outputs are
+the torque that friction transmits, the largest von Mises stress of the hub, and the share of the surface that is open.
 
 What to see: everything that contact needs is interpolated between a few shapes, and a new shape is answered in
 milliseconds where the full order assembles, pairs and factors anew. Lame's closed form for a long ring is the measure.

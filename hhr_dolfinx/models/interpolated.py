@@ -7,7 +7,7 @@ own. Where all of a part has one factor E(mu), S_c = S_c(E = 1) / E, which is ex
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -170,6 +170,26 @@ class Compliances:
             slack[part.where] -= part.moved(part.columns, along, theta, compliance)
             along_modes.append((along, compliance))
         return InterpolatedElimination(self, point, schur, slack, theta, along_modes)
+
+    @cached_property
+    def stiffness_axes(self) -> np.ndarray:
+        """Places of the parameters on which S depends."""
+        factors = [part.factor for part in self.parts if part.factor is not None]
+        places = [factor.names.index(name) for factor in factors for name in factor.formula.variables]
+        places += [axis for part in self.parts for axis in part.interpolant.axes.tolist()]
+        return np.unique(np.array(places, dtype=np.int64))
+
+    def same_stiffness(self, one: np.ndarray, other: np.ndarray) -> bool:
+        """Whether two points, (P,), have the same S."""
+        return bool((one[self.stiffness_axes] == other[self.stiffness_axes]).all())
+
+    def moved_to(self, found: InterpolatedElimination, point: np.ndarray) -> InterpolatedElimination:
+        """What is left at a point with the same stiffness as another one, of which S is taken over."""
+        theta = _dense(self.amplitudes, point, self.gaps.shape[1])
+        slack = self.gaps_at(point) @ theta
+        for part, (along, compliance) in zip(self.parts, found.along, strict=True):
+            slack[part.where] -= part.moved(part.columns, along, theta, compliance)
+        return replace(found, point=point, free_slack=slack, theta=theta)
 
     def gaps_at(self, point: np.ndarray) -> np.ndarray:
         """D at a point, (m, 1 + T)."""

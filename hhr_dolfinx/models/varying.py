@@ -56,10 +56,14 @@ def answer_of(
     fields: Fields,
     *,
     gradient: bool,
+    equalities: SchurEqualities | None = None,
 ) -> Answer:
-    """Solve the contact problem that is left, from some statuses or, with None, those of the free slack."""
+    """Solve the contact problem that is left, from some statuses or, with None, those of the free slack.
+
+    ``equalities`` are those of S, where another point with the same S has made them.
+    """
     free_slack, schur = elimination.free_slack, elimination.schur
-    equalities = SchurEqualities.symmetric(schur) if elimination.symmetric else SchurEqualities.of(schur, LapackLU)
+    equalities = equalities_of(elimination) if equalities is None else equalities
     found = active_set(equalities, free_slack, free_slack < 0 if start is None else start, pairs=pairs)
     unknown = elimination.unknown(found.forces)
     answer = found_as(found, point, unknown, fields)
@@ -69,6 +73,13 @@ def answer_of(
     fixed = elimination.at_fixed_forces(found.forces, unknown)
     how = found.active, found.forces, slack, fixed, elimination.pushed
     return answer._replace(gradient=gradient_of(equalities, *how))
+
+
+def equalities_of(elimination: Elimination) -> SchurEqualities:
+    """Equality problems on S."""
+    if elimination.symmetric:
+        return SchurEqualities.symmetric(elimination.schur)
+    return SchurEqualities.of(elimination.schur, LapackLU)
 
 
 class VaryingModel(WithOutputs):
@@ -126,10 +137,26 @@ class VaryingModel(WithOutputs):
         return outcome(answer, raise_on_failure, self._advice)
 
     def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> ManyAnswers:
-        """Answer many parameters, (n, P), one by one: each has a stiffness of its own."""
-        from hhr_dolfinx.models.many import one_by_one
+        """Answer many parameters, (n, P); neighbours that share their stiffness share S and its factors."""
+        from hhr_dolfinx.models.many import ManyAnswers, one_by_one
 
-        return one_by_one(self, points, {"raise_on_failure": raise_on_failure, "outside": outside})
+        eliminated: Any = self.eliminated
+        if not hasattr(eliminated, "stiffness_axes"):
+            return one_by_one(self, points, {"raise_on_failure": raise_on_failure, "outside": outside})
+        check_outside(outside)
+        answers, before, equalities = [], None, None
+        for point in self.parameters.points(points):
+            if self._door is not None:
+                self._door.check(point, outside)
+            if before is not None and eliminated.same_stiffness(before.point, point):
+                before = eliminated.moved_to(before, point)
+            else:
+                before = eliminated(point)
+                equalities = equalities_of(before)
+            start, how = self.known.start(point), (self._pairs, self.fields)
+            answer = answer_of(before, point, start, *how, gradient=False, equalities=equalities)
+            answers.append(outcome(answer, raise_on_failure, self._advice))
+        return ManyAnswers.of(answers, self.fields)
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
         """Solve along a path; see :func:`solve_along`."""
