@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import roots_sh_jacobi
 
-from hhr_dolfinx.compat import extra, quadrature
+from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.projection import local_coordinates, shape_functions
 from hhr_dolfinx.pairings.surface import Surface
@@ -53,8 +55,7 @@ def _segments(slave: Surface, master: Surface, directions: np.ndarray, here: np.
     low, high = np.maximum(ends.min(axis=0), 0.0), np.minimum(ends.max(axis=0), 1.0)
     common = high - low > 1e-12
     here, there, low, high, ends = here[common], there[common], low[common], high[common], ends[:, common]
-    points, weights = quadrature("interval", 4)
-    nodes = points[:, 0]
+    nodes, weights = _on_interval(4)
     position = low[:, None] + (high - low)[:, None] * nodes
     on_master = (position - ends[0][:, None]) / (ends[1] - ends[0])[:, None]
     slave_values, master_values = (np.stack([1 - t, t], axis=-1).reshape(-1, 2) for t in (position, on_master))
@@ -78,8 +79,7 @@ def _polygons(slave: Surface, master: Surface, directions: np.ndarray, here: np.
     skew = np.maximum(*(_skewness(corners) for corners in flat))[pair] if pair.size else np.zeros(0)
     parts = []
     for degree, low, high in _SKEWED:
-        points, weights = quadrature("triangle", degree)
-        rule = points, 2 * weights  # shares of the area
+        rule = _on_triangle(degree)
         which = np.flatnonzero((skew > low) & (skew <= high))
         (slave_values, master_values), measures = _on_triangles(flat, pair[which], triangles[which], *rule)
         facet = np.repeat(pair[which], len(rule[1]))
@@ -129,6 +129,32 @@ def _on_triangles(
         own = corners[np.repeat(pair, weights.size)]
         values.append(shape_functions(local_coordinates(points, own), own.shape[1])[0])
     return values, (area[:, None] * weights).ravel()
+
+
+@cache
+def _on_interval(degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss's points and weights on (0, 1), exact up to a degree."""
+    points, weights = np.polynomial.legendre.leggauss(degree // 2 + 1)
+    return (points + 1) / 2, weights / 2
+
+
+@cache
+def _on_triangle(degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points in the unit triangle, (q, 2), and weights as shares of its area, exact up to a degree.
+
+    Up to 4 the six points of G. Strang and G. J. Fix, beyond Gauss's points of a square that is folded to a triangle.
+    """
+    if degree <= 4:
+        turn, weight = np.sqrt(38 - 44 * np.sqrt(0.4)), np.sqrt(213125 - 53320 * np.sqrt(10.0))
+        orbits = [((8 - np.sqrt(10.0) + sign * turn) / 18, (620 + sign * weight) / 3720) for sign in (1, -1)]
+        points = [point for a, _ in orbits for point in ((a, a), (1 - 2 * a, a), (a, 1 - 2 * a))]
+        return np.array(points), np.repeat([share for _, share in orbits], 3)
+    along, weights = _on_interval(degree)
+    # the width of the triangle belongs to the weight of the second rule
+    height, shares = roots_sh_jacobi(len(along), 2, 1)
+    x = np.outer(along, 1 - height)
+    y = np.broadcast_to(height, x.shape)
+    return np.column_stack([x.ravel(), y.ravel()]), np.outer(weights, 2 * shares).ravel()
 
 
 def _skewness(corners: np.ndarray) -> np.ndarray:
