@@ -177,12 +177,11 @@ class RidAssembly:
         )
         for patch in self.patches:
             rows = patch.rows(points, weights, tested)
-            touched = np.unique(rows.matrix.indices)
-            matrix = rows.matrix[:, touched].toarray()
-            found.trial[patch.places] = matrix @ self.basis[touched]
-            inside = tested[touched]
-            found.test[patch.places] = matrix[:, inside] @ self.basis[touched[inside]]
-            found.gaps[patch.places] -= matrix @ self.lifts[touched]
+            matrix = rows.matrix
+            acting = csr_matrix((matrix.data * tested[matrix.indices], matrix.indices, matrix.indptr), matrix.shape)
+            found.test[patch.places] = acting @ self.basis
+            found.trial[patch.places] = matrix @ self.basis
+            found.gaps[patch.places] -= matrix @ self.lifts
             found.gaps[patch.places, 0] += rows.gap
             found.points[patch.places] = rows.points
             found.areas[patch.places] = rows.areas
