@@ -4,6 +4,7 @@ import pickle
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import press_fit
@@ -15,7 +16,7 @@ from hhr_dolfinx.geometries import block, two_blocks
 from hhr_dolfinx.models.cells import CellRule, element_stiffness
 from hhr_dolfinx.models.patches import tributary_areas
 from hhr_dolfinx.reduction.projection import project
-from hhr_dolfinx.reduction.rid import reduced_domain
+from hhr_dolfinx.reduction.rid import load_nodes, reduced_domain
 from hhr_dolfinx.reduction.shaped import rid_assembly
 from hhr_dolfinx.shapes import Shape
 
@@ -25,11 +26,17 @@ BOTTOM, TOP = side(FIRST, 1, True), side(SECOND, 1, False)
 """Facing sides of a lower and an upper block in the plane."""
 
 
-def stacked(*, contact, names, shapes, cells=(8, 12), bodies=None, hypothesis="plane_strain", left=0.0, **options):
-    """Two blocks on top of each other, the upper one pushed down by ``push`` and pressed from the side."""
-    height = 1.0 if hypothesis == "solid" else 0.8
+def stacked(
+    *, contact, names, shapes, cells=(8, 12), bodies=None, hypothesis="plane_strain", left=0.0, lifted=False, **options
+):
+    """Two blocks on top of each other, the upper one pushed down by ``push`` and pressed from the side.
+
+    The lower one stands on its lower side or, ``lifted``, hangs on its left one, which moves too.
+    """
     first = (left, 0.0), (left + 2.0, 1.0), (cells[0], 4)
-    second = (left, 1.05), (left + 2.0, 1.05 + height), (cells[1], 4)
+    second = (left, 1.05), (left + 2.0, 1.85), (cells[1], 4)
+    moving = hhr.Displacement(side(FIRST, 0, False), 1, hhr.Amplitude(slopes={"push": 0.3}))
+    stand = moving if lifted else hhr.Displacement(side(FIRST, 1, False), 1)
     push = hhr.Displacement(side(SECOND, 1, True), 1, hhr.Amplitude(slopes={"push": -1.0}))
     held = [hhr.Displacement(side(body, 0, False), 0) for body in (FIRST, SECOND)]
     bounds = {"push": (0.05, 0.1), "c": (-0.1, 0.1), "t": (0.8, 1.2), "E1": (1.0, 3.0), "nu1": (0.2, 0.4), "p": (0, 1)}
@@ -40,17 +47,16 @@ def stacked(*, contact, names, shapes, cells=(8, 12), bodies=None, hypothesis="p
         bodies=bodies or (hhr.Body(FIRST, "2 * E1", "nu1"), hhr.Body(SECOND, 2.0, 0.3)),
         contacts=(contact,),
         parameters=hhr.ParameterSpace(names, *zip(*(bounds[name] for name in names), strict=True)),
-        displacements=(hhr.Displacement(side(FIRST, 1, False), 1), *held, push),
+        displacements=(stand, *held, push),
         openings=(hhr.Opening(0, hhr.Amplitude(slopes={"c": 0.1})),),
         loads=(hhr.Pressure(side(SECOND, 0, True), hhr.Amplitude(slopes={"push": 3.0})),),
         shapes=shapes,
     )
 
 
-def crowned(variable="x"):
+def crowned(x="x", y="y"):
     """Shapes of both blocks: the upper side of the lower one is crowned, the upper one changes its height."""
-    lower = Shape(FIRST, (variable, f"y * (1 - c * ({variable} - 1)**2 / 2)"))
-    return lower, Shape(SECOND, (variable, "1.05 + (y - 1.05) * t"))
+    return Shape(FIRST, (x, f"{y} * (1 - c * ({x} - 1)**2 / 2)")), Shape(SECOND, (x, f"1.05 + ({y} - 1.05) * t"))
 
 
 def floor(hypothesis="plane_stress"):
@@ -70,6 +76,16 @@ def floor(hypothesis="plane_stress"):
     )
 
 
+def bulging():
+    """The same, but flat at the ends, where closest points stay in front of the other surface."""
+    return Shape(FIRST, ("x", "y * (1 - c * max(0, (x - 0.3) * (1.7 - x))**2)")), crowned()[1]
+
+
+def higher():
+    """Two blocks that change their height."""
+    return Shape(FIRST, ("x", "y * (1 + c)")), Shape(SECOND, ("x", "1.05 + c + (y - 1.05) * t"))
+
+
 NODES = hhr.NodeToNode(BOTTOM, TOP, (0.0, 1.0))
 NAMES = ("push", "c", "t", "E1", "nu1")
 RUBBER = (hhr.Body(FIRST, 3.0, 0.499), hhr.Body(SECOND, 2.0, 0.3))
@@ -77,32 +93,40 @@ SCENES = {
     "quadrilaterals": lambda: stacked(contact=NODES, names=NAMES, shapes=crowned(), cells=(8, 8)),
     "triangles": lambda: stacked(contact=NODES, names=NAMES, shapes=crowned(), cells=(8, 8), simplices=True),
     "one body moves": lambda: stacked(
-        contact=hhr.NodeToSurface(TOP, BOTTOM), names=("push", "c", "E1", "nu1"), shapes=crowned()[:1]
+        contact=hhr.NodeToSurface(TOP, BOTTOM), names=("push", "c", "E1", "nu1"), shapes=bulging()[:1]
     ),
     "along a normal": lambda: stacked(
         contact=hhr.NodeToSurface(TOP, BOTTOM, (0.0, -1.0)), names=NAMES, shapes=crowned(), simplices=True
     ),
+    "a moved surface": lambda: stacked(contact=hhr.Mortar(TOP, BOTTOM), names=NAMES, shapes=crowned(), lifted=True),
     "segments": lambda: stacked(contact=hhr.Mortar(TOP, BOTTOM), names=NAMES, shapes=crowned()),
     "standard multipliers": lambda: stacked(
         contact=hhr.Mortar(TOP, BOTTOM, multipliers="standard"), names=NAMES, shapes=crowned()
     ),
-    "both ways": lambda: stacked(contact=hhr.DoublePass(TOP, BOTTOM), names=NAMES, shapes=crowned()),
+    "both ways": lambda: stacked(contact=hhr.DoublePass(TOP, BOTTOM), names=NAMES, shapes=higher(), cells=(6, 13)),
     "axisymmetric": lambda: stacked(
-        contact=NODES, names=NAMES, shapes=crowned("r"), cells=(8, 8), hypothesis="axisymmetric", left=0.5
+        contact=NODES, names=NAMES, shapes=crowned("r", "z"), cells=(8, 8), hypothesis="axisymmetric", left=0.5
     ),
     "axisymmetric triangles": lambda: stacked(
-        contact=NODES, names=NAMES, shapes=crowned("r"), cells=(8, 8), hypothesis="axisymmetric", simplices=True
+        contact=NODES, names=NAMES, shapes=crowned("r", "z"), cells=(8, 8), hypothesis="axisymmetric", simplices=True
     ),
     "rubber": lambda: stacked(
         contact=NODES, names=("push", "c", "t"), shapes=crowned(), cells=(8, 8), bodies=RUBBER
     ),
     "rubber rings": lambda: stacked(
-        contact=NODES, names=("push", "c", "t"), shapes=crowned("r"), cells=(8, 8), bodies=RUBBER,
+        contact=NODES, names=("push", "c", "t"), shapes=crowned("r", "z"), cells=(8, 8), bodies=RUBBER,
         hypothesis="axisymmetric", left=0.5,
     ),
     "obstacle in plane stress": floor,
     "hexahedra": lambda: press_fit.scene(**press_fit.QUICK_MESH),
 }  # fmt: skip
+
+
+def projected(full, point, basis, sets):
+    """The full problem at a point, projected; where surfaces slide its conditions touch other nodes than in the base."""
+    problem = full.problem.at(point)
+    touched = np.flatnonzero(abs(problem.contact[sets.A_lambda]).T @ np.ones(len(sets.A_lambda)))
+    return project(problem, basis, replace(sets, A_c=np.intersect1d(touched, sets.A), A_c_tilde=touched))
 
 
 def reduced(scene, share=0.4, modes=12):
@@ -114,7 +138,7 @@ def reduced(scene, share=0.4, modes=12):
     basis = np.random.default_rng(1).standard_normal((problem.free.size, modes))
     basis[~problem.free] = 0.0
     slaves = problem.contact_slaves
-    sets = reduced_domain(problem, slaves[: max(2, int(share * len(slaves)))])
+    sets = reduced_domain(problem, np.append(slaves[: max(2, int(share * len(slaves)))], load_nodes(problem)))
     return full, basis, sets, rid_assembly(full, basis, sets)
 
 
@@ -132,9 +156,13 @@ def test_it_is_the_projection_of_the_full_problem_at_any_point(name):
     assert full.problem.varies and len(sets.A_lambda) > 1
     space = full.parameters
     for point in (*space.random(2, seed=3), np.array(space.upper, dtype=float)):
-        found, wanted = assembly(point), project(full.problem.at(point), basis, sets)
+        found, wanted = assembly(point), projected(full, point, basis, sets)
         assert max(apart(found, wanted).values()) < 1e-10, apart(found, wanted)
         assert np.array_equal(found.pairs, wanted.pairs) and found.terms is None
+        theta = full.problem.theta(point)
+        assert np.abs(wanted.loads @ theta).max() > 0 or name == "hexahedra"
+    # the displacement that moves the surface is the first term but one
+    assert name != "a moved surface" or np.abs(found.gaps[:, 1]).max() > 0.1
 
 
 @pytest.mark.parametrize("name", ["quadrilaterals", "axisymmetric", "hexahedra"])
@@ -197,6 +225,17 @@ def test_a_shape_that_slides_surfaces_out_of_the_domain_is_refused():
         assembly(np.array(full.parameters.lower, dtype=float))
 
 
+def test_what_the_full_model_refuses_is_refused():
+    """Where the lower side falls off towards its ends the closest points of the outermost nodes lie beyond them."""
+    names = ("push", "c", "E1", "nu1")
+    scene = stacked(contact=hhr.NodeToSurface(TOP, BOTTOM), names=names, shapes=crowned()[:1])
+    full, _, _, assembly = reduced(scene)
+    point = (0.1, -0.05, 2.0, 0.3)
+    for refused in (full.problem.at, assembly):
+        with pytest.raises(ParameterError, match="in contact|not there"):
+            refused(np.array(point))
+
+
 def test_graded_bodies_and_scenes_of_one_shape_are_refused():
     graded = (hhr.Body(FIRST, 1.0, 0.3, grading=lambda x: 1 + x[0]), hhr.Body(SECOND, 2.0, 0.3))
     with pytest.raises(SceneError, match="graded"):
@@ -255,5 +294,3 @@ def test_areas_of_facets():
     radii = np.array([1.0, 2.0])
     areas = tributary_areas(np.array([[0, 1]]), np.column_stack([radii, [0, 0]]), radii)
     assert np.allclose(areas, [2 / 3, 5 / 6])  # of int r (2 - r) dr and int r (r - 1) dr from 1 to 2
-
-
