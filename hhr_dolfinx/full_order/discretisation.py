@@ -32,7 +32,7 @@ from hhr_dolfinx.full_order.checks import (
     conditions_with_unknowns,
     warn_of_idle_parameters,
 )
-from hhr_dolfinx.full_order.locking import QUADRATURE, mean_dilatation
+from hhr_dolfinx.full_order.locking import QUADRATURE, mean_dilatation, stiffness_degree
 from hhr_dolfinx.loads import Assembler, Load, Term, checked_terms
 from hhr_dolfinx.pairings.surface import Surface, make_surface
 from hhr_dolfinx.scene import Scene
@@ -97,8 +97,6 @@ class Discretisation:
         """Measure of the cells of a body for its stiffness; if shapes vary, by a rule that reduced models know too."""
         if self.reshaped is None:
             return self._dx(tag)
-        from hhr_dolfinx.full_order.rid_arrays import stiffness_degree
-
         return self._dx(tag, degree=stiffness_degree(self.mesh.topology.cell_name(), self.scene.hypothesis))
 
     def empty_matrix(self) -> PETSc.Mat:

@@ -16,24 +16,13 @@ from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.full_order.discretisation import placed
-from hhr_dolfinx.full_order.locking import SIMPLICES
+from hhr_dolfinx.full_order.locking import SIMPLICES, stiffness_degree
 from hhr_dolfinx.models.cells import CellRule
 from hhr_dolfinx.models.patches import SurfacePatch
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discretisation import Discretisation
     from hhr_dolfinx.shapes import Shape
-
-
-def stiffness_degree(cell: str, hypothesis: str) -> int:
-    """Degree of the rule of the stiffness where shapes depend on parameters, of the full and of reduced models.
-
-    Simplices have a constant strain, exact with one point; in axisymmetry they take six, for weights 1 / r. Other cells
-    take two points along each axis, the usual full integration: exact on parallelograms and parallelepipeds.
-    """
-    if cell in SIMPLICES:
-        return 4 if hypothesis == "axisymmetric" else 1
-    return 3
 
 
 @dataclass(frozen=True)
