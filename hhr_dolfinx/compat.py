@@ -20,7 +20,6 @@ from hhr_dolfinx.errors import MissingPackageError
 if TYPE_CHECKING:
     import numpy as np
     from dolfinx.fem import FiniteElement
-    from dolfinx.geometry import BoundingBoxTree
     from dolfinx.mesh import Mesh, MeshTags
     from mpi4py.MPI import Comm
 
@@ -124,31 +123,6 @@ def linear_mesh(comm: Comm, points: np.ndarray, cells: np.ndarray, kind: str) ->
 
     domain = ufl.Mesh(basix.ufl.element("Lagrange", kind, 1, shape=(points.shape[1],)))
     return mesh.create_mesh(comm, cells=cells.astype("int64"), x=points, e=domain)
-
-
-def bounding_boxes(mesh: Mesh, padding: float = 0.0) -> tuple[BoundingBoxTree, np.ndarray]:
-    """DOLFINx's bounding-volume tree of the cells of a mesh on one rank, and the numbers of these cells."""
-    import numpy as np
-    from dolfinx import geometry
-
-    cells = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
-    return geometry.bb_tree(mesh, mesh.topology.dim, entities=cells, padding=padding), cells
-
-
-def closest_cells(mesh: Mesh, points: np.ndarray) -> np.ndarray:
-    """Index of the cell of a mesh on one rank that is closest to each point, (m, 3) -> (m,)."""
-    from dolfinx import geometry
-
-    tree, cells = bounding_boxes(mesh)
-    middles = geometry.create_midpoint_tree(mesh, mesh.topology.dim, cells)
-    return geometry.compute_closest_entity(tree, middles, mesh, points)
-
-
-def meeting_cells(first: Mesh, second: Mesh, padding: float) -> np.ndarray:
-    """Pairs of cells of two meshes on one rank whose bounding boxes meet, (p, 2), the first ones enlarged."""
-    from dolfinx import geometry
-
-    return geometry.compute_collisions_trees(bounding_boxes(first, padding)[0], bounding_boxes(second)[0])
 
 
 def geometry_dofmap(mesh: Mesh) -> np.ndarray:

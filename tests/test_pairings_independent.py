@@ -175,7 +175,7 @@ def test_closest_points_of_warped_quadrilaterals():
     points, facets = grid(7, 7, wave)
     x = rng.uniform(0, 1, (60, 2))
     x = np.column_stack([x, wave(*x.T) + rng.uniform(-0.3, 0.3, 60)])
-    found = np.linalg.norm(closest_points(x, points[facets], facets).offsets, axis=1)
+    found = np.linalg.norm(closest_points(x, points[facets]).offsets, axis=1)
     np.testing.assert_allclose(found, [nearest(p, points[facets]) for p in x], atol=1e-9)
 
 

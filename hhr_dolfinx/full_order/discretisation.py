@@ -33,7 +33,7 @@ from hhr_dolfinx.full_order.checks import (
     conditions_with_unknowns,
     warn_of_idle_parameters,
 )
-from hhr_dolfinx.full_order.locking import QUADRATURE, mean_dilatation
+from hhr_dolfinx.full_order.locking import QUADRATURE, mean_dilatation, stiffness_degree
 from hhr_dolfinx.loads import Assembler, Term, checked_terms
 from hhr_dolfinx.pairings.surface import Surface, make_surface
 from hhr_dolfinx.scene import Scene
@@ -98,8 +98,10 @@ class Discretisation:
         return self._cell_tags.find(tag)
 
     def cells(self, tag: int) -> ufl.Measure:
-        """Measure of the cells of a body."""
-        return self._dx(tag)
+        """Measure of the cells of a body for its stiffness; if shapes vary, by a rule that reduced models know too."""
+        if self.reshaped is None:
+            return self._dx(tag)
+        return self._dx(tag, degree=stiffness_degree(self.mesh.topology.cell_name(), self.scene.hypothesis))
 
     def empty_matrix(self) -> PETSc.Mat:
         """A matrix that couples the dofs of all cells."""
@@ -132,7 +134,7 @@ class Discretisation:
     def _stiffness_form(self):
         """Of the bodies under full integration; compiled where it is used: bodies that flow assemble elsewhere."""
         scene, functions = self.scene, (self._trial, self._test)
-        parts = (elasticity.stiffness(*functions, body.young, body.poisson, scene.hypothesis, self._dx(body.tag))
+        parts = (elasticity.stiffness(*functions, body.young, body.poisson, scene.hypothesis, self.cells(body.tag))
                  for body, mean in zip(scene.bodies, self.mean_dilatation, strict=True) if not mean)  # fmt: skip
         return fem.form(sum(parts))
 
@@ -151,14 +153,12 @@ class Discretisation:
         mass = fem_petsc.assemble_matrix(self._mass_form)
         mass.assemble()
         moved, free = self._displacements()
-        terms = [term for load in scene.loads for term in checked_terms(load, self.assembler(load))]
-        # θ counts those that are affine first
-        terms.sort(key=lambda term: not isinstance(term.amplitude, Amplitude))
+        terms = self.load_terms()
         fixed = [*(term.amplitude for term in moved), *(item.amplitude for item in scene.openings)]
         amplitudes = Amplitudes.collect([*fixed, *(term.amplitude for term in terms)], scene.parameters)
         shape = self.size, amplitudes.firsts[-1]
-        lifts, forces = _placed(moved, 1, shape), _placed(terms, 1 + len(fixed), shape)
-        rows, pairs = self._contact_rows()
+        lifts, forces = placed(moved, 1, shape), placed(terms, 1 + len(fixed), shape)
+        rows, pairs = self.contact_rows()
         gaps = -(rows.matrix @ lifts).toarray()
         gaps[:, 0] += rows.gap
         for k, item in enumerate(scene.openings, start=1 + len(moved)):
@@ -189,6 +189,11 @@ class Discretisation:
             parameters=scene.parameters,
             first=self.rows.start,
         )
+
+    def load_terms(self) -> list[Term]:
+        """Terms of all loads on the mesh as it lies, those that are affine first, as θ counts them."""
+        terms = [term for load in self.scene.loads for term in checked_terms(load, self.assembler(load))]
+        return sorted(terms, key=lambda term: not isinstance(term.amplitude, Amplitude))
 
     def check(self, problem: ContactProblem) -> None:
         """Look for mistakes that no single part of a scene shows, before anything is factored."""
@@ -280,7 +285,7 @@ class Discretisation:
             ds=partial(self._outer_facets, type(load).__name__),
             dx=self._cells,
             vector=partial(self._load_vector, load),
-            surface=self._surface,
+            surface=self.surface,
             eigenstress=partial(self._eigenstress, load),
         )
 
@@ -320,9 +325,9 @@ class Discretisation:
             raise SceneError(f"the form of {load!r} must be linear in v and integrated over ds or dx, and is {form!r}")
         return self._assemble_vector(form)
 
-    def _contact_rows(self) -> tuple[ContactRows, np.ndarray]:
-        """Rows of all pairs and the pair of each."""
-        parts = [item.rows([self._surface(tag) for tag in item.tags], self.size) for item in self.scene.contacts]
+    def contact_rows(self) -> tuple[ContactRows, np.ndarray]:
+        """Rows of all pairs on the mesh as it lies, and the pair of each."""
+        parts = [item.rows([self.surface(tag) for tag in item.tags], self.size) for item in self.scene.contacts]
         for item, part in zip(self.scene.contacts, parts, strict=True):
             if not isinstance(part, ContactRows):
                 raise SceneError(f"the rows of {item!r} must be ContactRows, and are {part!r}")
@@ -332,7 +337,8 @@ class Discretisation:
                 )
         return joined(parts), np.repeat(np.arange(len(parts)), [part.gap.size for part in parts])
 
-    def _surface(self, tag) -> Surface:
+    def surface(self, tag: int) -> Surface:
+        """The facets with a tag on the mesh as it lies."""
         dim, points = self.mesh.geometry.dim, self._points()
         area = self._assemble_vector(contact.tributary_area(self._test, self.scene.hypothesis, self._ds(tag)))[::dim]
         facets, inner = self._facets(tag)
@@ -379,7 +385,7 @@ class Discretisation:
         return np.concatenate(self.comm.allgather(vector.array))
 
 
-def _placed(terms: list[Term], first: int, shape: tuple[int, int]) -> csc_matrix:
+def placed(terms: list[Term], first: int, shape: tuple[int, int]) -> csc_matrix:
     """Columns of terms one after another from the place ``first`` on, zero elsewhere, in the format csc."""
     parts = [csc_matrix((shape[0], first)), *(term.columns for term in terms)]
     parts.append(csc_matrix((shape[0], shape[1] - sum(part.shape[1] for part in parts))))

@@ -25,6 +25,7 @@ from hhr_dolfinx.trained import check_outside
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.full_order.flow import FullEquilibrium
+    from hhr_dolfinx.full_order.rid_arrays import ShapedArrays
     from hhr_dolfinx.models.functionals import Functionals
 
 FULL_ORDER_ADVICE = {Status.SINGULAR: "list each contact pair once, and let no two conditions hold the same dofs"}
@@ -152,6 +153,12 @@ class FullOrderModel(WithOutputs):
         model = copy(self)
         model.problem = problem
         return model
+
+    def rid_arrays(self) -> ShapedArrays:
+        """What a reduced model of a scene whose shape depends on parameters assembles itself."""
+        from hhr_dolfinx.full_order.rid_arrays import ShapedArrays
+
+        return ShapedArrays(self.discretisation, self.problem)
 
     def factors_of(self, stiffness: csr_matrix, plane: str) -> FreeCholesky:
         """Factors of own rows of a stiffness, with an ordering for problems in the plane."""

@@ -74,3 +74,14 @@ def _warn(scene: Scene, body: Body, cell: str) -> None:
         LockingWarning,
         stacklevel=4,
     )
+
+
+def stiffness_degree(cell: str, hypothesis: str) -> int:
+    """Degree of the rule of the stiffness where shapes depend on parameters, of the full and of reduced models.
+
+    Simplices have a constant strain, exact with one point; in axisymmetry they take six, for weights 1 / r. Other cells
+    take two points along each axis, the usual full integration: exact on parallelograms and parallelepipeds.
+    """
+    if cell in SIMPLICES:
+        return 4 if hypothesis == "axisymmetric" else 1
+    return 3

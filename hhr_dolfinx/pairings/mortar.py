@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags, identity
+from scipy.sparse import csc_matrix, csr_matrix, diags, identity
 from scipy.spatial import cKDTree
 
 from hhr_dolfinx.contact.problem import ContactRows
@@ -103,20 +103,19 @@ class Mortar:
         """Integrate over the segments and divide by the weight of each multiplier function."""
         dual, n = self.multipliers == "dual", len(slave.nodes)
         functions = _dual_functions(slave, segments) if dual else segments.slave_values
-        area = np.zeros(n)
-        here, there = slave.facets[segments.slave], master.facets[segments.master]
         tested = functions * segments.measures[:, None]
-        np.add.at(area, here, tested)
+        by_facet = _summed(tested, segments.slave, len(slave.facets))
+        area = np.bincount(slave.facets.ravel(), by_facet.ravel(), n)
         if normals is None:
-            normals = _facing_normals(slave, segments, here, tested)
+            normals = _facing_normals(slave, by_facet)
         covered = area > COVERED * slave.areas
         if not covered.any():
             raise SceneError(never_facing(slave, master, "no slave node is covered by the master"))
         warn_beyond_edge(slave, master, ~covered)
         scale = diags(1 / np.where(covered, area, 1.0))
         # dual functions are biorthogonal to the shape functions of the slave
-        onto_slave = identity(n) if dual else scale @ _assemble(here, tested, here, segments.slave_values, (n, n))
-        onto_master = scale @ _assemble(here, tested, there, segments.master_values, (n, len(master.nodes)))
+        onto_slave = identity(n) if dual else scale @ _assemble(slave, slave, segments, tested)
+        onto_master = scale @ _assemble(slave, master, segments, tested)
         gap = np.einsum("md,md->m", onto_master @ master.points - onto_slave @ slave.points, normals)
         matrix = _along_normals(onto_slave, slave.nodes, normals, dofs)
         matrix = matrix - _along_normals(onto_master, master.nodes, normals, dofs)
@@ -209,32 +208,44 @@ def _distances(slave: Surface, master: Surface, segments: Segments) -> np.ndarra
     return np.einsum("qd,qd->q", ends[1] - ends[0], slave.outward[segments.slave])
 
 
-def _facing_normals(slave: Surface, segments: Segments, here: np.ndarray, tested: np.ndarray) -> np.ndarray:
-    """Normals of the slave nodes, averaged over what faces the master: at a corner the other side does not."""
+def _facing_normals(slave: Surface, by_facet: np.ndarray) -> np.ndarray:
+    """Normals of the slave nodes, averaged over what faces the master, (f, k): at a corner the other side does not."""
     normals = np.zeros_like(slave.points)
-    np.add.at(normals, here, tested[:, :, None] * slave.outward[segments.slave][:, None, :])
+    np.add.at(normals, slave.facets, by_facet[:, :, None] * slave.outward[:, None, :])
     return normalised(normals)
 
 
 def _dual_functions(slave: Surface, segments: Segments) -> np.ndarray:
     """Functions biorthogonal to the shape functions on the covered part of each slave facet, (q, k)."""
     count, k = slave.facets.shape
-    mass, diagonal = np.zeros((count, k, k)), np.zeros((count, k))
-    values, measures = segments.slave_values, segments.measures
-    np.add.at(mass, segments.slave, values[:, :, None] * values[:, None, :] * measures[:, None, None])
-    np.add.at(diagonal, segments.slave, values * measures[:, None])
+    values = segments.slave_values
+    weighted = values * segments.measures[:, None]
+    mass = _summed((weighted[:, :, None] * values[:, None, :]).reshape(-1, k * k), segments.slave, count)
+    diagonal = _summed(weighted, segments.slave, count)
     # facets that are hardly covered have a nearly singular mass matrix
-    coefficients = diagonal[:, :, None] * np.linalg.pinv(mass, rcond=1e-12, hermitian=True)
-    return np.einsum("qij,qj->qi", coefficients[segments.slave], values)
+    inverse = np.linalg.pinv(mass.reshape(count, k, k), rcond=1e-12, hermitian=True)
+    coefficients = diagonal[:, :, None] * inverse
+    return (coefficients[segments.slave] @ values[:, :, None])[:, :, 0]
 
 
-def _assemble(
-    rows: np.ndarray, tested: np.ndarray, columns: np.ndarray, values: np.ndarray, shape: tuple[int, int]
-) -> csr_matrix:
-    """Sum of tested_j values_k over all quadrature points; ``rows`` and ``columns`` number j and k, (q, k) each."""
-    entries = tested[:, :, None] * values[:, None, :]
-    row, column = np.broadcast_arrays(rows[:, :, None], columns[:, None, :])
-    return csr_matrix((entries.ravel(), (row.ravel(), column.ravel())), shape=shape)
+def _assemble(slave: Surface, other: Surface, segments: Segments, tested: np.ndarray) -> csr_matrix:
+    """Sums of tested_j values_k over all quadrature points, (n, nodes of the other surface)."""
+    values, there = (
+        (segments.slave_values, segments.slave) if other is slave else (segments.master_values, segments.master)
+    )
+    pairs, of_point = np.unique(segments.slave * len(other.facets) + there, return_inverse=True)
+    k, l = tested.shape[1], values.shape[1]
+    entries = _summed((tested[:, :, None] * values[:, None, :]).reshape(-1, k * l), of_point, len(pairs))
+    rows = np.repeat(slave.facets[pairs // len(other.facets)], l, axis=1)
+    columns = np.tile(other.facets[pairs % len(other.facets)], k)
+    shape = len(slave.nodes), len(other.nodes)
+    return csr_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+
+
+def _summed(values: np.ndarray, places: np.ndarray, count: int) -> np.ndarray:
+    """Sums of the rows of values, (q, r), that have the same place, (q,): (count, r)."""
+    ones, starts = np.ones(len(places)), np.arange(len(places) + 1)
+    return csc_matrix((ones, places, starts), shape=(count, len(places))) @ values
 
 
 def _along_normals(weights: csr_matrix, nodes: np.ndarray, normals: np.ndarray, dofs: int) -> csr_matrix:

@@ -163,7 +163,7 @@ def _along(slave: Surface, master: Surface, normal: np.ndarray) -> tuple[np.ndar
 
 def _closest(slave: Surface, master: Surface) -> tuple[np.ndarray, ClosestPoints, np.ndarray]:
     """Closest-point projection of the slave nodes; kept slave nodes, and the closest and normals of all."""
-    closest = closest_points(slave.points, master.corners, master.facets)
+    closest = closest_points(slave.points, master.corners)
     corner_normals, outward = master.corner_normals()[closest.facets], master.outward[closest.facets]
     smooth = np.einsum("mk,mkd->md", closest.weights, corner_normals)
     normals = -smooth / np.linalg.norm(smooth, axis=1, keepdims=True)

@@ -1,17 +1,20 @@
-"""Closest points on a surface: DOLFINx's bounding-volume tree finds the facet, a projection the point on it."""
+"""Closest points on a surface, and facets that lie near each other: a tree finds candidates, arrays do the rest.
+
+Nothing here needs a mesh, so that reduced models pair what their shape has moved.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
-from mpi4py import MPI
-from scipy.sparse import csr_matrix
+from scipy.spatial import cKDTree
 
-from hhr_dolfinx import compat
-
-if TYPE_CHECKING:
-    from dolfinx.mesh import Mesh
+ROUND_OFF = 1e-9
+"""Part of the size of the surfaces by which bounding boxes are enlarged."""
+EQUAL = 1e-12
+"""Part of the size of the surface within which two facets are equally near."""
 
 
 class ClosestPoints(NamedTuple):
@@ -28,38 +31,28 @@ class ClosestPoints(NamedTuple):
     offsets: np.ndarray
 
 
-def closest_points(points: np.ndarray, corners: np.ndarray, nodes: np.ndarray | None = None) -> ClosestPoints:
-    """Closest points on facets given by their corners.
+def closest_points(points: np.ndarray, corners: np.ndarray) -> ClosestPoints:
+    """Closest points on facets given by their corners; of equally near facets that with the smallest number.
 
     Args:
         points: (m, dim).
         corners: (f, k, dim).
-        nodes: numbers of the corners, (f, k). If given, the neighbours of the facet found are tried too: the
-            library takes quadrilaterals for their convex hulls, which matters where they are warped.
     """
-    # the library's distances have an absolute tolerance of about 1e-6: give it lengths of order 1
-    shift, size = corners.reshape(-1, corners.shape[2]).mean(axis=0), np.ptp(corners, axis=(0, 1)).max()
-    mesh = _facet_mesh((corners - shift) / size)
-    found = compat.closest_cells(mesh, _in_space((points - shift) / size))
-    facets = np.asarray(mesh.topology.original_cell_index)[found]
-    if nodes is not None and corners.shape[1] == 4:
-        return _closest_of_neighbours(points, corners, nodes, facets)
-    weights = project(points, corners[facets])
-    return ClosestPoints(facets, weights, points - np.einsum("mk,mkd->md", weights, corners[facets]))
-
-
-def _closest_of_neighbours(
-    points: np.ndarray, corners: np.ndarray, nodes: np.ndarray, facets: np.ndarray
-) -> ClosestPoints:
-    """The closest point on the given facet of each point and on all facets that share a node with it."""
-    count, k = nodes.shape
-    touches = csr_matrix((np.ones(count * k), (np.repeat(np.arange(count), k), nodes.ravel())))
-    tried = (touches @ touches.T)[facets]
-    point, facet = np.repeat(np.arange(len(points)), np.diff(tried.indptr)), tried.indices
+    middles = corners.mean(axis=1)
+    radii = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
+    # nothing is farther than the nearest corner or middle
+    bound = cKDTree(np.concatenate([middles, corners.reshape(-1, corners.shape[2])])).query(points)[0]
+    point, facet = _within(middles, points, (bound + radii.max()) * (1 + ROUND_OFF))
+    apart = np.linalg.norm(points[point] - middles[facet], axis=1)
+    near = apart <= (bound[point] + radii[facet]) * (1 + ROUND_OFF)
+    point, facet = point[near], facet[near]
     weights = project(points[point], corners[facet])
     offsets = points[point] - np.einsum("mk,mkd->md", weights, corners[facet])
-    # the nearest of each point comes first; of equals, the facet with the smallest number
-    order = np.lexsort((facet, np.round(np.linalg.norm(offsets, axis=1) / np.ptp(corners), 14), point))
+    distance = np.linalg.norm(offsets, axis=1)
+    least = np.full(len(points), np.inf)
+    np.minimum.at(least, point, distance)
+    nearest = np.flatnonzero(distance <= least[point] + EQUAL * np.ptp(corners))
+    order = nearest[np.lexsort((facet[nearest], point[nearest]))]
     best = order[np.searchsorted(point[order], np.arange(len(points)))]
     return ClosestPoints(facet[best], weights[best], offsets[best])
 
@@ -69,20 +62,22 @@ def near_pairs(first: np.ndarray, second: np.ndarray, reach: float) -> tuple[np.
 
     Corners are (f, k, dim) and (g, l, dim); returned are facets of the first and of the second surface, (p,) each.
     """
-    size = max(np.ptp(first, axis=(0, 1)).max(), np.ptp(second, axis=(0, 1)).max())
-    shift = second.reshape(-1, second.shape[2]).mean(axis=0)
-    meshes = [_facet_mesh((corners - shift) / size) for corners in (first, second)]
-    pairs = compat.meeting_cells(meshes[0], meshes[1], reach / size + 1e-9)
-    here, there = (np.asarray(mesh.topology.original_cell_index) for mesh in meshes)
-    return here[pairs[:, 0]], there[pairs[:, 1]]
+    boxes = [(corners.min(axis=1), corners.max(axis=1)) for corners in (first, second)]
+    (middle, half), (others, other_half) = (((low + high) / 2, (high - low) / 2) for low, high in boxes)
+    half = half + reach + ROUND_OFF * max(np.ptp(first, axis=(0, 1)).max(), np.ptp(second, axis=(0, 1)).max())
+    here, there = _within(others, middle, (half + other_half.max(axis=0)).max(axis=1), np.inf)
+    meet = (np.abs(middle[here] - others[there]) <= half[here] + other_half[there]).all(axis=1)
+    return here[meet], there[meet]
 
 
-def _facet_mesh(corners: np.ndarray) -> Mesh:
-    """Mesh of facets that share no nodes."""
-    count, k, dim = corners.shape
-    kind = {2: "interval", 3: "triangle", 4: "quadrilateral"}[k]
-    cells = np.arange(count * k).reshape(count, k)
-    return compat.linear_mesh(MPI.COMM_SELF, np.ascontiguousarray(corners.reshape(-1, dim)), cells, kind)
+def _within(
+    centres: np.ndarray, points: np.ndarray, reach: np.ndarray, norm: float = 2.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of a point and a centre no farther from it than its reach, (p,) each, point by point."""
+    found = cKDTree(centres).query_ball_point(points, reach, p=norm)
+    counts = np.array([len(item) for item in found], dtype=np.int64)
+    near = np.fromiter(chain.from_iterable(found), dtype=np.int64, count=int(counts.sum()))
+    return np.repeat(np.arange(len(points)), counts), near
 
 
 def project(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
@@ -171,7 +166,3 @@ def _on_segment(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     # a node of the master surface is met exactly, not to round-off
     position = np.where(position < 1e-12, 0.0, np.where(position > 1 - 1e-12, 1.0, position))
     return np.column_stack([1 - position, position])
-
-
-def _in_space(points: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(np.pad(points, ((0, 0), (0, 3 - points.shape[1]))))

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import roots_sh_jacobi
 
-from hhr_dolfinx.compat import extra, quadrature
+from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.pairings.projection import local_coordinates, shape_functions
+from hhr_dolfinx.pairings.projection import shape_functions
 from hhr_dolfinx.pairings.surface import Surface
 
-_SKEWED = ((4, -1.0, 1e-10), (14, 1e-10, 0.2), (30, 0.2, np.inf))
-"""Degree of quadrature by skewness of the facets: on quadrilaterals that are no parallelograms shape functions are
-rational, and 1e-10 of the load of a node takes more points."""
+_SKEWED = ((4, -1.0, 1e-10), (8, 1e-10, 1e-2), (14, 1e-2, 0.2), (30, 0.2, np.inf))
+"""Degree of quadrature by skewness s of the facets: on quadrilaterals that are no parallelograms products of shape
+functions are series of polynomials of degree 4 + p and size s^p, and 1e-10 of the load of a node takes more points."""
 
 
 class Segments(NamedTuple):
@@ -53,8 +55,7 @@ def _segments(slave: Surface, master: Surface, directions: np.ndarray, here: np.
     low, high = np.maximum(ends.min(axis=0), 0.0), np.minimum(ends.max(axis=0), 1.0)
     common = high - low > 1e-12
     here, there, low, high, ends = here[common], there[common], low[common], high[common], ends[:, common]
-    points, weights = quadrature("interval", 4)
-    nodes = points[:, 0]
+    nodes, weights = _on_interval(4)
     position = low[:, None] + (high - low)[:, None] * nodes
     on_master = (position - ends[0][:, None]) / (ends[1] - ends[0])[:, None]
     slave_values, master_values = (np.stack([1 - t, t], axis=-1).reshape(-1, 2) for t in (position, on_master))
@@ -78,8 +79,7 @@ def _polygons(slave: Surface, master: Surface, directions: np.ndarray, here: np.
     skew = np.maximum(*(_skewness(corners) for corners in flat))[pair] if pair.size else np.zeros(0)
     parts = []
     for degree, low, high in _SKEWED:
-        points, weights = quadrature("triangle", degree)
-        rule = points, 2 * weights  # shares of the area
+        rule = _on_triangle(degree)
         which = np.flatnonzero((skew > low) & (skew <= high))
         (slave_values, master_values), measures = _on_triangles(flat, pair[which], triangles[which], *rule)
         facet = np.repeat(pair[which], len(rule[1]))
@@ -107,14 +107,14 @@ def _common_triangles(
             )
     common = shapely.intersection(*outlines)
     wanted = np.flatnonzero(shapely.area(common) > 1e-12 * shapely.area(outlines[0]))
-    pairs, triangles = [np.zeros(0, dtype=int)], [np.zeros((0, 3, 2))]
-    for pair in wanted:
-        # the common part of two convex polygons is convex: a fan fills it
-        corners = shapely.get_coordinates(common[pair])[:-1]
-        first = np.broadcast_to(corners[0], corners[1:-1].shape)
-        triangles.append(np.stack([first, corners[1:-1], corners[2:]], axis=1))
-        pairs.append(np.full(len(first), pair))
-    return np.concatenate(pairs), np.concatenate(triangles)
+    # the common part of two convex polygons is convex: a fan fills it, and rings end where they begin
+    corners, polygon = shapely.get_coordinates(common[wanted], return_index=True)
+    counts = np.bincount(polygon, minlength=wanted.size)
+    starts = np.cumsum(counts) - counts
+    place = np.arange(polygon.size) - starts[polygon]
+    second = np.flatnonzero((place >= 1) & (place <= counts[polygon] - 3))
+    triangles = np.stack([corners[starts[polygon[second]]], corners[second], corners[second + 1]], axis=1)
+    return wanted[polygon[second]], triangles
 
 
 def _on_triangles(
@@ -123,12 +123,57 @@ def _on_triangles(
     """Shape functions of both facets at the points of a rule on each triangle, and the weights times its area."""
     sides = triangles[:, 1:] - triangles[:, :1]
     area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) / 2
-    points = (triangles[:, None, 0] + np.einsum("qj,tjd->tqd", local, sides)).reshape(-1, 2)
-    values = []
-    for corners in flat:
-        own = corners[np.repeat(pair, weights.size)]
-        values.append(shape_functions(local_coordinates(points, own), own.shape[1])[0])
+    points = triangles[:, None, 0] + local @ sides
+    values = [
+        shape_functions(_within_facets(points, corners[pair]).reshape(-1, 2), corners.shape[1])[0] for corners in flat
+    ]
     return values, (area[:, None] * weights).ravel()
+
+
+def _within_facets(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Reference coordinates of points in flat convex facets, (t, q, 2) in (t, k, 2): (t, q, 2).
+
+    x = a ξ + b η + c ξ η is solved for η, a root of a quadratic equation, in the form that stands c = 0. There the
+    Jacobian is the root of the discriminant, and of one sign within a convex facet.
+    """
+    first = corners[:, 0]
+    a, b = corners[:, 1] - first, corners[:, 2] - first
+    c = corners[:, 3] - first - a - b if corners.shape[1] == 4 else np.zeros_like(a)
+    x, y = (points - first[:, None]).transpose(2, 0, 1)
+    (ax, ay), (bx, by), (cx, cy) = (part.T[:, :, None] for part in (a, b, c))
+    whole = ax * by - ay * bx
+    constant, linear, square = x * ay - y * ax, x * cy - y * cx + whole, cx * by - cy * bx
+    jacobian = np.sign(whole) * np.sqrt(np.maximum(linear * linear - 4 * constant * square, 0.0))
+    second = -2 * constant / (linear + jacobian)
+    along_x, along_y = ax + cx * second, ay + cy * second
+    rest = (x - bx * second) * along_x + (y - by * second) * along_y
+    return np.stack([rest / (along_x * along_x + along_y * along_y), second], axis=-1)
+
+
+@cache
+def _on_interval(degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss's points and weights on (0, 1), exact up to a degree."""
+    points, weights = np.polynomial.legendre.leggauss(degree // 2 + 1)
+    return (points + 1) / 2, weights / 2
+
+
+@cache
+def _on_triangle(degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points in the unit triangle, (q, 2), and weights as shares of its area, exact up to a degree.
+
+    Up to 4 the six points of G. Strang and G. J. Fix, beyond Gauss's points of a square that is folded to a triangle.
+    """
+    if degree <= 4:
+        turn, weight = np.sqrt(38 - 44 * np.sqrt(0.4)), np.sqrt(213125 - 53320 * np.sqrt(10.0))
+        orbits = [((8 - np.sqrt(10.0) + sign * turn) / 18, (620 + sign * weight) / 3720) for sign in (1, -1)]
+        points = [point for a, _ in orbits for point in ((a, a), (1 - 2 * a, a), (a, 1 - 2 * a))]
+        return np.array(points), np.repeat([share for _, share in orbits], 3)
+    along, weights = _on_interval(degree)
+    # the width of the triangle belongs to the weight of the second rule
+    height, shares = roots_sh_jacobi(len(along), 2, 1)
+    x = np.outer(along, 1 - height)
+    y = np.broadcast_to(height, x.shape)
+    return np.column_stack([x.ravel(), y.ravel()]), np.outer(weights, 2 * shares).ravel()
 
 
 def _skewness(corners: np.ndarray) -> np.ndarray:

@@ -98,11 +98,12 @@ class Surface:
             facets: facet of each point, (m,).
             weights: values of its shape functions at the point, (m, k).
         """
-        corners, normals = self.corners[facets], self.corner_normals()[facets]
-        corners = corners - corners[:, :1]
-        both = np.einsum("mk,mkd,mkd->m", weights, normals, corners)
-        apart = np.einsum("md,md->m", *(np.einsum("mk,mkd->md", weights, part) for part in (normals, corners)))
-        return (both - apart) / 2
+        corners, normals = self.corners, self.corner_normals()
+        heights = normals @ (corners - corners[:, :1]).transpose(0, 2, 1)
+        own = np.einsum("fkk->fk", heights)
+        # weights sum to one: what is linear in them is a quadratic form too
+        forms = (own[:, :, None] - heights) / 2
+        return ((forms[facets] @ weights[:, :, None])[:, :, 0] * weights).sum(axis=1)
 
     def node_depths(self) -> np.ndarray:
         """Smallest depth of the facets at each node, (n,)."""
