@@ -140,7 +140,7 @@ def prepared_outputs(
         probe = Probe(
             scene=discretisation.scene,
             problem=problem,
-            contact_rows=discretisation.contact_rows,
+            contact_rows=discretisation.whole_contact,
             assembler=discretisation.assembler(output),
             nodes=partial(_nodes, discretisation, problem),
             mises=partial(_mises, discretisation, problem, equilibrium),

@@ -9,6 +9,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
+    from hhr_dolfinx.models.shaped import RidAssembly
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,8 @@ class ReducedProblem:
         pairs: number of the contact pair of each condition, (N_lambda_C,).
         terms: parts of the stiffness where it depends on parameters; ``stiffness`` and ``loads`` are then those in the
             middle of the box. None where it does not.
+        reshaped: makes the problem of any point where the shape depends on parameters; the rest is then that of the
+            middle of the box. None where it does not.
     """
 
     stiffness: np.ndarray
@@ -53,3 +56,4 @@ class ReducedProblem:
     gaps: np.ndarray
     pairs: np.ndarray
     terms: ReducedTerms | None = None
+    reshaped: RidAssembly | None = None

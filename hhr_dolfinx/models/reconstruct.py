@@ -18,6 +18,7 @@ from hhr_dolfinx.models.answer import Answer
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals import Functionals
+    from hhr_dolfinx.models.interpolation import Interpolant
 
 
 class GappyField(NamedTuple):
@@ -99,6 +100,7 @@ class Reconstruction:
         flow: what completes stress and plastic strain where bodies flow.
         stress_of: stress of a displacement where nothing flows; None for a model from a file, which has no mesh.
         indicator: estimates the error of an answer; None for none.
+        reshaped_contact: gaps and B V beside each other where they change with the shape of the bodies; else None.
         functionals: outputs of the scene; None where it has none.
     """
 
@@ -115,6 +117,14 @@ class Reconstruction:
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     indicator: Callable[[Answer], float] | None = None
     functionals: Functionals | None = None
+    reshaped_contact: Interpolant | None = None
+
+    def contact_at(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gaps, (N_lambda, 1 + T), and B V, (N_lambda, ell), at a point."""
+        if self.reshaped_contact is None:
+            return self.gaps, self.contact_basis
+        values, size = self.reshaped_contact.value(point), self.gaps.size
+        return values[:size].reshape(self.gaps.shape), values[size:].reshape(self.contact_basis.shape)
 
     @cached_property
     def _lifted(self) -> tuple[np.ndarray, np.ndarray]:
@@ -156,7 +166,8 @@ class Reconstruction:
         """The fit of (1.70)."""
         outside, fitted, penalised = self._parts
         theta = self.amplitudes(answer.parameter)
-        slack = self.gaps[outside] @ theta - self.contact_basis[outside] @ answer.unknown
+        gaps, contact = self.contact_at(answer.parameter)
+        slack = gaps[outside] @ theta - contact[outside] @ answer.unknown
         open_gap = np.maximum(slack, 0.0) / self.gap_scale[outside]
         matrix = np.vstack([fitted, open_gap[:, None] * penalised])
         target = np.concatenate([answer.multipliers, np.zeros(open_gap.size)])
@@ -176,7 +187,14 @@ class Reconstruction:
         assert gradient is not None
         fit = self._fitted(answer)
         used = np.flatnonzero(fit.weights)
-        slack = self.gaps[outside] @ changes - self.contact_basis[outside] @ gradient.unknown
+        gaps, contact = self.contact_at(answer.parameter)
+        slack = gaps[outside] @ changes - contact[outside] @ gradient.unknown
+        if self.reshaped_contact is not None:
+            theta, size = self.amplitudes(answer.parameter), gaps.size
+            derivatives = self.reshaped_contact.derivative(answer.parameter).T
+            for axis, column in zip(self.reshaped_contact.axes, derivatives, strict=True):
+                opened, pushed = column[:size].reshape(gaps.shape), column[size:].reshape(contact.shape)
+                slack[:, axis] += (opened @ theta - pushed @ answer.unknown)[outside]
         opening = slack * (fit.open_gap > 0)[:, None] / self.gap_scale[outside][:, None]
         combined, m = penalised @ fit.weights, len(self.A_lambda)
         left = fit.target[m:] - fit.open_gap * combined

@@ -22,9 +22,12 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.amplitudes import Amplitudes
+    from hhr_dolfinx.models.block_elimination import BlockElimination
     from hhr_dolfinx.models.interpolated import Compliances
     from hhr_dolfinx.models.many import ManyAnswers
     from hhr_dolfinx.models.reduced_flow import ReducedEquilibrium, ReducedFlow
+    from hhr_dolfinx.models.reshaped import ReshapedReduction
     from hhr_dolfinx.models.varying import VaryingModel
 
 ADVICE: Mapping[Status, str] = MappingProxyType(
@@ -143,16 +146,28 @@ class ReducedModel(WithOutputs):
         if self.known is None:
             raise ReductionError("a model in which nothing flows starts from known statuses: give them as known")
         trained = self.trained if isinstance(self.trained, TrainedRange) else None
-        if problem.terms is not None:
-            from hhr_dolfinx.models.block_elimination import BlockElimination
+        if problem.terms is not None or problem.reshaped is not None:
             from hhr_dolfinx.models.varying import VaryingModel
 
-            eliminated = self.compliances or BlockElimination(problem, self.fields.amplitudes)
+            eliminated = self.compliances or _eliminated_anew(problem, self.fields.amplitudes, self.parameters)
             rest = self.known, self.fields, problem.pairs, trained, ADVICE
             return VaryingModel(self.parameters, eliminated, *rest)
         responses = Responses.eliminate(factorise(problem.stiffness), problem.loads, problem.gaps, *contact)
         how = factorise, problem.pairs, trained, ADVICE
         return CondensedModel(self.parameters, self.fields.amplitudes, responses, self.known, self.fields, *how)
+
+
+def _eliminated_anew(
+    problem: ReducedProblem, amplitudes: Amplitudes, parameters: ParameterSpace
+) -> BlockElimination | ReshapedReduction:
+    """What factors K~ of each query: on the RID as its shape is there, or as a sum of parts."""
+    if problem.reshaped is not None:
+        from hhr_dolfinx.models.reshaped import ReshapedReduction
+
+        return ReshapedReduction(problem.reshaped, amplitudes, parameters)
+    from hhr_dolfinx.models.block_elimination import BlockElimination
+
+    return BlockElimination(problem, amplitudes)
 
 
 def _restored(

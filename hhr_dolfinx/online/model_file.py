@@ -165,7 +165,7 @@ def save_model(path: str | Path, model: ReducedModel | VaryingModel) -> None:
             header[what] = [data for data, _ in plain]
             arrays |= {f"{what}{k}.{name}": own for k, (_, parts) in enumerate(plain) for name, own in parts.items()}
         _checked(header, arrays, kinds)
-        if model.problem.terms is not None:
+        if model.problem.terms is not None or model.problem.reshaped is not None:
             from hhr_dolfinx.online.varying_file import varying_parts
 
             header["varying"], others = varying_parts(model)

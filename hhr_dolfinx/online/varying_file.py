@@ -15,27 +15,36 @@ from hhr_dolfinx.errors import FileContentError, HHRError, ModelFileError
 from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.formulas import Formula, Modulus, Scalar
 from hhr_dolfinx.models.block_elimination import BlockReduction
+from hhr_dolfinx.models.cells import CellRule
 from hhr_dolfinx.models.condensed import KnownStatuses
 from hhr_dolfinx.models.functional_kinds import KINDS as FUNCTIONALS
 from hhr_dolfinx.models.functionals import Functionals
 from hhr_dolfinx.models.interpolated import Compliance, Compliances, InterpolatedFields, PrimalModes
 from hhr_dolfinx.models.interpolation import Interpolant
+from hhr_dolfinx.models.patches import ContactPatch, SurfacePatch
 from hhr_dolfinx.models.projected import ReducedProblem, ReducedTerms
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.models.reshaped import InterpolatedProblem, ReshapedReduction
+from hhr_dolfinx.models.shaped import FixedCells, RidAssembly, RidBody, RidShape
 from hhr_dolfinx.models.starts import LinearStarts
 from hhr_dolfinx.models.varying import VaryingModel
 from hhr_dolfinx.online.model_file import CONDENSED
 from hhr_dolfinx.online.tree import put_together, taken_apart
+from hhr_dolfinx.pairings.mortar import Mortar
+from hhr_dolfinx.pairings.node_to_node import NodeToNode
+from hhr_dolfinx.pairings.node_to_surface import DoublePass, NodeToSurface
+from hhr_dolfinx.pairings.obstacle import Obstacle
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plain import by_name
+from hhr_dolfinx.shapes import Shape
 
 VERSION = 1
 
 KINDS = (
     Amplitudes, BlockReduction, Compliance, Compliances, Coverage, Formula, InterpolatedFields, InterpolatedProblem,
     Interpolant, KnownStatuses, LinearStarts, Modulus, ParameterSpace, PrimalModes, ReducedProblem, ReducedTerms,
-    ReshapedReduction, Scalar, Functionals, *FUNCTIONALS,
+    ReshapedReduction, Scalar, Functionals, *FUNCTIONALS, FixedCells, RidAssembly, RidBody, RidShape, Shape, CellRule,
+    ContactPatch, SurfacePatch, Mortar, NodeToNode, NodeToSurface, DoublePass, Obstacle,
 )  # fmt: skip
 """Classes that may come out of a file."""
 
@@ -95,7 +104,13 @@ def load_condensed(path: str | Path, known: Iterable[type] = ()) -> VaryingModel
 def varying_parts(model: ReducedModel) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """What a reduced model has beside the arrays of its table: a tree for the header, and arrays by path."""
     arrays: dict[str, np.ndarray] = {}
-    parts = {"terms": model.problem.terms, "compliances": model.compliances, "known": model.known}
+    parts = {
+        "terms": model.problem.terms,
+        "reshaped": model.problem.reshaped,
+        "compliances": model.compliances,
+        "known": model.known,
+        "contact": model.fields.reshaped_contact,
+    }
     tree = {name: taken_apart(part, f"{PREFIX}.{name}", arrays) for name, part in parts.items()}
     return tree, arrays
 
@@ -109,14 +124,23 @@ def with_varying_parts(
         FileContentError: for a tree that is none, or does not suit the model.
     """
     kinds = by_name([*KINDS, *known])
-    if not isinstance(tree, dict) or tree.keys() != {"terms", "compliances", "known"}:
+    if not isinstance(tree, dict) or tree.keys() != {"terms", "reshaped", "compliances", "known", "contact"}:
         raise FileContentError("what varies in the model is no tree")
-    terms, compliances, starts = (put_together(tree[name], arrays, kinds) for name in tree)
-    fits = isinstance(terms, ReducedTerms) and isinstance(compliances, Compliances | None)
-    if not fits or not isinstance(starts, KnownStatuses):
+    parts = {name: put_together(tree[name], arrays, kinds) for name in tree}
+    fits = (
+        isinstance(parts["terms"], ReducedTerms | None)
+        and isinstance(parts["reshaped"], RidAssembly | None)
+        and isinstance(parts["compliances"], Compliances | None)
+        and isinstance(parts["known"], KnownStatuses)
+        and isinstance(parts["contact"], Interpolant | None)
+    )
+    if not fits:
         raise FileContentError("what varies in the model is of other kinds")
     try:
-        whole = model.changed(problem=replace(model.problem, terms=terms), compliances=compliances, known=starts)
+        problem = replace(model.problem, terms=parts["terms"], reshaped=parts["reshaped"])
+        fields = replace(model.fields, reshaped_contact=parts["contact"])
+        given = {"compliances": parts["compliances"], "known": parts["known"]}
+        whole = model.changed(problem=problem, fields=fields, **given)
         middle = np.mean([model.parameters.lower, model.parameters.upper], axis=0)
         whole.solve(middle, outside="ignore", raise_on_failure=False)
     except (IndexError, TypeError, ValueError, AttributeError) as error:

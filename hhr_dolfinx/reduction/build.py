@@ -217,6 +217,10 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
     basis = enrichment.basis
     with log.stage("projection"):
         reduced = project(problem, basis, sets)
+        if problem.reshaped is not None:
+            from hhr_dolfinx.reduction.shaped import rid_assembly
+
+            reduced = replace(reduced, terms=None, reshaped=rid_assembly(full, basis, sets))
         flow = None
         if full.equilibrium is not None:
             from hhr_dolfinx.reduction.flow import project_flow
@@ -236,8 +240,8 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
     with log.stage("online_arrays"):
         range_ = TrainedRange.of(shared.snapshots.points, problem.parameters) if flow is None else None
         model = ReducedModel(reduced, full.parameters, fields, range_, known=known, flow=flow)
-        if reduced.terms is not None:
-            model = _eliminated_between(model, log)
+        if problem.varies:
+            model = _eliminated_between(model, full, log)
     margin = _checked_margin(shared, model, layers)
     with log.stage("validation"):
         comparison, trained = _compared(shared, model)
@@ -245,12 +249,17 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
     return model.changed(trained=trained, offline=record)
 
 
-def _eliminated_between(model: ReducedModel, log: StageLog) -> ReducedModel:
+def _eliminated_between(model: ReducedModel, full: Any, log: StageLog) -> ReducedModel:
     """A model whose K~ depends on parameters, eliminated between few of them; statuses start along derivatives."""
-    from hhr_dolfinx.reduction.interpolate_reduced import interpolated_reduction
+    from hhr_dolfinx.reduction.interpolate_reduced import interpolated_reduction, interpolated_shapes, reshaped_contact
     from hhr_dolfinx.reduction.starts import linear_starts
 
-    compliances, _ = interpolated_reduction(model.problem, model.fields.amplitudes, model.parameters)
+    if full.problem.reshaped is None:
+        compliances, _ = interpolated_reduction(model.problem, model.fields.amplitudes, model.parameters)
+    else:
+        compliances, _ = interpolated_shapes(model.problem, full.problem)
+        contact = reshaped_contact(full.problem, model.fields.basis)
+        model = model.changed(fields=replace(model.fields, reshaped_contact=contact))
     if compliances is None:
         log.skip("interpolation", "K~^-1 is no smooth function of the parameters: it is factored for each query")
         return model

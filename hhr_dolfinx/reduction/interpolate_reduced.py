@@ -6,6 +6,8 @@ parameters as K~: a sparse grid of a dozen factorisations of K~ replaces the one
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.linalg.lapack import dgetrf, dgetrs
 
@@ -15,7 +17,7 @@ from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.models.block_elimination import Block, blocks_of
 from hhr_dolfinx.models.interpolated import Compliances
-from hhr_dolfinx.models.interpolation import GrownGrid
+from hhr_dolfinx.models.interpolation import GrownGrid, Interpolant
 from hhr_dolfinx.models.projected import ReducedProblem, ReducedTerms
 from hhr_dolfinx.models.reshaped import InterpolatedProblem
 from hhr_dolfinx.parameters import ParameterSpace
@@ -24,6 +26,10 @@ from hhr_dolfinx.reduction.projection import project
 
 REDUCED_GRID = GridSettings(1e-5, 300)
 """A factorisation of K~ costs milliseconds, so that the interpolation can be far better than the reduction."""
+
+
+SHAPE_GRID = GridSettings(2e-5, 200)
+"""A shape of the RID costs a tenth of a second, and the reduction errs by more than this."""
 
 
 def interpolated_reduction(
@@ -104,3 +110,46 @@ def interpolated_problem(
     grid, modes = grown(solved, problem.parameters, axes, settings)
     shapes = tuple(part.shape[:-1] for part in modes.values())
     return InterpolatedProblem(base.pairs, terms.moduli, sizes, grid.interpolant, shapes)
+
+
+def interpolated_shapes(
+    problem: ReducedProblem, full: ContactProblem, settings: GridSettings = SHAPE_GRID
+) -> tuple[Compliances | None, list[GrownGrid]]:
+    """The same where the shape varies: the RID is assembled at few shapes; None where that is not smooth."""
+    assembly, space = problem.reshaped, full.parameters
+    assert assembly is not None
+    named = {name for modulus in full.moduli for scalar in (modulus.factor_scalar, modulus.rest_scalar)
+             for name in scalar.formula.variables}  # fmt: skip
+    axes = np.array(sorted({space.names.index(name) for name in named} | set(full.reshaped.axes)), dtype=np.int64)
+    forced = np.flatnonzero(np.any(assembly(full.middle).loads, axis=0))
+    part = Part(np.arange(len(problem.gaps)), forced, np.zeros(0, dtype=np.int64), None, axes)
+
+    def solved(point: np.ndarray) -> dict[str, np.ndarray]:
+        there = assembly(point)
+        lu, pivots, info = dgetrf(there.stiffness)
+        if info:
+            raise SingularError(f"K~ of {len(lu)} modes is singular at {point.tolist()}")
+        pushed, free = (dgetrs(lu, pivots, right)[0] for right in (there.contact_test.T, there.loads[:, forced]))
+        trial = there.contact_trial
+        reduced = {"schur": trial @ pushed, "columns": (trial @ free).T, "pushed": pushed, "free": free.T}
+        return reduced | {"gaps": there.gaps}
+
+    grid, modes = grown(solved, space, axes, settings)
+    if grid.surplus > settings.tolerance:
+        return None, [grid]
+    size = len(problem.stiffness)
+    compliance = compliance_of(part, grid, modes, np.arange(size))
+    gaps = replace(grid.interpolant, modes=np.asfortranarray(modes["gaps"].reshape(-1, modes["gaps"].shape[-1])))
+    amplitudes = full.amplitudes
+    return Compliances((compliance,), amplitudes, problem.gaps, gaps, size, symmetric=False), [grid]
+
+
+def reshaped_contact(full: ContactProblem, basis: np.ndarray, settings: GridSettings = SHAPE_GRID) -> Interpolant:
+    """Gaps and B V of all conditions beside each other, interpolated over the parameters of the shape."""
+
+    def solved(point: np.ndarray) -> dict[str, np.ndarray]:
+        there = full.reshaped(point)
+        return {"gaps": there.gaps, "contact": there.contact @ basis}
+
+    axes = np.array(full.reshaped.axes, dtype=np.int64)
+    return grown(solved, full.parameters, axes, settings)[0].interpolant
