@@ -123,7 +123,7 @@ SCENES = {
 
 
 def projected(full, point, basis, sets):
-    """The full problem at a point, projected; where surfaces slide its conditions touch other nodes than in the base."""
+    """The full problem at a point, projected, with the nodes that its conditions touch there: surfaces slide."""
     problem = full.problem.at(point)
     touched = np.flatnonzero(abs(problem.contact[sets.A_lambda]).T @ np.ones(len(sets.A_lambda)))
     return project(problem, basis, replace(sets, A_c=np.intersect1d(touched, sets.A), A_c_tilde=touched))
@@ -218,10 +218,11 @@ def test_it_needs_no_finite_element_library(tmp_path):
 def test_a_shape_that_slides_surfaces_out_of_the_domain_is_refused():
     """The upper block moves along the lower one: other nodes face each other than where the domain was closed."""
     slides = (Shape(SECOND, ("x + 4 * c", "y")),)
-    full, _, _, assembly = reduced(stacked(contact=hhr.NodeToSurface(TOP, BOTTOM), names=("push", "c"), shapes=slides,
-                                           bodies=(hhr.Body(FIRST, 2.0, 0.3), hhr.Body(SECOND, 2.0, 0.3))), 0.3)  # fmt: skip
+    bodies = (hhr.Body(FIRST, 2.0, 0.3), hhr.Body(SECOND, 2.0, 0.3))
+    contact = hhr.NodeToSurface(TOP, BOTTOM)
+    full, _, _, assembly = reduced(stacked(contact=contact, names=("push", "c"), shapes=slides, bodies=bodies), 0.3)
     assembly(full.problem.middle)
-    with pytest.raises(ParameterError, match="slide|not there|cannot be evaluated"):
+    with pytest.raises(ParameterError, match=r"slide|not there|cannot be evaluated"):
         assembly(np.array(full.parameters.lower, dtype=float))
 
 
@@ -232,7 +233,7 @@ def test_what_the_full_model_refuses_is_refused():
     full, _, _, assembly = reduced(scene)
     point = (0.1, -0.05, 2.0, 0.3)
     for refused in (full.problem.at, assembly):
-        with pytest.raises(ParameterError, match="in contact|not there"):
+        with pytest.raises(ParameterError, match=r"in contact|not there"):
             refused(np.array(point))
 
 

@@ -13,8 +13,8 @@ from hhr_dolfinx import compat
 from hhr_dolfinx.amplitudes import Amplitude
 from hhr_dolfinx.contact.problem import ContactProblem, ContactRows, masked
 from hhr_dolfinx.errors import PairingWarning, SceneError
-from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.forms import elasticity
+from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.full_order.discretisation import placed
 from hhr_dolfinx.full_order.locking import SIMPLICES, stiffness_degree
 from hhr_dolfinx.models.cells import CellRule
