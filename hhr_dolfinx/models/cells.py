@@ -13,9 +13,6 @@ import numpy as np
 
 from hhr_dolfinx.errors import ParameterError
 
-SIMPLICES = ("triangle", "tetrahedron")
-"""Cells whose strain is constant but in axisymmetry."""
-
 
 @dataclass(frozen=True)
 class CellRule:

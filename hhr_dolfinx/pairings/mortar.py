@@ -198,14 +198,21 @@ def _own_body(slave: Surface, facets: np.ndarray, reach: float) -> np.ndarray:
 
 def _distances(slave: Surface, master: Surface, segments: Segments) -> np.ndarray:
     """From slave to master along the normal of the slave facet at each quadrature point, (q,)."""
-    ends = [
-        np.einsum("qk,qkd->qd", values, surface.corners[facets])
-        for values, surface, facets in (
-            (segments.slave_values, slave, segments.slave),
-            (segments.master_values, master, segments.master),
-        )
-    ]
-    return np.einsum("qd,qd->q", ends[1] - ends[0], slave.outward[segments.slave])
+    pairs, of_point = _pairs(master, segments.slave, segments.master)
+    here, there = np.divmod(pairs, len(master.facets))
+    normals = slave.outward[here][:, :, None]
+    lows, highs = (slave.corners[here] @ normals)[:, :, 0], (master.corners[there] @ normals)[:, :, 0]
+    return (segments.master_values * highs[of_point] - segments.slave_values * lows[of_point]).sum(axis=1)
+
+
+def _pairs(other: Surface, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of facets as ``here * facets of the other surface + there``, and the pair of each point, (q,).
+
+    Points of one pair follow each other in few runs, a pair for each.
+    """
+    keys = here * len(other.facets) + there
+    begins = np.flatnonzero(np.diff(keys, prepend=-1))
+    return keys[begins], np.repeat(np.arange(begins.size), np.diff(begins, append=keys.size))
 
 
 def _facing_normals(slave: Surface, by_facet: np.ndarray) -> np.ndarray:
@@ -225,7 +232,10 @@ def _dual_functions(slave: Surface, segments: Segments) -> np.ndarray:
     # facets that are hardly covered have a nearly singular mass matrix
     inverse = np.linalg.pinv(mass.reshape(count, k, k), rcond=1e-12, hermitian=True)
     coefficients = diagonal[:, :, None] * inverse
-    return (coefficients[segments.slave] @ values[:, :, None])[:, :, 0]
+    functions = np.zeros_like(values)
+    for column, value in zip(coefficients.transpose(2, 0, 1), values.T, strict=True):
+        functions += np.ascontiguousarray(column)[segments.slave] * value[:, None]
+    return functions
 
 
 def _assemble(slave: Surface, other: Surface, segments: Segments, tested: np.ndarray) -> csr_matrix:
@@ -233,7 +243,7 @@ def _assemble(slave: Surface, other: Surface, segments: Segments, tested: np.nda
     values, there = (
         (segments.slave_values, segments.slave) if other is slave else (segments.master_values, segments.master)
     )
-    pairs, of_point = np.unique(segments.slave * len(other.facets) + there, return_inverse=True)
+    pairs, of_point = _pairs(other, segments.slave, there)
     k, l = tested.shape[1], values.shape[1]
     entries = _summed((tested[:, :, None] * values[:, None, :]).reshape(-1, k * l), of_point, len(pairs))
     rows = np.repeat(slave.facets[pairs // len(other.facets)], l, axis=1)

@@ -15,6 +15,8 @@ ROUND_OFF = 1e-9
 """Part of the size of the surfaces by which bounding boxes are enlarged."""
 EQUAL = 1e-12
 """Part of the size of the surface within which two facets are equally near."""
+AT_ONCE = 1000
+"""Points whose facets are looked for at once: from afar each has hundreds of candidates."""
 
 
 class ClosestPoints(NamedTuple):
@@ -39,19 +41,33 @@ def closest_points(points: np.ndarray, corners: np.ndarray) -> ClosestPoints:
         corners: (f, k, dim).
     """
     middles = corners.mean(axis=1)
-    radii = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
+    radius = np.linalg.norm(corners - middles[:, None], axis=2).max()
     # nothing is farther than the nearest corner or middle
     bound = cKDTree(np.concatenate([middles, corners.reshape(-1, corners.shape[2])])).query(points)[0]
-    point, facet = _within(middles, points, (bound + radii.max()) * (1 + ROUND_OFF))
-    apart = np.linalg.norm(points[point] - middles[facet], axis=1)
-    near = apart <= (bound[point] + radii[facet]) * (1 + ROUND_OFF)
+    tree, parts = cKDTree(middles), []
+    for first in range(0, len(points), AT_ONCE):
+        some = slice(first, first + AT_ONCE)
+        pairs = _within(tree, points[some], (bound[some] + radius) * (1 + ROUND_OFF))
+        parts.append(_closest_of(points[some], corners, bound[some], *pairs))
+    return ClosestPoints(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+def _closest_of(
+    points: np.ndarray, corners: np.ndarray, bound: np.ndarray, point: np.ndarray, facet: np.ndarray
+) -> ClosestPoints:
+    """Closest points on the facets that each point is paired with, none of them farther than its bound, (m,)."""
+    size = np.ptp(corners)
+    # from afar many facets are within reach and few of their boxes near enough
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    beside = np.maximum(np.maximum(low[facet] - points[point], points[point] - high[facet]), 0.0)
+    near = np.linalg.norm(beside, axis=1) <= bound[point] * (1 + ROUND_OFF) + EQUAL * size
     point, facet = point[near], facet[near]
     weights = project(points[point], corners[facet])
     offsets = points[point] - np.einsum("mk,mkd->md", weights, corners[facet])
     distance = np.linalg.norm(offsets, axis=1)
     least = np.full(len(points), np.inf)
     np.minimum.at(least, point, distance)
-    nearest = np.flatnonzero(distance <= least[point] + EQUAL * np.ptp(corners))
+    nearest = np.flatnonzero(distance <= least[point] + EQUAL * size)
     order = nearest[np.lexsort((facet[nearest], point[nearest]))]
     best = order[np.searchsorted(point[order], np.arange(len(points)))]
     return ClosestPoints(facet[best], weights[best], offsets[best])
@@ -65,16 +81,16 @@ def near_pairs(first: np.ndarray, second: np.ndarray, reach: float) -> tuple[np.
     boxes = [(corners.min(axis=1), corners.max(axis=1)) for corners in (first, second)]
     (middle, half), (others, other_half) = (((low + high) / 2, (high - low) / 2) for low, high in boxes)
     half = half + reach + ROUND_OFF * max(np.ptp(first, axis=(0, 1)).max(), np.ptp(second, axis=(0, 1)).max())
-    here, there = _within(others, middle, (half + other_half.max(axis=0)).max(axis=1), np.inf)
+    here, there = _within(cKDTree(others), middle, (half + other_half.max(axis=0)).max(axis=1), np.inf)
     meet = (np.abs(middle[here] - others[there]) <= half[here] + other_half[there]).all(axis=1)
     return here[meet], there[meet]
 
 
 def _within(
-    centres: np.ndarray, points: np.ndarray, reach: np.ndarray, norm: float = 2.0
+    centres: cKDTree, points: np.ndarray, reach: np.ndarray, norm: float = 2.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of a point and a centre no farther from it than its reach, (p,) each, point by point."""
-    found = cKDTree(centres).query_ball_point(points, reach, p=norm)
+    found = centres.query_ball_point(points, reach, p=norm)
     counts = np.array([len(item) for item in found], dtype=np.int64)
     near = np.fromiter(chain.from_iterable(found), dtype=np.int64, count=int(counts.sum()))
     return np.repeat(np.arange(len(points)), counts), near

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
+from itertools import permutations
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +19,35 @@ from hhr_dolfinx.pairings.surface import Surface
 _SKEWED = ((4, -1.0, 1e-10), (8, 1e-10, 1e-2), (14, 1e-2, 0.2), (30, 0.2, np.inf))
 """Degree of quadrature by skewness s of the facets: on quadrilaterals that are no parallelograms products of shape
 functions are series of polynomials of degree 4 + p and size s^p, and 1e-10 of the load of a node takes more points."""
+
+
+_ORBITS: Mapping[int, tuple[tuple[float, float, float], ...]] = MappingProxyType({
+    4: (
+        (0.44594849091596483, 0.44594849091596483, 0.22338158967801144),
+        (0.09157621350977073, 0.09157621350977073, 0.10995174365532187),
+    ),
+    8: (
+        (1 / 3, 1 / 3, 0.1443156076777872),
+        (0.17056930775176027, 0.17056930775176027, 0.10321737053471824),
+        (0.4592925882927231, 0.4592925882927231, 0.09509163426728463),
+        (0.05054722831703107, 0.05054722831703107, 0.03245849762319808),
+        (0.008394777409957675, 0.26311282963463806, 0.027230314174434996),
+    ),
+    14: (
+        (0.41764471934045394, 0.41764471934045394, 0.032788353544125355),
+        (0.0617998830908727, 0.0617998830908727, 0.014433699669776668),
+        (0.2734775283088387, 0.2734775283088387, 0.051774104507291585),
+        (0.1772055324125435, 0.1772055324125435, 0.04216258873699302),
+        (0.0193909612487011, 0.0193909612487011, 0.004923403602400082),
+        (0.4889639103621786, 0.4889639103621786, 0.021883581369428893),
+        (0.014646950055654471, 0.29837288213625773, 0.014436308113533842),
+        (0.09291624935697185, 0.336861459796345, 0.038571510787060684),
+        (0.05712475740364799, 0.17226668782135557, 0.024665753212563677),
+        (0.001268330932872076, 0.11897449769695682, 0.005010228838500672),
+    ),
+})  # fmt: skip
+"""Symmetric rules on a triangle by degree: two barycentric coordinates of a point, which stands for all in which the
+three are exchanged, and the share of the area of each (D. A. Dunavant, Int. J. Numer. Methods Eng. 21, 1985)."""
 
 
 class Segments(NamedTuple):
@@ -70,7 +101,10 @@ def _polygons(slave: Surface, master: Surface, directions: np.ndarray, here: np.
     frames = _frames(directions)[here]
     sides = ((slave, here), (master, there))
     flat = [np.einsum("pkd,pde->pke", surface.corners[which], frames) for surface, which in sides]
-    apart = (flat[0].min(axis=1) > flat[1].max(axis=1)) | (flat[1].min(axis=1) > flat[0].max(axis=1))
+    # what overlaps by round-off alone has no common part
+    least = 1e-13 * np.ptp(flat[0], axis=(0, 1)).max(initial=0.0)
+    apart = [one.min(axis=1) > other.max(axis=1) - least for one, other in (flat, flat[::-1])]
+    apart = apart[0] | apart[1]
     meeting = ~apart.any(axis=1)
     here, there, flat = here[meeting], there[meeting], [corners[meeting] for corners in flat]
     pair, triangles = _common_triangles(slave, master, here, there, flat)
@@ -161,13 +195,13 @@ def _on_interval(degree: int) -> tuple[np.ndarray, np.ndarray]:
 def _on_triangle(degree: int) -> tuple[np.ndarray, np.ndarray]:
     """Points in the unit triangle, (q, 2), and weights as shares of its area, exact up to a degree.
 
-    Up to 4 the six points of G. Strang and G. J. Fix, beyond Gauss's points of a square that is folded to a triangle.
+    Without a symmetric rule they are Gauss's points of a square that is folded to a triangle.
     """
-    if degree <= 4:
-        turn, weight = np.sqrt(38 - 44 * np.sqrt(0.4)), np.sqrt(213125 - 53320 * np.sqrt(10.0))
-        orbits = [((8 - np.sqrt(10.0) + sign * turn) / 18, (620 + sign * weight) / 3720) for sign in (1, -1)]
-        points = [point for a, _ in orbits for point in ((a, a), (1 - 2 * a, a), (a, 1 - 2 * a))]
-        return np.array(points), np.repeat([share for _, share in orbits], 3)
+    if degree in _ORBITS:
+        orbits = ((np.round((a, b, 1 - a - b), 15).tolist(), weight) for a, b, weight in _ORBITS[degree])
+        turned = [(set(permutations(point)), weight) for point, weight in orbits]
+        points = [point[:2] for orbit, _ in turned for point in sorted(orbit)]
+        return np.array(points), np.concatenate([np.full(len(orbit), weight) for orbit, weight in turned])
     along, weights = _on_interval(degree)
     # the width of the triangle belongs to the weight of the second rule
     height, shares = roots_sh_jacobi(len(along), 2, 1)

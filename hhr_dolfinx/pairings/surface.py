@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
@@ -100,10 +101,12 @@ class Surface:
         """
         corners, normals = self.corners, self.corner_normals()
         heights = normals @ (corners - corners[:, :1]).transpose(0, 2, 1)
-        own = np.einsum("fkk->fk", heights)
-        # weights sum to one: what is linear in them is a quadratic form too
-        forms = (own[:, :, None] - heights) / 2
-        return ((forms[facets] @ weights[:, :, None])[:, :, 0] * weights).sum(axis=1)
+        found = np.zeros(len(facets))
+        # weights sum to one: what is linear in them is a quadratic form too, without squares
+        for i, j in combinations(range(corners.shape[1]), 2):
+            form = heights[:, i, i] + heights[:, j, j] - heights[:, i, j] - heights[:, j, i]
+            found += form[facets] * weights[:, i] * weights[:, j] / 2
+        return found
 
     def node_depths(self) -> np.ndarray:
         """Smallest depth of the facets at each node, (n,)."""
