@@ -123,11 +123,7 @@ SCENES = {
 
 
 def projected(full, point, basis, sets):
-<<<<<<< HEAD
-    """The full problem at a point, projected; where surfaces slide conditions touch other nodes than in the base."""
-=======
     """The full problem at a point, projected, with the nodes that its conditions touch there: surfaces slide."""
->>>>>>> rid
     problem = full.problem.at(point)
     touched = np.flatnonzero(abs(problem.contact[sets.A_lambda]).T @ np.ones(len(sets.A_lambda)))
     return project(problem, basis, replace(sets, A_c=np.intersect1d(touched, sets.A), A_c_tilde=touched))
