@@ -22,7 +22,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from hhr_dolfinx.errors import SingularError
-from hhr_dolfinx.linear.dense import Factor, Factorise, LapackCholesky, dense_factors
+from hhr_dolfinx.linear.dense import Factor, Factorise, LapackCholesky, dense_factors, solve_columns
 
 TOLERANCE = 1e-11
 """Negative forces and slacks below this fraction of the largest of their pair are round-off (measured 1e-13)."""
@@ -285,6 +285,21 @@ class SchurEqualities:
             return forces, free_slack
         forces[index] = local
         slack = free_slack + local @ columns
+        slack[index] = 0.0
+        return forces, slack
+
+    def several(self, active: np.ndarray, free_slacks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same for many free slacks at once, (m, k): forces and slacks, (m, k) each."""
+        key = active.tobytes()
+        with self._lock:
+            entry = self._entries.get(key) or self._factor(active.nonzero()[0], key)
+            index, factor, columns = entry
+            local = None if factor is None else solve_columns(factor, -free_slacks[index])
+        forces = np.zeros(free_slacks.shape)
+        if local is None:
+            return forces, free_slacks
+        forces[index] = local
+        slack = free_slacks + columns.T @ local
         slack[index] = 0.0
         return forces, slack
 

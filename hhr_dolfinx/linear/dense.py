@@ -177,6 +177,8 @@ class LapackCholesky:
 
 def solve_columns(factor: Factor, rhs: np.ndarray) -> np.ndarray:
     """Solve for every column of ``rhs``, (n, m)."""
+    if isinstance(factor, LapackLU | LapackCholesky):
+        return factor.solve(rhs)
     solution = np.empty_like(rhs, order="F")
     for k, column in enumerate(rhs.T):
         solution[:, k] = factor.solve(column)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hhr_dolfinx.contact.active_set import Equalities
+from hhr_dolfinx.contact.active_set import SchurEqualities
 
 GRAZING = 1e-7
 """Part of the largest force, or slack, below which a condition is taken to be about to change its status."""
@@ -39,7 +39,7 @@ class Gradient(NamedTuple):
 
 
 def gradient_of(
-    equalities: Equalities,
+    equalities: SchurEqualities,
     active: np.ndarray,
     forces: np.ndarray,
     slack: np.ndarray,
@@ -56,8 +56,7 @@ def gradient_of(
         pushed: maps a change of the forces, (m, P), to what it takes from the unknown, (n, P).
     """
     of_slack, of_unknown = at_fixed_forces
-    columns = zip(*(equalities(active, column) for column in of_slack.T), strict=True)
-    changes, opened = (np.stack(part, axis=1) for part in columns)
+    changes, opened = equalities.several(active, of_slack)
     near = GRAZING * np.abs(forces).max(initial=0.0), GRAZING * np.abs(slack).max(initial=0.0)
     grazing = np.where(active, forces <= near[0], slack <= near[1])
     return Gradient(of_unknown - pushed(changes), changes, grazing, opened)
