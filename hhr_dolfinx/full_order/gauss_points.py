@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
@@ -65,9 +66,27 @@ def add_parts(discretisation: Discretisation, matrix: PETSc.Mat, moduli: dict[in
     }
     of_point = np.repeat(bodies[cells], operator.per_cell)
     elastic = np.array([tangents[place] for place in of_point]).reshape(-1, *identity.shape)
+    for place in moduli:
+        body = discretisation.scene.bodies[place]
+        if body.grading is not None:
+            graded = _at_points(discretisation, body.grading, cells[bodies[cells] == place])
+            elastic[of_point == place] *= graded[:, None, None]
     dofs = operator.dofs.astype(PETSc.IntType)
     elements = operator.element_stiffness(elastic).reshape(len(cells), dofs.shape[1] ** 2)
     matrix.setValuesLocalRCV(dofs, dofs, elements, addv=PETSc.InsertMode.ADD)
+
+
+def _at_points(discretisation: Discretisation, grading: Callable[[Any], Any], cells: np.ndarray) -> np.ndarray:
+    """A function of the coordinates at the Gauss points of some cells of this rank, (points,)."""
+    mesh = discretisation.mesh
+    points, _ = compat.quadrature(mesh.topology.cell_name(), QUADRATURE)
+    # beside a Jacobian, since what is evaluated may not be a number alone
+    size = abs(ufl.JacobianDeterminant(mesh))
+    values, sizes = (
+        fem.Expression(form, points).eval(mesh, cells.astype(np.int32))
+        for form in (grading(ufl.SpatialCoordinate(mesh)) * size, size)
+    )
+    return (values / sizes).ravel()
 
 
 def _tabulated(discretisation: Discretisation, cells: np.ndarray) -> StrainOperator:

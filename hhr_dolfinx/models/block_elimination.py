@@ -17,7 +17,6 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.models.projected import ReducedProblem, ReducedTerms
 
-
 ROUND_OFF = 1e-12
 """Part of the largest entry of a part of K~ below which an entry couples nothing."""
 

@@ -23,8 +23,8 @@ from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.interpolated import Compliances
-    from hhr_dolfinx.models.varying import VaryingModel
     from hhr_dolfinx.models.reduced_flow import ReducedEquilibrium, ReducedFlow
+    from hhr_dolfinx.models.varying import VaryingModel
 
 ADVICE: Mapping[Status, str] = MappingProxyType(
     {
