@@ -58,8 +58,9 @@ def _power(a: Any, b: Any) -> Any:
     """
     if np.iscomplexobj(a) and not np.any(np.imag(b)):
         base, exponent = np.asarray(np.real(a)), np.real(b)
-        slope = np.where(exponent == 0, 0.0, exponent * base ** (exponent - 1))
-        return base**exponent + 1j * slope * np.imag(a)
+        with np.errstate(all="ignore"):
+            slope = np.where(exponent == 0, 0.0, exponent * base ** (exponent - 1))
+            return base**exponent + 1j * slope * np.imag(a)
     found = a**b
     return math.nan if isinstance(found, complex) and isinstance(a, float) and isinstance(b, float) else found
 
@@ -119,6 +120,11 @@ class Formula:
         except (RecursionError, MemoryError, ValueError) as error:
             raise SceneError(f"the formula {self.text[:80]!r} cannot be read: {error}") from None
 
+    @cached_property
+    def _calls(self) -> bool:
+        """Whether it calls functions, which warn where they are not defined."""
+        return "(" in self.text and any(name in self.text for name in (*FUNCTIONS, "table"))
+
     @property
     def variables(self) -> tuple[str, ...]:
         """Names that it depends on, in their order."""
@@ -130,11 +136,13 @@ class Formula:
         Raises:
             ParameterError: beyond the ends of a table.
         """
-        with np.errstate(all="ignore"):
-            try:
+        try:
+            if not self._calls:
                 return self._parsed[0](values)
-            except (OverflowError, ZeroDivisionError):
-                return math.nan
+            with np.errstate(all="ignore"):
+                return self._parsed[0](values)
+        except (OverflowError, ZeroDivisionError):
+            return math.nan
 
     def times(self, other: Formula) -> Formula:
         """The product of two formulas."""
@@ -192,7 +200,9 @@ class Scalar:
 
     def value(self, point: np.ndarray) -> float:
         """At a point, (P,); NaN where it is not defined."""
-        return float(self.formula({name: point[place] for name, place in self._places}))
+        # Python's own numbers are several times as fast as numpy's, and complex where numpy's are NaN
+        value = self.formula({name: float(point[place]) for name, place in self._places})
+        return math.nan if isinstance(value, complex) else float(value)
 
     def derivative(self, point: np.ndarray) -> np.ndarray:
         """Its derivatives along the parameters at a point, exact to round-off, (P,)."""

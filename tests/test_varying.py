@@ -161,6 +161,8 @@ def test_gradients_of_scenes_of_constant_stiffness():
     condensed = [hhr.exact_condensation(full, known, field=field) for field in (True, False)]
     for model in (full, *condensed):
         assert slope_errors(model, point).max() < 1e-6
+    point = vector(full, POINT | {"push": 0.005, "load": 0.1})
+    assert 0 < full.solve(point).active.sum() < 4
     exact, found = full.solve(point, gradient=True), condensed[0].solve(point, gradient=True)
     assert largest_difference(found.gradient.multipliers, exact.gradient.multipliers) < 1e-11
     assert largest_difference(found.gradient.unknown, exact.gradient.unknown) < 1e-11
@@ -222,7 +224,7 @@ DOOR = [
     (("E1 - 1", 0.3), r"young of body 1 = E1 - 1 is 0 at .*: Young's modulus must be positive everywhere in the box"),
     (("(E1 - 3.5)**2 - 0.1", 0.3), "young of body 1 = .* is -0.1.*must be positive"),
     (("sqrt(E1 - 3)", 0.3), "young of body 1 = .* is nan at "),
-    (("E1 / (nu1 - nu1)", 0.3), "young of body 1 = .* is inf at "),
+    (("E1 / (nu1 - nu1)", 0.3), "young of body 1 = .* is (inf|nan) at "),
     (
         ("table(E1, 1, 2, 5, 3)", 0.3),
         r"young of body 1 = .* is outside the table from 1 to 5\. Give the table further po",

@@ -83,8 +83,8 @@ class FullElimination:
         acting, slopes = problem.amplitudes.slopes_at(point)
         left = -(self.problem.loads[rows][:, acting] @ slopes)
         theta = problem.amplitudes(point)
-        parts = problem.stiffness_terms if problem.moduli else ()
-        for modulus, part, lift in zip(problem.moduli, parts, problem.lift_terms, strict=True):
+        parts = zip(problem.moduli, problem.stiffness_terms, problem.lift_terms, strict=True) if problem.moduli else ()
+        for modulus, part, lift in parts:
             left += np.outer(part @ unknown + lift[rows] @ theta, modulus.derivative(point))
         return left, problem.gaps[:, acting] @ slopes
 

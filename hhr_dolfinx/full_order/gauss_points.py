@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
 import ufl
@@ -30,7 +30,7 @@ def strain_operator(discretisation: Discretisation) -> StrainOperator:
             f"the mesh of scene '{discretisation.scene.name}' is spread over {discretisation.comm.size} ranks, and "
             "bodies that flow are solved on one: give each rank a model on MPI.COMM_SELF, and share the histories out"
         )
-    return _tabulated(discretisation, np.arange(discretisation.cell_bodies().size))
+    return tabulated(discretisation, np.arange(discretisation.cell_bodies().size))
 
 
 def material_at(scene: Scene, bodies: np.ndarray, operator: StrainOperator) -> Material:
@@ -47,7 +47,7 @@ def add_stiffness(discretisation: Discretisation, matrix: PETSc.Mat) -> None:
     """Add the elastic stiffness of the bodies with a mean dilatation to a matrix, each rank that of its own cells."""
     bodies = discretisation.cell_bodies()
     cells = np.flatnonzero(np.array(discretisation.mean_dilatation)[bodies])
-    operator = _tabulated(discretisation, cells)
+    operator = tabulated(discretisation, cells)
     elastic = material_at(discretisation.scene, bodies[cells], operator).elastic
     dofs = operator.dofs.astype(PETSc.IntType)
     elements = operator.element_stiffness(elastic).reshape(len(cells), dofs.shape[1] ** 2)
@@ -58,7 +58,7 @@ def add_parts(discretisation: Discretisation, matrix: PETSc.Mat, moduli: dict[in
     """Add parts of the stiffness of bodies with a mean dilatation: weights λ' and 2 μ' of each body by its place."""
     bodies = discretisation.cell_bodies()
     cells = np.flatnonzero(np.isin(bodies, list(moduli)))
-    operator = _tabulated(discretisation, cells)
+    operator = tabulated(discretisation, cells)
     unit, identity = np.zeros(operator.components), np.eye(operator.components)
     unit[:3] = 1.0
     tangents = {
@@ -66,30 +66,29 @@ def add_parts(discretisation: Discretisation, matrix: PETSc.Mat, moduli: dict[in
     }
     of_point = np.repeat(bodies[cells], operator.per_cell)
     elastic = np.array([tangents[place] for place in of_point]).reshape(-1, *identity.shape)
-    for place in moduli:
-        body = discretisation.scene.bodies[place]
-        if body.grading is not None:
-            graded = _at_points(discretisation, body.grading, cells[bodies[cells] == place])
-            elastic[of_point == place] *= graded[:, None, None]
+    elastic *= _gradings(discretisation, moduli, cells).reshape(-1, 1, 1)
     dofs = operator.dofs.astype(PETSc.IntType)
     elements = operator.element_stiffness(elastic).reshape(len(cells), dofs.shape[1] ** 2)
     matrix.setValuesLocalRCV(dofs, dofs, elements, addv=PETSc.InsertMode.ADD)
 
 
-def _at_points(discretisation: Discretisation, grading: Callable[[Any], Any], cells: np.ndarray) -> np.ndarray:
-    """A function of the coordinates at the Gauss points of some cells of this rank, (points,)."""
-    mesh = discretisation.mesh
-    points, _ = compat.quadrature(mesh.topology.cell_name(), QUADRATURE)
-    # beside a Jacobian, since what is evaluated may not be a number alone
-    size = abs(ufl.JacobianDeterminant(mesh))
-    values, sizes = (
-        fem.Expression(form, points).eval(mesh, cells.astype(np.int32))
-        for form in (grading(ufl.SpatialCoordinate(mesh)) * size, size)
-    )
-    return (values / sizes).ravel()
+def _gradings(discretisation: Discretisation, places: Iterable[int], cells: np.ndarray) -> np.ndarray:
+    """What the moduli of bodies, by their places, are multiplied by at the Gauss points of cells, (cells, per_cell)."""
+    mesh, bodies = discretisation.mesh, discretisation.cell_bodies()[cells]
+    points, weights = compat.quadrature(mesh.topology.cell_name(), QUADRATURE)
+    found = np.ones((len(cells), len(weights)))
+    for place in places:
+        grading, own = discretisation.scene.bodies[place].grading, np.flatnonzero(bodies == place)
+        if grading is not None:
+            # a grading that is a number has no mesh of its own
+            plain = abs(ufl.JacobianDeterminant(mesh))
+            parts = (grading(ufl.SpatialCoordinate(mesh)) * plain, plain)
+            graded, size = (fem.Expression(part, points).eval(mesh, cells[own].astype(np.int32)) for part in parts)
+            found[own] = (graded / size).reshape(len(own), len(weights))
+    return found
 
 
-def _tabulated(discretisation: Discretisation, cells: np.ndarray) -> StrainOperator:
+def tabulated(discretisation: Discretisation, cells: np.ndarray) -> StrainOperator:
     """Strain at the Gauss points of some cells of this rank, in its own numbers of the dofs; collective."""
     mesh, space, hypothesis = discretisation.mesh, discretisation.space, discretisation.scene.hypothesis
     cells = cells.astype(np.int32)

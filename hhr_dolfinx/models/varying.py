@@ -97,10 +97,15 @@ class VaryingModel:
         advice: Mapping[Status, str] = MappingProxyType({}),
     ):
         self.parameters, self.eliminated, self.known, self.fields = parameters, eliminated, known, fields
-        self.trained, self._advice = trained, advice
+        self.trained, self._advice, self.pairs = trained, advice, pairs
         self.offline: Any = None
         self._door = None if trained is None or trained.covers(parameters) else trained
         self._pairs, self._m = Pairs.of(pairs), len(pairs)
+
+    def __reduce__(self) -> tuple:
+        """Copy and pickle by what it was made of; how it was made stays behind."""
+        given = self.parameters, self.eliminated, self.known, self.fields, self.pairs, self.trained, dict(self._advice)
+        return type(self), given
 
     def solve(
         self,
