@@ -95,7 +95,7 @@ def test_nodes_go_where_they_are_needed():
     grid = grown(lambda x: np.array([1 / (1.3 + x[0]) + 0.01 * x[1]]), area, 1e-8)
     highest = grid.interpolant.levels.max(axis=0)
     assert highest[0] > 12 and highest[1] == 2 and highest[2] == 2
-    assert grid.evaluations < 2 * highest[0] + 15
+    assert grid.evaluations < 3 * highest[0] + 10  # each level tries the products with the other two
 
 
 def test_an_axis_whose_first_surplus_vanishes_by_chance_is_not_left_out():
@@ -160,10 +160,8 @@ def test_long_axes_end():
     assert grid.interpolant.levels.max() == MOST_LEVELS - 1
 
 
-@pytest.mark.xfail(
-    strict=True, reason="once an axis has no further level nothing waits, and its last surplus is forgotten"
-)
 def test_long_axes_that_ended_tell_their_surplus():
+    """So that nobody takes what could not be interpolated for smooth."""
     grid = grown(lambda x: np.array([abs(x[0] - 0.1)]), box((-1.0, 1.0)), 1e-10, 1000)
     assert grid.surplus > 1e-4
 
