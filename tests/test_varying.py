@@ -248,6 +248,10 @@ def test_what_else_is_refused_or_warned_of():
         given = {"young": 3.0, "poisson": 0.3} | options
         with pytest.raises(SceneError, match=r"body 1 flows, and its elasticity .* Give it constant young and poisson"):
             hhr.Body(1, law=hhr.Plasticity(1.0, 0.1), **given)
+    flowing = hhr.Body(1, 3.0, 0.3, law=hhr.Plasticity(1.0, 0.1))
+    for other in (("E1", 0.3), (4.0, "nu1"), hhr.Body(2, 4.0, 0.3, grading=lambda x: 2.0)):
+        with pytest.raises(SceneError, match=r"flow, and the elasticity of bodies \[2\] depends .* Give these"):
+            pressed_pair("plane_strain", (flowing, other), ONE)
     with pytest.raises(SceneError, match="the grading 3 must be a function of the coordinates"):
         hhr.Body(1, 3.0, 0.3, grading=3)
     with pytest.warns(SceneWarning, match=r"parameters \('nu1',\) .* have no effect: .* body"):

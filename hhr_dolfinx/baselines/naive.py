@@ -40,8 +40,18 @@ class NaiveFullOrder:
             )
         self._full = full_order
 
-    def solve(self, mu: Any, *, start: Any = "nearest", raise_on_failure: bool = True, outside: str = "warn") -> Answer:
-        """Solve for one parameter; see :meth:`FullOrderModel.solve`."""
+    def solve(
+        self,
+        mu: Any,
+        *,
+        start: Any = "nearest",
+        raise_on_failure: bool = True,
+        outside: str = "warn",
+        gradient: bool = False,
+    ) -> Answer:
+        """Solve for one parameter; see :meth:`FullOrderModel.solve`. It has no gradients."""
+        if gradient:
+            raise TypeError("the naive baseline has no gradient: ask the full model")
         check_outside(outside)
         varies, problem = self._full.problem.varies, self._full.problem.at(mu)
         start, point = checked_start(start, len(problem.gaps)), problem.parameters.point(mu)

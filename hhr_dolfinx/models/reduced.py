@@ -75,7 +75,7 @@ class ReducedModel:
         try:
             if flow is None:
                 # asked directly: a call less is a tenth of a query
-                self.solve = self._eliminated(factorise).solve  # type: ignore[method-assign]
+                self.solve = self._eliminated(factorise).solve  # type: ignore[method-assign, assignment]
             else:
                 from hhr_dolfinx.models.reduced_flow import ReducedEquilibrium
 

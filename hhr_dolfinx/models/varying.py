@@ -23,17 +23,19 @@ from hhr_dolfinx.trained import TrainedRange, check_outside
 
 
 class Elimination(Protocol):
-    """What is left of the primal unknown at one parameter (n unknowns, m conditions).
+    """What is left of the primal unknown at one parameter (n unknowns, m conditions)."""
 
-    Attributes:
-        schur: S, (m, m).
-        free_slack: slack without contact forces, (m,).
-        symmetric: whether S is.
-    """
+    @property
+    def schur(self) -> np.ndarray:
+        """S, (m, m)."""
 
-    schur: np.ndarray
-    free_slack: np.ndarray
-    symmetric: bool
+    @property
+    def free_slack(self) -> np.ndarray:
+        """Slack without contact forces, (m,)."""
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether S is."""
 
     def unknown(self, forces: np.ndarray) -> np.ndarray:
         """The primal unknown under contact forces, (n,)."""
