@@ -27,6 +27,8 @@ STEP = 1e-30
 """Imaginary step of a derivative: f(x + i h) = f(x) + i h f'(x) has no cancellation, so that h may be this small."""
 LONGEST = 20_000
 """Characters of a formula; what is longer is no formula of a person."""
+DEEPEST = 400
+"""Operations within each other, a sum of 400 terms for one: each takes a frame of Python's own, which has 1000."""
 
 
 def _absolute(x: Any) -> Any:
@@ -47,12 +49,28 @@ FUNCTIONS: Mapping[str, tuple[int, Callable[..., Any]]] = {
 }
 """Functions that a formula may call: number of arguments, and what they do; ``table`` besides."""
 
+
+def _power(a: Any, b: Any) -> Any:
+    """a ** b.
+
+    Python makes a complex number of the root of a negative one, which has no value here; and it takes large powers of
+    complex numbers by their angle, which says nothing of a derivative beside a negative real part.
+    """
+    if np.iscomplexobj(a) and not np.any(np.imag(b)):
+        base, exponent = np.asarray(np.real(a)), np.real(b)
+        with np.errstate(all="ignore"):
+            slope = np.where(exponent == 0, 0.0, exponent * base ** (exponent - 1))
+            return base**exponent + 1j * slope * np.imag(a)
+    found = a**b
+    return math.nan if isinstance(found, complex) and isinstance(a, float) and isinstance(b, float) else found
+
+
 _OPERATORS: Mapping[type, Callable[[Any, Any], Any]] = {
     ast.Add: lambda a, b: a + b,
     ast.Sub: lambda a, b: a - b,
     ast.Mult: lambda a, b: a * b,
     ast.Div: lambda a, b: a / b,
-    ast.Pow: lambda a, b: a**b,
+    ast.Pow: _power,
 }
 
 
@@ -77,6 +95,8 @@ class Formula:
     def __post_init__(self) -> None:
         if not isinstance(self.text, str) or not 0 < len(self.text) <= LONGEST:
             raise SceneError(f"a formula must be a text, such as '2 * E', and is {str(self.text)[:60]!r}")
+        if "#" in self.text:  # would hide what stands behind it, in a product say
+            raise SceneError(f"the formula {self.text[:80]!r} holds a comment: write it beside the formula")
         self._parsed  # noqa: B018 (what cannot be read is refused where it is written)
 
     def __reduce__(self) -> tuple:
@@ -87,6 +107,11 @@ class Formula:
         names: dict[str, None] = {}
         try:
             tree = ast.parse(self.text.strip(), mode="eval").body
+            if _depth(tree) > DEEPEST:
+                raise SceneError(
+                    f"the formula {self.text[:80]!r} nests more than {DEEPEST} operations: put parts of a long sum in "
+                    "brackets"
+                )
             return _compiled(tree, names, self.text), tuple(names)
         except SceneError:
             raise
@@ -156,6 +181,8 @@ class Scalar:
 
     def __post_init__(self) -> None:
         unknown = set(self.formula.variables) - set(self.names)
+        if "pi" in self.names:
+            raise SceneError("a parameter is named 'pi', which formulas take for 3.14...: rename it")
         if unknown:
             raise SceneError(f"the formula {self.text[:80]!r} names {sorted(unknown)}, the parameters are {self.names}")
 
@@ -260,9 +287,18 @@ def box_samples(space: ParameterSpace, count: int = 256) -> np.ndarray:
     return np.vstack([ends.mean(axis=0), corners, space.random(count, seed=0)])
 
 
+def _depth(tree: ast.expr) -> int:
+    """Levels of a tree, counted up to what is too deep anyway."""
+    level, nodes = 0, [tree]
+    while nodes and level <= DEEPEST:
+        level, nodes = level + 1, [child for node in nodes for child in ast.iter_child_nodes(node)
+                                   if isinstance(child, ast.expr)]  # fmt: skip
+    return level
+
+
 def _compiled(node: ast.expr, names: dict[str, None], text: str) -> _Evaluate:
     """A node as a function of values by name; SceneError for what a formula does not know."""
-    if isinstance(node, ast.Constant) and type(node.value) in (int, float) and is_number(node.value):
+    if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and is_number(node.value):
         number = float(node.value)
         return lambda values: number
     if isinstance(node, ast.Name):
@@ -307,14 +343,16 @@ def _called(name: str, arguments: Sequence[ast.expr], names: dict[str, None], te
 def _table(inner: list[_Evaluate], text: str) -> _Evaluate:
     """Linear between given points."""
     try:
-        numbers = [float(item({})) for item in inner[1:]]
-    except KeyError:
+        with np.errstate(all="ignore"):
+            numbers = [float(item({})) for item in inner[1:]]
+    except (KeyError, ArithmeticError):
         raise SceneError(f"the table of the formula {text[:80]!r} must hold numbers behind its variable") from None
     at, values = np.array(numbers[::2]), np.array(numbers[1::2])
-    if len(at) < 2 or len(at) != len(values) or not (np.diff(at) > 0).all():
+    finite = np.isfinite(numbers).all()
+    if len(at) < 2 or len(at) != len(values) or not finite or not (np.diff(at) > 0).all():
         raise SceneError(
             f"the table of the formula {text[:80]!r} must be table(x, x0, y0, x1, y1, ...) with two points or more, "
-            "x0 < x1 < ..."
+            "x0 < x1 < ..., all of them finite"
         )
     variable, slopes = inner[0], np.diff(values) / np.diff(at)
 

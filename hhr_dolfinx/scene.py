@@ -184,11 +184,21 @@ class Scene:
         for body in self.bodies:
             if body.varies:
                 body.check(self.parameters)
+        self._check_flow()
         self._check_shapes()
         if not self.contacts:
             raise SceneError("a scene without contact pairs is a linear problem: nothing to hyper-reduce")
         self._check_places()
         self._check_names()
+
+    def _check_flow(self) -> None:
+        """Raise SceneError where some bodies flow and the elasticity of others depends on parameters or place."""
+        others = [body.tag for body in self.bodies if body.varies or body.grading is not None]
+        if others and any(body.law is not None for body in self.bodies):
+            raise SceneError(
+                f"bodies of scene '{self.name}' flow, and the elasticity of bodies {others} depends on parameters or "
+                "on the place: that is not built in. Give these constant young and poisson and no grading"
+            )
 
     def _check_shapes(self) -> None:
         """Raise SceneError for shapes of no body, or two of one, and of bodies that flow."""

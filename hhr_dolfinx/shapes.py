@@ -67,7 +67,8 @@ class Shape:
     def moved(self, points: np.ndarray, names: Sequence[str], values: dict[str, float]) -> np.ndarray:
         """New coordinates of points, (n, dim), for parameters by name."""
         given = {**values, **dict(zip(names, points.T, strict=True))}
-        columns = [np.broadcast_to(formula(given), len(points)) for formula in self.coordinates]
+        with np.errstate(all="ignore"):  # what is not finite is refused where the mesh is known
+            columns = [np.broadcast_to(formula(given), len(points)) for formula in self.coordinates]
         return np.stack(columns, axis=1).astype(float)
 
 

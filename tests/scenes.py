@@ -3,7 +3,7 @@
 import numpy as np
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.geometries import block
+from hhr_dolfinx.geometries import block, two_blocks
 from hhr_dolfinx.reduction.rid import reduced_domain
 
 THESIS = hhr.Recipe.thesis(1e-8)
@@ -60,3 +60,82 @@ def check_contact_conditions(problem, displacement, forces, mu, relative=1e-10):
     assert forces.min() >= -relative * force
     assert slack.min() >= -relative * length
     assert np.abs(forces * slack).max() <= relative * force * length
+
+
+PAIR_BOX = {"push": (0.005, 0.06), "slide": (-0.02, 0.02), "load": (0.0, 0.1), "gap": (0.0, 0.01)}
+"""Parameters of :func:`pressed_pair` that move it, by their bounds."""
+
+
+def pressed_pair(hypothesis, bodies, parameters=None, *, cells=4, simplices=False, matching=True, **others):
+    """Two blocks of height 1 on each other: the lower one is clamped, the upper one pushed, slid and pressed aside.
+
+    Nothing in it is uniform, displacements that move are imposed on the upper body, and contact is lost in places.
+
+    Args:
+        hypothesis: of the scene.
+        bodies: young and poisson of the lower and of the upper one.
+        parameters: bounds by name of what these name, beside ``PAIR_BOX``.
+        cells: along each axis.
+        simplices: triangles or tetrahedra.
+        matching: whether nodes face each other; otherwise the lower surface is the slave of ``NodeToSurface``.
+        others: parts of a scene in the place of these.
+    """
+    dim = 3 if hypothesis == "solid" else 2
+    up, space = dim - 1, PAIR_BOX | (parameters or {})
+    lower, upper = (1.0,) + (0.0,) * (dim - 2), (2.0,) + (1.0,) * (dim - 2)
+    first = (*lower, 0.0), (*upper, 1.0), (cells,) * dim
+    second = (*lower, 1.0), (*upper, 2.0), (cells + (0 if matching else 1),) * dim
+    normal = (0.0,) * up + (1.0,)
+    side = two_blocks.side
+    clamped = side(two_blocks.FIRST, up, False)
+    top, flank = side(two_blocks.SECOND, up, True), side(two_blocks.SECOND, 0, True)
+    surfaces = side(two_blocks.FIRST, up, True), side(two_blocks.SECOND, up, False)
+    held = [hhr.Displacement(clamped, axis) for axis in range(dim)] + [hhr.Displacement(top, k) for k in range(1, up)]
+    moved = (hhr.Displacement(top, 0, hhr.Amplitude(slopes={"slide": 1.0})),
+             hhr.Displacement(top, up, hhr.Amplitude(slopes={"push": -1.0})))  # fmt: skip
+    given = {
+        "geometry": lambda comm: two_blocks.two_blocks(comm, first=first, second=second, simplices=simplices),
+        "contacts": (hhr.NodeToNode(*surfaces, normal) if matching else hhr.NodeToSurface(*surfaces, normal),),
+        "loads": (hhr.Pressure(flank, hhr.Amplitude(slopes={"load": 1.0})),),
+        "openings": (hhr.Opening(0, hhr.Amplitude(slopes={"gap": 1.0})),),
+    }
+    tags = two_blocks.FIRST, two_blocks.SECOND
+    made = tuple(body if isinstance(body, hhr.Body) else hhr.Body(tag, *body)
+                 for tag, body in zip(tags, bodies, strict=True))  # fmt: skip
+    return hhr.Scene(
+        name=f"pair_{hypothesis}",
+        hypothesis=hypothesis,
+        bodies=made,
+        parameters=hhr.ParameterSpace(tuple(space), *zip(*space.values(), strict=True)),
+        displacements=(*held, *moved),
+        **given | others,
+    )
+
+
+def largest_difference(found, expected):
+    """Largest difference of two arrays, relative to the largest entry."""
+    return np.abs(np.subtract(found, expected)).max() / np.abs(expected).max()
+
+
+def slope_errors(model, point, step=1e-5):
+    """Relative errors of the gradient of a model, (multipliers, unknown), beside central differences, (P,) each.
+
+    The statuses must not change within a step.
+    """
+    space, point = model.parameters, np.array(point, dtype=float)
+    answer = model.solve(point, gradient=True)
+    assert not answer.gradient.one_sided
+    errors = []
+    for place, (low, high) in enumerate(zip(space.lower, space.upper, strict=True)):
+        ends = []
+        for sign in (-1, 1):
+            moved = point.copy()
+            moved[place] += sign * step * (high - low)
+            ends.append(model.solve(moved, outside="ignore"))
+            assert np.array_equal(ends[-1].active, answer.active)
+        for name in ("multipliers", "unknown"):
+            change = (getattr(ends[1], name) - getattr(ends[0], name)) / (2 * step)
+            size = np.linalg.norm(getattr(answer, name))
+            found = getattr(answer.gradient, name)[:, place] * (high - low)
+            errors.append(np.linalg.norm(found - change) / (np.linalg.norm(change) + 1e-3 * size) if size else 0.0)
+    return np.array(errors).reshape(-1, 2)

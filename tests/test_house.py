@@ -180,10 +180,19 @@ UNNEEDED = {
     "outputs": ["hhr_dolfinx.outputs", "hhr_dolfinx.full_order.outputs", "hhr_dolfinx.models.functionals",
                 "hhr_dolfinx.models.functional_kinds"],
     "many parameters at once": ["hhr_dolfinx.models.many"],
+    "elasticity and shapes that depend on parameters": [
+        "hhr_dolfinx.formulas", "hhr_dolfinx.shapes", "hhr_dolfinx.full_order.varying",
+        "hhr_dolfinx.full_order.reshaped",
+        "hhr_dolfinx.full_order.elimination", "hhr_dolfinx.models.varying", "hhr_dolfinx.models.reshaped",
+        "hhr_dolfinx.models.block_elimination", "hhr_dolfinx.models.interpolated", "hhr_dolfinx.models.interpolation",
+        "hhr_dolfinx.models.starts", "hhr_dolfinx.reduction.condense", "hhr_dolfinx.reduction.interpolate",
+        "hhr_dolfinx.reduction.interpolate_reduced", "hhr_dolfinx.reduction.starts"],
+    "gradients": ["hhr_dolfinx.models.gradient", "hhr_dolfinx.models.history_gradient"],
+    "samplings": ["hhr_dolfinx.sampling"],
 }  # fmt: skip
 """What a study of an elastic scene on matching meshes does without; numba is not listed: DOLFINx loads it itself."""
 UNNEEDED_BY_FLOW = {
-    **{name: UNNEEDED[name] for name in ("clustering and peers", "pictures", "outputs", "many parameters at once")},
+    **{name: UNNEEDED[name] for name in UNNEEDED if name not in ("flow", "meshes that do not match")},
     "what only elastic scenes are compared with": [
         "hhr_dolfinx.study.points", "hhr_dolfinx.study.references", "hhr_dolfinx.baselines.naive",
         "hhr_dolfinx.baselines.condensation", "hhr_dolfinx.study.verify"],

@@ -40,8 +40,18 @@ class NaiveFullOrder:
             )
         self._full = full_order
 
-    def solve(self, mu: Any, *, start: Any = "nearest", raise_on_failure: bool = True, outside: str = "warn") -> Answer:
-        """Solve for one parameter; see :meth:`FullOrderModel.solve`."""
+    def solve(
+        self,
+        mu: Any,
+        *,
+        start: Any = "nearest",
+        raise_on_failure: bool = True,
+        outside: str = "warn",
+        gradient: bool = False,
+    ) -> Answer:
+        """Solve for one parameter; see :meth:`FullOrderModel.solve`. It has no gradients."""
+        if gradient:
+            raise TypeError("the naive baseline has no gradient: ask the full model")
         check_outside(outside)
         varies, problem = self._full.problem.varies, self._full.problem.at(mu)
         start, point = checked_start(start, len(problem.gaps)), problem.parameters.point(mu)
@@ -77,10 +87,8 @@ class NaiveFullOrder:
 
     def _assembled(self) -> csr_matrix:
         """K, assembled once more."""
-        matrix = self._full.discretisation.assemble_stiffness()
-        indptr, indices, data = matrix.getValuesCSR()
-        matrix.destroy()
-        return csr_matrix((data, indices, indptr))
+        first, *others = self._full.discretisation.stiffness_terms()[0]
+        return sum(others, start=first)
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
         """Solve along a path; see :func:`solve_along`."""

@@ -37,7 +37,7 @@ def material_at(scene: Scene, bodies: np.ndarray, operator: StrainOperator) -> M
     """Laws at the Gauss points of the cells of an operator, whose bodies are given as places in the scene, (cells,)."""
     of_point = np.repeat(bodies, operator.per_cell)
     groups = [
-        Group(np.flatnonzero(of_point == place), body.young, body.poisson, body.law)
+        Group(np.flatnonzero(of_point == place), float(body.young), float(body.poisson), body.law)
         for place, body in enumerate(scene.bodies)
     ]
     return Material(groups, operator.components, scene.parameters.names)

@@ -113,13 +113,14 @@ class Reshaped:
         keys = [np.lexsort((item.contact_slaves, item.contact_pairs)) for item in (base, problem)]
         pairs = zip(keys, (base, problem), strict=True)
         same = [np.column_stack([item.contact_slaves, item.contact_pairs])[key] for key, item in pairs]
-        if not np.array_equal(*same):
+        if not np.array_equal(same[0], same[1]):
             raise ParameterError(
                 f"at {base.parameters.described(point)} other nodes are in contact than in the middle of the box: the "
                 "shape changes which surfaces face each other. Narrow the box, or tag surfaces that face in all of it"
             )
         for before, after in zip(base.amplitudes.nonaffine, problem.amplitudes.nonaffine, strict=True):
-            if hasattr(before, "positions") and not np.allclose(before.positions, after.positions, rtol=1e-12):
+            line, moved = (getattr(item, "positions", None) for item in (before, after))
+            if line is not None and moved is not None and not np.allclose(line, moved, rtol=1e-12):
                 raise ParameterError(
                     "the line of a partial pressure moves with the shape: press on a surface that does not, or on all"
                 )

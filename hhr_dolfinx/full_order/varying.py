@@ -58,7 +58,9 @@ def stiffness_terms(discretisation: Discretisation) -> tuple[tuple[csr_matrix, .
     varying = [part for part in parts if scene.bodies[part.body].varies]
     groups = [(varied, [(varied.body, varied.moduli)]) for varied in varying]
     if constant:
-        scaled = [(part.body, tuple(float(part.factor) * item for item in part.moduli)) for part in constant]
+        scaled = [
+            (part.body, (float(part.factor) * part.moduli[0], float(part.factor) * part.moduli[1])) for part in constant
+        ]
         groups.append((Part(-1, "1", "1", (0.0, 0.0)), scaled))
     matrices, moduli = [], []
     for part, members in groups:

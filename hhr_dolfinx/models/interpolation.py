@@ -148,6 +148,7 @@ def grow(
     order: list[tuple[int, ...]] = []
     surpluses: list[np.ndarray] = []
     waiting: dict[tuple[int, ...], float] = {}
+    ended = [0.0]  # surpluses where no longer axis could follow
 
     def try_term(levels: tuple[int, ...]) -> None:
         place = nodes[list(levels)]
@@ -166,17 +167,19 @@ def grow(
         chosen = early[0] if early else max(waiting, key=waiting.__getitem__)
         if not early and waiting[chosen] <= tolerance:
             break
-        del waiting[chosen]
+        surplus = waiting.pop(chosen)
         for axis in range(axes.size):
             after = (*chosen[:axis], chosen[axis] + 1, *chosen[axis + 1 :])
-            if after[axis] < MOST_LEVELS and _admissible(after, order) and len(order) < budget:
+            if after[axis] == MOST_LEVELS:
+                ended.append(surplus)
+            elif _admissible(after, order) and len(order) < budget:
                 try_term(after)
     values = np.stack(surpluses, axis=1)
     modes, weights = _compressed(values, tolerance * 0.1)
     grown = Interpolant(
         axes, lower, upper, np.array(order, dtype=np.int64).reshape(len(order), axes.size), modes, weights
     )
-    return GrownGrid(grown, max(waiting.values(), default=0.0) if axes.size else 0.0, len(order))
+    return GrownGrid(grown, max(*ended, *waiting.values(), 0.0) if axes.size else 0.0, len(order))
 
 
 def _product(levels: tuple[int, ...], place: np.ndarray) -> float:

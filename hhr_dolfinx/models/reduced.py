@@ -81,7 +81,7 @@ class ReducedModel(WithOutputs):
             if flow is None:
                 # asked directly: a call less is a tenth of a query
                 self._elastic = self._eliminated(factorise)
-                self.solve = self._elastic.solve  # type: ignore[method-assign]
+                self.solve = self._elastic.solve  # type: ignore[method-assign, assignment]
             else:
                 from hhr_dolfinx.models.reduced_flow import ReducedEquilibrium
 

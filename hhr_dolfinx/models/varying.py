@@ -26,17 +26,19 @@ if TYPE_CHECKING:
 
 
 class Elimination(Protocol):
-    """What is left of the primal unknown at one parameter (n unknowns, m conditions).
+    """What is left of the primal unknown at one parameter (n unknowns, m conditions)."""
 
-    Attributes:
-        schur: S, (m, m).
-        free_slack: slack without contact forces, (m,).
-        symmetric: whether S is.
-    """
+    @property
+    def schur(self) -> np.ndarray:
+        """S, (m, m)."""
 
-    schur: np.ndarray
-    free_slack: np.ndarray
-    symmetric: bool
+    @property
+    def free_slack(self) -> np.ndarray:
+        """Slack without contact forces, (m,)."""
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether S is."""
 
     def unknown(self, forces: np.ndarray) -> np.ndarray:
         """The primal unknown under contact forces, (n,)."""
@@ -115,6 +117,11 @@ class VaryingModel(WithOutputs):
         self.offline: Any = None
         self._door = None if trained is None or trained.covers(parameters) else trained
         self._pairs, self._m = Pairs.of(pairs), len(pairs)
+
+    def __reduce__(self) -> tuple:
+        """Copy and pickle by what it was made of; how it was made stays behind."""
+        given = self.parameters, self.eliminated, self.known, self.fields, self.pairs, self.trained, dict(self._advice)
+        return type(self), given
 
     def solve(
         self,

@@ -263,6 +263,7 @@ def _eliminated_between(model: ReducedModel, full: Any, log: StageLog) -> Reduce
     if compliances is None:
         log.skip("interpolation", "K~^-1 is no smooth function of the parameters: it is factored for each query")
         return model
+    assert model.known is not None  # of a model in which nothing flows
     known = linear_starts(compliances, model.known.points, model.problem.pairs)
     return model.changed(compliances=compliances, known=known)
 

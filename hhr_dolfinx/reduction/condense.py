@@ -174,8 +174,8 @@ def components_of(problem: ContactProblem) -> list[Component]:
             if term[body].count_nonzero()
         ]
         factor, axes = dependence(moduli, shape_axes, problem.parameters.names)
-        acting = (_acting(columns, dofs) for columns in (problem.external, lifts))
-        found.append(Component(dofs, Part(conditions, *acting, factor, axes)))
+        forced, lifted = (_acting(columns, dofs) for columns in (problem.external, lifts))
+        found.append(Component(dofs, Part(conditions, forced, lifted, factor, axes)))
     return found
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -125,5 +124,5 @@ def compliance_of(part: Part, grid: GrownGrid, modes: dict[str, np.ndarray], unk
     if unknowns is not None:
         pushed = np.ascontiguousarray(np.moveaxis(modes["pushed"], 2, 0))
         primal = PrimalModes(unknowns, pushed, np.ascontiguousarray(modes["free"]))
-    given: Any = part.conditions, part.forced, part.lifted, part.factor
-    return Compliance(*given, interpolant, np.ascontiguousarray(modes["columns"]), primal)
+    columns = np.ascontiguousarray(modes["columns"])
+    return Compliance(part.conditions, part.forced, part.lifted, part.factor, interpolant, columns, primal)

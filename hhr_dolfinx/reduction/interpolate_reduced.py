@@ -7,6 +7,7 @@ parameters as K~: a sparse grid of a dozen factorisations of K~ replaces the one
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.linalg.lapack import dgetrf, dgetrs
@@ -41,9 +42,7 @@ def interpolated_reduction(
         if problem.terms is None or not block.modes.size:
             continue
         part = _part(problem.terms, block, space)
-        grid, modes = grown(
-            lambda point, b=block, p=part: _solved(problem.terms, b, p, point), space, part.axes, settings
-        )
+        grid, modes = grown(partial(_solved, problem.terms, block, part), space, part.axes, settings)
         grids.append(grid)
         if grid.surplus > settings.tolerance:
             return None, grids

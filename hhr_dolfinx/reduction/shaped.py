@@ -87,7 +87,8 @@ def _bodies(
     moved = np.zeros(len(problem.points), dtype=bool)
     for _, nodes in arrays.shapes:
         moved[nodes] = True
-    moving, fixed = [], []
+    moving: list[RidBody] = []
+    fixed: list[RidBody] = []
     for body in arrays.bodies:
         cells = problem.cell_nodes[np.intersect1d(body.cells, sets.cells)]
         moves = moved[cells].any(axis=1)
