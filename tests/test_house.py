@@ -175,8 +175,6 @@ UNNEEDED = {
              "hhr_dolfinx.full_order.gauss_points", "hhr_dolfinx.reduction.flow", "hhr_dolfinx.study.histories"],
     "meshes that do not match": ["hhr_dolfinx.pairings.node_to_surface", "hhr_dolfinx.pairings.mortar",
                                  "hhr_dolfinx.pairings.segments", "hhr_dolfinx.pairings.projection", "shapely"],
-    "clustering and peers": ["sklearn", "hhr_dolfinx.baselines.peers", "hhr_dolfinx.baselines.coarser"],
-    "pictures": ["hhr_dolfinx.study.plots", "matplotlib", "pyvista"],
     "elasticity and shapes that depend on parameters": [
         "hhr_dolfinx.formulas", "hhr_dolfinx.shapes", "hhr_dolfinx.full_order.varying",
         "hhr_dolfinx.full_order.reshaped",
@@ -186,13 +184,16 @@ UNNEEDED = {
         "hhr_dolfinx.reduction.interpolate_reduced", "hhr_dolfinx.reduction.starts"],
     "gradients": ["hhr_dolfinx.models.gradient", "hhr_dolfinx.models.history_gradient"],
     "samplings": ["hhr_dolfinx.sampling"],
+    "clustering and peers": ["sklearn", "hhr_dolfinx.baselines.peers", "hhr_dolfinx.baselines.coarser"],
+    "pictures": ["hhr_dolfinx.study.plots", "matplotlib", "pyvista"],
 }  # fmt: skip
 """What a study of an elastic scene on matching meshes does without; numba is not listed: DOLFINx loads it itself."""
 UNNEEDED_BY_FLOW = {
-    **{name: UNNEEDED[name] for name in UNNEEDED if name not in ("flow", "meshes that do not match")},
+    **{name: UNNEEDED[name] for name in ("clustering and peers", "pictures")},
     "what only elastic scenes are compared with": [
         "hhr_dolfinx.study.points", "hhr_dolfinx.study.references", "hhr_dolfinx.baselines.naive",
         "hhr_dolfinx.baselines.condensation", "hhr_dolfinx.study.verify"],
+    **{name: UNNEEDED[name] for name in ("elasticity and shapes that depend on parameters", "gradients", "samplings")},
 }  # fmt: skip
 """What a study of a scene that flows does without."""
 

@@ -23,8 +23,8 @@ from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.interpolated import Compliances
-    from hhr_dolfinx.models.reduced_flow import ReducedEquilibrium, ReducedFlow
     from hhr_dolfinx.models.varying import VaryingModel
+    from hhr_dolfinx.models.reduced_flow import ReducedEquilibrium, ReducedFlow
 
 ADVICE: Mapping[Status, str] = MappingProxyType(
     {
@@ -75,7 +75,7 @@ class ReducedModel:
         try:
             if flow is None:
                 # asked directly: a call less is a tenth of a query
-                self.solve = self._eliminated(factorise).solve  # type: ignore[method-assign, assignment]
+                self.solve = self._eliminated(factorise).solve  # type: ignore[method-assign]
             else:
                 from hhr_dolfinx.models.reduced_flow import ReducedEquilibrium
 
