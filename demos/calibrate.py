@@ -7,7 +7,6 @@ walk on the model, which takes as many answers as the full order could give in h
     python demos/calibrate.py [--out DIR] [--quick] [--seed N]
 """
 
-import time
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import coated_block as geometry
 from hhr_dolfinx.study import cli
 from hhr_dolfinx.study.report import write_report
+from hhr_dolfinx.timing import timed
 
 LOWER, UPPER, TRUE = np.array([150e3, 60e3]), np.array([500e3, 160e3]), np.array([320e3, 95e3])
 DEPTHS, NOISE = np.linspace(1e-3, 12e-3, 12), 0.01
@@ -90,24 +90,21 @@ def posterior(model: Any, data: np.ndarray, start: np.ndarray, count: int, seed:
 def main() -> None:
     """Calibrate on exact and on noisy data, and sample the posterior."""
     options = cli.parse(cli.demo_parser("calibrate", __doc__))
-    started = time.perf_counter()
-    training = hhr.train(scene(**(QUICK_MESH if options.quick else {})), hhr.Sobol(32), held_out=20)
-    model, full = training.condense(), training.full_order
-    offline = time.perf_counter() - started
+    built = scene(**(QUICK_MESH if options.quick else {}))
+    training, trained = timed(lambda: hhr.train(built, hhr.Sobol(32), held_out=20))
+    model, condensed = timed(training.condense)
+    full = training.full_order
     exact = np.array([full.outputs((depth, *TRUE)).values["force"] for depth in DEPTHS])
     noisy = exact * (1 + NOISE * np.random.default_rng(options.seed).standard_normal(exact.size))
     clean, moduli = (fitted(model, data, (LOWER + UPPER) / 2) for data in (exact, noisy))
-    started = time.perf_counter()
-    samples = posterior(model, noisy, moduli, 1000 if options.quick else 10_000, options.seed)
-    seconds = time.perf_counter() - started
-    started = time.perf_counter()
-    forces_of_full = [full.solve((depth, *TRUE)) for depth in DEPTHS]
-    by_full = (time.perf_counter() - started) * len(samples)
+    count = 1000 if options.quick else 10_000
+    samples, seconds = timed(lambda: posterior(model, noisy, moduli, count, options.seed))
+    _, by_full = timed(lambda: [full.solve((depth, *TRUE)) for depth in DEPTHS])
     report = {
-        "scene": "calibrate", "offline_s": offline, "error_without_noise": (clean / TRUE - 1).tolist(),
+        "scene": "calibrate", "offline_s": trained + condensed, "error_without_noise": (clean / TRUE - 1).tolist(),
         "error_with_noise": (moduli / TRUE - 1).tolist(), "posterior_mean": samples.mean(axis=0).tolist(),
         "posterior_deviation": samples.std(axis=0).tolist(), "samples": len(samples),
-        "answers": len(samples) * len(forces_of_full), "mcmc_s": seconds, "mcmc_full_order_s": by_full,
+        "answers": len(samples) * DEPTHS.size, "mcmc_s": seconds, "mcmc_full_order_s": by_full * count,
     }  # fmt: skip
     write_report(report, options.out)
     for name, value in report.items():

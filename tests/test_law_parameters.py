@@ -74,7 +74,7 @@ def test_formulas_of_constants_are_the_constants(full):
         # no parameter is idle that a law names
         warnings.simplefilter("error")
         hhr.FullOrderModel(pellet(FORMULAS))
-    with pytest.warns(SceneWarning, match=r"parameters \('sy', 'K'\) .* have no effect: .* or law names them"):
+    with pytest.warns(SceneWarning, match=r"parameters \('sy', 'K'\) .* have no effect: .* law or shape names them"):
         numbers = hhr.FullOrderModel(pellet(NUMBERS))
     assert same(full.march(path()), numbers.march(path()))
 

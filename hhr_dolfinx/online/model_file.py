@@ -31,6 +31,18 @@ from hhr_dolfinx.models.condensed import KnownStatuses
 from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.models.reconstruct import FlowFields, GappyField, Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.online.layout import (
+    CONDENSED,
+    FORMAT,
+    INDICES,
+    LAYOUT,
+    MAY_BE_NONE,
+    PACKED,
+    PRODUCTS,
+    TYPES,
+    VALUES,
+    VERSION,
+)
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plain import as_plain, by_name, restored
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
@@ -38,88 +50,6 @@ from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 if TYPE_CHECKING:
     from hhr_dolfinx.models.reduced_flow import ReducedFlow
     from hhr_dolfinx.models.varying import VaryingModel
-
-FORMAT, VERSION = "hhr_dolfinx reduced model", 7
-CONDENSED = "hhr_dolfinx condensed model"
-"""Format of files of interpolated condensation, see ``varying_file``."""
-VALUES = ("amplitudes", "laws", "outputs")  # lists in the header
-
-PACKED = {
-    "reduced.gaps": ("C", "m", "terms"),
-    "fields.gaps": ("F", "N_lambda", "terms"),
-    "fields.lifts": ("csc", "N", "terms"),
-    "flow.lifts": ("csc", "n", "terms"),
-    "flow.loads": ("csc", "a", "terms"),
-    "flow.contact": ("csr", "a", "m"),
-}
-"""Matrices of which only what is not zero is kept: sparse format, or order in memory of a dense one; names of sizes."""
-
-LAYOUT = {
-    "reduced.stiffness": ("float", "ell", "ell"),
-    "reduced.contact_test": ("float", "m", "ell"),
-    "reduced.contact_trial": ("float", "m", "ell"),
-    "reduced.loads": ("float", "ell", "terms"),
-    "reduced.pairs": ("int", "m"),
-    "fields.basis": ("float", "N", "ell"),
-    "fields.contact_basis": ("float", "N_lambda", "ell"),
-    "fields.A_lambda": ("int", "m"),
-    "fields.force_snapshots": ("float", "N_lambda", "force snapshots"),
-    "fields.gap_scale": ("float", "N_lambda"),
-    "amplitudes.constant": ("float", "affine terms"),
-    "amplitudes.slopes": ("float", "affine terms", "P"),
-    "known.points": ("float", "S", "P"),
-    "known.active": ("bool", "S", "m"),
-    "trained.lower": ("float", "P"),
-    "trained.upper": ("float", "P"),
-    "paths.slowest": ("float", "P"),
-    "paths.fastest": ("float", "P"),
-    "paths.steps": ("float", "ends"),
-    "paths.imbalance": ("float",),
-    "paths.share": ("float",),
-    "paths.depth": ("float",),
-    "flow.gradients": ("float", "cells", "per cell", "components", "dofs of a cell"),
-    "flow.weights": ("float", "cells", "per cell"),
-    "flow.dofs": ("int", "cells", "dofs of a cell"),
-    "flow.cells": ("int", "cells"),
-    "flow.modes": ("float", "n", "ell"),
-    "flow.inner": ("int", "a"),
-    # of each Gauss point the number of its group, so that no point can be in none or in two
-    "flow.group": ("int", "cells", "per cell"),
-    "flow.young": ("float", "groups"),
-    "flow.poisson": ("float", "groups"),
-    "completion.stress_modes": ("float", "stress values", "stress modes"),
-    "completion.stress_fit": ("float", "stress modes", "stress inside"),
-    "completion.cumulated_modes": ("float", "gauss points", "strain modes"),
-    "completion.cumulated_fit": ("float", "strain modes", "points"),
-} | {
-    f"{name}.{part}": (kind, f"entries of {name}")
-    for name in PACKED
-    for part, kind in (("rows", "int"), ("columns", "int"), ("values", "float"))
-}
-"""Arrays of a file by name: kind, then the names of their sizes; the same name is the same size everywhere.
-
-A field that is added to a part needs one line here.
-"""
-
-INDICES = {
-    "fields.A_lambda": "N_lambda",
-    "flow.dofs": "n",
-    "flow.inner": "n",
-    "flow.cells": "all cells",
-    "flow.group": "groups",
-    **{f"{name}.rows": rows for name, (_, rows, _) in PACKED.items()},
-    **{f"{name}.columns": columns for name, (*_, columns) in PACKED.items()},
-}
-"""Arrays of indices: each must be at least 0 and below the size of this name, since compiled loops do not look."""
-
-_PRODUCTS = {
-    "points": ("cells", "per cell"),
-    "stress inside": ("cells", "per cell", "components"),
-    "stress values": ("gauss points", "components"),
-    "gauss points": ("all cells", "per cell"),
-}
-_TYPES = {"float": np.float64, "int": np.int64, "bool": np.bool_}
-_MAY_BE_NONE = {"force snapshots", "stress modes", "strain modes", *(f"entries of {name}" for name in PACKED)}
 
 
 def save_model(path: str | Path, model: ReducedModel | VaryingModel) -> None:
@@ -159,7 +89,7 @@ def save_model(path: str | Path, model: ReducedModel | VaryingModel) -> None:
         fields = _taken_apart(model)
         kinds = _kinds(fields, (), {type(item) for items in values.values() for item in items if item is not None})
         layout = _layout(fields)
-        arrays = {name: np.asarray(fields[name], dtype=_TYPES[kind[0]]) for name, kind in layout.items()}
+        arrays = {name: np.asarray(fields[name], dtype=TYPES[kind[0]]) for name, kind in layout.items()}
         for what, items in values.items():
             plain = [(None, {}) if item is None else as_plain(item) for item in items]
             header[what] = [data for data, _ in plain]
@@ -306,11 +236,11 @@ def _checked(header: dict, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
     if any(type(value).__name__ == "Scalar" and value.names != space.names for value in values[0]):
         raise FileContentError(f"a formula is one of other parameters than {space.names}")
     sizes = check_layout(arrays, layout, {"P": len(space.names), "ends": 2})
-    empty = [name for name, size in sizes.items() if size == 0 and name not in _MAY_BE_NONE]
+    empty = [name for name, size in sizes.items() if size == 0 and name not in MAY_BE_NONE]
     if empty:
         raise FileContentError(f"sizes {empty} are zero")
     # compiled loops multiply indices, for which four bytes may be too few
-    arrays = {name: arrays[name].astype(_TYPES[kind[0]], copy=False) for name, kind in layout.items()}
+    arrays = {name: arrays[name].astype(TYPES[kind[0]], copy=False) for name, kind in layout.items()}
     content = _Content(space, header["dimension"], arrays, sizes, *values)
     if _flows(arrays):
         _check_flow(content)
@@ -370,7 +300,7 @@ def _check_flow(content: _Content) -> None:
 
     arrays, sizes, laws = content.arrays, content.sizes, content.laws
     sizes["all cells"] = sizes["gauss points"] // sizes["per cell"]
-    for name, factors in _PRODUCTS.items():
+    for name, factors in PRODUCTS.items():
         if sizes[name] != math.prod(sizes[factor] for factor in factors):
             raise FileContentError(f"{sizes[name]} {name} are not {' times '.join(factors)}")
     if sizes["components"] != (4 if content.dimension == 2 else 6):

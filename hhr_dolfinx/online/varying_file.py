@@ -28,7 +28,7 @@ from hhr_dolfinx.models.reshaped import InterpolatedProblem, ReshapedReduction
 from hhr_dolfinx.models.shaped import FixedCells, RidAssembly, RidBody, RidShape
 from hhr_dolfinx.models.starts import LinearStarts
 from hhr_dolfinx.models.varying import VaryingModel
-from hhr_dolfinx.online.model_file import CONDENSED
+from hhr_dolfinx.online.layout import CONDENSED
 from hhr_dolfinx.online.tree import put_together, taken_apart
 from hhr_dolfinx.pairings.mortar import Mortar
 from hhr_dolfinx.pairings.node_to_node import NodeToNode

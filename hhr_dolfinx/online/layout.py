@@ -1,0 +1,87 @@
+"""What files of models hold, written down once: names, kinds and sizes of their arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+
+FORMAT, VERSION = "hhr_dolfinx reduced model", 7
+CONDENSED = "hhr_dolfinx condensed model"
+"""Format of files of interpolated condensation, see ``varying_file``."""
+VALUES = ("amplitudes", "laws", "outputs")  # lists in the header
+
+PACKED = {
+    "reduced.gaps": ("C", "m", "terms"),
+    "fields.gaps": ("F", "N_lambda", "terms"),
+    "fields.lifts": ("csc", "N", "terms"),
+    "flow.lifts": ("csc", "n", "terms"),
+    "flow.loads": ("csc", "a", "terms"),
+    "flow.contact": ("csr", "a", "m"),
+}
+"""Matrices of which only what is not zero is kept: sparse format, or order in memory of a dense one; names of sizes."""
+
+LAYOUT = {
+    "reduced.stiffness": ("float", "ell", "ell"),
+    "reduced.contact_test": ("float", "m", "ell"),
+    "reduced.contact_trial": ("float", "m", "ell"),
+    "reduced.loads": ("float", "ell", "terms"),
+    "reduced.pairs": ("int", "m"),
+    "fields.basis": ("float", "N", "ell"),
+    "fields.contact_basis": ("float", "N_lambda", "ell"),
+    "fields.A_lambda": ("int", "m"),
+    "fields.force_snapshots": ("float", "N_lambda", "force snapshots"),
+    "fields.gap_scale": ("float", "N_lambda"),
+    "amplitudes.constant": ("float", "affine terms"),
+    "amplitudes.slopes": ("float", "affine terms", "P"),
+    "known.points": ("float", "S", "P"),
+    "known.active": ("bool", "S", "m"),
+    "trained.lower": ("float", "P"),
+    "trained.upper": ("float", "P"),
+    "paths.slowest": ("float", "P"),
+    "paths.fastest": ("float", "P"),
+    "paths.steps": ("float", "ends"),
+    "paths.imbalance": ("float",),
+    "paths.share": ("float",),
+    "paths.depth": ("float",),
+    "flow.gradients": ("float", "cells", "per cell", "components", "dofs of a cell"),
+    "flow.weights": ("float", "cells", "per cell"),
+    "flow.dofs": ("int", "cells", "dofs of a cell"),
+    "flow.cells": ("int", "cells"),
+    "flow.modes": ("float", "n", "ell"),
+    "flow.inner": ("int", "a"),
+    # of each Gauss point the number of its group, so that no point can be in none or in two
+    "flow.group": ("int", "cells", "per cell"),
+    "flow.young": ("float", "groups"),
+    "flow.poisson": ("float", "groups"),
+    "completion.stress_modes": ("float", "stress values", "stress modes"),
+    "completion.stress_fit": ("float", "stress modes", "stress inside"),
+    "completion.cumulated_modes": ("float", "gauss points", "strain modes"),
+    "completion.cumulated_fit": ("float", "strain modes", "points"),
+} | {
+    f"{name}.{part}": (kind, f"entries of {name}")
+    for name in PACKED
+    for part, kind in (("rows", "int"), ("columns", "int"), ("values", "float"))
+}
+"""Arrays of a file by name: kind, then the names of their sizes; the same name is the same size everywhere.
+
+A field that is added to a part needs one line here.
+"""
+
+INDICES = {
+    "fields.A_lambda": "N_lambda",
+    "flow.dofs": "n",
+    "flow.inner": "n",
+    "flow.cells": "all cells",
+    "flow.group": "groups",
+    **{f"{name}.rows": rows for name, (_, rows, _) in PACKED.items()},
+    **{f"{name}.columns": columns for name, (*_, columns) in PACKED.items()},
+}
+"""Arrays of indices: each must be at least 0 and below the size of this name, since compiled loops do not look."""
+
+PRODUCTS = {
+    "points": ("cells", "per cell"),
+    "stress inside": ("cells", "per cell", "components"),
+    "stress values": ("gauss points", "components"),
+    "gauss points": ("all cells", "per cell"),
+}
+TYPES = {"float": np.float64, "int": np.int64, "bool": np.bool_}
+MAY_BE_NONE = {"force snapshots", "stress modes", "strain modes", *(f"entries of {name}" for name in PACKED)}
