@@ -6,6 +6,7 @@ that flow or keep their volume need at their Gauss points is in ``gauss_points``
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
@@ -34,6 +35,7 @@ from hhr_dolfinx.full_order.checks import (
     warn_of_idle_parameters,
 )
 from hhr_dolfinx.full_order.locking import QUADRATURE, mean_dilatation, stiffness_degree
+from hhr_dolfinx.full_order.stress import stress_in_cells
 from hhr_dolfinx.loads import Assembler, Term, checked_terms
 from hhr_dolfinx.pairings.surface import Surface, make_surface
 from hhr_dolfinx.scene import Scene
@@ -210,45 +212,9 @@ class Discretisation:
         return bodies
 
     def stress(self, displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """Stress of a displacement, (N,), in the middle of each cell, Kelvin's notation, (cells, 4), in space 6.
-
-        Cells come in the order of ``ContactProblem.cell_nodes``. Bodies with a mean dilatation have its pressure, and
-        loads that are strains give no stress. What depends on parameters is that of a point, (P,).
-        """
-        if self.reshaped is not None:
-            with self.reshaped.at(point):
-                return self._stress(displacement, point)
-        return self._stress(displacement, point)
-
-    def _stress(self, displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """The same on the mesh as it lies."""
-        field = fem.Function(self.space)
-        field.x.petsc_vec.array[:] = displacement[self.rows]
-        field.x.scatter_forward()
-        constants = fem.functionspace(self.mesh, ("Discontinuous Lagrange", 0, (3, 3)))
-        points = compat.interpolation_points(constants.element)
-        stress = fem.Function(constants)
-        trace = ufl.tr(elasticity.strain(field, self.scene.hypothesis))
-        dilatation = self.cell_means(trace) if any(self.mean_dilatation) else None
-        for place, (body, mean) in enumerate(zip(self.scene.bodies, self.mean_dilatation, strict=True)):
-            sigma = self._stress_of(place, field, dilatation if mean else None, point)
-            stress.interpolate(fem.Expression(sigma, points), self._cell_tags.find(body.tag))
-        owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
-        values = stress.x.array.reshape(-1, 3, 3)[constants.dofmap.list[:owned].ravel()]
-        return _kelvin(np.concatenate(self.comm.allgather(values)), self.mesh.geometry.dim)
-
-    def _stress_of(self, place: int, field: fem.Function, dilatation: fem.Function | None, point: np.ndarray):
-        """Stress of a body, by its place, in UFL."""
-        body, eigenstrain = self.scene.bodies[place], None
-        if any(hasattr(load, "eigenstrain_of") for load in self.scene.loads):
-            from hhr_dolfinx.full_order.eigenstrains import eigenstrain_at
-
-            eigenstrain = eigenstrain_at(self, place, point)
-        if not body.varies and body.grading is None and eigenstrain is None:
-            return elasticity.stress(field, body.young, body.poisson, self.scene.hypothesis, dilatation)
-        from hhr_dolfinx.full_order.varying import stress_of
-
-        return stress_of(self, body, field, dilatation, point, eigenstrain)
+        """Stress of a displacement, (N,), at a parameter, (P,), see :func:`stress_in_cells`."""
+        with nullcontext() if self.reshaped is None else self.reshaped.at(point):
+            return stress_in_cells(self, displacement, point)
 
     def cell_means(self, field: Expr) -> fem.Function:
         """Mean of a UFL scalar over each cell's volume, by the rule of the stiffness; on the cells of this rank."""
@@ -397,10 +363,3 @@ def _without_columns(matrix, columns):
     kept = matrix.tocoo()
     keep = ~columns[kept.col]
     return csr_matrix((kept.data[keep], (kept.row[keep], kept.col[keep])), shape=matrix.shape)
-
-
-def _kelvin(tensors: np.ndarray, dim: int) -> np.ndarray:
-    """Symmetric tensors (n, 3, 3) as vectors whose product is that of the tensors, (n, 4), in space (n, 6)."""
-    pairs = [(0, 1)] if dim == 2 else [(0, 1), (0, 2), (1, 2)]
-    shear = [np.sqrt(2) * tensors[:, i, j] for i, j in pairs]
-    return np.stack([*(tensors[:, k, k] for k in range(3)), *shear], axis=1)

@@ -1,0 +1,63 @@
+"""Stress of elastic bodies on their mesh."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from ufl.core.expr import Expr
+
+from hhr_dolfinx import compat
+from hhr_dolfinx.forms import elasticity
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.discretisation import Discretisation
+
+
+def stress_in_cells(discretisation: Discretisation, displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Stress of a displacement, (N,), in the middle of each cell, Kelvin's notation, (cells, 4), in space 6.
+
+    Cells come in the order of ``ContactProblem.cell_nodes``. Bodies with a mean dilatation have its pressure, and loads
+    that are strains give no stress. What depends on parameters is that of a point, (P,); the mesh is taken as it lies.
+    """
+    scene, mesh, averaged = discretisation.scene, discretisation.mesh, discretisation.mean_dilatation
+    field = fem.Function(discretisation.space)
+    field.x.petsc_vec.array[:] = displacement[discretisation.rows]
+    field.x.scatter_forward()
+    constants = fem.functionspace(mesh, ("Discontinuous Lagrange", 0, (3, 3)))
+    points = compat.interpolation_points(constants.element)
+    stress = fem.Function(constants)
+    trace = ufl.tr(elasticity.strain(field, scene.hypothesis))
+    dilatation = discretisation.cell_means(trace) if any(averaged) else None
+    for place, (body, mean) in enumerate(zip(scene.bodies, averaged, strict=True)):
+        sigma = _of_body(discretisation, place, field, dilatation if mean else None, point)
+        stress.interpolate(fem.Expression(sigma, points), discretisation.cells_of(body.tag))
+    owned = mesh.topology.index_map(mesh.topology.dim).size_local
+    values = stress.x.array.reshape(-1, 3, 3)[constants.dofmap.list[:owned].ravel()]
+    return _kelvin(np.concatenate(discretisation.comm.allgather(values)), mesh.geometry.dim)
+
+
+def _of_body(
+    discretisation: Discretisation, place: int, field: fem.Function, dilatation: fem.Function | None, point: np.ndarray
+) -> Expr:
+    """Stress of a body, by its place, in UFL."""
+    scene, eigenstrain = discretisation.scene, None
+    body = scene.bodies[place]
+    if any(hasattr(load, "eigenstrain_of") for load in scene.loads):
+        from hhr_dolfinx.full_order.eigenstrains import eigenstrain_at
+
+        eigenstrain = eigenstrain_at(discretisation, place, point)
+    if not body.varies and body.grading is None and eigenstrain is None:
+        return elasticity.stress(field, body.young, body.poisson, scene.hypothesis, dilatation)
+    from hhr_dolfinx.full_order.varying import stress_of
+
+    return stress_of(discretisation, body, field, dilatation, point, eigenstrain)
+
+
+def _kelvin(tensors: np.ndarray, dim: int) -> np.ndarray:
+    """Symmetric tensors (n, 3, 3) as vectors whose product is that of the tensors, (n, 4), in space (n, 6)."""
+    pairs = [(0, 1)] if dim == 2 else [(0, 1), (0, 2), (1, 2)]
+    shear = [np.sqrt(2) * tensors[:, i, j] for i, j in pairs]
+    return np.stack([*(tensors[:, k, k] for k in range(3)), *shear], axis=1)
