@@ -36,6 +36,8 @@ class Reshaped:
     Attributes:
         axes: places of the parameters that shapes name.
         described: all formulas, for fingerprints.
+        reference: coordinates of the nodes of the geometry as the scene's mesh has them, (nodes, 3).
+        nodes: those that each shape moves, by number.
 
     Raises:
         SceneError: for maps that tear bodies apart or turn cells inside out somewhere in the box.
@@ -54,8 +56,8 @@ class Reshaped:
         )
         mesh = discretisation.mesh
         self._cells = compat.geometry_dofmap(mesh)
-        self._reference = mesh.geometry.x.copy()
-        self._nodes = [np.unique(self._cells[discretisation.cells_of(shape.tag)]) for shape in scene.shapes]
+        self.reference = mesh.geometry.x.copy()
+        self.nodes = [np.unique(self._cells[discretisation.cells_of(shape.tag)]) for shape in scene.shapes]
         self._check_box()
         self._middle = np.mean([scene.parameters.lower, scene.parameters.upper], axis=0)
         mesh.geometry.x[:] = self.coordinates(self._middle)
@@ -63,16 +65,16 @@ class Reshaped:
 
     def coordinates(self, point: np.ndarray) -> np.ndarray:
         """Coordinates of the nodes of the geometry at a point, (nodes, 3)."""
-        scene, moved = self._owner.scene, self._reference.copy()
+        scene, moved = self._owner.scene, self.reference.copy()
         names, dim = coordinate_names(scene.hypothesis), self._owner.mesh.geometry.dim
         values = dict(zip(scene.parameters.names, point.tolist(), strict=True))
-        size, seen = np.ptp(self._reference, axis=0).max(), np.zeros(len(moved), dtype=bool)
-        for shape, nodes in zip(scene.shapes, self._nodes, strict=True):
-            there = shape.moved(self._reference[nodes, :dim], names, values)
+        size, seen = np.ptp(self.reference, axis=0).max(), np.zeros(len(moved), dtype=bool)
+        for shape, nodes in zip(scene.shapes, self.nodes, strict=True):
+            there = shape.moved(self.reference[nodes, :dim], names, values)
             both = seen[nodes] & (np.abs(moved[nodes, :dim] - there).max(axis=1) > CLOSE * size)
             if both.any():
                 raise SceneError(
-                    f"the shape of body {shape.tag} tears it from its neighbour, at {self._reference[nodes][both][0]}: "
+                    f"the shape of body {shape.tag} tears it from its neighbour, at {self.reference[nodes][both][0]}: "
                     "two bodies that share nodes must move them alike"
                 )
             moved[nodes, :dim] = there
@@ -124,6 +126,7 @@ class Reshaped:
                 )
         order = np.empty(len(problem.gaps), dtype=np.int64)
         order[keys[0]] = keys[1]
+        self._owner.contact_rows = self._owner.contact_rows[order]
         rows = ("contact", "gaps", "contact_slaves", "contact_pairs", "contact_points", "contact_areas")
         taken = {name: getattr(problem, name)[order] for name in rows}
         return replace(problem, **taken | {"gaps": np.asfortranarray(taken["gaps"])})
@@ -131,7 +134,7 @@ class Reshaped:
     def _check_box(self) -> None:
         """Raise SceneError for maps that turn a cell inside out in a corner of the box or between."""
         scene, dim = self._owner.scene, self._owner.mesh.geometry.dim
-        sign = np.sign(corner_jacobians(self._reference[self._cells][:, :, :dim]).mean(axis=1))[:, None]
+        sign = np.sign(corner_jacobians(self.reference[self._cells][:, :, :dim]).mean(axis=1))[:, None]
         for point in box_samples(scene.parameters, TRIED):
             corners = self.coordinates(point)[self._cells][:, :, :dim]
             where = scene.parameters.described(point)
@@ -142,6 +145,6 @@ class Reshaped:
             if bad.size:
                 raise SceneError(
                     f"a shape of scene '{scene.name}' turns {bad.size} cells inside out at {where}, e.g. around "
-                    f"{self._reference[self._cells[bad[0]]].mean(axis=0)[:dim].tolist()}: narrow the box, or move the "
+                    f"{self.reference[self._cells[bad[0]]].mean(axis=0)[:dim].tolist()}: narrow the box, or move the "
                     "nodes around it too"
                 )
