@@ -7,7 +7,8 @@ reduced displacement; those of strain, of which there are many, are made of cell
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -99,5 +100,13 @@ class ReshapedFunctionals:
                 blocks[place] = part
             else:
                 changed[place][name] = part if lengths else float(part)
-        items = tuple(replace(item, **change) for item, change in zip(self.items, changed, strict=True))
+        items = tuple(_changed(item, change) for item, change in zip(self.items, changed, strict=True))
         return ShapedFunctionals(items, 0, self.amplitudes, tuple(block for block in blocks if block is not None))
+
+
+def _changed(item: Functional, change: dict[str, np.ndarray | float]) -> Functional:
+    """A copy with other arrays, and with the formulas that have been read: to read them again takes a millisecond."""
+    found = copy(item)
+    for name, value in change.items():
+        object.__setattr__(found, name, value)
+    return found

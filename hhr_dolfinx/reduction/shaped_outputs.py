@@ -15,6 +15,9 @@ from hhr_dolfinx.models.functionals import Functional
 from hhr_dolfinx.models.shaped_functionals import ROWS, ReshapedFunctionals, Zone
 from hhr_dolfinx.reduction.interpolate import GridSettings, grown
 
+FINER = 0.01
+"""Part of the tolerance of a model to which arrays of outputs are interpolated: forces and displacements cancel in them,
+as in a gap, and a finer grid has a few shapes more."""
 _OF_ROWS = {item.name for item in fields(Functional)}
 
 
@@ -47,7 +50,8 @@ def reshaped_functionals(
         return found
 
     axes = np.array(problem.reshaped.axes, dtype=np.int64)
-    grid, modes = grown(solved, problem.parameters, axes, settings)
+    finer = replace(settings, tolerance=FINER * settings.tolerance)
+    grid, modes = grown(solved, problem.parameters, axes, finer)
     arrays = [(*name.split(), part.shape[:-1]) for name, part in modes.items()]
     items, zones = [], []
     for item in base:
