@@ -138,6 +138,15 @@ def quadrature(cell: str, degree: int) -> tuple[np.ndarray, np.ndarray]:
     return basix.make_quadrature(basix.CellType[cell], degree)
 
 
+def shape_functions(cell: str, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Functions of degree 1 of a reference cell at points, (q, k), and their slopes, (q, k, dim)."""
+    import basix
+
+    element = basix.create_element(basix.ElementFamily.P, basix.CellType[cell], 1)
+    table = element.tabulate(1, points)[..., 0]
+    return table[0], table[1:].transpose(1, 2, 0).copy()
+
+
 def compiled(**options: Any) -> Callable[[Callable], Callable]:
     """numba's ``njit`` with a cache on disk, or without one where no place can be written."""
     with extra("flow", "a scene with bodies that flow or are nearly incompressible"):

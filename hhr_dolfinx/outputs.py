@@ -1,7 +1,8 @@
 """Outputs: numbers that a scene is asked for, by name; each says how it is read from forces and displacement.
 
 An output of a user's own is one class with a name, a unit and a method ``prepared``, see :class:`Output`. Forces and
-areas are those of the whole turn in axisymmetry, and per unit depth in the plane.
+areas are those of the whole turn in axisymmetry, and per unit depth in the plane. Where shapes depend on parameters,
+places and boxes are those of the mesh in the middle of the parameters' box: an output stays with its nodes and cells.
 """
 
 from __future__ import annotations
@@ -194,7 +195,7 @@ class ContactWidth(_OfContact):
     """Area under load of a contact: a width per unit depth in the plane, the area of the whole turn in axisymmetry.
 
     What bears less than a thousandth of the largest pressure of the contact does not count. It changes by steps of a
-    cell, and its derivatives are zero.
+    cell, and its derivatives are zero but for those of the shape of the cells.
     """
 
     def prepared(self, probe: Probe) -> Functional:
@@ -227,8 +228,8 @@ class GapAt(_OfContact):
     def prepared(self, probe: Probe) -> Functional:
         """See :class:`Output`."""
         conditions, problem = probe.conditions(self), probe.problem
-        nearest = conditions[probe.at_place(self, problem.contact_points[conditions])[0]]
-        terms = np.flatnonzero(problem.gaps[nearest])
+        nearest = conditions[probe.at_place(self, probe.base.contact_points[conditions])[0]]
+        terms = probe.terms(problem.gaps[nearest])
         return Linear.of(
             self.name,
             self.unit,
@@ -265,7 +266,7 @@ class DisplacementAt(_Output):
         if self.component >= dim:
             raise SceneError(f"output '{self.name}': the mesh has {dim} components, none is {self.component}")
         nodes = np.arange(len(problem.points)) if self.tag is None else probe.nodes(self.tag)
-        found = nodes[probe.at_place(self, problem.points[nodes])]
+        found = nodes[probe.at_place(self, probe.base.points[nodes])]
         if found.size > 1:
             # bodies in contact have nodes at one place, which move apart
             tags = [body.tag for body in probe.scene.bodies if np.isin(found, probe.nodes(body.tag)).any()]

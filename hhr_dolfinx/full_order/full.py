@@ -25,6 +25,7 @@ from hhr_dolfinx.trained import check_outside
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.full_order.flow import FullEquilibrium
+    from hhr_dolfinx.full_order.outputs import FullShapeFunctionals
     from hhr_dolfinx.full_order.rid_arrays import ShapedArrays
     from hhr_dolfinx.models.functionals import Functionals
 
@@ -82,7 +83,7 @@ class FullOrderModel(WithOutputs):
         self._factor(gauss.discretisation, (gauss.stiffness,))
         self.equilibrium = FullEquilibrium(self, gauss)
 
-    def _prepared_outputs(self) -> Functionals | None:
+    def _prepared_outputs(self) -> Functionals | FullShapeFunctionals | None:
         if not self.scene.outputs:
             return None
         from hhr_dolfinx.full_order.outputs import functionals_of
@@ -259,13 +260,22 @@ class FullOrderModel(WithOutputs):
     def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
         """Rows of the outputs times the displacement, (K,)."""
         assert self.functionals is not None
-        return self.functionals.rows @ self.displacement(answer)
+        return self.functionals.at(answer.parameter).measured(self.displacement(answer))
 
     def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
-        assert self.functionals is not None and answer.gradient is not None
-        field = answer.gradient.unknown + self.problem.lifts @ changes
-        return answer.gradient.multipliers, self.functionals.rows @ field
+        assert self.functionals is not None
+        forces, field = self.coordinate_changes(answer, changes)
+        return forces, self.functionals.at(answer.parameter).measured(field)
+
+    def coordinates(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
+        """The displacement, see :class:`~models.functionals.ShapedFields`."""
+        return self.displacement(answer)
+
+    def coordinate_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of all forces and of the displacement."""
+        assert answer.gradient is not None
+        return answer.gradient.multipliers, answer.gradient.unknown + self.problem.lifts @ changes
 
     def _sum(self, part: np.ndarray) -> np.ndarray:
         return part if self.comm.size == 1 else self.comm.allreduce(part)

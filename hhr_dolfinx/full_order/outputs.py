@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,9 +19,12 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.forms.return_mapping import strain_vector
 from hhr_dolfinx.full_order.checks import check_present
+from hhr_dolfinx.full_order.locking import QUADRATURE
 from hhr_dolfinx.models.functional_kinds import Energy, FlowMises, Mises
 from hhr_dolfinx.models.functionals import Functional, Functionals
+from hhr_dolfinx.models.moving_cells import MovingCells
 from hhr_dolfinx.outputs import ElasticEnergy, VonMises
+from hhr_dolfinx.shapes import coordinate_names
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discretisation import Discretisation
@@ -38,6 +41,8 @@ class Probe:
     Attributes:
         scene: the scene.
         problem: the contact problem.
+        base: the same on the mesh in which outputs find places and boxes: that of the middle of the box where a shape
+            depends on parameters, so that an output stays with its nodes and cells; ``problem`` elsewhere.
         contact_rows: B with the columns of imposed dofs, (N_lambda, N).
         assembler: what loads may ask for.
         nodes: numbers of the nodes of a body, by its cell tag; refuses tags that are not there.
@@ -47,6 +52,7 @@ class Probe:
 
     scene: Scene
     problem: ContactProblem
+    base: ContactProblem
     contact_rows: csr_matrix
     assembler: Assembler
     nodes: Callable[[int], np.ndarray]
@@ -81,7 +87,7 @@ class Probe:
         return conditions, self.problem.contact_areas[conditions]
 
     def at_place(self, output: Any, points: np.ndarray) -> np.ndarray:
-        """Numbers of the points, (n, dim), nearest to the place of an output; several where they coincide.
+        """Numbers of the points, (n, dim), of ``base`` nearest to the place of an output; several where they coincide.
 
         Raises:
             SceneError: for a place farther from all of them than a cell is long.
@@ -101,10 +107,14 @@ class Probe:
 
     def _cell_size(self, point: np.ndarray) -> float:
         """Length of the largest cell at the node nearest to a point."""
-        cells, nodes = self.problem.cell_nodes, self.problem.points
+        cells, nodes = self.base.cell_nodes, self.base.points
         nearest = np.linalg.norm(nodes - point, axis=1).argmin()
         at_node = cells[(cells == nearest).any(axis=1)]
         return float(np.linalg.norm(np.ptp(nodes[at_node], axis=1), axis=1).max(initial=0.0))
+
+    def terms(self, entries: np.ndarray) -> np.ndarray:
+        """Terms of θ that have entries, (1 + T,); all where a shape depends on parameters, since others may elsewhere."""
+        return np.arange(entries.size) if self.base.reshaped is not None else np.flatnonzero(entries)
 
     def nodal_forces(self, output: Any) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
         """Conditions of a contact, positions of its first surface's nodes, and the forces on them.
@@ -117,33 +127,70 @@ class Probe:
         return conditions, surface.points, csr_matrix(-self.contact_rows[conditions][:, dofs])
 
 
-def functionals_of(full: FullOrderModel) -> Functionals:
+SHAPES = 8
+"""Shapes whose outputs a full model keeps."""
+
+
+class FullShapeFunctionals:
+    """Outputs of a full model whose mesh depends on parameters, prepared on the mesh as it is at a point.
+
+    See :class:`~hhr_dolfinx.models.functionals.ShapeFunctionals`.
+
+    Args:
+        full: the model; its problem is that of the middle of the box.
+
+    Raises:
+        SceneError: for an output of what the model does not have.
+    """
+
+    def __init__(self, full: FullOrderModel):
+        problem = full.problem
+        self.axes = np.array(problem.reshaped.axes, dtype=np.int64)
+        self.parameters, self.amplitudes = problem.parameters, problem.amplitudes
+        self._discretisation, self._base = full.discretisation, problem
+        self._prepared = lru_cache(maxsize=SHAPES)(self._made)
+        self.items = self.at(problem.middle).items
+
+    def at(self, point: np.ndarray) -> Functionals:
+        """Those of the shape at a point, (P,)."""
+        return self._prepared(np.ascontiguousarray(point[self.axes], dtype=float).tobytes())
+
+    def _made(self, key: bytes) -> Functionals:
+        """At values of the parameters of the shape; the other parameters change no array of an output."""
+        point, reshaped = self._base.middle, self._base.reshaped
+        point[self.axes] = np.frombuffer(key)
+        with reshaped.at(point):
+            return prepared_outputs(self._discretisation, reshaped(point), None, self._base)
+
+
+def functionals_of(full: FullOrderModel) -> Functionals | FullShapeFunctionals:
     """All outputs of a scene; on several ranks the same on each, and all of them ask together.
 
     Raises:
-        SceneError: for an output of what the model does not have, or of a mesh that depends on parameters.
+        SceneError: for an output of what the model does not have.
     """
     if full.problem.reshaped is not None:
-        raise SceneError(
-            f"the shape of scene '{full.scene.name}' depends on parameters, and its outputs would be those of one "
-            "mesh: leave them out, or give each shape a scene"
-        )
-    return prepared_outputs(full.discretisation, full.problem, full.equilibrium)
+        return FullShapeFunctionals(full)
+    return prepared_outputs(full.discretisation, full.problem, full.equilibrium, full.problem)
 
 
 def prepared_outputs(
-    discretisation: Discretisation, problem: ContactProblem, equilibrium: FullEquilibrium | None
+    discretisation: Discretisation,
+    problem: ContactProblem,
+    equilibrium: FullEquilibrium | None,
+    base: ContactProblem,
 ) -> Functionals:
-    """The same of a mesh with its problem, and of what flows on it."""
+    """The same of a mesh with its problem, of what flows on it, and of the mesh in which places are found."""
     items = []
     for output in discretisation.scene.outputs:
         probe = Probe(
             scene=discretisation.scene,
             problem=problem,
+            base=base,
             contact_rows=discretisation.whole_contact,
             assembler=discretisation.assembler(output),
             nodes=partial(_nodes, discretisation, problem),
-            mises=partial(_mises, discretisation, problem, equilibrium),
+            mises=partial(_mises, discretisation, base, equilibrium),
             energy=partial(_energy, discretisation, problem, equilibrium),
         )
         items.append(output.prepared(probe))
@@ -151,6 +198,17 @@ def prepared_outputs(
     gauss_points = 0 if equilibrium is None else equilibrium.operator.gauss_points
     found.check(problem.parameters, len(problem.gaps), gauss_points)
     return found
+
+
+@dataclass(frozen=True, eq=False)
+class MovingMises(Mises):
+    """Von Mises' stress of cells whose shape depends on parameters.
+
+    Attributes:
+        cells: of which its rows are made elsewhere.
+    """
+
+    cells: MovingCells
 
 
 def _cells(discretisation: Discretisation, tag: int) -> np.ndarray:
@@ -209,7 +267,42 @@ def _mises(
     volume, shape = elasticity.unit_moduli(_text(body.poisson), scene.hypothesis)
     moduli = f"({_text(body.young)}) * ({volume})", f"({_text(body.young)}) * ({shape})"
     flat, shares = scene.hypothesis == "plane_stress", volumes / volumes.sum() if mean else np.zeros(0)
-    return Mises(output.name, output.unit, *matrix, scene.parameters.names, *moduli, flat, factors, shares)
+    given = output.name, output.unit, *matrix, scene.parameters.names, *moduli, flat, factors, shares
+    if discretisation.reshaped is None:
+        return Mises(*given)
+    return MovingMises(*given, moving_cells(discretisation, own, mean_dilatation=discretisation.mean_dilatation[place]))
+
+
+def moving_cells(discretisation: Discretisation, cells: np.ndarray, *, mean_dilatation: bool) -> MovingCells:
+    """Cells of a mesh that shapes move, as plain data; serial."""
+    mesh, scene, reshaped = discretisation.mesh, discretisation.scene, discretisation.reshaped
+    assert reshaped is not None
+    kind, space = mesh.topology.cell_name(), discretisation.space
+    middle = compat.interpolation_points(fem.functionspace(mesh, ("Discontinuous Lagrange", 0)).element)
+    points, weights = compat.quadrature(kind, QUADRATURE)
+    # functions of the displacement are those of the geometry: both are of degree 1
+    values, slopes = compat.shape_functions(kind, np.vstack([middle, points]))
+    nodes, cells_here = np.unique(space.dofmap.list[cells], return_inverse=True)
+    of_geometry = np.empty(nodes.size, dtype=np.int64)
+    of_geometry[cells_here.ravel()] = compat.geometry_dofmap(mesh)[cells].ravel()
+    moves = [np.isin(of_geometry, own) for own in reshaped.nodes]
+    given = [(shape, moved) for shape, moved in zip(scene.shapes, moves, strict=True) if moved.any()]
+    taken = slice(1, None) if mean_dilatation else slice(1, 1)
+    return MovingCells(
+        shapes=tuple(shape for shape, _ in given),
+        moved=tuple(moved for _, moved in given),
+        coordinates=coordinate_names(scene.hypothesis),
+        parameters=scene.parameters.names,
+        points=reshaped.reference[of_geometry, : mesh.geometry.dim].copy(),
+        nodes=nodes.astype(np.int64),
+        cells=cells_here.reshape(len(cells), -1).astype(np.int64),
+        values=values[0],
+        slopes=slopes[0],
+        weights=weights if mean_dilatation else np.zeros(0),
+        gauss_values=values[taken],
+        gauss_slopes=slopes[taken],
+        axisymmetric=scene.hypothesis == "axisymmetric",
+    )
 
 
 def _text(value: float | str) -> str:
@@ -272,7 +365,8 @@ def _energy(
     moduli = tuple(f"({modulus.factor}) * ({modulus.rest})" for modulus in problem.moduli) or ("1",)
     stiffness = whole.stiffness_terms if problem.moduli else (whole.stiffness,)
     external = whole.external
-    loaded = np.flatnonzero(np.diff(external.indptr))
+    moving = discretisation.reshaped is not None  # at another shape other terms may act
+    loaded = np.arange(external.shape[1]) if moving else np.flatnonzero(np.diff(external.indptr))
     lifted = np.flatnonzero(np.diff(whole.lifts.tocsc().indptr))
     lifts = whole.lifts.tocsc()[:, lifted]
     pushed = [part @ lifts for part in stiffness]
@@ -284,7 +378,7 @@ def _energy(
     squares = np.array([(lifts.T @ part).toarray() for part in pushed]).reshape(
         len(stiffness), lifted.size, lifted.size
     )
-    gap_terms = np.flatnonzero(problem.gaps.any(axis=0)).astype(np.int64)
+    gap_terms = loaded if moving else np.flatnonzero(problem.gaps.any(axis=0)).astype(np.int64)
     gaps = np.ascontiguousarray(problem.gaps[:, gap_terms])
     rest = terms, parts.astype(np.int64), lifted.astype(np.int64), squares, gap_terms, gaps
     return Energy(output.name, output.unit, *matrix, names, moduli, *rest)

@@ -35,8 +35,9 @@ class Reshaped:
 
     Attributes:
         axes: places of the parameters that shapes name.
-        reference: coordinates of the nodes of the geometry on the mesh as it was made, (nodes, 3).
         described: all formulas, for fingerprints.
+        reference: coordinates of the nodes of the geometry as the scene's mesh has them, (nodes, 3).
+        nodes: those that each shape moves, by number.
 
     Raises:
         SceneError: for maps that tear bodies apart or turn cells inside out somewhere in the box.
@@ -56,7 +57,7 @@ class Reshaped:
         mesh = discretisation.mesh
         self._cells = compat.geometry_dofmap(mesh)
         self.reference = mesh.geometry.x.copy()
-        self._nodes = [np.unique(self._cells[discretisation.cells_of(shape.tag)]) for shape in scene.shapes]
+        self.nodes = [np.unique(self._cells[discretisation.cells_of(shape.tag)]) for shape in scene.shapes]
         self._check_box()
         self._middle = np.mean([scene.parameters.lower, scene.parameters.upper], axis=0)
         mesh.geometry.x[:] = self.coordinates(self._middle)
@@ -68,7 +69,7 @@ class Reshaped:
         names, dim = coordinate_names(scene.hypothesis), self._owner.mesh.geometry.dim
         values = dict(zip(scene.parameters.names, point.tolist(), strict=True))
         size, seen = np.ptp(self.reference, axis=0).max(), np.zeros(len(moved), dtype=bool)
-        for shape, nodes in zip(scene.shapes, self._nodes, strict=True):
+        for shape, nodes in zip(scene.shapes, self.nodes, strict=True):
             there = shape.moved(self.reference[nodes, :dim], names, values)
             both = seen[nodes] & (np.abs(moved[nodes, :dim] - there).max(axis=1) > CLOSE * size)
             if both.any():
@@ -126,6 +127,7 @@ class Reshaped:
                 )
         order = np.empty(len(problem.gaps), dtype=np.int64)
         order[keys[0]] = keys[1]
+        self._owner.whole_contact = self._owner.whole_contact[order]
         rows = ("contact", "gaps", "contact_slaves", "contact_pairs", "contact_points", "contact_areas")
         taken = {name: getattr(problem, name)[order] for name in rows}
         return replace(problem, **taken | {"gaps": np.asfortranarray(taken["gaps"])})

@@ -102,6 +102,12 @@ class Largest(Functional):
         place = pressures.argmax()
         return Slopes(self.conditions[[place]], 1 / self.areas[[place]], kink=_tied(pressures, place))
 
+    def followed(self, state: State, there: Functional, moved: State) -> float:
+        """Of the condition where it is attained."""
+        assert isinstance(there, Largest)
+        place = (state.forces[self.conditions] / self.areas).argmax()
+        return float(moved.forces[self.conditions[place]] / there.areas[place])
+
     def indices(self) -> dict[str, np.ndarray]:
         """Conditions."""
         return {"conditions": self.conditions}
@@ -109,7 +115,7 @@ class Largest(Functional):
 
 @dataclass(frozen=True, eq=False)
 class Loaded(Functional):
-    """Area under load times a factor and an offset; piecewise constant, so that its derivatives are zero.
+    """Area under load times a factor and an offset; on one mesh piecewise constant, so that its derivatives are zero.
 
     Attributes:
         conditions, areas: (c,) each.
@@ -125,14 +131,22 @@ class Loaded(Functional):
 
     def value(self, state: State) -> float:
         """By what is pressed by more than :data:`LOADED` of the largest pressure."""
-        pressures = state.forces[self.conditions] / self.areas
-        largest = pressures.max()
-        loaded = (pressures > LOADED * largest) & (largest > 0)
-        return float(self.offset + self.factor * self.areas[loaded].sum())
+        return float(self.offset + self.factor * self.areas[self._loaded(state)].sum())
 
     def slopes(self, state: State) -> Slopes:
         """None."""
         return Slopes()
+
+    def followed(self, state: State, there: Functional, moved: State) -> float:
+        """Of what is under load."""
+        assert isinstance(there, Loaded)
+        return float(there.offset + there.factor * there.areas[self._loaded(state)].sum())
+
+    def _loaded(self, state: State) -> np.ndarray:
+        """What is under load, (c,) bool."""
+        pressures = state.forces[self.conditions] / self.areas
+        largest = pressures.max()
+        return (pressures > LOADED * largest) & (largest > 0)
 
     def indices(self) -> dict[str, np.ndarray]:
         """Conditions."""
@@ -181,6 +195,14 @@ class Mises(Functional):
         """The largest one, or their mean over the volume."""
         values = von_mises(self._stress(state)[0])
         return float(self.shares @ values if self.shares.size else values.max())
+
+    def followed(self, state: State, there: Functional, moved: State) -> float:
+        """In the cell where it is largest, or the mean."""
+        assert isinstance(there, Mises)
+        if self.shares.size:
+            return there.value(moved)
+        place = von_mises(self._stress(state)[0]).argmax()
+        return float(von_mises(there._stress(moved)[0])[place])
 
     def slopes(self, state: State) -> Slopes:
         """Through the stress."""

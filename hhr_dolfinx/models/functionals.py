@@ -18,6 +18,7 @@ from scipy.sparse import csr_matrix, vstack
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.errors import HHRError, SceneError
+from hhr_dolfinx.models.reshaped import DIFFERENCE
 from hhr_dolfinx.parameters import ParameterSpace
 
 if TYPE_CHECKING:
@@ -73,6 +74,39 @@ class MeasuredFields(Protocol):
         ``changes`` are those of the amplitudes, (1 + T, P); the answer has a gradient. Where no output depends on
         forces, theirs may be left out.
         """
+
+
+class ShapeFunctionals(Protocol):
+    """All outputs of a scene whose shape depends on parameters; those of a scene without shapes are their own.
+
+    Attributes:
+        axes: places of the parameters that change the shape; none where nothing does.
+        parameters: the box of the parameters.
+        items: one for each output, as in the middle of the box.
+        amplitudes: θ as a function of the parameters.
+    """
+
+    axes: np.ndarray
+    parameters: ParameterSpace
+    items: tuple[Functional, ...]
+    amplitudes: Amplitudes
+
+    def at(self, point: np.ndarray) -> Functionals:
+        """Those of the shape at a point, (P,)."""
+
+
+class ShapedFields(Protocol):
+    """What the fields of a model of bodies whose shape depends on parameters do instead of :class:`MeasuredFields`."""
+
+    @property
+    def functionals(self) -> ShapeFunctionals | None:
+        """Outputs of the scene; None where it has none."""
+
+    def coordinates(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
+        """What the rows of the outputs act on, (s,): the displacement, or what it is made of."""
+
+    def coordinate_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of all contact forces, (N_lambda, P), and of these coordinates, (s, P)."""
 
 
 class State(NamedTuple):
@@ -144,6 +178,10 @@ class Functional:
         """Its partial derivatives."""
         raise NotImplementedError
 
+    def followed(self, state: State, there: Functional, moved: State) -> float:
+        """Value of the same output on another shape, on the smooth piece that is its own at ``state``."""
+        return there.value(moved)
+
     def indices(self) -> dict[str, np.ndarray]:
         """Its indices of ``conditions`` and ``terms``, to be checked."""
         return {}
@@ -162,6 +200,16 @@ class Functionals:
     items: tuple[Functional, ...]
     size: int
     amplitudes: Amplitudes
+
+    axes: ClassVar[np.ndarray] = _NOWHERE
+
+    def at(self, point: np.ndarray) -> Functionals:
+        """Itself: no parameter changes the shape."""
+        return self
+
+    def measured(self, coordinates: np.ndarray) -> np.ndarray:
+        """Rows of all outputs times a displacement, (N, ...): (K, ...)."""
+        return self.rows @ coordinates
 
     @cached_property
     def rows(self) -> csr_matrix:
@@ -207,18 +255,20 @@ def outputs_of(answer: Answer) -> Outputs:
         HHRError: for a model of a scene without outputs.
     """
     fields: Any = answer.fields
-    functionals: Functionals | None = getattr(fields, "functionals", None)
-    if functionals is None:
+    whole: Any = getattr(fields, "functionals", None)
+    if whole is None:
         raise HHRError("this model has no outputs: name them in the scene, Scene(..., outputs=(...,)), and build again")
-    units = {item.name: item.unit for item in functionals.items}
+    units = {item.name: item.unit for item in whole.items}
     if not answer.converged:
         return Outputs(dict.fromkeys(units, np.nan), units)
-    point, amplitudes = answer.parameter, functionals.amplitudes
+    point, amplitudes = answer.parameter, whole.amplitudes
+    functionals: Functionals = whole.at(point)
     given = amplitudes(point)
     theta = np.zeros(amplitudes.firsts[-1])
     theta[given.terms] = given.values
     forces = fields.forces(answer) if functionals.uses_forces else _NOTHING
-    measured = fields.measured(answer, theta)
+    coordinates = fields.coordinates(answer, theta) if whole.axes.size else _NOTHING
+    measured = functionals.measured(coordinates) if whole.axes.size else fields.measured(answer, theta)
     states = [State(forces, measured[place], point, theta, answer.stress) for place in functionals.places]
     values = {item.name: item.value(state) for item, state in zip(functionals.items, states, strict=True)}
     if answer.gradient is None:
@@ -226,13 +276,44 @@ def outputs_of(answer: Answer) -> Outputs:
     acting, slopes = amplitudes.slopes_at(point)
     changes = np.zeros((theta.size, point.size))
     changes[acting] = slopes
-    of_forces, of_measured = fields.measured_changes(answer, changes)
+    if whole.axes.size:
+        of_forces, of_coordinates = fields.coordinate_changes(answer, changes)
+        of_measured = functionals.measured(of_coordinates)
+    else:
+        of_forces, of_measured = fields.measured_changes(answer, changes)
+    of_shape = _shape_slopes(whole, functionals, states, coordinates)
     gradient, one_sided = {}, answer.gradient.one_sided
-    for item, state, place in zip(functionals.items, states, functionals.places, strict=True):
+    for item, state, place, explicit in zip(functionals.items, states, functionals.places, of_shape, strict=True):
         part = item.slopes(state)
-        found = part.forces @ of_forces[part.conditions] if part.conditions.size else np.zeros(point.size)
+        found = explicit + part.forces @ of_forces[part.conditions] if part.conditions.size else explicit
         for slope, change in ((part.measured, of_measured[place]), (part.theta, changes)):
             found = found + slope @ change if slope.size else found
         gradient[item.name] = found + part.point if part.point.size else found
         one_sided = one_sided or part.kink
     return Outputs(values, units, gradient, one_sided)
+
+
+def _shape_slopes(
+    whole: ShapeFunctionals, functionals: Functionals, states: list[State], coordinates: np.ndarray
+) -> np.ndarray:
+    """Derivatives of all outputs along what changes the shape while the state stays, by differences, (outputs, P)."""
+    point = states[0].point
+    found = np.zeros((len(states), point.size))
+    for axis in whole.axes:
+        low, high = whole.parameters.lower[axis], whole.parameters.upper[axis]
+        ends = []
+        for shift in (-DIFFERENCE, DIFFERENCE):
+            moved = point.copy()
+            moved[axis] = min(max(moved[axis] + shift * (high - low), low), high)
+            there = whole.at(moved)
+            measured = there.measured(coordinates)
+            values = [
+                item.followed(state, other, state._replace(measured=measured[place]))
+                for item, other, state, place in zip(
+                    functionals.items, there.items, states, functionals.places, strict=True
+                )
+            ]
+            ends.append((moved[axis], np.array(values)))
+        (before, first), (after, second) = ends
+        found[:, axis] = (second - first) / (after - before)
+    return found

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csc_matrix
@@ -22,6 +22,7 @@ from hhr_dolfinx.models.interpolation import Interpolant
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Scalar
     from hhr_dolfinx.models.functionals import Functionals
+    from hhr_dolfinx.models.shaped_functionals import ReshapedFunctionals
     from hhr_dolfinx.models.varying import Elimination
 
 
@@ -285,7 +286,7 @@ class InterpolatedFields(ElasticFields):
     galerkin: Callable[[np.ndarray], Elimination]
     dimension: int
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
-    functionals: Functionals | None = None
+    functionals: Functionals | ReshapedFunctionals | None = None
 
     def __reduce__(self) -> tuple:
         """Copy and pickle by the arrays: a mesh belongs to one process."""
@@ -310,8 +311,8 @@ class InterpolatedFields(ElasticFields):
     @cached_property
     def _measures(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows of the outputs times the basis and the lifts."""
-        assert self.functionals is not None
-        rows = self.functionals.rows
+        functionals: Any = self.functionals
+        rows = functionals.rows
         return rows @ self.basis, (rows @ self.lifts).toarray()
 
     def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
@@ -321,11 +322,27 @@ class InterpolatedFields(ElasticFields):
 
     def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
+        (per_mode, per_lift), (forces, modes) = self._measures, self._mode_changes(answer)
+        return forces, per_mode @ modes + per_lift @ changes
+
+    def coordinates(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
+        """gamma and amplitudes of imposed displacements, see :class:`~models.functionals.ShapedFields`."""
+        functionals: Any = self.functionals
+        gamma = self.galerkin(answer.parameter).unknown(answer.multipliers)
+        return np.concatenate([gamma, theta[functionals.lifted]])
+
+    def coordinate_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of all forces and of these coordinates."""
+        functionals: Any = self.functionals
+        forces, modes = self._mode_changes(answer)
+        return forces, np.vstack([modes, changes[functionals.lifted]])
+
+    def _mode_changes(self, answer: Answer) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of all forces and of gamma, (N_lambda, P) and (ell, P)."""
         assert answer.gradient is not None
-        forces, (per_mode, per_lift) = answer.gradient.multipliers, self._measures
-        galerkin = self.galerkin(answer.parameter)
+        forces, galerkin = answer.gradient.multipliers, self.galerkin(answer.parameter)
         _, fixed = galerkin.at_fixed_forces(answer.multipliers, galerkin.unknown(answer.multipliers))
-        return forces, per_mode @ (fixed - galerkin.pushed(forces)) + per_lift @ changes
+        return forces, fixed - galerkin.pushed(forces)
 
 
 def _dense(amplitudes: Amplitudes, point: np.ndarray, terms: int) -> np.ndarray:

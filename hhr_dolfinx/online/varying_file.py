@@ -21,11 +21,13 @@ from hhr_dolfinx.models.functional_kinds import KINDS as FUNCTIONALS
 from hhr_dolfinx.models.functionals import Functionals
 from hhr_dolfinx.models.interpolated import Compliance, Compliances, InterpolatedFields, PrimalModes
 from hhr_dolfinx.models.interpolation import Interpolant
+from hhr_dolfinx.models.moving_cells import MovingCells
 from hhr_dolfinx.models.patches import ContactPatch, SurfacePatch
 from hhr_dolfinx.models.projected import ReducedProblem, ReducedTerms
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.models.reshaped import InterpolatedProblem, ReshapedReduction
 from hhr_dolfinx.models.shaped import FixedCells, RidAssembly, RidBody, RidShape
+from hhr_dolfinx.models.shaped_functionals import ReshapedFunctionals, Zone
 from hhr_dolfinx.models.starts import LinearStarts
 from hhr_dolfinx.models.varying import VaryingModel
 from hhr_dolfinx.online.layout import CONDENSED
@@ -45,6 +47,7 @@ KINDS = (
     Interpolant, KnownStatuses, LinearStarts, Modulus, ParameterSpace, PrimalModes, ReducedProblem, ReducedTerms,
     ReshapedReduction, Scalar, Functionals, *FUNCTIONALS, FixedCells, RidAssembly, RidBody, RidShape, Shape, CellRule,
     ContactPatch, SurfacePatch, Mortar, NodeToNode, NodeToSurface, DoublePass, Obstacle,
+    MovingCells, ReshapedFunctionals, Zone,
 )  # fmt: skip
 """Classes that may come out of a file."""
 
@@ -94,6 +97,8 @@ def load_condensed(path: str | Path, known: Iterable[type] = ()) -> VaryingModel
             # a model that cannot answer in the middle of its box is none
             answer = model.solve(np.mean([model.parameters.lower, model.parameters.upper], axis=0), gradient=True)
             answer.displacement()
+            if model.fields.functionals is not None:
+                answer.outputs()
     except FileNotFoundError:
         raise ModelFileError(f"there is no model file {path}") from None
     except (HHRError, KeyError, IndexError, TypeError, ValueError, AttributeError) as error:

@@ -30,6 +30,7 @@ from hhr_dolfinx.reduction.interpolate_reduced import interpolated_problem
 from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.recipe import Pod
+from hhr_dolfinx.reduction.shaped_outputs import reshaped_functionals
 from hhr_dolfinx.reduction.starts import linear_starts
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
@@ -143,7 +144,10 @@ def _fields(full: Any, displacements: np.ndarray, settings: GridSettings) -> Int
     else:
         interpolated = interpolated_problem(problem, basis, sets, settings)
         galerkin = ReshapedReduction(interpolated, problem.amplitudes, problem.parameters)
-    rest = galerkin, problem.block_size, full.stress_of, full.functionals
+    functionals = full.functionals
+    if problem.reshaped is not None and functionals is not None:
+        functionals = reshaped_functionals(functionals, problem, basis, settings)
+    rest = galerkin, problem.block_size, full.stress_of, functionals
     return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest)
 
 

@@ -1,0 +1,107 @@
+"""Outputs of bodies whose shape depends on parameters, offline: prepared on few shapes and interpolated between them."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.full_order.outputs import FullShapeFunctionals, MovingMises
+from hhr_dolfinx.models.functional_kinds import Mises
+from hhr_dolfinx.models.functionals import Functional
+from hhr_dolfinx.models.shaped_functionals import ROWS, ReshapedFunctionals, Zone
+from hhr_dolfinx.reduction.interpolate import GridSettings, grown
+
+FINER = 0.01
+"""Part of the tolerance of a model to which arrays of outputs are interpolated: forces and displacements cancel in them,
+as in a gap, and a finer grid has a few shapes more."""
+_OF_ROWS = {item.name for item in fields(Functional)}
+
+
+def reshaped_functionals(
+    prepared: FullShapeFunctionals, problem: ContactProblem, basis: np.ndarray, settings: GridSettings
+) -> ReshapedFunctionals:
+    """Outputs for displacements that are a basis, (N, ell), times coordinates and the lift.
+
+    Strain is not interpolated: its cells are moved, see :mod:`hhr_dolfinx.models.moving_cells`.
+
+    Args:
+        prepared: outputs of the full model.
+        problem: its contact problem.
+        basis: V.
+        settings: how far the sparse grid grows.
+
+    Raises:
+        SceneError: for an output that is made of other conditions, or of arrays of other lengths, on other shapes.
+    """
+    lifted = np.flatnonzero(np.diff(problem.lifts.indptr)).astype(np.int64)
+    columns = np.column_stack([basis, problem.lifts[:, lifted].toarray()])
+    base = prepared.at(problem.middle).items
+
+    def solved(point: np.ndarray) -> dict[str, np.ndarray]:
+        found = {}
+        for place, item in enumerate(prepared.at(point).items):
+            _check_alike(base[place], item)
+            for name, array in _arrays(item, columns).items():
+                found[f"{place} {name}"] = array
+        return found
+
+    axes = np.array(problem.reshaped.axes, dtype=np.int64)
+    finer = replace(settings, tolerance=FINER * settings.tolerance)
+    grid, modes = grown(solved, problem.parameters, axes, finer)
+    arrays = [(*name.split(), part.shape[:-1]) for name, part in modes.items()]
+    items, zones = [], []
+    for item in base:
+        zones.append(Zone(item.cells, columns[item.cells.dofs]) if isinstance(item, MovingMises) else None)
+        items.append(_without_rows(item))
+    return ReshapedFunctionals(
+        items=tuple(items),
+        arrays=tuple((int(place), name, lengths) for place, name, lengths in arrays),
+        interpolant=grid.interpolant,
+        zones=tuple(zones),
+        lifted=lifted,
+        amplitudes=problem.amplitudes,
+        parameters=problem.parameters,
+    )
+
+
+def _own(item: Functional) -> dict[str, Any]:
+    """What an output has beside its rows."""
+    return {field.name: getattr(item, field.name) for field in fields(item) if field.name not in _OF_ROWS | {"cells"}}
+
+
+def _smooth(value: Any) -> bool:
+    """Whether a field is interpolated."""
+    return isinstance(value, float) or (isinstance(value, np.ndarray) and value.dtype == np.float64)
+
+
+def _arrays(item: Functional, columns: np.ndarray) -> dict[str, np.ndarray]:
+    """What of an output is interpolated, by name."""
+    found = {name: np.asarray(value) for name, value in _own(item).items() if _smooth(value) and np.size(value)}
+    if not isinstance(item, MovingMises) and item.count:
+        found[ROWS] = item.matrix(len(columns)) @ columns
+    return found
+
+
+def _check_alike(base: Functional, item: Functional) -> None:
+    """Raise SceneError for outputs of two shapes that differ by more than numbers."""
+    if type(base) is type(item) and base.count == item.count:
+        pairs = [(value, getattr(item, name)) for name, value in _own(base).items()]
+        if all(np.shape(a) == np.shape(b) if _smooth(a) else np.array_equal(a, b) for a, b in pairs):
+            return
+    raise SceneError(
+        f"output '{base.name}' is made of other conditions, terms or cells on another shape, and cannot be interpolated "
+        "between shapes: narrow the box, or leave it out"
+    )
+
+
+def _without_rows(item: Functional) -> Functional:
+    """An output whose rows are made elsewhere."""
+    nowhere = np.zeros(0, dtype=np.int64)
+    if isinstance(item, MovingMises):
+        own = {field.name: getattr(item, field.name) for field in fields(Mises)}
+        item = Mises(**own)
+    return replace(item, rows=nowhere, columns=nowhere, entries=np.zeros(0))
