@@ -13,6 +13,7 @@ from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries import press_fit as geometry
 from hhr_dolfinx.models.shaped_functionals import ReshapedFunctionals
 from hhr_dolfinx.reduction.interpolate import GridSettings
+from hhr_dolfinx.reduction.shaped_outputs import reshaped_functionals
 from hhr_dolfinx.shapes import coordinate_names
 
 FLOOR, LID, AXIS = block.side(1, upper=False), block.side(1, upper=True), block.side(0, upper=False)
@@ -26,7 +27,7 @@ def crown_at(x, y, crown):
 
 
 def crowned(hypothesis, *, poisson=0.3, simplices=False, outputs=None):
-    """A block with a crowned lower side, pressed on a floor; crown and push, E and the pull of its lid are parameters."""
+    """A block with a crowned lower side, pressed on a floor; crown, push, E and the pull of a side are parameters."""
     middle = 0.1
     corner = crown_at(1.5, 0.0, middle)
     named = (
@@ -65,7 +66,6 @@ def small_fit():
     more = (
         hhr.LargestPressure("peak", 0),
         hhr.ContactForce("force", 0, (1.0, 0.0, 0.0)),
-        hhr.VonMises("mean", geometry.HUB, "mean"),
         hhr.VonMises("shaft", geometry.SHAFT),
         hhr.ElasticEnergy("energy"),
         hhr.GapAt("gap", 0, (20.0, 0.0, 15.0)),
@@ -109,7 +109,7 @@ def trained(blocks):
     """Full and condensed models, by name."""
     scenes = {**blocks, "fit": small_fit()}
     trainings = {name: hhr.train(scene, hhr.Sobol(4), held_out=1) for name, scene in scenes.items()}
-    finer = GridSettings(1e-6)
+    finer = GridSettings(1e-5)  # the forces of the fit have an error of 1e-3 with the usual one
     return {name: (training.full_order, training.condense(finer)) for name, training in trainings.items()}
 
 
@@ -202,6 +202,7 @@ class OfOtherConditions(MeanPressure):
 
 
 def test_an_output_that_jumps_between_shapes_is_refused():
-    training = hhr.train(crowned("plane_strain", outputs=(OfOtherConditions("high", 0),)), hhr.Sobol(4))
+    full = hhr.FullOrderModel(crowned("plane_strain", outputs=(OfOtherConditions("high", 0),)))
+    basis = np.ones((full.problem.free.size, 1))
     with pytest.raises(SceneError, match="output 'high' is made of other conditions"):
-        training.condense()
+        reshaped_functionals(full.functionals, full.problem, basis, GridSettings())

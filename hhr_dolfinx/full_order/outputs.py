@@ -113,7 +113,7 @@ class Probe:
         return float(np.linalg.norm(np.ptp(nodes[at_node], axis=1), axis=1).max(initial=0.0))
 
     def terms(self, entries: np.ndarray) -> np.ndarray:
-        """Terms of θ that have entries, (1 + T,); all where a shape depends on parameters, since others may elsewhere."""
+        """Terms of θ that have entries, (1 + T,); all where a shape depends on parameters: others may elsewhere."""
         return np.arange(entries.size) if self.base.reshaped is not None else np.flatnonzero(entries)
 
     def nodal_forces(self, output: Any) -> tuple[np.ndarray, np.ndarray, csr_matrix]:

@@ -1,4 +1,4 @@
-"""Outputs of bodies whose shape depends on parameters, offline: prepared on few shapes and interpolated between them."""
+"""Outputs of bodies whose shape depends on parameters, offline: prepared on few shapes, interpolated between them."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from hhr_dolfinx.models.functionals import Functional
 from hhr_dolfinx.models.shaped_functionals import ROWS, ReshapedFunctionals, Zone
 from hhr_dolfinx.reduction.interpolate import GridSettings, grown
 
-FINER = 0.01
-"""Part of the tolerance of a model to which arrays of outputs are interpolated: forces and displacements cancel in them,
-as in a gap, and a finer grid has a few shapes more."""
+TOLERANCE = 3e-7
+"""Wished error of the arrays of outputs, relative to their size: forces and displacements cancel in them, as in a gap,
+and a grid so fine has a few shapes more than that of the model."""
 _OF_ROWS = {item.name for item in fields(Functional)}
 
 
@@ -50,7 +50,7 @@ def reshaped_functionals(
         return found
 
     axes = np.array(problem.reshaped.axes, dtype=np.int64)
-    finer = replace(settings, tolerance=FINER * settings.tolerance)
+    finer = replace(settings, tolerance=min(TOLERANCE, settings.tolerance))
     grid, modes = grown(solved, problem.parameters, axes, finer)
     arrays = [(*name.split(), part.shape[:-1]) for name, part in modes.items()]
     items, zones = [], []
@@ -93,8 +93,8 @@ def _check_alike(base: Functional, item: Functional) -> None:
         if all(np.shape(a) == np.shape(b) if _smooth(a) else np.array_equal(a, b) for a, b in pairs):
             return
     raise SceneError(
-        f"output '{base.name}' is made of other conditions, terms or cells on another shape, and cannot be interpolated "
-        "between shapes: narrow the box, or leave it out"
+        f"output '{base.name}' is made of other conditions, terms or cells on another shape, and cannot be "
+        "interpolated between shapes: narrow the box, or leave it out"
     )
 
 
