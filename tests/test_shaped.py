@@ -129,7 +129,7 @@ def projected(full, point, basis, sets):
     return project(problem, basis, replace(sets, A_c=np.intersect1d(touched, sets.A), A_c_tilde=touched))
 
 
-def reduced(scene, share=0.4, modes=12):
+def reduced(scene, share=0.4, modes=12, every_shape=True):
     """A full model, a random basis, a RID around some of the contact, and what assembles there."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -138,7 +138,8 @@ def reduced(scene, share=0.4, modes=12):
     basis = np.random.default_rng(1).standard_normal((problem.free.size, modes))
     basis[~problem.free] = 0.0
     slaves = problem.contact_slaves
-    sets = reduced_domain(problem, np.append(slaves[: max(2, int(share * len(slaves)))], load_nodes(problem)))
+    nodes = np.append(slaves[: max(2, int(share * len(slaves)))], load_nodes(problem))
+    sets = reduced_domain(problem.touching() if every_shape else problem, nodes)
     return full, basis, sets, rid_assembly(full, basis, sets)
 
 
@@ -220,7 +221,7 @@ def test_a_shape_that_slides_surfaces_out_of_the_domain_is_refused():
     slides = (Shape(SECOND, ("x + 4 * c", "y")),)
     bodies = (hhr.Body(FIRST, 2.0, 0.3), hhr.Body(SECOND, 2.0, 0.3))
     contact = hhr.NodeToSurface(TOP, BOTTOM)
-    full, _, _, assembly = reduced(stacked(contact=contact, names=("push", "c"), shapes=slides, bodies=bodies), 0.3)
+    full, _, _, assembly = reduced(stacked(contact=contact, names=("push", "c"), shapes=slides, bodies=bodies), 0.3, every_shape=False)
     assembly(full.problem.middle)
     with pytest.raises(ParameterError, match=r"slide|not there|cannot be evaluated"):
         assembly(np.array(full.parameters.lower, dtype=float))

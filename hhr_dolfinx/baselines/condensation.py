@@ -113,6 +113,7 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
         free_slack=problem.gaps - problem.contact @ free,
         schur=full.schur,
     )
-    fields = ExactFields(problem, full.per_force, free, full.stress_of, full.functionals)
+    outputs: Any = full.functionals  # of one mesh: a scene with shapes was refused above
+    fields = ExactFields(problem, full.per_force, free, full.stress_of, outputs)
     given = problem.parameters, problem.amplitudes, responses, known, fields
     return CondensedModel(*given, pairs=problem.contact_pairs)

@@ -5,6 +5,7 @@ What reduces and answers (basis, RID, reduced model, stability, reconstruction) 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -147,6 +148,20 @@ class ContactProblem:
             loads = loads + change * term
         stiffness = (problem.combined(weights),)
         return replace(problem, stiffness_terms=stiffness, moduli=(), lift_terms=(), reshaped=None, loads=loads)
+
+    def touching(self) -> ContactProblem:
+        """The same with B that has entries wherever it has any on some shape: what may touch has to be in a RID.
+
+        Shapes in the corners of the box and in its middle are looked at.
+        """
+        if self.reshaped is None:
+            return self
+        ends, total = np.array([self.parameters.lower, self.parameters.upper], dtype=float), abs(self.contact)
+        for place in itertools.product((0, 1), repeat=len(self.reshaped.axes)):
+            point = self.middle
+            point[list(self.reshaped.axes)] = ends[list(place), list(self.reshaped.axes)]
+            total = total + abs(self.reshaped(point).contact)
+        return replace(self, contact=csr_matrix(total))
 
     @property
     def middle(self) -> np.ndarray:

@@ -23,6 +23,7 @@ from hhr_dolfinx.full_order.locking import QUADRATURE
 from hhr_dolfinx.models.functional_kinds import Energy, FlowMises, Mises
 from hhr_dolfinx.models.functionals import Functional, Functionals
 from hhr_dolfinx.models.moving_cells import MovingCells
+from hhr_dolfinx.models.shaped_functionals import MovingMises
 from hhr_dolfinx.outputs import ElasticEnergy, VonMises
 from hhr_dolfinx.shapes import coordinate_names
 
@@ -200,17 +201,6 @@ def prepared_outputs(
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class MovingMises(Mises):
-    """Von Mises' stress of cells whose shape depends on parameters.
-
-    Attributes:
-        cells: of which its rows are made elsewhere.
-    """
-
-    cells: MovingCells
-
-
 def _cells(discretisation: Discretisation, tag: int) -> np.ndarray:
     """Cells of a body on all ranks, as a mask in the order of ``cell_nodes``."""
     tags = [body.tag for body in discretisation.scene.bodies]
@@ -267,10 +257,10 @@ def _mises(
     volume, shape = elasticity.unit_moduli(_text(body.poisson), scene.hypothesis)
     moduli = f"({_text(body.young)}) * ({volume})", f"({_text(body.young)}) * ({shape})"
     flat, shares = scene.hypothesis == "plane_stress", volumes / volumes.sum() if mean else np.zeros(0)
-    given = output.name, output.unit, *matrix, scene.parameters.names, *moduli, flat, factors, shares
+    found: tuple[Any, ...] = (output.name, output.unit, *matrix, scene.parameters.names, *moduli, flat, factors, shares)
     if discretisation.reshaped is None:
-        return Mises(*given)
-    return MovingMises(*given, moving_cells(discretisation, own, mean_dilatation=discretisation.mean_dilatation[place]))
+        return Mises(*found)
+    return MovingMises(*found, moving_cells(discretisation, own, mean_dilatation=discretisation.mean_dilatation[place]))
 
 
 def moving_cells(discretisation: Discretisation, cells: np.ndarray, *, mean_dilatation: bool) -> MovingCells:

@@ -21,7 +21,7 @@ from hhr_dolfinx.certify.trust import (
     first_trusted,
     warn_of_training,
 )
-from hhr_dolfinx.contact.problem import IndexSets
+from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.completion import Completion
@@ -77,6 +77,7 @@ class _Offline:
         recipe: how to reduce.
         basis: before enrichment, (N, ell).
         nodes: that make the RID.
+        touching: the problem with all that touches on any shape.
         constants: of the full model.
         completion: of the answers.
         states: tangents at training states and the stiffness they make.
@@ -89,6 +90,7 @@ class _Offline:
     recipe: Recipe
     basis: np.ndarray
     nodes: np.ndarray
+    touching: ContactProblem
     constants: FullConstants
     completion: Completion
     states: list[tuple[np.ndarray, Any]]
@@ -139,6 +141,7 @@ def build(
     with log.stage("basis"):
         basis = _basis_of(recipe.basis, full.problem, snapshots)
     with log.stage("rid"):
+        touching = full.problem.touching()
         nodes = np.unique(np.concatenate([_nodes_of(step, full.problem, snapshots, basis) for step in recipe.nodes]))
     with log.stage("full_constants"):
         constants = FullConstants.of(full.problem, full.schur)
@@ -157,7 +160,7 @@ def build(
             states = training_tangents(full.equilibrium, snapshots.histories, recipe.tangents.states)
     if recipe.indicator is None:
         log.skip("indicator", "no estimate of the error of each answer was asked for")
-    shared = _Offline(full, snapshots, held_out, recipe, basis, nodes, constants, completion, states, log)
+    shared = _Offline(full, snapshots, held_out, recipe, basis, nodes, touching, constants, completion, states, log)
     return first_trusted(lambda layers: _attempt(shared, layers), recipe.domain.layers, recipe.domain.most_layers, log)
 
 
@@ -210,7 +213,7 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
     """One attempt with a fixed number of layers."""
     full, recipe, log, problem = shared.full, shared.recipe, shared.log, shared.full.problem
     with log.stage("rid"):
-        sets = reduced_domain(problem, shared.nodes, layers)
+        sets = reduced_domain(shared.touching, shared.nodes, layers)
         check_loads_seen(problem, sets, shared.snapshots.points)
     with log.stage("enrichment"):
         enrichment = _enriched(shared, sets)
