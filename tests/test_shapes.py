@@ -45,7 +45,12 @@ def meshed(hypothesis, mesh, crown, tall):
     return hhr.FullOrderModel(scene)
 
 
-def check_like(answer, other, tolerance=1e-11):
+BY_RULE = 1e-5
+"""On distorted quadrilaterals the integrand of K is no polynomial, and a scene with shapes may take another rule for it
+than a plain one: far below the error of the mesh."""
+
+
+def check_like(answer, other, tolerance=BY_RULE):
     """Fields of two answers on one mesh; the rows of the second may come in another order."""
     rows, others = (item.fields.problem.at(item.parameter) for item in (answer, other))
     first, second = (np.lexsort((item.contact_slaves, item.contact_pairs)) for item in (rows, others))
@@ -70,12 +75,13 @@ def test_at_a_point_it_is_the_plain_scene_meshed_there(pair):
     assert 0 < expected.active.sum() < len(expected.active)  # the crown has lost contact at its ends
     pair.solve([*[POINT[name] for name in PAIR_BOX], 5.0, 0.0, 1.2])
     found = pair.solve(POINT)
-    check_like(found, expected)
-    check_like(NaiveFullOrder(pair).solve(POINT), expected)
+    tolerance = 1e-11 if MESHES[pair.scene.hypothesis].get("simplices") else BY_RULE
+    check_like(found, expected, tolerance)
+    check_like(NaiveFullOrder(pair).solve(POINT), found, 1e-11)
     problem = pair.problem.at(POINT)
     check_contact_conditions(problem, found.displacement(), found.forces(), found.parameter)
     for name in ("stiffness", "mass"):
-        assert largest_difference(getattr(problem, name).toarray(), getattr(plain.problem, name).toarray()) < 1e-12
+        assert largest_difference(getattr(problem, name).toarray(), getattr(plain.problem, name).toarray()) < tolerance
 
 
 def test_conditions_keep_their_order_and_the_mesh_its_place(pair):
@@ -221,7 +227,9 @@ def test_a_hub_in_space_is_the_hub_meshed_there():
     space = hhr.ParameterSpace(
         ("interference", "wall", "crown", "E_hub"), (0.01, 8.0, 0.0, 7e4), (0.03, 14.0, 0.02, 3e5)
     )
-    scene = dataclasses.replace(fit.scene(**SMALL), loads=(), parameters=space)
+    scene = fit.scene(**SMALL)
+    bare = {"outputs": ()} if hasattr(scene, "outputs") else {}
+    scene = dataclasses.replace(scene, loads=(), parameters=space, **bare)
     point = np.array([0.02, 12.5, 0.012, 150e3])
 
     def geometry(comm):
@@ -239,7 +247,8 @@ def test_a_hub_in_space_is_the_hub_meshed_there():
         geometry=geometry,
         bodies=(hhr.Body(press_fit.HUB, 150e3, 0.3), scene.bodies[1]),
         parameters=hhr.ParameterSpace(("interference",), (0.01,), (0.03,)),
-        shapes=(),
+        # that moves nothing, so that both have one rule of integration
+        shapes=(hhr.Shape(press_fit.HUB, ("x", "y", "z")),),
     )
     expected = hhr.FullOrderModel(plain).solve(point[:1])
     check_like(hhr.FullOrderModel(scene).solve(point), expected, 1e-10)
