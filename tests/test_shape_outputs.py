@@ -126,8 +126,8 @@ def test_a_full_model_has_the_outputs_of_a_mesh_of_that_shape(trained, blocks, n
     point = full.parameters.random(1, seed=3)[0]
     scene = placed(blocks[name], point) if name in blocks else full.scene
     expected = hhr.FullOrderModel(meshed(scene, point)).outputs(point)
-    # shapes have a rule of integration of their own, which on coarse distorted hexahedra differs by 1e-4
-    check_close(full.outputs(point), expected, 2e-4 if name == "fit" else 1e-6, 1e-3)
+    # shapes have a rule of integration of their own: on coarse hexahedra 1e-4 apart in forces, 1e-3 in stress
+    check_close(full.outputs(point), expected, 2e-3 if name == "fit" else 1e-6, 1e-3)
 
 
 @pytest.mark.parametrize("name", ["plane_strain", "axisymmetric", "fit"])

@@ -221,7 +221,9 @@ def test_a_shape_that_slides_surfaces_out_of_the_domain_is_refused():
     slides = (Shape(SECOND, ("x + 4 * c", "y")),)
     bodies = (hhr.Body(FIRST, 2.0, 0.3), hhr.Body(SECOND, 2.0, 0.3))
     contact = hhr.NodeToSurface(TOP, BOTTOM)
-    full, _, _, assembly = reduced(stacked(contact=contact, names=("push", "c"), shapes=slides, bodies=bodies), 0.3, every_shape=False)
+    full, _, _, assembly = reduced(
+        stacked(contact=contact, names=("push", "c"), shapes=slides, bodies=bodies), 0.3, every_shape=False
+    )
     assembly(full.problem.middle)
     with pytest.raises(ParameterError, match=r"slide|not there|cannot be evaluated"):
         assembly(np.array(full.parameters.lower, dtype=float))
