@@ -20,7 +20,7 @@ from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.forms.return_mapping import strain_vector
 from hhr_dolfinx.full_order.checks import check_present
 from hhr_dolfinx.full_order.locking import QUADRATURE
-from hhr_dolfinx.models.functional_kinds import Energy, FlowMises, Mises
+from hhr_dolfinx.models.functional_kinds import Energy, FlowMises, Mises, MovingMises
 from hhr_dolfinx.models.functionals import Functional, Functionals
 from hhr_dolfinx.models.moving_cells import MovingCells
 from hhr_dolfinx.outputs import ElasticEnergy, VonMises
@@ -200,17 +200,6 @@ def prepared_outputs(
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class MovingMises(Mises):
-    """Von Mises' stress of cells whose shape depends on parameters.
-
-    Attributes:
-        cells: of which its rows are made elsewhere.
-    """
-
-    cells: MovingCells
-
-
 def _cells(discretisation: Discretisation, tag: int) -> np.ndarray:
     """Cells of a body on all ranks, as a mask in the order of ``cell_nodes``."""
     tags = [body.tag for body in discretisation.scene.bodies]
@@ -252,8 +241,8 @@ def _mises(
     if equilibrium is not None:
         points = equilibrium.operator.points_of(cells)
         shares = equilibrium.operator.weights.ravel()[points]
-        given = points.astype(np.int64), shares / shares.sum() if mean else np.zeros(0)
-        return FlowMises(output.name, output.unit, *nothing, *given)
+        of_points = points.astype(np.int64), shares / shares.sum() if mean else np.zeros(0)
+        return FlowMises(output.name, output.unit, *nothing, *of_points)
     first = sum(discretisation.comm.allgather(_own_cells(discretisation))[: discretisation.comm.rank])
     own = cells[(cells >= first) & (cells < first + _own_cells(discretisation))] - first
     place = next(k for k, body in enumerate(discretisation.scene.bodies) if body.tag == output.tag)

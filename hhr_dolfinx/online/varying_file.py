@@ -88,7 +88,7 @@ def load_condensed(path: str | Path, known: Iterable[type] = ()) -> VaryingModel
             # a model that cannot answer in the middle of its box is none
             answer = model.solve(np.mean([model.parameters.lower, model.parameters.upper], axis=0), gradient=True)
             answer.displacement()
-            if model.fields.functionals is not None:
+            if getattr(model.fields, "functionals", None) is not None:
                 answer.outputs()
     except FileNotFoundError:
         raise ModelFileError(f"there is no model file {path}") from None

@@ -9,9 +9,8 @@ import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.full_order.outputs import FullShapeFunctionals, MovingMises
-from hhr_dolfinx.models.functional_kinds import Mises
-from hhr_dolfinx.models.functionals import Functional
+from hhr_dolfinx.models.functional_kinds import Mises, MovingMises
+from hhr_dolfinx.models.functionals import Functional, ShapeFunctionals
 from hhr_dolfinx.models.shaped_functionals import ROWS, ReshapedFunctionals, Zone
 from hhr_dolfinx.reduction.interpolate import GridSettings, grown
 
@@ -22,7 +21,7 @@ _OF_ROWS = {item.name for item in fields(Functional)}
 
 
 def reshaped_functionals(
-    prepared: FullShapeFunctionals, problem: ContactProblem, basis: np.ndarray, settings: GridSettings
+    prepared: ShapeFunctionals, problem: ContactProblem, basis: np.ndarray, settings: GridSettings
 ) -> ReshapedFunctionals:
     """Outputs for displacements that are a basis, (N, ell), times coordinates and the lift.
 
@@ -52,14 +51,13 @@ def reshaped_functionals(
     axes = np.array(problem.reshaped.axes, dtype=np.int64)
     finer = replace(settings, tolerance=min(TOLERANCE, settings.tolerance))
     grid, modes = grown(solved, problem.parameters, axes, finer)
-    arrays = [(*name.split(), part.shape[:-1]) for name, part in modes.items()]
     items, zones = [], []
     for item in base:
         zones.append(Zone(item.cells, columns[item.cells.dofs]) if isinstance(item, MovingMises) else None)
         items.append(_without_rows(item))
     return ReshapedFunctionals(
         items=tuple(items),
-        arrays=tuple((int(place), name, lengths) for place, name, lengths in arrays),
+        arrays=tuple((int(key.split()[0]), key.split()[1], part.shape[:-1]) for key, part in modes.items()),
         interpolant=grid.interpolant,
         zones=tuple(zones),
         lifted=lifted,
