@@ -74,7 +74,7 @@ class FullOrderModel(WithOutputs):
             else:
                 discretisation = Discretisation(scene, comm)
                 self._factor(discretisation, *discretisation.stiffness_terms())
-            self.functionals = self._prepared_outputs()
+            self.functionals: Any = self._prepared_outputs()  # those of a shape where it depends on parameters
 
     def _build_flowing(self) -> None:
         from hhr_dolfinx.full_order.flow import FullEquilibrium, GaussModel

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
@@ -20,10 +20,9 @@ from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.forms.return_mapping import strain_vector
 from hhr_dolfinx.full_order.checks import check_present
 from hhr_dolfinx.full_order.locking import QUADRATURE
-from hhr_dolfinx.models.functional_kinds import Energy, FlowMises, Mises
+from hhr_dolfinx.models.functional_kinds import Energy, FlowMises, Mises, MovingMises
 from hhr_dolfinx.models.functionals import Functional, Functionals
 from hhr_dolfinx.models.moving_cells import MovingCells
-from hhr_dolfinx.models.shaped_functionals import MovingMises
 from hhr_dolfinx.outputs import ElasticEnergy, VonMises
 from hhr_dolfinx.shapes import coordinate_names
 
@@ -242,8 +241,8 @@ def _mises(
     if equilibrium is not None:
         points = equilibrium.operator.points_of(cells)
         shares = equilibrium.operator.weights.ravel()[points]
-        given = points.astype(np.int64), shares / shares.sum() if mean else np.zeros(0)
-        return FlowMises(output.name, output.unit, *nothing, *given)
+        of_points = points.astype(np.int64), shares / shares.sum() if mean else np.zeros(0)
+        return FlowMises(output.name, output.unit, *nothing, *of_points)
     first = sum(discretisation.comm.allgather(_own_cells(discretisation))[: discretisation.comm.rank])
     own = cells[(cells >= first) & (cells < first + _own_cells(discretisation))] - first
     place = next(k for k, body in enumerate(discretisation.scene.bodies) if body.tag == output.tag)
@@ -257,10 +256,12 @@ def _mises(
     volume, shape = elasticity.unit_moduli(_text(body.poisson), scene.hypothesis)
     moduli = f"({_text(body.young)}) * ({volume})", f"({_text(body.young)}) * ({shape})"
     flat, shares = scene.hypothesis == "plane_stress", volumes / volumes.sum() if mean else np.zeros(0)
-    found: tuple[Any, ...] = (output.name, output.unit, *matrix, scene.parameters.names, *moduli, flat, factors, shares)
+    names = scene.parameters.names
+    found = Mises(output.name, output.unit, *matrix, names, *moduli, flat, factors, shares)
     if discretisation.reshaped is None:
-        return Mises(*found)
-    return MovingMises(*found, moving_cells(discretisation, own, mean_dilatation=discretisation.mean_dilatation[place]))
+        return found
+    moving = moving_cells(discretisation, own, mean_dilatation=discretisation.mean_dilatation[place])
+    return MovingMises(**{item.name: getattr(found, item.name) for item in fields(found)}, cells=moving)
 
 
 def moving_cells(discretisation: Discretisation, cells: np.ndarray, *, mean_dilatation: bool) -> MovingCells:

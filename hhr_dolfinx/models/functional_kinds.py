@@ -12,6 +12,7 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.models.functionals import Functional, Slopes, State
+from hhr_dolfinx.models.moving_cells import MovingCells
 
 TIE = 1e-9
 """Relative difference below which two values are both the largest, and the derivative holds on one side only."""
@@ -228,6 +229,17 @@ class Mises(Functional):
 
 
 @dataclass(frozen=True, eq=False)
+class MovingMises(Mises):
+    """Von Mises' stress of cells whose shape depends on parameters.
+
+    Attributes:
+        cells: of which its rows are made elsewhere.
+    """
+
+    cells: MovingCells
+
+
+@dataclass(frozen=True, eq=False)
 class FlowMises(Functional):
     """Von Mises' stress at Gauss points of bodies that flow.
 
@@ -316,7 +328,7 @@ class Energy(Functional):
 
 
 KINDS = (Linear, Largest, Loaded, Mises, FlowMises, Energy)
-"""All of them, as a model file may hold."""
+"""All of them that a model file may hold: what moves belongs to a mesh."""
 
 
 def _tied(values: np.ndarray, place: int) -> bool:

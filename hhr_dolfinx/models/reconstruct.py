@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -19,6 +19,7 @@ from hhr_dolfinx.models.answer import Answer
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals import Functionals
     from hhr_dolfinx.models.interpolation import Interpolant
+    from hhr_dolfinx.models.shaped_functionals import ReshapedFunctionals
 
 
 class GappyField(NamedTuple):
@@ -116,7 +117,7 @@ class Reconstruction:
     flow: FlowFields | None = None
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     indicator: Callable[[Answer], float] | None = None
-    functionals: Functionals | None = None
+    functionals: Functionals | ReshapedFunctionals | None = None
     reshaped_contact: Interpolant | None = None
 
     def contact_at(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -209,8 +210,8 @@ class Reconstruction:
     @cached_property
     def _measures(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows of the outputs times the basis and the lifts."""
-        assert self.functionals is not None
-        rows = self.functionals.rows
+        functionals: Any = self.functionals
+        rows = functionals.rows
         return rows @ self.basis, (rows @ self.lifts).toarray()
 
     def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
@@ -220,10 +221,23 @@ class Reconstruction:
 
     def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
-        assert self.functionals is not None and answer.gradient is not None
+        functionals: Any = self.functionals
+        assert answer.gradient is not None
         per_mode, per_lift = self._measures
-        forces = self._force_changes(answer, changes) if self.functionals.uses_forces else np.zeros((0, 0))
+        forces = self._force_changes(answer, changes) if functionals.uses_forces else np.zeros((0, 0))
         return forces, per_mode @ answer.gradient.unknown + per_lift @ changes
+
+    def coordinates(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
+        """gamma and amplitudes of imposed displacements, see :class:`~models.functionals.ShapedFields`."""
+        functionals: Any = self.functionals
+        return np.concatenate([answer.unknown, theta[functionals.lifted]])
+
+    def coordinate_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of all forces and of these coordinates."""
+        functionals: Any = self.functionals
+        assert answer.gradient is not None
+        moved = np.vstack([answer.gradient.unknown, changes[functionals.lifted]])
+        return self._force_changes(answer, changes), moved
 
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress in Kelvin's notation, at Gauss points where bodies flow, else in cell middles.

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from hhr_dolfinx.amplitudes import Amplitudes
-from hhr_dolfinx.models.functional_kinds import Mises
 from hhr_dolfinx.models.functionals import Functional, Functionals
 from hhr_dolfinx.models.interpolation import Interpolant
 from hhr_dolfinx.models.moving_cells import CellStrain, MovingCells
@@ -22,17 +21,6 @@ from hhr_dolfinx.parameters import ParameterSpace
 
 ROWS = "rows"
 """Name of the rows of an output among its arrays."""
-
-
-@dataclass(frozen=True, eq=False)
-class MovingMises(Mises):
-    """Von Mises' stress of cells whose shape depends on parameters.
-
-    Attributes:
-        cells: of which its rows are made elsewhere.
-    """
-
-    cells: MovingCells
 
 
 @dataclass(frozen=True, eq=False)

@@ -78,7 +78,8 @@ def save_model(path: str | Path, model: ReducedModel | VaryingModel) -> None:
         why = "the indicator stays behind: answers of the model read from it have no estimate"
         warnings.warn(f"{path} holds no code, {why}", ModelFileWarning, stacklevel=2)
     laws = [group.law for group in model.flow.material.groups] if model.flow is not None else []
-    outputs = [] if model.fields.functionals is None else list(model.fields.functionals.items)
+    functionals = model.fields.functionals
+    outputs = [] if functionals is None or functionals.axes.size else list(functionals.items)
     lists: tuple[list[Any], ...] = (list(model.fields.amplitudes.nonaffine), laws, outputs)
     values = dict(zip(VALUES, lists, strict=True))
     space = model.parameters

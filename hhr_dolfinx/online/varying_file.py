@@ -109,12 +109,14 @@ def load_condensed(path: str | Path, known: Iterable[type] = ()) -> VaryingModel
 def varying_parts(model: ReducedModel) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """What a reduced model has beside the arrays of its table: a tree for the header, and arrays by path."""
     arrays: dict[str, np.ndarray] = {}
+    problem = model.problem
     parts = {
-        "terms": model.problem.terms,
-        "reshaped": model.problem.reshaped,
+        "terms": problem.terms,
+        "reshaped": problem.reshaped,
         "compliances": model.compliances,
         "known": model.known,
         "contact": model.fields.reshaped_contact,
+        "outputs": None if problem.reshaped is None else model.fields.functionals,
     }
     tree = {name: taken_apart(part, f"{PREFIX}.{name}", arrays) for name, part in parts.items()}
     return tree, arrays
@@ -129,7 +131,7 @@ def with_varying_parts(
         FileContentError: for a tree that is none, or does not suit the model.
     """
     kinds = by_name([*KINDS, *known])
-    if not isinstance(tree, dict) or tree.keys() != {"terms", "reshaped", "compliances", "known", "contact"}:
+    if not isinstance(tree, dict) or tree.keys() != {"terms", "reshaped", "compliances", "known", "contact", "outputs"}:
         raise FileContentError("what varies in the model is no tree")
     parts = {name: put_together(tree[name], arrays, kinds) for name in tree}
     fits = (
@@ -138,12 +140,14 @@ def with_varying_parts(
         and isinstance(parts["compliances"], Compliances | None)
         and isinstance(parts["known"], KnownStatuses)
         and isinstance(parts["contact"], Interpolant | None)
+        and isinstance(parts["outputs"], ReshapedFunctionals | None)
     )
     if not fits:
         raise FileContentError("what varies in the model is of other kinds")
     try:
         problem = replace(model.problem, terms=parts["terms"], reshaped=parts["reshaped"])
-        fields = replace(model.fields, reshaped_contact=parts["contact"])
+        outputs = {} if parts["outputs"] is None else {"functionals": parts["outputs"]}
+        fields = replace(model.fields, reshaped_contact=parts["contact"], **outputs)
         given = {"compliances": parts["compliances"], "known": parts["known"]}
         whole = model.changed(problem=problem, fields=fields, **given)
         middle = np.mean([model.parameters.lower, model.parameters.upper], axis=0)

@@ -236,7 +236,7 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
             check_stability(stability, recipe.trust)
     with log.stage("reconstruction"):
         fields = shared.completion.reconstruction(problem, basis, sets, flow)
-        fields = replace(fields, stress_of=full.stress_of, functionals=full.functionals)
+        fields = replace(fields, stress_of=full.stress_of, functionals=_functionals(full, basis))
         if recipe.indicator is not None:
             fields = replace(fields, indicator=recipe.indicator.prepared(problem, basis, sets))
     known = shared.snapshots.known_statuses(sets.A_lambda) if flow is None else None
@@ -250,6 +250,16 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
         comparison, trained = _compared(shared, model)
     record = OfflineRecord(recipe, layers, basis, sets, stability, enrichment, margin, comparison, log)
     return model.changed(trained=trained, offline=record)
+
+
+def _functionals(full: Any, basis: np.ndarray) -> Any:
+    """Outputs of the scene; where its shape depends on parameters, between few shapes."""
+    if full.functionals is None or full.problem.reshaped is None:
+        return full.functionals
+    from hhr_dolfinx.reduction.interpolate_reduced import SHAPE_GRID
+    from hhr_dolfinx.reduction.shaped_outputs import reshaped_functionals
+
+    return reshaped_functionals(full.functionals, full.problem, basis, SHAPE_GRID)
 
 
 def _eliminated_between(model: ReducedModel, full: Any, log: StageLog) -> ReducedModel:

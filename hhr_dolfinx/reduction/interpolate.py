@@ -24,7 +24,7 @@ class GridSettings:
         budget: most solutions for each part of a scene that hangs together.
     """
 
-    tolerance: float = 3e-5
+    tolerance: float = 1e-5
     budget: int = 200
 
     def __post_init__(self) -> None:
@@ -88,31 +88,37 @@ def grown(
     """
     lower, upper = np.array([space.lower, space.upper], dtype=float)
     shapes: dict[str, tuple[int, ...]] = {}
+    sizes: dict[str, float] = {}
 
     def joined(values: np.ndarray) -> np.ndarray:
+        """All arrays, each relative to its size at the first point: a small one would drown in a large one."""
         point = (lower + upper) / 2
         point[axes] = values
         found = solved(point)
-        shapes.update({name: np.shape(part) for name, part in found.items()})
-        return np.concatenate([np.ravel(part) for part in found.values()])
-
-    sizes: list[float] = []
+        for name, part in found.items():
+            shapes[name] = np.shape(part)
+            sizes.setdefault(name, float(np.linalg.norm(part)) or 1.0)
+        return np.concatenate([np.ravel(part) / sizes[name] for name, part in found.items()])
 
     def scale(values: np.ndarray) -> float:
-        """The largest of the parts relative to the first, that of the values."""
+        """The largest of the parts."""
         ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes.values())])
-        norms = [float(np.linalg.norm(values[a:b])) for a, b in pairwise(ends)]
-        if not sizes:
-            sizes.extend(norms)
-        return max((norm / size for norm, size in zip(norms, sizes, strict=True) if size > 0), default=0.0)
+        return max((float(np.linalg.norm(values[a:b])) for a, b in pairwise(ends)), default=0.0)
 
     grid = grow(joined, scale, (axes, lower[axes], upper[axes]), settings.tolerance, settings.budget)
     modes, first, parts = grid.interpolant.modes, 0, {}
     for name, shape in shapes.items():
         size = int(np.prod(shape))
-        parts[name] = modes[first : first + size].reshape(*shape, modes.shape[1])
+        parts[name] = sizes[name] * modes[first : first + size].reshape(*shape, modes.shape[1])
         first += size
-    return grid, parts
+    return replace(grid, interpolant=replace(grid.interpolant, modes=_stacked(parts, modes))), parts
+
+
+def _stacked(parts: Mapping[str, np.ndarray], like: np.ndarray) -> np.ndarray:
+    """Modes of all arrays beside each other, in their own sizes."""
+    if not parts:
+        return like
+    return np.asfortranarray(np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts.values()]))
 
 
 def compliance_of(part: Part, grid: GrownGrid, modes: dict[str, np.ndarray], unknowns: np.ndarray | None) -> Compliance:

@@ -9,9 +9,9 @@ import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.models.functional_kinds import Mises
+from hhr_dolfinx.models.functional_kinds import Mises, MovingMises
 from hhr_dolfinx.models.functionals import Functional, ShapeFunctionals
-from hhr_dolfinx.models.shaped_functionals import ROWS, MovingMises, ReshapedFunctionals, Zone
+from hhr_dolfinx.models.shaped_functionals import ROWS, ReshapedFunctionals, Zone
 from hhr_dolfinx.reduction.interpolate import GridSettings, grown
 
 TOLERANCE = 3e-7
