@@ -347,6 +347,8 @@ def test_derivatives_are_those_of_whole_histories(full, reduction, which):
     model = full if which == "full" else reduction
     history = model.march(path(10.0, 80.0, 1e3), TIGHT)
     gradients = history_gradient(model.equilibrium, history)
+    asked = model.march(history.path, dataclasses.replace(TIGHT, gradient=True)).answers[-1].gradient
+    assert np.array_equal(asked.unknown, gradients[-1].unknown) and not asked.one_sided
     assert gradients[0].unknown.shape == (model.equilibrium.size, 5)
     assert gradients[0].multipliers.shape == (model.equilibrium.conditions, 5)
     shifts = np.broadcast_to(np.eye(5), (len(history.path), 5, 5))

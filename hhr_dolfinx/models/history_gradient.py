@@ -22,6 +22,7 @@ from hhr_dolfinx.errors import ConvergenceError, ParameterError
 from hhr_dolfinx.materials.update import State, Update
 from hhr_dolfinx.models.answer import Answer, GaussState, History
 from hhr_dolfinx.models.equilibrium import Equilibrium
+from hhr_dolfinx.models.gradient import GRAZING, Gradient
 
 STEP = 1e-5
 """Length of a difference, as a part of the box of the parameters and of the strain so far: curvature costs its square,
@@ -86,6 +87,16 @@ def history_gradient(model: Equilibrium, history: History, directions: np.ndarra
             changes = [part[2] for part in found]
             state, time = answer.state().state, answer.time
     return gradients
+
+
+def with_gradients(model: Equilibrium, history: History) -> None:
+    """Give each answer of a history its derivatives along the parameters; see :func:`history_gradient`."""
+    for place, found in enumerate(history_gradient(model, history)):
+        answer = history.answers[place]
+        near = GRAZING * np.abs(answer.multipliers).max(initial=0.0)
+        slack = np.full_like(found.multipliers, np.nan)  # that of a history is not kept
+        gradient = Gradient(found.unknown, found.multipliers, answer.active & (answer.multipliers <= near), slack)
+        history.answers[place] = answer._replace(gradient=gradient)
 
 
 class _Step:

@@ -91,6 +91,10 @@ def march(
         with suppress(AttributeError):
             stop.history = history  # type: ignore[attr-defined]
         raise
+    if settings.gradient:
+        from hhr_dolfinx.models.history_gradient import with_gradients
+
+        with_gradients(model, history)
     return history
 
 

@@ -35,6 +35,8 @@ class MarchSettings:
         iterations: most iterations of a step before it is cut.
         cuts: how often a step may be halved.
         outside: what happens to a step outside what a reduced model was trained on: ``warn``, ``refuse`` or ``ignore``.
+        gradient: whether each answer is to have its derivatives along the parameters, each shifted by the same at all
+            times, as a constant of the whole history is; see :mod:`hhr_dolfinx.models.history_gradient`.
     """
 
     search: str = "frozen"
@@ -44,6 +46,7 @@ class MarchSettings:
     iterations: int = 60
     cuts: int = 6
     outside: str = "warn"
+    gradient: bool = False
 
     def __post_init__(self):
         for name, choices in (("search", SEARCHES), ("outside", OUTSIDE)):
@@ -52,6 +55,8 @@ class MarchSettings:
         for name in ("relative_stress", "floor_stress", "relative_force"):
             if not (isinstance(getattr(self, name), Real) and 0 < getattr(self, name) < 1):
                 raise ParameterError(f"{name} = {getattr(self, name)} must be a fraction in (0, 1)")
+        if not isinstance(self.gradient, bool):
+            raise ParameterError(f"gradient = {self.gradient!r} must be True or False")
         if not (is_whole(self.iterations, 1) and is_whole(self.cuts, 0)):
             raise ParameterError(
                 f"iterations = {self.iterations} must be a whole number from 1, and cuts = {self.cuts} one from 0"
@@ -118,7 +123,9 @@ def solve_along(
             if number < len(known):
                 answer = known[number]
             else:
-                answer = model.solve(point, start=start, outside=settings.outside)._replace(time=time)
+                # a rival may not know of gradients: it is asked for none unless they are wanted
+                wanted = {"gradient": True} if settings.gradient else {}
+                answer = model.solve(point, start=start, outside=settings.outside, **wanted)._replace(time=time)
                 keep(answer)
             history.answers.append(answer)
             start = answer.active

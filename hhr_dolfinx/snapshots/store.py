@@ -201,7 +201,7 @@ class KeptSteps:
 
     def __init__(self, store: SnapshotStore, path: History_path, settings: MarchSettings):
         self._store, self._path = store, path
-        how = [getattr(settings, name) for name in settings.__dataclass_fields__ if name != "outside"]
+        how = [getattr(settings, name) for name in settings.__dataclass_fields__ if name not in ("outside", "gradient")]
         question = [item if isinstance(item, str) else float(item) for item in how]
         self._questions: list[list] = []
         for time, point in path:
