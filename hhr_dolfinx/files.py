@@ -23,10 +23,10 @@ import re
 import secrets
 import stat
 import zipfile
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import IO, Any, cast
 
 import numpy as np
@@ -124,18 +124,12 @@ def write_arrays(
         np.savez(file, **members)
 
 
-def format_of(path: str | Path) -> str | None:
-    """The format that the header of a file names; None where it has none that can be read. Nothing else is read."""
-    try:
-        with zipfile.ZipFile(path) as archive, archive.open("header.npy") as member:
-            header = json.loads(str(np.lib.format.read_array(member, allow_pickle=False)))
-        return header["format"]
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error, MemoryError):
-        return None
-
-
-def read_arrays(path: str | Path, kind: str, version: int) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def read_arrays(
+    path: str | Path, kind: str, version: int, others: Mapping[str, int] = MappingProxyType({})
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and arrays of a file written by :func:`write_arrays`; memory stays near the size of the file.
+
+    ``others`` are further formats that it may have, with their versions.
 
     Raises:
         FileNotFoundError: if there is no such file; the caller knows what that means.
@@ -151,11 +145,12 @@ def read_arrays(path: str | Path, kind: str, version: int) -> tuple[dict[str, An
         if text is None or text.dtype.kind != "U" or text.ndim:
             raise _Damage("it has no header")
         header = json.loads(str(text))
-        if not isinstance(header, dict) or header.get("format") != kind:
+        known, named = {kind: version, **others}, header.get("format") if isinstance(header, dict) else None
+        if not isinstance(named, str) or named not in known:
             raise _Damage(f"its header names no '{kind}'")
-        if header.get("version") != version:
+        if header.get("version") != known[named]:
             found = repr(header.get("version"))[:40]
-            raise FileContentError(f"{path} holds '{kind}' version {found}, this release reads version {version}")
+            raise FileContentError(f"{path} holds '{named}' version {found}, this release reads version {known[named]}")
         for name, array in arrays.items():
             _check_numbers(name, array)
         stored = header.pop("sha256", None)

@@ -316,6 +316,7 @@ def test_shapes_that_are_none_are_refused_at_the_door(given, said):
     (("w * x", "h * y / (h - h)"), "is not finite at .*: check its formulas"),
     (("w * x", "sqrt(h - 1) * y"), "is not finite at"),
     (("w * x", "y * 0 * h"), "inside out"),
+    (("w * x", "h * table(y, 0, 0, 0.5, 0.5)"), "outside the table .*Give the table further points"),
 ])  # fmt: skip
 def test_cells_that_turn_inside_out_somewhere_in_the_box(shape, said):
     with pytest.raises(SceneError, match=said):

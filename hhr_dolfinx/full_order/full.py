@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.full_order.outputs import FullShapeFunctionals
     from hhr_dolfinx.full_order.rid_arrays import ShapedArrays
     from hhr_dolfinx.models.functionals import Functionals
+    from hhr_dolfinx.models.many import ManyAnswers
 
 FULL_ORDER_ADVICE = {Status.SINGULAR: "list each contact pair once, and let no two conditions hold the same dofs"}
 
@@ -201,6 +202,12 @@ class FullOrderModel(WithOutputs):
         found = active_set(self._equalities, free_slack, free_slack < 0 if cold else start, pairs=self._pairs)
         answer = found_as(found, point, self._gather(free - self.per_force @ found.forces), self)
         return outcome(answer, raise_on_failure, FULL_ORDER_ADVICE)
+
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> ManyAnswers:
+        """Answer many parameters, (n, P), one by one."""
+        from hhr_dolfinx.models.many import one_by_one
+
+        return one_by_one(self, points, {"raise_on_failure": raise_on_failure, "outside": outside})
 
     def march(
         self,

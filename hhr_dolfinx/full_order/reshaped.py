@@ -99,6 +99,10 @@ class Reshaped:
         Raises:
             ParameterError: if other nodes are in contact there, or the line of a partial pressure has moved.
         """
+        # between the points at which the box was tried a map may still fold
+        complaint = self._complaint(self.coordinates(point), point)
+        if complaint:
+            raise ParameterError(complaint)
         with self.at(point), warnings.catch_warnings():
             warnings.simplefilter("ignore", PairingWarning)  # said once, where the model was built
             problem = self._owner.contact_problem(*self._owner.stiffness_terms())
@@ -134,18 +138,32 @@ class Reshaped:
 
     def _check_box(self) -> None:
         """Raise SceneError for maps that turn a cell inside out in a corner of the box or between."""
-        scene, dim = self._owner.scene, self._owner.mesh.geometry.dim
-        sign = np.sign(corner_jacobians(self.reference[self._cells][:, :, :dim]).mean(axis=1))[:, None]
+        scene = self._owner.scene
         for point in box_samples(scene.parameters, TRIED):
-            corners = self.coordinates(point)[self._cells][:, :, :dim]
-            where = scene.parameters.described(point)
-            if not np.isfinite(corners).all():
-                raise SceneError(f"a shape of scene '{scene.name}' is not finite at {where}: check its formulas")
-            jacobians = corner_jacobians(corners) * sign
-            bad = np.flatnonzero(jacobians.min(axis=1) <= FOLDED * np.abs(jacobians).max(axis=1))
-            if bad.size:
+            try:
+                moved = self.coordinates(point)
+            except ParameterError as error:
                 raise SceneError(
-                    f"a shape of scene '{scene.name}' turns {bad.size} cells inside out at {where}, e.g. around "
-                    f"{self.reference[self._cells[bad[0]]].mean(axis=0)[:dim].tolist()}: narrow the box, or move the "
-                    "nodes around it too"
-                )
+                    f"a shape of scene '{scene.name}' at {scene.parameters.described(point)}: {error}. Give the table "
+                    "further points, or narrow the box"
+                ) from None
+            complaint = self._complaint(moved, point)
+            if complaint:
+                raise SceneError(complaint)
+
+    def _complaint(self, moved: np.ndarray, point: np.ndarray) -> str:
+        """What is wrong with the cells whose nodes lie at some coordinates at a point; empty if nothing."""
+        scene, dim = self._owner.scene, self._owner.mesh.geometry.dim
+        corners, where = moved[self._cells][:, :, :dim], scene.parameters.described(point)
+        if not np.isfinite(corners).all():
+            return f"a shape of scene '{scene.name}' is not finite at {where}: check its formulas"
+        sign = np.sign(corner_jacobians(self.reference[self._cells][:, :, :dim]).mean(axis=1))[:, None]
+        jacobians = corner_jacobians(corners) * sign
+        bad = np.flatnonzero(jacobians.min(axis=1) <= FOLDED * np.abs(jacobians).max(axis=1))
+        if not bad.size:
+            return ""
+        place = self.reference[self._cells[bad[0]]].mean(axis=0)[:dim].tolist()
+        return (
+            f"a shape of scene '{scene.name}' turns {bad.size} cells inside out at {where}, e.g. around {place}: "
+            "narrow the box, or move the nodes around it too"
+        )

@@ -15,6 +15,8 @@ from functools import cache, cached_property
 import numpy as np
 from scipy.linalg import svd
 
+from hhr_dolfinx.errors import SceneError
+
 MOST_LEVELS = 40
 """Longest sequence of nodes along one axis."""
 FIRST_LEVELS = 2
@@ -51,6 +53,12 @@ class Interpolant:
     levels: np.ndarray
     modes: np.ndarray
     weights: np.ndarray
+
+    def __post_init__(self) -> None:
+        d, (rank, n) = self.axes.size, self.weights.shape
+        fits = self.lower.shape == self.upper.shape == (d,) and self.levels.shape == (n, d)
+        if not fits or self.modes.ndim != 2 or self.modes.shape[1] != rank or not (self.lower < self.upper).all():
+            raise SceneError(f"an interpolation over {d} parameters of {n} polynomials has arrays of other sizes")
 
     @cached_property
     def _bases(self) -> tuple[np.ndarray, np.ndarray]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 FORMAT, VERSION = "hhr_dolfinx reduced model", 7
-CONDENSED = "hhr_dolfinx condensed model"
+CONDENSED, CONDENSED_VERSION = "hhr_dolfinx condensed model", 1
 """Format of files of interpolated condensation, see ``varying_file``."""
 VALUES = ("amplitudes", "laws", "outputs")  # lists in the header
 

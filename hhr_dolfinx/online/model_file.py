@@ -26,13 +26,14 @@ from hhr_dolfinx.errors import (
     ModelFileWarning,
     SceneError,
 )
-from hhr_dolfinx.files import check_layout, format_of, read_arrays, write_arrays
+from hhr_dolfinx.files import check_layout, read_arrays, write_arrays
 from hhr_dolfinx.models.condensed import KnownStatuses
 from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.models.reconstruct import FlowFields, GappyField, Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.online.layout import (
     CONDENSED,
+    CONDENSED_VERSION,
     FORMAT,
     INDICES,
     LAYOUT,
@@ -119,16 +120,16 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> ReducedModel | V
     """
     if isinstance(known, type | str) or not isinstance(known, Iterable):
         raise ModelFileError(f"known = {known!r} must be a list of classes, load_model(path, known=[MyLaw])")
-    if format_of(path) == CONDENSED:
-        from hhr_dolfinx.online.varying_file import load_condensed
-
-        return load_condensed(path, known)
     try:
-        header, arrays = read_arrays(path, FORMAT, VERSION)
+        header, arrays = read_arrays(path, FORMAT, VERSION, {CONDENSED: CONDENSED_VERSION})
     except FileNotFoundError:
         raise ModelFileError(f"there is no model file {path}") from None
     except FileContentError as error:
         raise ModelFileError(f"{error}: build the model again") from error
+    if header["format"] == CONDENSED:
+        from hhr_dolfinx.online.varying_file import condensed_of
+
+        return condensed_of(path, header, arrays, known)
     varying = header.pop("varying", None)
     others = {name: arrays.pop(name) for name in list(arrays) if name.startswith("varying.")}
     if header.get("outputs"):

@@ -12,7 +12,7 @@ import numpy as np
 
 from hhr_dolfinx.amplitudes import Amplitudes, Coverage
 from hhr_dolfinx.errors import FileContentError, HHRError, ModelFileError
-from hhr_dolfinx.files import read_arrays, write_arrays
+from hhr_dolfinx.files import write_arrays
 from hhr_dolfinx.formulas import Formula, Modulus, Scalar
 from hhr_dolfinx.models.block_elimination import BlockReduction
 from hhr_dolfinx.models.cells import CellRule
@@ -30,7 +30,7 @@ from hhr_dolfinx.models.shaped import FixedCells, RidAssembly, RidBody, RidShape
 from hhr_dolfinx.models.shaped_functionals import ReshapedFunctionals, Zone
 from hhr_dolfinx.models.starts import LinearStarts
 from hhr_dolfinx.models.varying import VaryingModel
-from hhr_dolfinx.online.layout import CONDENSED
+from hhr_dolfinx.online.layout import CONDENSED, CONDENSED_VERSION
 from hhr_dolfinx.online.tree import put_together, taken_apart
 from hhr_dolfinx.pairings.mortar import Mortar
 from hhr_dolfinx.pairings.node_to_node import NodeToNode
@@ -39,8 +39,6 @@ from hhr_dolfinx.pairings.obstacle import Obstacle
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plain import by_name
 from hhr_dolfinx.shapes import Shape
-
-VERSION = 1
 
 KINDS = (
     Amplitudes, BlockReduction, Compliance, Compliances, Coverage, Formula, InterpolatedFields, InterpolatedProblem,
@@ -72,21 +70,23 @@ def save_condensed(path: str | Path, model: VaryingModel) -> None:
         tree = {name: taken_apart(part, name, arrays) for name, part in parts.items()}
     except FileContentError as error:
         raise ModelFileError(f"this model cannot be kept in {path}: {error}") from error
-    write_arrays(path, {"format": CONDENSED, "version": VERSION, "tree": tree}, arrays)
+    write_arrays(path, {"format": CONDENSED, "version": CONDENSED_VERSION, "tree": tree}, arrays)
 
 
-def load_condensed(path: str | Path, known: Iterable[type] = ()) -> VaryingModel:
-    """Read a model written by :func:`save_condensed`.
+def condensed_of(
+    path: str | Path, header: dict, arrays: Mapping[str, np.ndarray], known: Iterable[type]
+) -> VaryingModel:
+    """The model of a file written by :func:`save_condensed`.
 
     Args:
-        path: the file.
+        path: of the file, for messages.
+        header, arrays: its content.
         known: classes of a user's own amplitudes that may come out of it.
 
     Raises:
-        ModelFileError: if the file is missing, no model, of another version, or damaged.
+        ModelFileError: if it is damaged.
     """
     try:
-        header, arrays = read_arrays(path, CONDENSED, VERSION)
         kinds = by_name([*KINDS, *known])
         given = header["tree"]
         parts = {name: put_together(given[name], arrays, kinds) for name in
@@ -99,8 +99,6 @@ def load_condensed(path: str | Path, known: Iterable[type] = ()) -> VaryingModel
             answer.displacement()
             if getattr(model.fields, "functionals", None) is not None:
                 answer.outputs()
-    except FileNotFoundError:
-        raise ModelFileError(f"there is no model file {path}") from None
     except (HHRError, KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise ModelFileError(f"{path} is damaged or no model file ({error}): build the model again") from error
     return model
