@@ -27,7 +27,7 @@ def apart(training):
 def test_a_free_pellet(apart):
     """The mean displacement of its side is exact on any mesh: mean stresses vanish against linear displacements."""
     full, displacement, stress = apart
-    surface = full.discretisation._surface(geometry.PELLET_SIDE)
+    surface = full.discretisation.surface(geometry.PELLET_SIDE)
     order = np.argsort(surface.points[:, 1])
     z, radial = surface.points[order, 1], displacement[surface.nodes[order], 0]
     mean = np.diff(z) @ (radial[1:] + radial[:-1]) / 2 / np.ptp(z)

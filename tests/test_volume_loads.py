@@ -206,7 +206,7 @@ def test_axes_of_what_turns(hypothesis, place, distance):
 def nodal_forces(scene, load):
     """Forces of the amplitude 1 on all nodes, held or not."""
     discretisation = hhr.FullOrderModel(scene).discretisation
-    (term,) = load.terms(discretisation._assembler(load))
+    (term,) = load.terms(discretisation.assembler(load))
     return term.columns.reshape(-1, discretisation.mesh.geometry.dim)
 
 
