@@ -235,8 +235,9 @@ class InterpolatedElimination:
         found = np.zeros((self.owner.unknowns, *forces.shape[1:]))
         for part, (along, compliance) in zip(self.owner.parts, self.along, strict=True):
             if part.primal is not None:
-                columns = part.primal.pushed @ forces[part.where]
-                found[part.primal.unknowns] = compliance * np.tensordot(along, columns, 1)
+                # the modes are read once, not once for each column
+                per_force = np.tensordot(along, part.primal.pushed, 1)
+                found[part.primal.unknowns] = compliance * (per_force @ forces[part.where])
         return found
 
     def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
