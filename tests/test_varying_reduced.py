@@ -7,7 +7,7 @@ import pytest
 from scenes import PAIR_BOX, largest_difference, pressed_pair, slope_errors, whole_domain
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.errors import ReductionError, StabilityWarning
 from hhr_dolfinx.models.interpolated import Compliances
 from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.interpolate import GridSettings
@@ -140,6 +140,12 @@ def test_a_modulus_that_all_of_a_body_has_costs_one_solution(training, condensed
     assert condensed.offline.evaluations[1] == 1 and condensed.offline.evaluations[0] < 20
     assert max(condensed.offline.surpluses) <= condensed.offline.settings.tolerance
     assert max(condensed.offline.comparison.dual) < 1e-3
+
+
+def test_a_grid_that_spends_its_budget_says_so(training):
+    with pytest.warns(StabilityWarning) as caught:
+        training.condense(GridSettings(1e-8, 2))
+    assert any("spent its budget of 2 solutions" in str(item.message) for item in caught)
 
 
 def test_condensation_converges_with_its_tolerance(training):

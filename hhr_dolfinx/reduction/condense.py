@@ -5,7 +5,8 @@ Each part of a scene that hangs together is solved for by itself, at parameters 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -17,7 +18,7 @@ from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.certify.compare import Comparison, compare_points
 from hhr_dolfinx.certify.trust import TrustLimits, check_comparison
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.errors import ReductionError, StabilityWarning
 from hhr_dolfinx.linear.sparse import FreeCholesky
 from hhr_dolfinx.models.block_elimination import BlockReduction
 from hhr_dolfinx.models.interpolated import Compliances, InterpolatedFields
@@ -35,8 +36,6 @@ from hhr_dolfinx.reduction.starts import linear_starts
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import StageLog
-
-Progress = Callable[[Iterable], Iterable]
 
 STARTS = 256
 """Points at which statuses are known beforehand: four times as many save a tenth of the iterations on the pellet."""
@@ -89,6 +88,9 @@ def condense(
 
     Raises:
         ReductionError: for a scene whose stiffness is constant, or that flows.
+
+    Warns:
+        StabilityWarning: if a grid spent its budget before it had settled.
     """
     problem: ContactProblem = full.problem
     if full.equilibrium is not None or not problem.varies:
@@ -104,6 +106,15 @@ def condense(
     solvers = [_Solver(full, component, problem_at) for component in components_of(problem)]
     with log.stage("compliances"):
         compliances, grids = interpolated_compliances(problem, solvers, settings)
+    worst = max((grid.surplus for grid in grids), default=0.0)
+    if worst > settings.tolerance:
+        warnings.warn(
+            f"interpolated condensation of scene '{full.scene.name}' spent its budget of {settings.budget} solutions, "
+            f"and an error of about {worst:.1e} is left where {settings.tolerance:g} was wished: raise the budget, "
+            "narrow the box, or take the hyper-reduced model",
+            StabilityWarning,
+            stacklevel=3,
+        )
     with log.stage("starts"):
         known = linear_starts(compliances, Sobol(STARTS).points(problem.parameters), problem.contact_pairs)
     with log.stage("fields"):
