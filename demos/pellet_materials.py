@@ -4,8 +4,8 @@ The scene of ``pellet_cladding.py`` with the pressure P1, its height h1, and You
 bodies. For a new material the full order factors its stiffness anew. Two ways to answer are measured side by side: the
 hyper-reduced model, and condensation interpolated between few Poisson's ratios, of which Young's moduli are factors.
 
-What to see: interpolated condensation keeps all contact conditions and is the most accurate; it pays after a dozen
-queries. The hyper-reduced model, trained on 512 Sobol points, comes close.
+What to see: interpolated condensation keeps all contact conditions and is the most accurate; it pays after some
+fifteen queries. The hyper-reduced model, trained on 512 Sobol points, comes close.
 
     python demos/pellet_materials.py [--out DIR] [--quick] [--seed N]
 """

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 DIFFERENCE = 1e-5
 """Part of the box by which a mesh is moved to difference what is assembled on it: the error is its square, and below it
-round-off of the assembly grows (1e-10 of either, measured on the crowned hub)."""
+round-off of the assembly grows."""
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,12 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import lru_cache
 from threading import RLock
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.contact.problem import ContactProblem
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
 
 CLOSE = 1e-9
 """Part of the size of the mesh by which two maps of one node may differ."""
+MOST_BYTES = 5e8
+"""Memory that problems of shapes asked for before may take."""
 TRIED = 32
 """Points beside the corners of the box at which maps are tried."""
 
@@ -99,6 +103,21 @@ class Reshaped:
         Raises:
             ParameterError: if other nodes are in contact there, or the line of a partial pressure has moved.
         """
+        problem, self._owner.whole_contact = self._kept(point[list(self.axes)].tobytes())
+        return problem
+
+    def attached(self, problem: ContactProblem) -> ContactProblem:
+        """The base problem, that of the middle of the box, which others are ordered like."""
+        self._base = replace(problem, reshaped=self)
+        terms = sum(term.data.nbytes for term in problem.stiffness_terms) + 2 * problem.mass.data.nbytes
+        # grids of forces, fields and outputs ask for the same shapes, which take seconds to assemble and to pair
+        self._kept = lru_cache(maxsize=max(1, int(MOST_BYTES / terms)))(self._assembled)
+        return self._base
+
+    def _assembled(self, key: bytes) -> tuple[ContactProblem, csr_matrix]:
+        """The problem at a shape, and its B with the columns of imposed dofs; no other parameter changes either."""
+        point = self._middle.copy()
+        point[list(self.axes)] = np.frombuffer(key)
         # between the points at which the box was tried a map may still fold
         complaint = self._complaint(self.coordinates(point), point)
         if complaint:
@@ -106,12 +125,8 @@ class Reshaped:
         with self.at(point), warnings.catch_warnings():
             warnings.simplefilter("ignore", PairingWarning)  # said once, where the model was built
             problem = self._owner.contact_problem(*self._owner.stiffness_terms())
-        return problem if self._base is None else self._ordered(problem, self._base, point)
-
-    def attached(self, problem: ContactProblem) -> ContactProblem:
-        """The base problem, that of the middle of the box, which others are ordered like."""
-        self._base = replace(problem, reshaped=self)
-        return self._base
+        assert self._base is not None
+        return self._ordered(problem, self._base, point), self._owner.whole_contact
 
     def _ordered(self, problem: ContactProblem, base: ContactProblem, point: np.ndarray) -> ContactProblem:
         """Rows of a pairing may come in another order for another shape: they are known by their slave node."""

@@ -6,9 +6,7 @@ Each part of a scene that hangs together is solved for by itself, at parameters 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -101,9 +99,7 @@ def condense(
     problem.require_whole()
     check_of_problem("snapshots", snapshots, problem)
     log = StageLog()
-    # where a shape changes a problem is assembled once for all that asks for it there
-    problem_at = lru_cache(maxsize=_most_problems(problem))(lambda key: problem.at(np.frombuffer(key)))
-    solvers = [_Solver(full, component, problem_at) for component in components_of(problem)]
+    solvers = [_Solver(full, component) for component in components_of(problem)]
     with log.stage("compliances"):
         compliances, grids = interpolated_compliances(problem, solvers, settings)
     worst = max((grid.surplus for grid in grids), default=0.0)
@@ -129,15 +125,6 @@ def condense(
     numbers = [grid.evaluations for grid in grids], [grid.surplus for grid in grids]
     model.offline = CondensedRecord(settings, *numbers, comparison, log)
     return model
-
-
-MOST_BYTES = 5e8
-"""Memory that problems kept for other parts of a scene may take."""
-
-
-def _most_problems(problem: ContactProblem) -> int:
-    """How many problems are kept."""
-    return max(1, int(MOST_BYTES / (12 * problem.own_stiffness.nnz)))
 
 
 def _fields(full: Any, displacements: np.ndarray, settings: GridSettings) -> InterpolatedFields:
@@ -212,8 +199,7 @@ def interpolated_compliances(
     reshaped = None
     if problem.reshaped is not None:
         axes = np.array(problem.reshaped.axes, dtype=np.int64)
-        gaps_at = solvers[0].problem_at
-        grid, _ = grown(lambda point: {"gaps": gaps_at(point.tobytes()).gaps}, problem.parameters, axes, settings)
+        grid, _ = grown(lambda point: {"gaps": problem.at(point).gaps}, problem.parameters, axes, settings)
         grids.append(grid)
         reshaped = grid.interpolant
     return Compliances(tuple(parts), problem.amplitudes, problem.gaps, reshaped), grids
@@ -226,7 +212,7 @@ def _fields_seen(compliances: Compliances, solvers: list[_Solver], known: Linear
     found = []
     for part, solver in zip(compliances.parts, solvers, strict=True):
         for node in part.interpolant.nodes[:FIELD_NODES]:
-            point = np.array([solver.problem.parameters.lower, solver.problem.parameters.upper]).mean(axis=0)
+            point = solver.problem.middle
             point[part.interpolant.axes] = node
             found.append(solver.fields_at(point, forces))
     return found
@@ -238,12 +224,10 @@ class _Solver:
     Args:
         full: the full model, on one rank.
         component: of its scene.
-        problem_at: the problem at a point, (P,), given as its bytes.
     """
 
-    def __init__(self, full: Any, component: Component, problem_at: Callable[[bytes], ContactProblem]):
-        self.problem, self.component, self.problem_at = full.problem, component, problem_at
-        self._full = full
+    def __init__(self, full: Any, component: Component):
+        self.problem, self.component, self._full = full.problem, component, full
         self._factors: FreeCholesky | None = None
 
     def __call__(self, point: np.ndarray) -> dict[str, np.ndarray]:
@@ -268,7 +252,7 @@ class _Solver:
 
     def _factored(self, point: np.ndarray) -> tuple[ContactProblem, FreeCholesky]:
         """The problem at a point, and its factors."""
-        problem = self.problem_at(point.tobytes())
+        problem = self.problem.at(point)
         if self._factors is None:
             full = self._full
             how = slice(0, problem.free.size), full.scene.name, full.block_ordering, full.comm
