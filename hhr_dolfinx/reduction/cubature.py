@@ -1,0 +1,248 @@
+"""Cubature: few points with non-negative weights that integrate what training showed.
+
+Sought are weights w >= 0, most of them zero, with |A w - A 1| <= tolerance |A 1|, where a column of A holds what a point
+of integration contributes to each integral. As in energy-conserving sampling and weighting (Farhat, Avery, Chapman and
+Cortial, 2014, doi 10.1002/nme.4668) that is non-negative least squares, stopped as soon as the misfit is small; as in
+empirical cubature (Hernandez, Caicedo and Ferrer, 2017, doi 10.1016/j.cma.2016.10.022) the next point is the one whose
+column, scaled to length one, is the most parallel to the misfit, and a factorisation follows the points.
+
+The iteration is that of Lawson and Hanson (Solving Least Squares Problems, chapter 23) with a QR factor of the chosen
+columns that gains and loses single columns: normal equations would lose half of the digits. What is dear is to compare
+all candidates with the misfit; so the best of them are copied to a short list, and points are taken from there as long
+as the list holds good ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+
+from hhr_dolfinx.errors import ReductionError
+
+LISTED = 2000
+"""Candidates on the short list: a block of this many columns stays near the processor."""
+WORTH = 0.5
+"""The list is good as long as it holds a candidate this parallel to the misfit, relative to the best when it was made."""
+DEPENDENT = 1e-9
+"""A column with a smaller part outside of the chosen columns, relative to its length, is one of their combinations."""
+PARALLEL = 1e-13
+"""Where no candidate is more parallel to the misfit, relative to the integrals, the least misfit is reached."""
+PATIENCE = 20
+"""The search ends after as many points for each row; it takes one or two where it is in good order."""
+REFRESHED = 200
+"""After as many changes the factor is made anew, and round-off with it."""
+
+
+@dataclass(frozen=True)
+class Cubature:
+    """Points of integration with their weights.
+
+    Attributes:
+        points: numbers of the points among the candidates, increasing, (n,).
+        weights: factors of their contributions, > 0, (n,).
+        misfit: |A w - A 1| / |A 1| of the rows they were fitted to.
+    """
+
+    points: np.ndarray
+    weights: np.ndarray
+    misfit: float
+
+
+def fitted(rows: np.ndarray, tolerance: float, most: int | None = None) -> Cubature:
+    """Few points and weights >= 0 whose sums are near those of all points.
+
+    Args:
+        rows: what each of P points contributes to each of R integrals, with the weights of the quadrature in it, (R, P).
+        tolerance: relative misfit at which the search stops; 0 goes on to the least misfit.
+        most: largest number of points; None for no limit but the number of rows.
+
+    Returns:
+        The cubature. Where the tolerance is out of reach within ``most`` points it is the best that was found, as its
+        misfit says. Of integrals that are all zero it has no points.
+
+    Raises:
+        ReductionError: for rows that are no finite table, a tolerance outside [0, 1), ``most`` below 1.
+
+    Example:
+        >>> fitted(np.array([[1.0, 1.0, 1.0], [0.0, 1.0, 2.0]]), 1e-10)
+        Cubature(points=array([1]), weights=array([3.]), misfit=0.0)
+    """
+    if not 0 <= tolerance < 1:
+        raise ReductionError(f"the tolerance {tolerance} of a cubature must lie in [0, 1)")
+    if most is not None and most < 1:
+        raise ReductionError(f"a cubature with at most {most} points integrates nothing: allow 1 or more")
+    rows = np.asarray(rows, dtype=float)
+    if rows.ndim != 2:
+        raise ReductionError(f"the rows of a cubature have shape {rows.shape}: one row for each integral is needed")
+    lengths = np.sqrt(np.einsum("rp,rp->p", rows, rows))
+    if not np.isfinite(lengths).all():
+        bad = int(np.argmin(np.isfinite(lengths)))
+        raise ReductionError(f"the contributions of point {bad} to the rows of a cubature are not finite, or too large")
+    wanted = rows.sum(axis=1)
+    size = float(np.linalg.norm(wanted))
+    if size == 0:
+        return Cubature(np.zeros(0, dtype=np.int64), np.zeros(0), 0.0)
+    chosen = _Search(rows, lengths, wanted).run(tolerance * size, min(most or len(rows), len(rows)))
+    order = np.argsort(chosen.points)
+    points = np.array(chosen.points, dtype=np.int64)[order]
+    weights = chosen.weights[order] / lengths[points]
+    points, weights = points[weights > 0], weights[weights > 0]
+    return Cubature(points, weights, float(np.linalg.norm(rows[:, points] @ weights - wanted)) / size)
+
+
+class _Factor:
+    """QR factor of the chosen columns, each of length one, and the least squares of the integrals in them."""
+
+    def __init__(self, wanted: np.ndarray) -> None:
+        self.wanted = wanted
+        self.points: list[int] = []
+        self.weights = np.zeros(0)
+        self._columns = np.zeros((wanted.size, 0), order="F")
+        self._q = np.zeros((wanted.size, 0), order="F")
+        self._r = np.zeros((0, 0), order="F")
+        self._changes = 0
+
+    def misfit(self) -> np.ndarray:
+        """What the weights leave of the integrals, (R,)."""
+        return self.wanted - self._columns @ self.weights
+
+    def add(self, point: int, column: np.ndarray) -> bool:
+        """Take in a column, with weight zero; False, and nothing is done, if it depends on those chosen."""
+        rest, shares = column, np.zeros(len(self.points))
+        for _ in range(2):  # twice is enough for orthogonality to round-off
+            part = self._q.T @ rest
+            rest, shares = rest - self._q @ part, shares + part
+        outside = np.linalg.norm(rest)
+        if outside <= DEPENDENT:
+            return False
+        count = len(self.points)
+        r = np.zeros((count + 1, count + 1), order="F")
+        r[:count, :count] = self._r
+        r[:count, count] = shares
+        r[count, count] = outside
+        self._q, self._r = _beside(self._q, rest / outside), r
+        self._columns = _beside(self._columns, column)
+        self.points.append(point)
+        self.weights = np.append(self.weights, 0.0)
+        self._changed()
+        return True
+
+    def remove(self, place: int) -> None:
+        """Leave out the column at a place."""
+        count = len(self.points) - 1
+        q, r = linalg.qr_delete(self._q, self._r, place, which="col", check_finite=False)
+        self._q, self._r = q[:, :count], r[:count]  # of a square factor it leaves the rest
+        self._columns = np.asfortranarray(np.delete(self._columns, place, axis=1))
+        self.weights = np.delete(self.weights, place)
+        del self.points[place]
+        self._changed()
+
+    def least_squares(self) -> np.ndarray:
+        """Weights of any sign that leave the least misfit."""
+        return linalg.solve_triangular(self._r, self._q.T @ self.wanted, check_finite=False)
+
+    def _changed(self) -> None:
+        self._changes += 1
+        if self._changes % REFRESHED == 0 and self.points:
+            self._q, self._r = linalg.qr(self._columns, mode="economic", check_finite=False)
+
+
+def _beside(columns: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """Columns with one more, in the order of LAPACK."""
+    out = np.empty((len(columns), columns.shape[1] + 1), order="F")
+    out[:, :-1] = columns
+    out[:, -1] = column
+    return out
+
+
+class _ShortList:
+    """The candidates most parallel to a misfit, with their columns, each of length one."""
+
+    def __init__(self, rows: np.ndarray, lengths: np.ndarray, misfit: np.ndarray) -> None:
+        inverse = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0)
+        along = (misfit @ rows) * inverse
+        count = min(LISTED, along.size)
+        self.points = np.argpartition(-along, count - 1)[:count]
+        self.best = float(along[self.points].max())
+        self.columns = rows[:, self.points] * inverse[self.points]
+
+    def along(self, misfit: np.ndarray, left_out: set[int]) -> np.ndarray:
+        """How parallel the columns are to a misfit; -inf for points left out."""
+        along = misfit @ self.columns
+        along[np.isin(self.points, list(left_out))] = -np.inf
+        return along
+
+
+class _Search:
+    """Lawson and Hanson's iteration.
+
+    Args:
+        rows: (R, P).
+        lengths: of its columns, (P,).
+        wanted: the integrals, (R,).
+    """
+
+    def __init__(self, rows: np.ndarray, lengths: np.ndarray, wanted: np.ndarray) -> None:
+        self.rows, self.lengths = rows, lengths
+        self.factor = _Factor(wanted)
+        self.least = float(np.linalg.norm(wanted))
+        self.tried: set[int] = set()
+
+    def run(self, tolerance: float, most: int) -> _Factor:
+        """Add points until the misfit is at most ``tolerance``, there are ``most``, or none is left that helps."""
+        floor, left = PARALLEL * self.least, PATIENCE * len(self.rows)
+
+        def open_() -> bool:
+            return left > 0 and self.least > tolerance and len(self.factor.points) < most
+
+        while open_():
+            listed = _ShortList(self.rows, self.lengths, self.factor.misfit())
+            worth, helped = floor, False
+            while open_() and self._take_best(listed, worth):
+                worth, helped = max(floor, WORTH * listed.best), True
+                left -= 1
+            if not helped:
+                break
+        return self.factor
+
+    def _take_best(self, listed: _ShortList, worth: float) -> bool:
+        """Bring in the best point of the list that makes the misfit smaller; False if none worth it does."""
+        while True:
+            along = listed.along(self.factor.misfit(), self.tried.union(self.factor.points))
+            best = int(along.argmax())
+            if not along[best] > worth:
+                return False
+            if self._brought_in(int(listed.points[best]), listed.columns[:, best]):
+                self.tried.clear()
+                return True
+            self.tried.add(int(listed.points[best]))
+
+    def _brought_in(self, point: int, column: np.ndarray) -> bool:
+        """Whether the misfit became smaller with a point, which may cost others theirs."""
+        factor = self.factor
+        if not factor.add(point, column):
+            return False
+        free = factor.least_squares()
+        if not free[-1] > 0:  # of round-off: its part along the misfit is positive
+            factor.remove(len(factor.points) - 1)
+            return False
+        while free.size and not free.min() > 0:
+            self._step_to_zero(free)
+            free = factor.least_squares()
+        factor.weights = free
+        before, self.least = self.least, float(np.linalg.norm(factor.misfit()))
+        return self.least < before
+
+    def _step_to_zero(self, free: np.ndarray) -> None:
+        """Go towards weights of any sign until the first becomes zero, and leave out the points where that is so."""
+        factor, negative = self.factor, free <= 0
+        ways = np.full(free.size, np.inf)
+        down = factor.weights[negative] - free[negative]
+        ways[negative] = np.divide(factor.weights[negative], down, out=np.zeros_like(down), where=down > 0)
+        step = ways.min()
+        factor.weights = factor.weights + step * (free - factor.weights)
+        for place in np.flatnonzero(ways <= step * (1 + 1e-12))[::-1]:
+            factor.remove(int(place))
