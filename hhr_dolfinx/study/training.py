@@ -95,7 +95,7 @@ def train(
         scene: the scene.
         training: the number of points along each parameter, on a regular grid; a sampling, ``Sobol(512)`` or
             ``LatinHypercube(100)``; or an array of points, (S, P). Where bodies flow a list of paths, each of times in
-            seconds and parameters.
+            seconds and parameters, or drawn from a family, ``family.paths(Sobol(12))``.
         held_out: for the trust check: how many random parameters (100, a fifth of them where contact grazes; 0 for
             none), or paths.
         seed: of random parameters.
