@@ -7,11 +7,11 @@ as a height, a hold, a pace: texts that are parsed and never executed, see :mod:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -138,14 +138,12 @@ class PathFamily:
         if not legs or not all(isinstance(leg, Leg) for leg in legs):
             raise SceneError(f"legs = {self.legs!r} of the family '{self.name}' must be a tuple of one Leg or more")
         object.__setattr__(self, "legs", legs)
-        with self._naming():
+        with _said_of(self._title):
             object.__setattr__(self, "start", _targets("the start", self.start))
-        missing = [name for name in self.space.names if name not in dict(self.start)]
-        if missing:
-            raise SceneError(
-                f"the start of the family '{self.name}' gives no {', '.join(missing)}: add a value of each"
-            )
-        self._formulas  # noqa: B018 (unknown names are refused where they are written)
+            missing = [name for name in self.space.names if name not in dict(self.start)]
+            if missing:
+                raise SceneError(f"the start says nothing of {', '.join(missing)}: give a value of each parameter")
+            self._formulas  # noqa: B018 (unknown names are refused where they are written)
         for point in box_samples(self.own):
             try:
                 self._corners(point)
@@ -159,22 +157,22 @@ class PathFamily:
             ParameterError: for a point outside the family's own box, or where the path leaves the box of the scene or
                 its times do not increase.
         """
-        with self._naming():
+        with _said_of(self._title):
             values = self.own.point(point)
-        time, (here, *ends) = 0.0, self._corners(values)
-        pairs = [(time, here.target)]
+        start, *ends = self._corners(values)
+        time, here, pairs = 0.0, start.target, [(0.0, start.target.copy())]
         for end in ends:
             shares = np.arange(1, end.steps + 1) / end.steps
             times = time + end.seconds * shares
             if not (np.diff(times, prepend=time) > 0).all():
                 raise ParameterError(
-                    f"{self._at(values)}: times must increase, and {end.steps} steps in {end.seconds:g} s are too "
-                    f"short behind {time:g} s. Make the legs more alike"
+                    f"path '{self._called(values)}': times must increase, and {end.steps} steps in {end.seconds:g} s are "
+                    f"lost behind {time:g} s. Make the legs more alike"
                 )
             # what does not change stays the same to the last bit, and each leg ends where the next begins
-            targets = [here.target + (end.target - here.target) * share for share in shares[:-1]] + [end.target]
-            pairs += [(float(instant), target.copy()) for instant, target in zip(times, targets, strict=True)]
-            time, here = float(times[-1]), end
+            targets = [here + (end.target - here) * share for share in shares[:-1]] + [end.target.copy()]
+            pairs += zip(times.tolist(), targets, strict=True)
+            time, here = float(times[-1]), end.target
         return NamedPath(pairs, self._called(values), dict(zip(self.own.names, values.tolist(), strict=True)))
 
     def paths(self, drawn: Sampling | np.ndarray) -> list[NamedPath]:
@@ -183,118 +181,104 @@ class PathFamily:
         Raises:
             ParameterError: as :meth:`path` does, and for what is neither.
         """
-        with self._naming():
+        with _said_of(self._title):
             table = drawn.points(self.own) if isinstance(drawn, Sampling) else drawn
             points = self.own.points(table)
         return [self.path(point) for point in points]
 
     @cached_property
-    def _formulas(self) -> tuple[dict[str, Scalar], tuple[tuple[dict[str, Scalar], Scalar, Scalar], ...]]:
-        """Start by names, and of each leg where it ends, its seconds and its steps."""
-
-        def scalars(what: str, targets: Targets) -> dict[str, Scalar]:
-            unknown = sorted(set(dict(targets)) - set(self.space.names))
-            if unknown:
-                raise SceneError(
-                    f"{what} of the family '{self.name}' names {unknown}, the scene has {self.space.names}: correct it"
-                )
-            return {name: scalar(f"{name} in {what}", value) for name, value in dict(targets).items()}
+    def _formulas(self) -> tuple[_Formulas, ...]:
+        """Of the start, then of each leg."""
 
         def scalar(what: str, value: float | str) -> Scalar:
-            with self._naming():
-                try:
-                    return Scalar(formula_of(value, what).text, self.own.names)
-                except SceneError as error:
-                    raise SceneError(f"{what}: {error}") from None
+            with _said_of(what):
+                return Scalar(formula_of(value, what).text, self.own.names)
 
-        legs = tuple(
-            (
-                scalars(f"leg {k}", leg.to),
-                scalar(f"seconds of leg {k}", leg.seconds),
-                scalar(f"steps of leg {k}", leg.steps),
-            )
-            for k, leg in enumerate(self.legs, 1)
-        )
-        return scalars("the start", self.start), legs
+        def formulas(what: str, to: Targets, seconds: float | str, steps: int | str) -> _Formulas:
+            unknown = sorted(set(dict(to)) - set(self.space.names))
+            if unknown:
+                raise SceneError(f"{what} names {unknown}, the parameters of the scene are {self.space.names}")
+            targets = {name: scalar(f"{name} at {what}", value) for name, value in dict(to).items()}
+            return _Formulas(targets, scalar(f"seconds of {what}", seconds), scalar(f"steps of {what}", steps))
+
+        legs = (formulas(f"leg {k}", leg.to, leg.seconds, leg.steps) for k, leg in enumerate(self.legs, 1))
+        return formulas("the start", self.start, 0.0, 1), *legs
 
     def _corners(self, values: np.ndarray) -> list[_Corner]:
         """The start and the ends of the legs that take time, for own parameters (P_own,)."""
-        start, legs = self._formulas
-        value = self._values_at(values)
-        seconds = [value(f"seconds of leg {k}", leg[1]) for k, leg in enumerate(legs, 1)]
+        with _said_of(f"path '{self._called(values)}'"):
+            return list(self._corners_of(values))
+
+    def _corners_of(self, values: np.ndarray) -> Iterator[_Corner]:
+        start, *legs = self._formulas
+        seconds = [_value(f"seconds of leg {k}", leg.seconds, values) for k, leg in enumerate(legs, 1)]
         nothing = NOTHING * max(map(abs, seconds))
-        here = self._target(values, "the start", {name: value(f"{name} at the start", start[name]) for name in start})
-        found = [_Corner(here, 0.0, 0)]
-        for k, (to, _, steps) in enumerate(legs, 1):
-            changes = {name: value(f"{name} at the end of leg {k}", scalar) for name, scalar in to.items()}
-            target = self._target(
-                values, f"the end of leg {k}", dict(zip(self.space.names, here, strict=True)) | changes
-            )
-            if seconds[k - 1] < -nothing:
-                raise ParameterError(
-                    f"{self._at(values)}: leg {k} takes {seconds[k - 1]:g} s, which must not be negative"
-                )
-            if seconds[k - 1] > nothing:
-                count = max(round(value(f"steps of leg {k}", steps)), 1)
-                if count > MOST_STEPS:
-                    raise ParameterError(f"{self._at(values)}: leg {k} has {count} steps, {MOST_STEPS} at most")
-                found.append(_Corner(target, seconds[k - 1], count))
+        if not nothing:
+            raise ParameterError("no leg takes any time: give one of them a duration")
+        here = self._target("the start", start, values, {})
+        yield _Corner(here, 0.0, 0)
+        for k, (leg, duration) in enumerate(zip(legs, seconds, strict=True), 1):
+            target = self._target(f"the end of leg {k}", leg, values, dict(zip(self.space.names, here, strict=True)))
+            if duration < -nothing:
+                raise ParameterError(f"leg {k} takes {duration:g} s, which must not be negative: correct the formula")
+            if duration > nothing:
+                steps = max(round(_value(f"steps of leg {k}", leg.steps, values)), 1)
+                if steps > MOST_STEPS:
+                    raise ParameterError(f"leg {k} has {steps} steps: {MOST_STEPS} at most")
+                yield _Corner(target, duration, steps)
                 here = target
-            elif (jumps := np.abs(target - here) > NOTHING * np.subtract(self.space.upper, self.space.lower)).any():
-                name = self.space.names[int(np.argmax(jumps))]
-                raise ParameterError(
-                    f"{self._at(values)}: leg {k} takes no time and changes {name}: give it a duration"
-                )
-        if len(found) < 2:
-            raise ParameterError(f"{self._at(values)}: no leg takes any time, so that there is no path")
-        return found
+                continue
+            jumps = np.abs(target - here) > NOTHING * np.subtract(self.space.upper, self.space.lower)
+            if jumps.any():
+                changed = self.space.names[int(np.argmax(jumps))]
+                raise ParameterError(f"leg {k} takes no time and changes {changed}: give it a duration")
 
-    def _values_at(self, values: np.ndarray) -> Callable[[str, Scalar], float]:
-        """How formulas are evaluated: by what is to be named, and the formula."""
+    def _target(self, where: str, leg: _Formulas, values: np.ndarray, before: Mapping[str, float]) -> np.ndarray:
+        """The point of the scene where a leg ends, (P,); what it does not name is as before."""
+        found = {name: _value(f"{name} at {where}", scalar, values) for name, scalar in leg.to.items()}
+        with _said_of(f"{where} is outside the box of the scene"):
+            return self.space.point({**before, **found})
 
-        def value(what: str, scalar: Scalar) -> float:
-            try:
-                found = scalar.value(values)
-            except ParameterError as error:
-                raise ParameterError(f"{self._at(values)}: {what} = {scalar.text}: {error}") from None
-            if not math.isfinite(found):
-                raise ParameterError(f"{self._at(values)}: {what} = {scalar.text} is {found:g}: correct the formula")
-            return found
-
-        return value
-
-    def _target(self, values: np.ndarray, where: str, given: Mapping[str, float]) -> np.ndarray:
-        """A point of the scene, (P,)."""
-        try:
-            return self.space.point(given)
-        except ParameterError as error:
-            named = ", ".join(f"{name} = {given[name]:g}" for name in self.space.names)
-            raise ParameterError(
-                f"{self._at(values)} leaves the box of the scene at {where} ({named}): {error}"
-            ) from None
-
-    @contextmanager
-    def _naming(self) -> Iterator[None]:
-        """Put the family's name before errors."""
-        try:
-            yield
-        except (ParameterError, SceneError) as error:
-            raise type(error)(f"family of paths '{self.name}': {error}") from None
+    @property
+    def _title(self) -> str:
+        return f"family of paths '{self.name}'"
 
     def _called(self, values: np.ndarray) -> str:
         return f"{self.name} ({self.own.described(values)})"
 
-    def _at(self, values: np.ndarray) -> str:
-        return f"path '{self._called(values)}'"
+
+class _Formulas(NamedTuple):
+    """Where a leg ends by names, its seconds and its steps."""
+
+    to: dict[str, Scalar]
+    seconds: Scalar
+    steps: Scalar
 
 
-@dataclass(frozen=True)
-class _Corner:
-    """Where a leg ends, (P,), its seconds, and its steps."""
+class _Corner(NamedTuple):
+    """Where a leg ends, (P,), its seconds and its steps."""
 
     target: np.ndarray
     seconds: float
     steps: int
+
+
+@contextmanager
+def _said_of(what: str) -> Iterator[None]:
+    """Put what errors are about before them."""
+    try:
+        yield
+    except (ParameterError, SceneError) as error:
+        raise type(error)(f"{what}: {error}") from None
+
+
+def _value(what: str, scalar: Scalar, values: np.ndarray) -> float:
+    """A formula at a point; ParameterError where it is not finite."""
+    with _said_of(f"{what} = {scalar.text}"):
+        found = scalar.value(values)
+        if not math.isfinite(found):
+            raise ParameterError(f"is {found:g}, and must be finite: correct the formula")
+        return found
 
 
 def _kept(what: str, value: Any) -> float | str:

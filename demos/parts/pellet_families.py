@@ -1,4 +1,4 @@
-"""Families of paths of the flowing pellet: loading, a hold, unloading and loading again, at other paces, in any mixture.
+"""Families of paths of the flowing pellet: loading, a hold, unloading, loading again, at other paces, in any mixture.
 
 family = families()["combined"]
 train, test = family.paths(hhr.Sobol(12)), family.paths(hhr.Sobol(20, seed=2))
@@ -18,8 +18,8 @@ OWN = {
 }
 """Smallest and largest of what families vary.
 
-Initial gap in um; height of the pressure in mm; seconds at the largest pressure; the share of the pressure that is taken
-off, and the share of that which is put on again; decimal logarithm of the pace, which is 1 for the pressure in a second.
+Initial gap in um; height of the pressure in mm; seconds at the largest pressure; the share of the pressure that is
+taken off, and the share of that which is put on again; the pace in decades, 0 for the largest pressure in a second.
 """
 LOADED, UNLOADED = demo.PRESSURE, f"{demo.PRESSURE} * (1 - back)"
 LOADED_AGAIN = f"{demo.PRESSURE} * (1 - back * (1 - again))"

@@ -74,7 +74,7 @@ class StudySettings:
     recipe: Recipe | None = None
     variants: Sequence[tuple[str, Recipe]] = ()
     models: Mapping[str, Recipe] = field(default_factory=dict)
-    tests: int | Mapping[Any, Any] | Sequence[Any] = 200
+    tests: Any = 200
     held_out: Any = None
     seed: int = 1
     queries: int = 200
@@ -254,16 +254,18 @@ def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray 
 
 def _labelled(paths: Sequence[Any]) -> dict[str, Any]:
     """Paths by their names; StudyError for those without, and for two of one name."""
-    names = [getattr(path, "name", None) for path in paths]
-    for number, name in enumerate(names):
+    labelled: dict[str, Any] = {}
+    for number, path in enumerate(paths):
+        name = getattr(path, "name", None)
         if not isinstance(name, str):
             raise StudyError(
-                f"tests[{number}] has no name to label it by: give tests={{label: path, ...}}, a number of random points, "
-                "or paths that a PathFamily has drawn"
+                f"tests[{number}] has no name to label it by: give tests={{label: path, ...}}, or paths drawn from a "
+                "PathFamily; where nothing flows a number of random points"
             )
-        if name in names[:number]:
+        if name in labelled:
             raise StudyError(f"two tests are called {name!r}: leave one out, or give tests={{label: path, ...}}")
-    return dict(zip(names, paths, strict=True))
+        labelled[name] = path
+    return labelled
 
 
 def _row(measured: Measurement, method: str, setting: str, make: Callable[[], Model]) -> dict[str, Any]:
