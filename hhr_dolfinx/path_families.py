@@ -50,12 +50,15 @@ class NamedPath(list[tuple[float, np.ndarray]]):
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, NamedPath):
-            return NotImplemented
+            return False  # a list would compare arrays as truth values
         alike = (self.name, self.values, len(self)) == (other.name, other.values, len(other))
         return alike and all(
             time == there and np.array_equal(point, target)
             for (time, point), (there, target) in zip(self, other, strict=True)
         )
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
 
     __hash__ = None
 
@@ -166,8 +169,8 @@ class PathFamily:
             times = time + end.seconds * shares
             if not (np.diff(times, prepend=time) > 0).all():
                 raise ParameterError(
-                    f"path '{self._called(values)}': times must increase, and {end.steps} steps in {end.seconds:g} s are "
-                    f"lost behind {time:g} s. Make the legs more alike"
+                    f"path '{self._called(values)}': times must increase, and {end.steps} steps in {end.seconds:g} s "
+                    f"are lost behind {time:g} s. Make the legs more alike"
                 )
             # what does not change stays the same to the last bit, and each leg ends where the next begins
             targets = [here + (end.target - here) * share for share in shares[:-1]] + [end.target.copy()]
@@ -182,7 +185,9 @@ class PathFamily:
             ParameterError: as :meth:`path` does, and for what is neither.
         """
         with _said_of(self._title):
-            table = drawn.points(self.own) if isinstance(drawn, Sampling) else drawn
+            table = drawn
+            if isinstance(drawn, Sampling) and not isinstance(drawn, type):
+                table = drawn.points(self.own)
             points = self.own.points(table)
         return [self.path(point) for point in points]
 
