@@ -214,6 +214,12 @@ def test_tests_without_names():
             hhr.StudySettings([path], tests=given)
 
 
+def test_a_sampling_or_a_family_is_no_list_of_paths():
+    for given in (hhr.Sobol(4), pushed(block())):
+        with pytest.raises(StudyError, match=r"train on a list of paths, such as family.paths\(Sobol\(12\)\)"):
+            hhr.train(block(), given)
+
+
 def test_the_lines_of_the_readme():
     text = (Path(__file__).parent.parent / "README.md").read_text()
     (code,) = (block for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "PathFamily" in block)

@@ -163,7 +163,9 @@ def training_paths(scene: Scene, paths: Any) -> list:
     try:
         checked = [checked_path(scene.parameters, path) for path in paths]
     except (ParameterError, TypeError) as error:
-        raise StudyError(f"bodies of scene '{scene.name}' flow: train on a list of paths ({error})") from None
+        raise StudyError(
+            f"bodies of scene '{scene.name}' flow: train on a list of paths, such as family.paths(Sobol(12)) ({error})"
+        ) from None
     if not checked or min(len(path) for path in checked) < 2:
         raise StudyError(f"training of scene '{scene.name}' needs at least one path, each with a start and a step")
     return checked
