@@ -37,6 +37,9 @@ from .pairings.node_to_surface import DoublePass as DoublePass
 from .pairings.node_to_surface import NodeToSurface as NodeToSurface
 from .pairings.obstacle import Obstacle as Obstacle
 from .parameters import ParameterSpace as ParameterSpace
+from .path_families import Leg as Leg
+from .path_families import NamedPath as NamedPath
+from .path_families import PathFamily as PathFamily
 from .reduction.build import build as build
 from .reduction.recipe import Deim as Deim
 from .reduction.recipe import Enrich as Enrich

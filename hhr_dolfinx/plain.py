@@ -1,14 +1,15 @@
 """Values as a kind and numbers: how laws and amplitudes, a user's own too, are kept in files that execute nothing.
 
-A value is a frozen dataclass whose fields are numbers, strings, truth values, tuples of these, or numpy arrays. A file
-holds the name of its class and its fields; whoever reads the file says which classes may come out of it.
+A value is a frozen dataclass whose fields are numbers, strings, truth values, other such values without arrays, tuples
+of these, or numpy arrays. A file holds the name of its class and its fields; whoever reads the file says which classes
+may come out of it.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from types import UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
@@ -21,9 +22,11 @@ ARRAY_TYPES = (np.dtype("<f8"), np.dtype("<i8"), np.dtype("<i4"), np.dtype("?"))
 
 _REMEDY = (
     "what goes into a file must be a frozen dataclass, `@dataclass(frozen=True)`, whose fields are finite numbers, "
-    "strings, truth values, tuples of these, or numpy arrays of float64, int64, int32 or bool"
+    "strings, truth values, other frozen dataclasses, tuples of these, or numpy arrays of float64, int64, int32 or bool"
 )
 _SHOWN = 60
+_DEEPEST = 8
+"""Levels of tuples and values within each other: damaged files must not exhaust the stack."""
 
 
 def as_plain(value: object) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -36,7 +39,7 @@ def as_plain(value: object) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """
     kind = type(value)
     data, arrays = _taken_apart(value)
-    again = _taken_apart(restored(data, arrays, {kind.__name__: kind}))
+    again = _taken_apart(restored(data, arrays, by_name(_kinds_in(value))))
     if again[0] != data or any(not np.array_equal(again[1][name], array) for name, array in arrays.items()):
         raise FileContentError(
             f"{_shown(value)} made of its own fields is another {kind.__name__}: its __post_init__ must leave fields "
@@ -72,6 +75,11 @@ def restored(data: object, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
         ModelFileError: if the kind is unknown, with what to do.
         FileContentError: for fields that are missing, unknown, of the wrong type, not finite, or refused by the class.
     """
+    return _restored(data, arrays, kinds, 0)
+
+
+def _restored(data: object, arrays: Mapping[str, np.ndarray], kinds: Mapping[str, type], depth: int) -> Any:
+    """The same, for a value that sits ``depth`` levels within another."""
     if not isinstance(data, Mapping) or data.keys() != {"kind", "numbers"} or not isinstance(data["numbers"], Mapping):
         raise FileContentError(f"{_shown(data)} must have a kind and numbers")
     name, numbers = data["kind"], data["numbers"]
@@ -87,8 +95,8 @@ def restored(data: object, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
     if sorted(map(str, given)) != sorted(expected):
         raise FileContentError(f"a {name} has the fields {expected}, and not {_shown(given)}")
     hints = _hints(kind)
-    tuples = {key: tuple(value) if isinstance(value, list) else value for key, value in numbers.items()}
-    fields = {key: _checked(f"{key} of {name}", value) for key, value in (*tuples.items(), *arrays.items())}
+    fields = {key: _unpacked(f"{key} of {name}", value, kinds, depth + 1) for key, value in numbers.items()}
+    fields |= {key: _checked_array(f"{key} of {name}", value) for key, value in arrays.items()}
     for key, value in fields.items():
         if not _fits(value, hints.get(key)):
             wanted = getattr(hints[key], "__name__", hints[key])
@@ -101,16 +109,32 @@ def restored(data: object, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
         raise FileContentError(f"{name} refuses {_shown(fields)} with {type(error).__name__}: {error}") from error
 
 
-def _taken_apart(value: object) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def _taken_apart(value: object, depth: int = 0) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Kind and numbers of a value, and its arrays."""
     kind: Any = type(value)
     if not _is_kind(kind):
         raise FileContentError(f"{_shown(value)} cannot be kept: {_REMEDY}")
     fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(kind) if field.init}
-    fields = {name: _checked(f"{name} of {kind.__name__}", field) for name, field in fields.items()}
-    arrays = {name: field for name, field in fields.items() if isinstance(field, np.ndarray)}
-    numbers = {name: field for name, field in fields.items() if name not in arrays}
+    arrays = {name: field for name, field in fields.items() if type(field) is np.ndarray}
+    numbers = {
+        name: _packed(f"{name} of {kind.__name__}", field, depth + 1)
+        for name, field in fields.items()
+        if name not in arrays
+    }
+    arrays = {name: _checked_array(f"{name} of {kind.__name__}", array) for name, array in arrays.items()}
     return {"kind": kind.__name__, "numbers": numbers}, arrays
+
+
+def _kinds_in(value: object) -> Iterator[type]:
+    """Classes of a value and of all that it holds."""
+    if isinstance(value, tuple):
+        for item in value:
+            yield from _kinds_in(item)
+    kind: Any = type(value)
+    if _is_kind(kind):
+        yield kind
+        for field in dataclasses.fields(kind):
+            yield from _kinds_in(getattr(value, field.name) if field.init else None)
 
 
 def _is_kind(kind: Any) -> bool:
@@ -119,15 +143,39 @@ def _is_kind(kind: Any) -> bool:
     return isinstance(kind, type) and parameters is not None and parameters.frozen
 
 
-def _checked(name: str, value: object) -> Any:
-    """A field as Python's own numbers or a plain array."""
-    if type(value) is np.ndarray:
-        if value.dtype not in ARRAY_TYPES or not np.isfinite(value).all():
-            raise FileContentError(f"{name} has the type {value.dtype} or is not finite: {_REMEDY}")
-        return value
+def _checked_array(name: str, array: np.ndarray) -> np.ndarray:
+    """An array that a file may hold."""
+    if type(array) is not np.ndarray or array.dtype not in ARRAY_TYPES or not np.isfinite(array).all():
+        kind = getattr(array, "dtype", type(array).__name__)
+        raise FileContentError(f"{name} has the type {kind} or is not finite: {_REMEDY}")
+    return array
+
+
+def _packed(name: str, value: object, depth: int) -> Any:
+    """A field as Python's own numbers, tuples, and kinds with numbers."""
+    _check_depth(name, depth)
     if isinstance(value, tuple):
-        return tuple(_scalar(name, item) for item in value)
-    return _scalar(name, value)
+        return tuple(_packed(name, item, depth + 1) for item in value)
+    if not _is_kind(type(value)):
+        return _scalar(name, value)
+    data, arrays = _taken_apart(value, depth)
+    if arrays:
+        raise FileContentError(f"{name} is {_shown(value)}, which holds arrays: only the outermost value may hold them")
+    return data
+
+
+def _unpacked(name: str, data: object, kinds: Mapping[str, type], depth: int) -> Any:
+    """What :func:`_packed` was given, from what it returned."""
+    _check_depth(name, depth)
+    if isinstance(data, list | tuple):
+        return tuple(_unpacked(name, item, kinds, depth + 1) for item in data)
+    return _restored(data, {}, kinds, depth) if isinstance(data, Mapping) else _scalar(name, data)
+
+
+def _check_depth(name: str, depth: int) -> None:
+    """Refuse what nests too deep."""
+    if depth > _DEEPEST:
+        raise FileContentError(f"{name} nests more than {_DEEPEST} tuples or values")
 
 
 def _scalar(name: str, value: object) -> bool | int | float | str:
@@ -158,7 +206,7 @@ def _fits(value: object, hint: object) -> bool:
     if origin in (int, bool, str, np.ndarray):
         return type(value) is origin
     if origin is not tuple:
-        return True
+        return not _is_kind(origin) or isinstance(value, origin)  # type: ignore[arg-type]
     items = get_args(hint)
     if not isinstance(value, tuple):
         return False

@@ -189,6 +189,7 @@ UNNEEDED = {
         "hhr_dolfinx.reduction.interpolate_reduced", "hhr_dolfinx.reduction.starts"],
     "gradients": ["hhr_dolfinx.models.gradient", "hhr_dolfinx.models.history_gradient"],
     "samplings": ["hhr_dolfinx.sampling"],
+    "families of paths": ["hhr_dolfinx.path_families"],
 }  # fmt: skip
 """What a study of an elastic scene on matching meshes does without; numba is not listed: DOLFINx loads it itself."""
 UNNEEDED_BY_FLOW = {
@@ -240,7 +241,9 @@ def test_what_is_not_loaded_exists():
         assert {name for name in names if name.startswith("hhr_dolfinx")} <= set(MODULES)
 
 
-@pytest.mark.parametrize("name", ["hhr_dolfinx.reduction.deim", "hhr_dolfinx.reduction.pod"])
+@pytest.mark.parametrize(
+    "name", ["hhr_dolfinx.reduction.deim", "hhr_dolfinx.reduction.pod", "hhr_dolfinx.path_families"]
+)
 def test_examples_in_docstrings(name):
     found = doctest.testmod(importlib.import_module(name), extraglobs={"np": np})
     assert found.attempted and not found.failed

@@ -232,8 +232,8 @@ class Speechless:
 
 @pytest.mark.parametrize("value", [
     Bare(), Thawed(), Plasticity, None, 3.0, lambda: None, *map(Loose, (
-        None, {}, 1j, np.nan, -np.inf, 2**63, np.longdouble(1), Bare(), len, ((1.0,),), [1.0], np.array([None]),
-        np.float32([1]), np.array([np.nan]), np.ma.masked_array([1.0]), np.datetime64("2020"),
+        None, {}, 1j, np.nan, -np.inf, 2**63, np.longdouble(1), Bare(), len, ([1.0],), (Bare(),), [1.0],
+        np.array([None]), np.float32([1]), np.array([np.nan]), np.ma.masked_array([1.0]), np.datetime64("2020"),
     )), Speechless(None), Everything(1.0, 2.5, True, "", (), ("", 1), np.zeros(1)),
 ])  # fmt: skip
 def test_what_no_file_holds_is_refused_when_saving(value):
@@ -282,3 +282,48 @@ def test_a_partial_pressure_refuses_what_is_no_line_and_no_parameter(changed, wh
     given = {"positions": np.arange(3.0), "extent": 0, "constant": 0.0, "slopes": np.ones(2)}
     with pytest.raises(SceneError, match=why):
         Coverage(**given | changed)
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Values and tuples within a value."""
+
+    law: Norton
+    others: tuple[Norton | Plasticity, ...]
+    pairs: tuple[tuple[str, float], ...]
+
+
+NESTED = Pairs(Norton(1.0, 2.0), (Plasticity(3.0, 4.0), Norton(0.1, 6.0)), (("a", 1.0), ("b", 2.5)))
+NESTED_KINDS = by_name([Pairs, Norton, Plasticity])
+
+
+def test_values_within_a_value_come_back():
+    data, tables = as_plain(NESTED)
+    assert not tables and same(restored(through_json(data), {}, NESTED_KINDS), NESTED)
+    with pytest.raises(FileContentError, match="pass the class"):
+        restored(through_json(data), {}, by_name([Pairs, Norton]))
+    with pytest.raises(FileContentError, match="only the outermost value may hold them"):
+        as_plain(Loose(Everything(1.0, 2, True, "", (), ("", 1), np.zeros(1))))
+
+
+@given(JSON, st.sampled_from([("law",), ("others", 1), ("pairs", 0), ("law", "numbers"), ("law", "kind")]))
+def test_damage_within_a_value_is_refused(junk, place):
+    data = through_json(as_plain(NESTED)[0])
+    part = data["numbers"]
+    for key in place[:-1]:
+        part = part[key]
+    part[place[-1]] = junk
+    try:
+        found = restored(data, {}, NESTED_KINDS)
+    except FileContentError:
+        return
+    assert isinstance(found.pairs[0][0], str) and place == ("pairs", 0)  # the only place where junk may be a pair
+
+
+def test_what_nests_without_end_is_refused():
+    deep, data = (), as_plain(NESTED)[0]["numbers"]["law"]
+    for _ in range(3000):
+        deep, data = (deep,), {"kind": "Loose", "numbers": {"field": data}}
+    for call in (lambda: as_plain(Loose(deep)), lambda: restored(data, {}, by_name([Loose, Norton]))):
+        with pytest.raises(FileContentError, match="nests more than 8"):
+            call()

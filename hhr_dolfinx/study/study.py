@@ -55,11 +55,13 @@ class StudySettings:
     """What to train on and what to measure.
 
     Attributes:
-        training: training points along each parameter, or points (S, P); where bodies flow a list of paths.
+        training: training points along each parameter, or points (S, P); where bodies flow a list of paths, of your
+            own or drawn, ``family.paths(Sobol(12))``.
         recipe: the recipe under study; None for the usual one of the scene.
         variants: further recipes by label, for the work-precision table.
         models: recipes that the report shows in full beside the one under study, built as they are, by name.
-        tests: random test points; where bodies flow paths by label, such as the value of a parameter.
+        tests: random test points; where bodies flow paths by label, such as the value of a parameter, or a list of
+            paths with names, as families draw them.
         held_out: for the trust check, random solutions or paths; None for the usual number of solutions, or no path.
         seed: of test points; those that are timed are neither trained nor tested on.
         queries: timed queries per model, at least 100 for a figure to quote; of scenes in which nothing flows.
@@ -72,7 +74,7 @@ class StudySettings:
     recipe: Recipe | None = None
     variants: Sequence[tuple[str, Recipe]] = ()
     models: Mapping[str, Recipe] = field(default_factory=dict)
-    tests: int | Mapping[Any, Any] = 200
+    tests: Any = 200
     held_out: Any = None
     seed: int = 1
     queries: int = 200
@@ -84,6 +86,8 @@ class StudySettings:
         check_counts(queries=(self.queries, 1), repetitions=(self.repetitions, 1), seed=(self.seed, 0))
         if not isinstance(self.held_out, Sequence | None):
             check_counts(held_out=(self.held_out, 0))
+        if isinstance(self.tests, Sequence) and len(self.tests):
+            object.__setattr__(self, "tests", _labelled(self.tests))
         if not isinstance(self.tests, Mapping):
             check_counts(tests=(self.tests, 1))
         for name in ("training", "tests"):
@@ -246,6 +250,22 @@ def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray 
     if isinstance(tests, Mapping):
         raise StudyError(f"nothing flows in scene '{scene.name}': tests must be a number of random points, not paths")
     return scene.parameters.random(tests, settings.seed)
+
+
+def _labelled(paths: Sequence[Any]) -> dict[str, Any]:
+    """Paths by their names; StudyError for those without, and for two of one name."""
+    labelled: dict[str, Any] = {}
+    for number, path in enumerate(paths):
+        name = getattr(path, "name", None)
+        if not isinstance(name, str):
+            raise StudyError(
+                f"tests[{number}] has no name to label it by: give tests={{label: path, ...}}, or paths drawn from a "
+                "PathFamily; where nothing flows a number of random points"
+            )
+        if name in labelled:
+            raise StudyError(f"two tests are called {name!r}: leave one out, or give tests={{label: path, ...}}")
+        labelled[name] = path
+    return labelled
 
 
 def _row(measured: Measurement, method: str, setting: str, make: Callable[[], Model]) -> dict[str, Any]:

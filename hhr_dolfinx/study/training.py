@@ -95,7 +95,7 @@ def train(
         scene: the scene.
         training: the number of points along each parameter, on a regular grid; a sampling, ``Sobol(512)`` or
             ``LatinHypercube(100)``; or an array of points, (S, P). Where bodies flow a list of paths, each of times in
-            seconds and parameters.
+            seconds and parameters, or drawn from a family, ``family.paths(Sobol(12))``.
         held_out: for the trust check: how many random parameters (100, a fifth of them where contact grazes; 0 for
             none), or paths.
         seed: of random parameters.
@@ -163,7 +163,9 @@ def training_paths(scene: Scene, paths: Any) -> list:
     try:
         checked = [checked_path(scene.parameters, path) for path in paths]
     except (ParameterError, TypeError) as error:
-        raise StudyError(f"bodies of scene '{scene.name}' flow: train on a list of paths ({error})") from None
+        raise StudyError(
+            f"bodies of scene '{scene.name}' flow: train on a list of paths, such as family.paths(Sobol(12)) ({error})"
+        ) from None
     if not checked or min(len(path) for path in checked) < 2:
         raise StudyError(f"training of scene '{scene.name}' needs at least one path, each with a start and a step")
     return checked

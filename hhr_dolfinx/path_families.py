@@ -1,0 +1,303 @@
+"""Families of paths: histories as values with a name and parameters of their own, drawn from a sampling like points.
+
+A family says where its paths start and by which legs they go on. What it says are formulas of its own parameters, such
+as a height, a hold, a pace: texts that are parsed and never executed, see :mod:`hhr_dolfinx.formulas`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+
+from hhr_dolfinx.errors import ParameterError, SceneError
+from hhr_dolfinx.formulas import Scalar, box_samples, formula_of
+from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
+
+Targets = Mapping[str, float | str] | tuple[tuple[str, float | str], ...]
+"""Numbers or formulas of the own parameters, by the names of parameters of the scene."""
+
+NOTHING = 1e-12
+"""Fraction of the longest leg, and of a parameter's range, that is round-off of a formula that was to be zero."""
+MOST_STEPS = 100_000
+
+
+@runtime_checkable
+class Sampling(Protocol):
+    """What paths are drawn from: ``Sobol``, ``LatinHypercube``, or an object of your own."""
+
+    def points(self, space: ParameterSpace) -> np.ndarray:
+        """Points of a box, (n, P)."""
+
+
+class NamedPath(list[tuple[float, np.ndarray]]):
+    """A path, a list of times in s and parameters (P,), that knows what it is called and where it was drawn.
+
+    Attributes:
+        name: of its family, with the values; it labels the path in reports.
+        values: own parameters of the family by name.
+    """
+
+    def __init__(self, pairs: Iterable[tuple[float, np.ndarray]], name: str, values: Mapping[str, float]):
+        super().__init__(pairs)
+        self.name = name
+        self.values = dict(values)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, NamedPath):
+            return False  # a list would compare arrays as truth values
+        alike = (self.name, self.values, len(self)) == (other.name, other.values, len(other))
+        return alike and all(
+            time == there and np.array_equal(point, target)
+            for (time, point), (there, target) in zip(self, other, strict=True)
+        )
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
+
+    __hash__ = None
+
+    def __repr__(self) -> str:
+        return f"<path {self.name!r}: {len(self)} times{f' to {self[-1][0]:g} s' if self else ''}>"
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A part of a path along which parameters of the scene change linearly in time.
+
+    Attributes:
+        to: where it ends, by the names of parameters of the scene: numbers or formulas of the family's own parameters.
+            What is not named stays as it is.
+        seconds: how long it takes, a number or a formula. A leg that takes no time is left out.
+        steps: of equal length; the value of a formula is rounded, and at least one.
+
+    Raises:
+        SceneError: for what is neither a number nor a formula, negative seconds, and steps that are none.
+    """
+
+    to: Targets
+    seconds: float | str
+    steps: int | str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "to", _targets("a leg", self.to))
+        object.__setattr__(self, "seconds", _kept("the seconds of a leg", self.seconds))
+        if not isinstance(self.seconds, str) and self.seconds < 0:
+            raise SceneError(f"a leg takes {self.seconds:g} s: give it a duration that is not negative")
+        if isinstance(self.steps, str):
+            formula_of(self.steps, "the steps of a leg")
+        elif not is_whole(self.steps, 1):
+            raise SceneError(f"steps = {self.steps!r} of a leg must be a positive integer, or a formula as text")
+        else:
+            object.__setattr__(self, "steps", int(self.steps))
+
+
+@dataclass(frozen=True)
+class PathFamily:
+    """Paths of one kind, a value for each point of a box of their own parameters.
+
+    Attributes:
+        name: of the family.
+        space: parameters of the scene, ``scene.parameters``, in whose order points of a path are.
+        own: the family's own parameters; formulas may name these and no others.
+        start: where paths start, at time 0: every parameter of the scene, as a number or a formula.
+        legs: how they go on, one behind the other.
+
+    Raises:
+        SceneError: for an unknown name, a parameter of the scene without a start, a formula that names what is no own
+            parameter, and where a path somewhere in the box of the own parameters is none: a point outside the box of
+            the scene, a negative duration, what is not finite.
+
+    Example:
+        >>> space = ParameterSpace(("load", "gap"), (0.0, 0.0), (450.0, 0.02))
+        >>> own = ParameterSpace(("gap", "hold"), (5.0, 0.0), (15.0, 10.0))
+        >>> start = {"load": 0.0, "gap": "1e-3 * gap"}
+        >>> family = PathFamily("held", space, own, start, (Leg({"load": 450.0}, 1.0, 40), Leg({}, "hold", 10)))
+        >>> family.path({"gap": 10.0, "hold": 2.0})
+        <path 'held (gap = 10, hold = 2)': 51 times to 3 s>
+    """
+
+    name: str
+    space: ParameterSpace
+    own: ParameterSpace
+    start: Targets
+    legs: tuple[Leg, ...]
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name.strip():
+            raise SceneError(f"the name {self.name!r} of a family of paths must be a text that is not empty")
+        for part in ("space", "own"):
+            if not isinstance(getattr(self, part), ParameterSpace):
+                raise SceneError(
+                    f"{part} = {getattr(self, part)!r} of the family '{self.name}' must be a ParameterSpace: give "
+                    "space=scene.parameters, and a box of the family's own parameters"
+                )
+        legs = tuple(self.legs) if isinstance(self.legs, list | tuple) else ()
+        if not legs or not all(isinstance(leg, Leg) for leg in legs):
+            raise SceneError(f"legs = {self.legs!r} of the family '{self.name}' must be a tuple of one Leg or more")
+        object.__setattr__(self, "legs", legs)
+        with _said_of(self._title):
+            object.__setattr__(self, "start", _targets("the start", self.start))
+            missing = [name for name in self.space.names if name not in dict(self.start)]
+            if missing:
+                raise SceneError(f"the start says nothing of {', '.join(missing)}: give a value of each parameter")
+            self._formulas  # noqa: B018 (unknown names are refused where they are written)
+        for point in box_samples(self.own):
+            try:
+                self._corners(point)
+            except ParameterError as error:
+                raise SceneError(f"{error}; or narrow the box of the family's own parameters") from None
+
+    def path(self, point: Any) -> NamedPath:
+        """The path of a point of the own parameters: a sequence, (P_own,), or a mapping by name.
+
+        Raises:
+            ParameterError: for a point outside the family's own box, or where the path leaves the box of the scene or
+                its times do not increase.
+        """
+        with _said_of(self._title):
+            values = self.own.point(point)
+        start, *ends = self._corners(values)
+        time, here, pairs = 0.0, start.target, [(0.0, start.target)]
+        for end in ends:
+            shares = np.arange(1, end.steps + 1) / end.steps
+            times = time + end.seconds * shares
+            if not (np.diff(times, prepend=time) > 0).all():
+                raise ParameterError(
+                    f"path '{self._called(values)}': times must increase, and {end.steps} steps in {end.seconds:g} s "
+                    f"are lost behind {time:g} s. Make the legs more alike"
+                )
+            # what does not change stays the same to the last bit, and each leg ends where the next begins
+            targets = [here + (end.target - here) * share for share in shares[:-1]] + [end.target]
+            pairs += zip(times.tolist(), targets, strict=True)
+            time, here = float(times[-1]), end.target
+        return NamedPath(pairs, self._called(values), dict(zip(self.own.names, values.tolist(), strict=True)))
+
+    def paths(self, drawn: Sampling | np.ndarray) -> list[NamedPath]:
+        """Paths of a sampling, such as ``Sobol(12)``, or of points of the own parameters, (n, P_own).
+
+        Raises:
+            ParameterError: as :meth:`path` does, and for what is neither.
+        """
+        with _said_of(self._title):
+            table = drawn
+            if isinstance(drawn, Sampling) and not isinstance(drawn, type):
+                table = drawn.points(self.own)
+            points = self.own.points(table)
+        return [self.path(point) for point in points]
+
+    @cached_property
+    def _formulas(self) -> tuple[_Formulas, ...]:
+        """Of the start, then of each leg."""
+
+        def scalar(what: str, value: float | str) -> Scalar:
+            with _said_of(what):
+                return Scalar(formula_of(value, what).text, self.own.names)
+
+        def formulas(what: str, to: Targets, seconds: float | str, steps: int | str) -> _Formulas:
+            unknown = sorted(set(dict(to)) - set(self.space.names))
+            if unknown:
+                raise SceneError(f"{what} names {unknown}, the parameters of the scene are {self.space.names}")
+            targets = {name: scalar(f"{name} at {what}", value) for name, value in dict(to).items()}
+            return _Formulas(targets, scalar(f"seconds of {what}", seconds), scalar(f"steps of {what}", steps))
+
+        legs = (formulas(f"leg {k}", leg.to, leg.seconds, leg.steps) for k, leg in enumerate(self.legs, 1))
+        return formulas("the start", self.start, 0.0, 1), *legs
+
+    def _corners(self, values: np.ndarray) -> list[_Corner]:
+        """The start and the ends of the legs that take time, for own parameters (P_own,)."""
+        with _said_of(f"path '{self._called(values)}'"):
+            return list(self._corners_of(values))
+
+    def _corners_of(self, values: np.ndarray) -> Iterator[_Corner]:
+        start, *legs = self._formulas
+        seconds = [_value(f"seconds of leg {k}", leg.seconds, values) for k, leg in enumerate(legs, 1)]
+        nothing = NOTHING * max(map(abs, seconds))
+        if not nothing:
+            raise ParameterError("no leg takes any time: give one of them a duration")
+        here = self._target("the start", start, values, {})
+        yield _Corner(here, 0.0, 0)
+        for k, (leg, duration) in enumerate(zip(legs, seconds, strict=True), 1):
+            target = self._target(f"the end of leg {k}", leg, values, dict(zip(self.space.names, here, strict=True)))
+            if duration < -nothing:
+                raise ParameterError(f"leg {k} takes {duration:g} s, which must not be negative: correct the formula")
+            if duration > nothing:
+                steps = max(round(_value(f"steps of leg {k}", leg.steps, values)), 1)
+                if steps > MOST_STEPS:
+                    raise ParameterError(f"leg {k} has {steps} steps: {MOST_STEPS} at most")
+                yield _Corner(target, duration, steps)
+                here = target
+                continue
+            jumps = np.abs(target - here) > NOTHING * np.subtract(self.space.upper, self.space.lower)
+            if jumps.any():
+                changed = self.space.names[int(np.argmax(jumps))]
+                raise ParameterError(f"leg {k} takes no time and changes {changed}: give it a duration")
+
+    def _target(self, where: str, leg: _Formulas, values: np.ndarray, before: Mapping[str, float]) -> np.ndarray:
+        """The point of the scene where a leg ends, (P,); what it does not name is as before."""
+        found = {name: _value(f"{name} at {where}", scalar, values) for name, scalar in leg.to.items()}
+        with _said_of(f"{where} is outside the box of the scene"):
+            return self.space.point({**before, **found})
+
+    @property
+    def _title(self) -> str:
+        return f"family of paths '{self.name}'"
+
+    def _called(self, values: np.ndarray) -> str:
+        return f"{self.name} ({self.own.described(values)})"
+
+
+class _Formulas(NamedTuple):
+    """Where a leg ends by names, its seconds and its steps."""
+
+    to: dict[str, Scalar]
+    seconds: Scalar
+    steps: Scalar
+
+
+class _Corner(NamedTuple):
+    """Where a leg ends, (P,), its seconds and its steps."""
+
+    target: np.ndarray
+    seconds: float
+    steps: int
+
+
+@contextmanager
+def _said_of(what: str) -> Iterator[None]:
+    """Put what errors are about before them."""
+    try:
+        yield
+    except (ParameterError, SceneError) as error:
+        raise type(error)(f"{what}: {error}") from None
+
+
+def _value(what: str, scalar: Scalar, values: np.ndarray) -> float:
+    """A formula at a point; ParameterError where it is not finite."""
+    with _said_of(f"{what} = {scalar.text}"):
+        found = scalar.value(values)
+        if not math.isfinite(found):
+            raise ParameterError(f"is {found:g}, and must be finite: correct the formula")
+        return found
+
+
+def _kept(what: str, value: Any) -> float | str:
+    """A number or the text of a formula; SceneError for what is neither."""
+    return float(value) if is_number(value) else formula_of(value, what).text
+
+
+def _targets(what: str, given: Any) -> tuple[tuple[str, float | str], ...]:
+    """Pairs of names and values of a mapping, or of such pairs."""
+    try:
+        pairs = tuple((name, value) for name, value in (given.items() if isinstance(given, Mapping) else given))
+    except (TypeError, ValueError):
+        raise SceneError(f"{what} must map names of the scene's parameters to values, and is {given!r}") from None
+    names = [name for name, _ in pairs]
+    if not all(isinstance(name, str) for name in names) or len(set(names)) < len(names):
+        raise SceneError(f"{what} must name parameters of the scene once each by texts, and names {names}")
+    return tuple((name, _kept(f"{name} in {what}", value)) for name, value in sorted(pairs, key=lambda pair: pair[0]))
