@@ -46,7 +46,7 @@ def training_tangents(
 ) -> list[tuple[np.ndarray, csr_matrix]]:
     """Tangents and stiffness of the full model at some states of each history, the last one among them.
 
-    Laws have the constants of each state's own parameter.
+    Laws and elasticity have the constants of each state's own parameter.
     """
     states: list[tuple[Any, csr_matrix]] = []
     for history in histories if full.material.flows else ():
@@ -59,7 +59,7 @@ def training_tangents(
             strain = full.strain(here.unknown, full.amplitudes(here.parameter))
             material = full.material.at(here.parameter)
             tangents: Any = material.update(strain, state, here.time - time, tangent=True).tangents
-            states.append((tangents, full.stiffness(tangents)))
+            states.append((tangents, full.at(here.parameter).stiffness(tangents)))
     return states
 
 
