@@ -1,18 +1,21 @@
 """Young's modulus as a parameter where bodies flow: histories, files, derivatives, reduced models."""
 
 import dataclasses
+import pickle
 import warnings
 
 import flowing
 import numpy as np
 import pellet_cladding_plastic as demo
 import pytest
+from bare import rewrite_signed
 from dolfinx.mesh import compute_midpoints, meshtags
 from scenes import pressed_pair
+from test_model_file import flat, marched_elsewhere
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
-from hhr_dolfinx.errors import ParameterError, SceneError
+from hhr_dolfinx.errors import ModelFileError, ParameterError, SceneError
 from hhr_dolfinx.geometries import block, two_blocks
 from hhr_dolfinx.materials.update import Group, Material
 from hhr_dolfinx.reduction.flow import training_tangents
@@ -20,9 +23,7 @@ from hhr_dolfinx.snapshots.store import SnapshotStore
 
 TIGHT = hhr.MarchSettings("tangent", relative_stress=1e-10, floor_stress=1e-9, relative_force=1e-12, outside="ignore")
 QUIET = hhr.MarchSettings(outside="ignore")
-SPACE = hhr.ParameterSpace(
-    ("P1", "h1", "gap", "E", "w"), (0.0, 0.5, 4e-3, 150e3, 0.8), (460.0, 1.5, 16e-3, 230e3, 1.2)
-)
+SPACE = hhr.ParameterSpace(("P1", "h1", "gap", "E", "w"), (0.0, 0.5, 4e-3, 150e3, 0.8), (460.0, 1.5, 16e-3, 230e3, 1.2))
 NOMINAL = 190e3, 78e3
 
 
@@ -90,6 +91,7 @@ def test_in_space_and_where_a_load_imposes_displacements():
 
 def glued(first, second, materials):
     """One column of two layers that hang together, on a rigid floor: both moduli act on the nodes between."""
+
     def geometry(comm):
         mesh, _, facets = block.block(comm, lower=(0, 0), upper=(1, 2), cells=(3, 4))
         cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
@@ -153,7 +155,10 @@ def test_what_is_not_built_in():
         with pytest.raises(SceneError, match="body 1 flows, and its Poisson's ratio .* a constant poisson"):
             hhr.Body(1, **({"young": 3.0, "poisson": 0.3, "law": law} | options))
     material = Material([Group(np.arange(1), "E", 0.3, law)], 4, ("E",))
-    for ask in (lambda: material.elastic, lambda: material.update(np.ones((1, 4)), material.at_rest(), 1.0, tangent=False)):
+    for ask in (
+        lambda: material.elastic,
+        lambda: material.update(np.ones((1, 4)), material.at_rest(), 1.0, tangent=False),
+    ):
         with pytest.raises(SceneError, match=r"young = E is a formula of the parameters: material.moduli_at\(point\)"):
             ask()
     with pytest.raises(SceneError, match="young = E is -1 at {'E': -1.0}: change the formula"):
@@ -189,3 +194,83 @@ def test_a_store_finds_only_files_of_the_same_modulus(full, tmp_path):
     assert found(hhr.FullOrderModel(pellet(("E + 0", "78e3 * w")))) == 0
     numbers = dataclasses.replace(pellet().bodies[0], law=hhr.Plasticity(81.0, 1e3))
     assert found(hhr.FullOrderModel(pellet(bodies=(numbers, pellet().bodies[1])))) == 0
+
+
+@pytest.fixture(scope="module")
+def corners(full):
+    return [full.march(path(gap, young)) for gap in flowing.TRAINING for young in (160e3, 220e3)]
+
+
+@pytest.fixture(scope="module")
+def reduction(full, corners):
+    return hhr.build(full, hhr.SnapshotSet.of_histories(corners), hhr.Recipe.flowing().as_it_is())
+
+
+@pytest.mark.parametrize("which", ["full", "reduced"])
+def test_derivatives_along_moduli_are_those_of_histories(full, reduction, which):
+    """Central differences of whole histories."""
+    model = full if which == "full" else reduction
+    history = model.march(path(), dataclasses.replace(TIGHT, gradient=True))
+    for axis, step in ((3, 20.0), (4, 1e-4)):
+        ends = [model.march(path(**{("young", "w")[axis - 3]: (200e3, 1.1)[axis - 3] + sign * step}), TIGHT).answers
+                for sign in (1, -1)]  # fmt: skip
+        for name in ("unknown", "multipliers"):
+            found = np.stack([getattr(answer.gradient, name)[:, axis] for answer in history.answers])
+            changes = np.stack([getattr(one, name) - getattr(other, name) for one, other in zip(*ends, strict=True)])
+            assert np.linalg.norm(found - changes / (2 * step)) < 1e-5 * np.linalg.norm(found) > 0
+
+
+def test_tangents_of_training_states_are_those_of_their_modulus(full, corners):
+    """K_T is assembled the same from nothing."""
+    for history, (tangents, stiffness) in zip(corners, training_tangents(full.equilibrium, corners, 1), strict=True):
+        operator = full.equilibrium.operator
+        plain = operator.stiffness(tangents, operator.pattern())
+        assert abs(stiffness - plain).max() < 1e-12 * abs(plain).max()
+        elastic = full.equilibrium.material.moduli_at(history.answers[-1].parameter).elastic
+        # flow keeps the volume
+        volumes = [moduli[:, :3, :3].sum(axis=(1, 2)) for moduli in (tangents, elastic)]
+        assert volumes[0] == pytest.approx(volumes[1], rel=1e-12)
+
+
+def test_a_reduced_model_answers_other_moduli(full, reduction):
+    """Trained on two moduli of the pellet, at a third one and at that of a trained history."""
+    for asked, most in ((path(8.0, 190e3), 2e-2), (path(5.0, 160e3), 2e-3)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            found = reduction.march(asked)
+        expected = full.march(asked)
+        for one, other in zip(found.answers[1:], expected.answers[1:], strict=True):
+            assert relative_error(one.displacement(), other.displacement()) < most
+    changing = path()
+    changing[2][1][4] = 1.0
+    with pytest.raises(ParameterError, match=r"w changes from 1.1 to 1 in step 2"):
+        reduction.march(changing)
+
+
+def test_a_model_file_keeps_moduli(reduction, tmp_path):
+    """To the last bit, by pickle too, and in a process without DOLFINx."""
+    file = tmp_path / "model.npz"
+    hhr.save_model(file, reduction)
+    stored = hhr.load_model(file)
+    assert [group.young for group in stored.flow.material.groups] == ["E", "78e3 * w"]
+    asked = path(9.0, 180e3)
+    expected = flat(reduction.march(asked, QUIET)).tobytes()
+    for model in (stored, pickle.loads(pickle.dumps(reduction))):
+        assert flat(model.march(asked, QUIET)).tobytes() == expected
+    assert marched_elsewhere(file, asked, tmp_path).tobytes() == expected
+    with pytest.raises(ParameterError, match="E changes"):
+        stored.march([(0.0, asked[0][1]), (1.0, np.array([300.0, 0.9, 9e-3, 170e3, 1.1]))])
+
+
+@pytest.mark.parametrize(
+    ("young", "why"),
+    [(["2 * E", "78e3 * w"], "not those of the moduli"), (["F", "78e3 * w"], "moduli|names"), ([None, None], "moduli"),
+     (["E"], "other kinds"), ([3.0, "78e3 * w"], "other kinds")],
+)  # fmt: skip
+def test_a_file_with_other_moduli_is_refused(reduction, tmp_path, young, why):
+    file = tmp_path / "model.npz"
+    hhr.save_model(file, reduction)
+    tree = {"items": [{"value": text} for text in young]}
+    rewrite_signed(file, lambda header, arrays: header["varying"].update(young=tree))
+    with pytest.raises(ModelFileError, match=rf"({why}).*build the model again"):
+        hhr.load_model(file)

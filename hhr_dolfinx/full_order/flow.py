@@ -122,8 +122,9 @@ class FullEquilibrium:
             return last[1]
         found = copy(middle)
         found._last = None
-        found._set_elasticity(middle.material.moduli_at(point), problem.combined(weights))
-        found.elastic = middle._elastic_of(weights, found)
+        stiffness = problem.combined(weights)
+        found._set_elasticity(middle.material.moduli_at(point), stiffness)
+        found.elastic = middle._elastic_of(weights, stiffness, found._unchanged.tangents)
         # in one assignment, since several threads may ask
         middle._last = weights, found
         return found
@@ -134,11 +135,10 @@ class FullEquilibrium:
         self._unchanged = ElasticPart(material.elastic, stiffness.data.copy())
         self._sizes = abs(stiffness)
 
-    def _elastic_of(self, weights: np.ndarray, found: FullEquilibrium) -> _SparseLinearisation:
-        """The elastic linearisation for some weights of the parts of K, from that of the middle of the box."""
-        problem, full, moduli = self.problem, self._full, found._unchanged.tangents
+    def _elastic_of(self, weights: np.ndarray, stiffness: csr_matrix, moduli: np.ndarray) -> _SparseLinearisation:
+        """The elastic linearisation of a stiffness and its weights, with elastic tangents, from that of the middle."""
+        problem, full = self.problem, self._full
         if self._only_part is None:
-            stiffness = problem.combined(weights)
             columns = _LazyColumns(full._solver, problem.contact)
             equalities = SchurEqualities(columns.images, self.conditions)
             return self._linearisation((stiffness, full._solver), equalities, columns.push, moduli)
