@@ -57,8 +57,8 @@ class Body:
                 )
         if self.law is not None and self.uneven:
             raise SceneError(
-                f"body {self.tag} flows, and its Poisson's ratio depends on parameters, or its elasticity on the place: "
-                "that is not built in, only young may be a formula. Give it a constant poisson, or a scene for each of "
+                f"body {self.tag} flows, and its Poisson's ratio depends on parameters, or its elasticity on the "
+                "place: that is not built in, only young may be a formula. Give it a constant poisson, or a scene for each of "
                 "its values, and no grading"
             )
         if self.grading is not None and not callable(self.grading):
@@ -199,7 +199,7 @@ class Scene:
         self._check_names()
 
     def _check_flow(self) -> None:
-        """Raise SceneError where some bodies flow and more of others than their modulus depends on parameters or place."""
+        """Raise SceneError where bodies flow and more than moduli depends on parameters, or anything on the place."""
         others = [body.tag for body in self.bodies if body.uneven]
         if others and any(body.law is not None for body in self.bodies):
             raise SceneError(

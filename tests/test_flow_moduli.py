@@ -152,7 +152,7 @@ def test_what_is_not_built_in():
     law = hhr.Plasticity(1.0)
     assert hhr.Body(1, "E", 0.3, law).varies
     for options in ({"poisson": "nu"}, {"grading": lambda x: 1.0}):
-        with pytest.raises(SceneError, match="body 1 flows, and its Poisson's ratio .* a constant poisson"):
+        with pytest.raises(SceneError, match=r"body 1 flows, and its Poisson's ratio .* a constant poisson"):
             hhr.Body(1, **({"young": 3.0, "poisson": 0.3, "law": law} | options))
     material = Material([Group(np.arange(1), "E", 0.3, law)], 4, ("E",))
     for ask in (
@@ -161,7 +161,7 @@ def test_what_is_not_built_in():
     ):
         with pytest.raises(SceneError, match=r"young = E is a formula of the parameters: material.moduli_at\(point\)"):
             ask()
-    with pytest.raises(SceneError, match="young = E is -1 at {'E': -1.0}: change the formula"):
+    with pytest.raises(SceneError, match=r"young = E is -1 at E = -1: .* Change the formula"):
         material.moduli_at(np.array([-1.0]))
     with pytest.raises(SceneError, match="names"):
         Material([Group(np.arange(1), "F", 0.3, law)], 4, ("E",))
@@ -177,7 +177,7 @@ def test_a_material_has_the_numbers_of_a_point():
     expected = Material([Group(np.arange(2), 6.0, 0.3, law), Group(np.arange(2, 4), 5.0, 0.2, None)], 4, names)
     assert np.array_equal(elastic.elastic, expected.elastic) and np.array_equal(whole.elastic, expected.elastic)
     assert material.axes == [0] and elastic.axes == [] and elastic.moduli_at(-point) is elastic
-    assert material.moduli_at(point + [0, 1]) is elastic and material.at(point) is whole
+    assert material.moduli_at(np.array([3.0, 8.0])) is elastic and material.at(point) is whole
     assert material.constants(point) == [{"young": 6.0, "yield_stress": 7.0}, {}]
     assert material.at(np.array([4.0, 7.0])).groups[0].young == 8.0
 

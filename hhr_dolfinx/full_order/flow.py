@@ -132,7 +132,7 @@ class FullEquilibrium:
     def _set_elasticity(self, material: Material, stiffness: csr_matrix) -> None:
         """Take a material whose moduli are numbers, and its elastic stiffness."""
         self.material = material
-        self._unchanged = ElasticPart(material.elastic, stiffness.data.copy())
+        self._unchanged: ElasticPart = ElasticPart(material.elastic, stiffness.data.copy())
         self._sizes = abs(stiffness)
 
     def _elastic_of(self, weights: np.ndarray, stiffness: csr_matrix, moduli: np.ndarray) -> _SparseLinearisation:

@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from hhr_dolfinx.compat import compiled
-from hhr_dolfinx.errors import ConvergenceError, ParameterError, SceneError
-from hhr_dolfinx.materials.constants import LawOfParameters, formulas_of
+from hhr_dolfinx.errors import ConvergenceError, SceneError
+from hhr_dolfinx.materials.constants import LawOfParameters, ModuliOfParameters, formulas_of
 from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.materials.laws import Flow
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.formulas import Scalar
 
 SLOPE = 0.05
 """Relative error of a slope worth a word: differences of the laws here agree to 1e-6, a forgotten factor is far off."""
@@ -91,7 +88,8 @@ class Material:
             for place, group in enumerate(self.groups)
             if formulas_of(group.law)
         }
-        self._moduli = _formulas_of_moduli(self.groups, self.names)
+        texts = {place: group.young for place, group in enumerate(self.groups) if isinstance(group.young, str)}
+        self._moduli = ModuliOfParameters(texts, self.names) if texts else None
         self._last: tuple[bytes, Material] | None = None
         self._last_moduli: tuple[dict[int, float], Material] | None = None
         self._elastic: np.ndarray | None = None
@@ -101,7 +99,7 @@ class Material:
             raise SceneError(
                 f"the groups of a material must hold each of its Gauss points 0 .. {self.gauss_points - 1} once"
             )
-        if not self._moduli:
+        if self._moduli is None:
             _ = self.elastic
 
     @property
@@ -125,8 +123,7 @@ class Material:
     @property
     def axes(self) -> list[int]:
         """Places of the parameters on which elasticity depends."""
-        named = {name for scalar in self._moduli.values() for name in scalar.formula.variables}
-        return [place for place, name in enumerate(self.names) if name in named]
+        return [] if self._moduli is None else self._moduli.axes
 
     @property
     def flows(self) -> bool:
@@ -168,50 +165,31 @@ class Material:
         return found
 
     def moduli_at(self, point: np.ndarray) -> Material:
-        """The material whose elasticity is that of a point, (P,), with its laws as they are: itself if that is constant.
+        """The material with the elasticity of a point, (P,), and its laws as they are: itself if that is constant.
 
         The one of the last moduli is kept.
 
         Raises:
             SceneError: for a modulus that is impossible there.
         """
-        if not self._moduli:
+        if self._moduli is None:
             return self
-        values, last = self._moduli_of(point), self._last_moduli
+        values, last = self._moduli.values(point), self._last_moduli
         if last is not None and last[0] == values:
             return last[1]
         found = copy(self)
         found.groups = tuple(
             replace(group, young=values.get(place, group.young)) for place, group in enumerate(self.groups)
         )
-        found._moduli = {}
-        found._last = found._last_moduli = found._elastic = None
+        found._moduli = found._last = found._last_moduli = found._elastic = None
         # in one assignment, since several threads may ask
         self._last_moduli = values, found
         return found
 
-    def _moduli_of(self, point: np.ndarray) -> dict[int, float]:
-        """Young's moduli that are formulas at a point, by the place of their group."""
-        values = {}
-        for place, scalar in self._moduli.items():
-            try:
-                values[place] = scalar.value(point)
-            except ParameterError as error:
-                raise SceneError(
-                    f"young = {scalar.text}: {error}. Give the table further points, or narrow the box"
-                ) from None
-            if not 0 < values[place] < np.inf:
-                raise SceneError(
-                    f"young = {scalar.text} is {values[place]:g} at "
-                    f"{dict(zip(self.names, point.tolist(), strict=True))}: change the formula, or narrow the box of the "
-                    "parameters"
-                )
-        return values
-
     def constants(self, point: np.ndarray) -> list[dict[str, float]]:
         """Values at a point, (P,), of the constants that are formulas, for each group by their names."""
         found = [self._laws[place].constants(point) if place in self._laws else {} for place in range(len(self.groups))]
-        for place, value in self._moduli_of(point).items():
+        for place, value in ({} if self._moduli is None else self._moduli.values(point)).items():
             found[place]["young"] = value
         return found
 
@@ -270,17 +248,6 @@ class Material:
         equivalent = np.empty(indices.size)
         _set_trial(indices, strain, old.plastic, mu, deviator, equivalent)
         return deviator, equivalent
-
-
-def _formulas_of_moduli(groups: Sequence[Group], names: Sequence[str]) -> dict[int, Scalar]:
-    """Young's moduli that are formulas, by the place of their group."""
-    texts = {place: group.young for place, group in enumerate(groups) if isinstance(group.young, str)}
-    if not texts:
-        return {}
-    # here, since most moduli are numbers, and then nothing of formulas is loaded
-    from hhr_dolfinx.formulas import Scalar
-
-    return {place: Scalar(text, tuple(names)) for place, text in texts.items()}
 
 
 def _number(group: Group) -> float:

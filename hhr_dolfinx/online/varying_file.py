@@ -109,7 +109,7 @@ def varying_parts(model: ReducedModel) -> tuple[dict[str, Any], dict[str, np.nda
     """What a reduced model has beside the arrays of its table: a tree for the header, and arrays by path."""
     arrays: dict[str, np.ndarray] = {}
     problem = model.problem
-    parts = {
+    parts: dict[str, Any] = {
         "terms": problem.terms,
         "reshaped": problem.reshaped,
         "compliances": model.compliances,
