@@ -58,8 +58,8 @@ class Body:
         if self.law is not None and self.uneven:
             raise SceneError(
                 f"body {self.tag} flows, and its Poisson's ratio depends on parameters, or its elasticity on the "
-                "place: that is not built in, only young may be a formula. Give it a constant poisson, or a scene for each of "
-                "its values, and no grading"
+                "place: that is not built in, only young may be a formula. Give it a constant poisson, or a scene for "
+                "each of its values, and no grading"
             )
         if self.grading is not None and not callable(self.grading):
             raise SceneError(f"body {self.tag}: the grading {self.grading!r} must be a function of the coordinates")
