@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from mpi4py import MPI
-from scipy.sparse import csr_matrix, diags
+from scipy.sparse import csc_matrix, csr_matrix, diags
 
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
@@ -79,6 +79,7 @@ class FullEquilibrium:
         gauss: Gauss points and laws.
 
     Attributes:
+        eigenstrains: strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T).
         lock: held through a history, lest two of them take turns in factoring; they are right without it.
     """
 
@@ -97,6 +98,11 @@ class FullEquilibrium:
         self._body = np.zeros(self.size, dtype=int)
         self._body[self.operator.dofs] = gauss.bodies[:, None]
         self._transposed, self._lifted = problem.contact.T.tocsr(), bool(problem.lifts.nnz)
+        self.eigenstrains = csc_matrix((self.points.size * self.operator.components, problem.amplitudes.firsts[-1]))
+        if any(hasattr(load, "eigenstrain_of") for load in full.scene.loads):
+            from hhr_dolfinx.full_order.eigenstrains import at_gauss_points
+
+            self.eigenstrains = at_gauss_points(gauss.discretisation, problem, self.operator)
         self._set_elasticity(gauss.material.moduli_at(problem.middle), problem.own_stiffness)
         linear = (problem.own_stiffness, full._solver), full._equalities, full.per_force.__matmul__
         self.elastic = self._linearisation(*linear, self._unchanged.tangents)
@@ -157,8 +163,9 @@ class FullEquilibrium:
         return _SparseLinearisation(self.problem, self._pairs, factors, equalities, push, moduli)
 
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Strain of U0 + lift at all Gauss points."""
-        return self.operator.strain(x + self.problem.lifts @ theta if self._lifted else x)
+        """Strain of U0 + lift at all Gauss points, less that which is without stress."""
+        found = self.operator.strain(x + self.problem.lifts @ theta if self._lifted else x)
+        return found - (self.eigenstrains @ theta).reshape(found.shape) if self.eigenstrains.nnz else found
 
     def strain_of(self, change: np.ndarray) -> np.ndarray:
         """Strain of a change of U0 at all Gauss points."""

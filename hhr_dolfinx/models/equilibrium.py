@@ -87,7 +87,7 @@ class Equilibrium(Protocol):
         """θ at a parameter."""
 
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Strain at all Gauss points, lift included."""
+        """Strain at all Gauss points, lift included, less strains without stress: what laws see."""
 
     def strain_of(self, change: np.ndarray) -> np.ndarray:
         """Strain of a change of the unknown."""

@@ -36,6 +36,7 @@ class ReducedFlow:
         inner: which of the dofs belong to A, (a,).
         loads: external loads on A, sparse, (a, 1 + T).
         contact: how the forces of the RID act on A, sparse, (a, N_lambda_C).
+        eigenstrains: strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T).
     """
 
     operator: StrainOperator
@@ -46,6 +47,7 @@ class ReducedFlow:
     inner: np.ndarray
     loads: csc_matrix
     contact: csr_matrix
+    eigenstrains: csc_matrix
 
     @property
     def points(self) -> np.ndarray:
@@ -121,9 +123,10 @@ class ReducedEquilibrium:
         return found
 
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Strain at the Gauss points of the RID, lift included."""
-        field = self.flow.modes @ x
-        return self.operator.strain(field + self.flow.lifts @ theta if self._lifted else field)
+        """Strain at the Gauss points of the RID, lift included, less that which is without stress."""
+        field, free = self.flow.modes @ x, self.flow.eigenstrains
+        found = self.operator.strain(field + self.flow.lifts @ theta if self._lifted else field)
+        return found - (free @ theta).reshape(found.shape) if free.nnz else found
 
     def strain_of(self, change: np.ndarray) -> np.ndarray:
         """Strain of a change of gamma at the Gauss points of the RID."""

@@ -249,6 +249,8 @@ def _digest_of(full: Any) -> bytes:
     parts += [] if problem.reshaped is None else [problem.reshaped.described]
     groups = () if full.equilibrium is None else full.equilibrium.material.groups
     parts += [part for group in groups for part in (group.indices, group.young, group.poisson, _answers_of(group))]
+    if full.equilibrium is not None and full.equilibrium.eigenstrains.nnz:
+        parts.append(full.equilibrium.eigenstrains)
     _add_to(digest, parts)
     return digest.digest()
 
