@@ -13,6 +13,7 @@ import numpy as np
 import pellet_cladding
 import pellet_cladding_plastic as demo
 import pytest
+from scipy.sparse import csc_matrix
 from bare import BareFull, bare_problem
 from scenes import pressed_block
 from toy_law import Bingham
@@ -260,7 +261,8 @@ class Table:
 def digest(law=None, groups=None):
     full = BareFull(bare_problem())
     groups = (Group(np.arange(3), 1.0, 0.3, law),) if groups is None else groups
-    full.equilibrium = SimpleNamespace(material=SimpleNamespace(groups=groups))
+    material, nothing = SimpleNamespace(groups=groups), csc_matrix((12, 1))
+    full.equilibrium = SimpleNamespace(material=material, eigenstrains=nothing)
     return _digest_of(full)
 
 
