@@ -13,9 +13,9 @@ import numpy as np
 import pellet_cladding
 import pellet_cladding_plastic as demo
 import pytest
-from scipy.sparse import csc_matrix
 from bare import BareFull, bare_problem
 from scenes import pressed_block
+from scipy.sparse import csc_matrix
 from toy_law import Bingham
 
 import hhr_dolfinx as hhr
