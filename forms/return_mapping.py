@@ -17,7 +17,11 @@ from hhr_dolfinx.materials.laws import Norton, Plasticity
 
 def strain_vector(u: Expr, hypothesis: str) -> Expr:
     """Strain in Kelvin's notation: 4 components, or 6 in space."""
-    e = strain(u, hypothesis)
+    return kelvin(strain(u, hypothesis), hypothesis)
+
+
+def kelvin(e: Expr, hypothesis: str) -> Expr:
+    """A symmetric 3x3 tensor in Kelvin's notation: 4 components, or 6 in space."""
     plane = [e[0, 0], e[1, 1], e[2, 2], 2**0.5 * e[0, 1]]
     return ufl.as_vector([*plane, 2**0.5 * e[0, 2], 2**0.5 * e[1, 2]] if hypothesis == "solid" else plane)
 

@@ -30,8 +30,9 @@ class Body:
     Attributes:
         tag: cell tag.
         young: Young's modulus E, in the unit of stress of the scene: a number, or a formula of the parameters as text,
-            ``"E1"`` or ``"200e3 * (1 - 2e-4 * T)"``, see :mod:`hhr_dolfinx.formulas`.
-        poisson: Poisson's ratio, likewise.
+            ``"E1"`` or ``"200e3 * (1 - 2e-4 * T)"``, see :mod:`hhr_dolfinx.formulas`. Where bodies flow it may differ
+            from history to history, but not along one.
+        poisson: Poisson's ratio, likewise; a number where bodies flow.
         law: how it flows, a :class:`~hhr_dolfinx.materials.laws.Flow`; None for an elastic body.
         grading: of a body that is graded or layered: what its modulus is multiplied by, as a function of the
             coordinates, UFL to UFL; None for 1.
@@ -54,10 +55,11 @@ class Body:
                 raise SceneError(
                     f"body {self.tag}: {name} = {value!r} must be a number, or a formula of the parameters as text"
                 )
-        if self.law is not None and (self.varies or self.grading is not None):
+        if self.law is not None and self.uneven:
             raise SceneError(
-                f"body {self.tag} flows, and its elasticity depends on parameters or on the place: that is not built "
-                "in. Give it constant young and poisson, or a scene for each of their values"
+                f"body {self.tag} flows, and its Poisson's ratio depends on parameters, or its elasticity on the "
+                "place: that is not built in, only young may be a formula. Give it a constant poisson, or a scene for "
+                "each of its values, and no grading"
             )
         if self.grading is not None and not callable(self.grading):
             raise SceneError(f"body {self.tag}: the grading {self.grading!r} must be a function of the coordinates")
@@ -74,6 +76,11 @@ class Body:
     def varies(self) -> bool:
         """Whether its elasticity depends on parameters."""
         return isinstance(self.young, str) or isinstance(self.poisson, str)
+
+    @property
+    def uneven(self) -> bool:
+        """Whether more of its elasticity than a factor that all of it has depends on parameters or on the place."""
+        return isinstance(self.poisson, str) or self.grading is not None
 
     def check(self, parameters: ParameterSpace) -> None:
         """Raise SceneError for a modulus or a ratio that is impossible somewhere in the box."""
@@ -192,12 +199,13 @@ class Scene:
         self._check_names()
 
     def _check_flow(self) -> None:
-        """Raise SceneError where some bodies flow and the elasticity of others depends on parameters or place."""
-        others = [body.tag for body in self.bodies if body.varies or body.grading is not None]
+        """Raise SceneError where bodies flow and more than moduli depends on parameters, or anything on the place."""
+        others = [body.tag for body in self.bodies if body.uneven]
         if others and any(body.law is not None for body in self.bodies):
             raise SceneError(
-                f"bodies of scene '{self.name}' flow, and the elasticity of bodies {others} depends on parameters or "
-                "on the place: that is not built in. Give these constant young and poisson and no grading"
+                f"bodies of scene '{self.name}' flow, and Poisson's ratio of bodies {others} depends on parameters, or "
+                "their elasticity on the place: that is not built in, only young may be a formula. Give these a "
+                "constant poisson and no grading"
             )
 
     def _check_shapes(self) -> None:

@@ -104,8 +104,8 @@ class Centrifugal:
 class Eigenstrain:
     """A strain ``amplitude(mu) * field(x) * strain`` that a body takes without stress, such as swelling.
 
-    Stresses are those of what is left, σ = C (ε - ε0). The nodal forces follow moduli that depend on parameters. For
-    elastic bodies.
+    Stresses are those of what is left, σ = C (ε - ε0), which laws of flow see. The nodal forces follow moduli that
+    depend on parameters.
 
     Attributes:
         tag: cell tag of the body.

@@ -15,6 +15,7 @@ import pellet_cladding_plastic as demo
 import pytest
 from bare import BareFull, bare_problem
 from scenes import pressed_block
+from scipy.sparse import csc_matrix
 from toy_law import Bingham
 
 import hhr_dolfinx as hhr
@@ -260,7 +261,8 @@ class Table:
 def digest(law=None, groups=None):
     full = BareFull(bare_problem())
     groups = (Group(np.arange(3), 1.0, 0.3, law),) if groups is None else groups
-    full.equilibrium = SimpleNamespace(material=SimpleNamespace(groups=groups))
+    material, nothing = SimpleNamespace(groups=groups), csc_matrix((12, 1))
+    full.equilibrium = SimpleNamespace(material=material, eigenstrains=nothing)
     return _digest_of(full)
 
 

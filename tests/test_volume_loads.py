@@ -428,14 +428,6 @@ def test_axes_that_do_not_fit():
         hhr.FullOrderModel(alone("axisymmetric", (turning_about((1.0, 0.0)),)))
 
 
-def test_eigenstrains_of_scenes_that_flow():
-    scene = layers(young=1.0, poisson=0.2)
-    flowing = dataclasses.replace(scene.bodies[1], law=hhr.Plasticity(1e3))
-    scene = dataclasses.replace(scene, hypothesis="plane_strain", bodies=(scene.bodies[0], flowing))
-    with pytest.raises(SceneError, match="bodies of scene 'layers' flow, and body 1 has an eigenstrain"):
-        hhr.FullOrderModel(scene)
-
-
 def test_amplitudes_whose_names_are_no_words():
     """An affine amplitude may have any names, but those that are multiplied by a modulus become formulas."""
     scene = layers()

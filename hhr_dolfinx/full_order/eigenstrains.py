@@ -1,24 +1,33 @@
-"""Strains without stress, such as thermal ones: σ = C (ε - ε0), and F is ∫ C ε0 : ε(v), and stresses leave ε0 out."""
+"""Strains without stress, such as thermal ones: σ = C (ε - ε0), and F is ∫ C ε0 : ε(v), and stresses leave ε0 out.
+
+Where bodies flow laws see ε - ε0 at Gauss points, so that internal forces hold what elsewhere is part of F.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
 from dolfinx import fem
+from scipy.sparse import csc_matrix, hstack
 from ufl.core.expr import Expr
 
+from hhr_dolfinx import compat
 from hhr_dolfinx.amplitudes import Amplitude
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity, volume
+from hhr_dolfinx.forms.return_mapping import kelvin
 from hhr_dolfinx.formulas import Formula, Scalar
 from hhr_dolfinx.full_order.locking import QUADRATURE
 from hhr_dolfinx.full_order.varying import grading_of, parts_of
+from hhr_dolfinx.loads import checked_terms
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.full_order.discretisation import Discretisation
+    from hhr_dolfinx.materials.strain import StrainOperator
 
 
 def eigenstress(
@@ -26,10 +35,11 @@ def eigenstress(
 ) -> list[tuple[Formula, np.ndarray]]:
     """Nodal forces by which a strain of a body, 3x3, strains it where nothing holds it.
 
-    Each part of its stiffness gives its modulus, a formula of the parameters, and forces for the modulus 1, (N,).
+    Each part of its stiffness gives its modulus, a formula of the parameters, and forces for the modulus 1, (N,). Where
+    bodies flow there are none: a single zero vector makes the amplitude of the strain a term of θ.
 
     Raises:
-        SceneError: if no body has the tag, or if a body of the scene flows.
+        SceneError: if no body has the tag.
     """
     scene = discretisation.scene
     places = [place for place, body in enumerate(scene.bodies) if body.tag == tag]
@@ -39,10 +49,7 @@ def eigenstress(
             f"{[body.tag for body in scene.bodies]}"
         )
     if any(body.law is not None for body in scene.bodies):
-        raise SceneError(
-            f"bodies of scene '{scene.name}' flow, and body {tag} has an eigenstrain: a law of flow sees the whole "
-            "strain. Take elastic bodies, or impose displacements and pressures in its place"
-        )
+        return [(Formula("1"), np.zeros(discretisation.size))]
     body, hypothesis, mean = scene.bodies[places[0]], scene.hypothesis, discretisation.mean_dilatation[places[0]]
     # bodies with a mean dilatation meet the strain at the points where they meet their own
     dx = discretisation.cells(tag)(degree=QUADRATURE) if mean else discretisation.cells(tag)
@@ -75,6 +82,51 @@ def eigenstrain_at(discretisation: Discretisation, place: int, point: np.ndarray
             value = fem.Constant(discretisation.mesh, _value(amplitude, scene.parameters.names, point))
             total = value * strain if total is None else total + value * strain
     return None if total is None else _graded(discretisation, place, total)
+
+
+def at_gauss_points(discretisation: Discretisation, problem: ContactProblem, operator: StrainOperator) -> csc_matrix:
+    """Strains without stress at the Gauss points of bodies that flow, for each term of θ, (points * components, 1 + T).
+
+    Raises:
+        SceneError: for a load of a user's own with an ``eigenstrain_of`` that does not have one term for it, as that
+            which ``eigenstress`` of the assembler leads to.
+    """
+    loads, points = discretisation.scene.loads, operator.gauss_points * operator.components
+    terms = problem.amplitudes.firsts[-1]
+    pairs = [(load, term) for load in loads for term in checked_terms(load, discretisation.assembler(load))]
+    # in the order of Discretisation.load_terms
+    pairs.sort(key=lambda pair: not isinstance(pair[1].amplitude, Amplitude))
+    widths = [term.columns.shape[1] for _, term in pairs]
+    blocks, seen = [csc_matrix((points, terms - sum(widths)))], []
+    for (load, term), width in zip(pairs, widths, strict=True):
+        if hasattr(load, "eigenstrain_of") and csc_matrix(term.columns).nnz == 0 and width == 1:
+            seen.append(load)
+            blocks.append(csc_matrix(_tabulated(discretisation, load, operator)[:, None]))
+        else:
+            blocks.append(csc_matrix((points, width)))
+    strained = [load for load in loads if hasattr(load, "eigenstrain_of")]
+    if sorted(map(id, seen)) != sorted(map(id, strained)):
+        raise SceneError(
+            f"of the loads {strained} each is a strain of one body that flows or lies beside one, and must have the "
+            "one term that its assembler's eigenstress gives"
+        )
+    return csc_matrix(hstack(blocks))
+
+
+def _tabulated(discretisation: Discretisation, load: Any, operator: StrainOperator) -> np.ndarray:
+    """A strain for the amplitude 1 at all Gauss points, Kelvin's notation, (points * components,)."""
+    mesh, bodies = discretisation.mesh, discretisation.cell_bodies()
+    points, _ = compat.quadrature(mesh.topology.cell_name(), QUADRATURE)
+    found = np.zeros((bodies.size, operator.per_cell, operator.components))
+    for place, body in enumerate(discretisation.scene.bodies):
+        given, cells = load.eigenstrain_of(body.tag, mesh), np.flatnonzero(bodies == place)
+        if given is not None:
+            # a constant strain has no mesh of its own
+            one = fem.Constant(mesh, 1.0)
+            vector = kelvin(_averaged(discretisation, place, given[1]), discretisation.scene.hypothesis)
+            values = fem.Expression(one * vector, points).eval(mesh, cells.astype(np.int32))
+            found[cells] = values.reshape(len(cells), operator.per_cell, operator.components)
+    return found.ravel()
 
 
 def _graded(discretisation: Discretisation, place: int, strain: Expr) -> Expr:

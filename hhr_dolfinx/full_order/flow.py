@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from threading import RLock
 from typing import TYPE_CHECKING
 
 import numpy as np
 from mpi4py import MPI
-from scipy.sparse import csr_matrix
+from scipy.sparse import csc_matrix, csr_matrix, diags
 
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.gauss_points import material_at, strain_operator
+from hhr_dolfinx.full_order.gauss_points import material_at, stiffness_parts, strain_operator
 from hhr_dolfinx.linear.sparse import FreeCholesky
 from hhr_dolfinx.materials.constants import check_law
 from hhr_dolfinx.materials.strain import ElasticPart, SparsePattern, StrainOperator
@@ -27,6 +28,7 @@ from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.trained import Signs
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.full_order.full import FullOrderModel
 
 
@@ -40,7 +42,8 @@ class GaussModel:
         material: laws at all Gauss points.
         bodies: body of each cell as its place in the scene, (cells,).
         pattern: sparsity of the stiffness.
-        stiffness: elastic stiffness by the same Gauss points, (N, N).
+        stiffness: parts of the elastic stiffness by the same Gauss points, (N, N) each.
+        moduli: their amplitudes; none where elasticity is constant, which makes a single part.
     """
 
     discretisation: Discretisation
@@ -48,7 +51,8 @@ class GaussModel:
     material: Material
     bodies: np.ndarray
     pattern: SparsePattern
-    stiffness: csr_matrix
+    stiffness: tuple[csr_matrix, ...]
+    moduli: tuple[Modulus, ...]
 
     @classmethod
     def of(cls, scene: Scene, comm: MPI.Comm) -> GaussModel:
@@ -64,8 +68,7 @@ class GaussModel:
         discretisation = Discretisation(scene, comm)
         operator, bodies = strain_operator(discretisation), discretisation.cell_bodies()
         material, pattern = material_at(scene, bodies, operator), operator.pattern()
-        stiffness = operator.stiffness(material.elastic, pattern)
-        return cls(discretisation, operator, material, bodies, pattern, stiffness)
+        return cls(discretisation, operator, material, bodies, pattern, *stiffness_parts(material, operator, pattern))
 
 
 class FullEquilibrium:
@@ -76,6 +79,7 @@ class FullEquilibrium:
         gauss: Gauss points and laws.
 
     Attributes:
+        eigenstrains: strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T).
         lock: held through a history, lest two of them take turns in factoring; they are right without it.
     """
 
@@ -84,28 +88,84 @@ class FullEquilibrium:
     def __init__(self, full: FullOrderModel, gauss: GaussModel):
         problem = full.problem
         self.fields = self._full = full
-        self.problem, self.operator, self.material = problem, gauss.operator, gauss.material
+        self.problem, self.operator = problem, gauss.operator
         self.amplitudes, self.parameters = problem.amplitudes, problem.parameters
         self.size, self.conditions = problem.free.size, problem.contact.shape[0]
         self.points = np.arange(self.operator.gauss_points)
         self._pattern, self._pairs = gauss.pattern, Pairs.of(problem.contact_pairs)
-        self._unchanged = ElasticPart(self.material.elastic, gauss.stiffness.data.copy())
-        # made for solving, while those of tangents are made for factoring: on one core, in the plane at 13,700 dofs,
-        # nd takes 31 ms to factor and 1.1 ms to solve, qmd 53 and 1.4 ms
-        self._tangent_solver: FreeCholesky | None = None
+        self._tangent_factors = _TangentFactors(full)
         self.lock = RLock()
-        factors, push = (gauss.stiffness, full._solver), full.per_force.__matmul__
-        self.elastic = _SparseLinearisation(
-            problem, self._pairs, factors, full._equalities, push, self.material.elastic
-        )
         self._body = np.zeros(self.size, dtype=int)
         self._body[self.operator.dofs] = gauss.bodies[:, None]
-        self._sizes = abs(gauss.stiffness)
         self._transposed, self._lifted = problem.contact.T.tocsr(), bool(problem.lifts.nnz)
+        self.eigenstrains = csc_matrix((self.points.size * self.operator.components, problem.amplitudes.firsts[-1]))
+        if any(hasattr(load, "eigenstrain_of") for load in full.scene.loads):
+            from hhr_dolfinx.full_order.eigenstrains import at_gauss_points
+
+            self.eigenstrains = at_gauss_points(gauss.discretisation, problem, self.operator)
+        self._set_elasticity(gauss.material.moduli_at(problem.middle), problem.own_stiffness)
+        linear = (problem.own_stiffness, full._solver), full._equalities, full.per_force.__matmul__
+        self.elastic = self._linearisation(*linear, self._unchanged.tangents)
+        self.material = gauss.material
+        self._middle, self._only_part = self, _only_part(problem)
+        self._last: tuple[np.ndarray, FullEquilibrium] | None = None
+
+    def at(self, point: np.ndarray) -> FullEquilibrium:
+        """The equilibrium whose elasticity is that of a point, (P,): itself where elasticity is constant.
+
+        The one of the last elasticity is kept. Where each part of K has dofs of its own, since bodies touch but do not
+        hang together, nothing is factored or solved for anew: K^-1 and K^-1 B^T are those of the middle of the box,
+        row by row over the modulus. Elsewhere K is factored, and K^-1 B^T solved for as conditions touch.
+
+        Raises:
+            SceneError: for a modulus that is impossible there.
+        """
+        middle, problem = self._middle, self.problem
+        if not problem.moduli:
+            return self
+        weights, last = problem.weights(point), middle._last
+        if last is not None and np.array_equal(last[0], weights):
+            return last[1]
+        found = copy(middle)
+        found._last = None
+        stiffness = problem.combined(weights)
+        found._set_elasticity(middle.material.moduli_at(point), stiffness)
+        found.elastic = middle._elastic_of(weights, stiffness, found._unchanged.tangents)
+        # in one assignment, since several threads may ask
+        middle._last = weights, found
+        return found
+
+    def _set_elasticity(self, material: Material, stiffness: csr_matrix) -> None:
+        """Take a material whose moduli are numbers, and its elastic stiffness."""
+        self.material = material
+        self._unchanged: ElasticPart = ElasticPart(material.elastic, stiffness.data.copy())
+        self._sizes = abs(stiffness)
+
+    def _elastic_of(self, weights: np.ndarray, stiffness: csr_matrix, moduli: np.ndarray) -> _SparseLinearisation:
+        """The elastic linearisation of a stiffness and its weights, with elastic tangents, from that of the middle."""
+        problem, full = self.problem, self._full
+        if self._only_part is None:
+            columns = _LazyColumns(full._solver, problem.contact)
+            equalities = SchurEqualities(columns.images, self.conditions)
+            return self._linearisation((stiffness, full._solver), equalities, columns.push, moduli)
+        scale = (problem.weights(problem.middle) / weights)[self._only_part]
+        equalities = SchurEqualities.of((problem.contact @ diags(scale)) @ full.per_force)
+        factors = problem.own_stiffness, _ScaledSolver(full._solver, scale)
+        return self._linearisation(factors, equalities, lambda forces: scale * (full.per_force @ forces), moduli)
+
+    def _linearisation(
+        self,
+        factors: tuple[csr_matrix, FreeCholesky | _ScaledSolver],
+        equalities: SchurEqualities,
+        push: Callable[[np.ndarray], np.ndarray],
+        moduli: np.ndarray,
+    ) -> _SparseLinearisation:
+        return _SparseLinearisation(self.problem, self._pairs, factors, equalities, push, moduli)
 
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Strain of U0 + lift at all Gauss points."""
-        return self.operator.strain(x + self.problem.lifts @ theta if self._lifted else x)
+        """Strain of U0 + lift at all Gauss points, less that which is without stress."""
+        found = self.operator.strain(x + self.problem.lifts @ theta if self._lifted else x)
+        return found - (self.eigenstrains @ theta).reshape(found.shape) if self.eigenstrains.nnz else found
 
     def strain_of(self, change: np.ndarray) -> np.ndarray:
         """Strain of a change of U0 at all Gauss points."""
@@ -147,15 +207,58 @@ class FullEquilibrium:
         """Factor the tangent stiffness; the linearisation before needs a factorisation again."""
         stiffness = self.stiffness(tangents)
         with self.lock:
-            solver = self._tangent_solver
-            if solver is None:
-                solver = self._tangent_solver = self._full.factors_of(stiffness, "nd")
-            else:
-                solver.refactor(stiffness)
+            solver = self._tangent_factors.of(stiffness)
         columns = _LazyColumns(solver, self.problem.contact)
         equalities = SchurEqualities(columns.images, self.conditions)
-        factors = stiffness, solver
-        return _SparseLinearisation(self.problem, self._pairs, factors, equalities, columns.push, tangents)
+        return self._linearisation((stiffness, solver), equalities, columns.push, tangents)
+
+
+def _only_part(problem: ContactProblem) -> np.ndarray | None:
+    """The part of K that acts on each dof, (N,); None where elasticity is constant, or several act on one."""
+    acting = np.array([abs(part).sum(axis=1).A1 > 0 for part in problem.stiffness_terms])
+    if not problem.moduli or (acting.sum(axis=0) > 1).any():
+        return None
+    return acting.argmax(axis=0)
+
+
+class _TangentFactors:
+    """Factors of tangents: one solver for equilibria of all elasticities, made when it is first needed.
+
+    It is made for factoring, while that of the elastic stiffness is made for solving: on one core, in the plane at
+    13,700 dofs, nd takes 31 ms to factor and 1.1 ms to solve, qmd 53 and 1.4 ms.
+    """
+
+    def __init__(self, full: FullOrderModel):
+        self._full = full
+        self._solver: FreeCholesky | None = None
+
+    def of(self, stiffness: csr_matrix) -> FreeCholesky:
+        """The solver with the factors of a stiffness."""
+        if self._solver is None:
+            self._solver = self._full.factors_of(stiffness, "nd")
+        else:
+            self._solver.refactor(stiffness)
+        return self._solver
+
+
+class _ScaledSolver:
+    """Solver of a stiffness each block of which is that of another one over a factor.
+
+    Args:
+        solver: of the other one.
+        scale: factor of the solution at each dof, (N,), the same within a block.
+    """
+
+    def __init__(self, solver: FreeCholesky, scale: np.ndarray):
+        self._solver, self._scale, self.lock = solver, scale, solver.lock
+
+    def refactor(self, stiffness: csr_matrix) -> None:
+        """Take the values of the other stiffness; no work if its factors are those at hand."""
+        self._solver.refactor(stiffness)
+
+    def solve(self, rhs: np.ndarray) -> np.ndarray:
+        """Solution for a right-hand side, (N,)."""
+        return self._scale * self._solver.solve(rhs)
 
 
 @dataclass(frozen=True)
@@ -165,7 +268,8 @@ class _SparseLinearisation:
     Attributes:
         problem: the full problem.
         pairs: its conditions by contact pair.
-        factors: K, (N, N), and its solver, which may hold the factors of another linearisation meanwhile.
+        factors: the matrix that the solver has to factor, (N, N), mostly K, and the solver of K, which may hold the
+            factors of another linearisation meanwhile.
         equalities: on S = B K^-1 B^T.
         push: maps forces to K^-1 B^T λ, (N,).
         moduli: tangents at the Gauss points.
@@ -173,7 +277,7 @@ class _SparseLinearisation:
 
     problem: ContactProblem
     pairs: Pairs | None
-    factors: tuple[csr_matrix, FreeCholesky]
+    factors: tuple[csr_matrix, FreeCholesky | _ScaledSolver]
     equalities: SchurEqualities
     push: Callable[[np.ndarray], np.ndarray]
     moduli: np.ndarray

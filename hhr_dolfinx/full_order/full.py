@@ -81,7 +81,7 @@ class FullOrderModel(WithOutputs):
         from hhr_dolfinx.full_order.flow import FullEquilibrium, GaussModel
 
         gauss = GaussModel.of(self.scene, self.comm)
-        self._factor(gauss.discretisation, (gauss.stiffness,))
+        self._factor(gauss.discretisation, gauss.stiffness, gauss.moduli)
         self.equilibrium = FullEquilibrium(self, gauss)
 
     def _prepared_outputs(self) -> Functionals | FullShapeFunctionals | None:
@@ -109,8 +109,9 @@ class FullOrderModel(WithOutputs):
         discretisation.check(problem)
         self.parameters, self._own = problem.parameters, problem.rows
         # a stiffness factored for each query, with a solve for each condition: at 14,140 dofs and 162 conditions MUMPS
-        # takes 24 + 138 ms, nd 45 + 272 ms, qmd 70 + 308 ms
-        self._solver = self.factors_of(problem.own_stiffness, "mumps" if problem.varies else "qmd")
+        # takes 24 + 138 ms, nd 45 + 272 ms, qmd 70 + 308 ms; that of bodies that flow serves whole histories
+        anew = problem.varies and all(body.law is None for body in self.scene.bodies)
+        self._solver = self.factors_of(problem.own_stiffness, "mumps" if anew else "qmd")
         check_regular(problem, lambda rhs: self._gather(self._solver.solve(rhs)), self.scene.name)
         contact = problem.contact[:, self._own]
         self._own_loads = problem.loads[self._own]

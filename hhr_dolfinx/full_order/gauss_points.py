@@ -9,17 +9,19 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from petsc4py import PETSc
+from scipy.sparse import csr_matrix
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms.elasticity import volume_weight
 from hhr_dolfinx.forms.return_mapping import strain_vector
 from hhr_dolfinx.full_order.locking import QUADRATURE
-from hhr_dolfinx.materials.strain import StrainOperator
+from hhr_dolfinx.materials.strain import SparsePattern, StrainOperator
 from hhr_dolfinx.materials.update import Group, Material
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.full_order.discretisation import Discretisation
 
 
@@ -37,10 +39,41 @@ def material_at(scene: Scene, bodies: np.ndarray, operator: StrainOperator) -> M
     """Laws at the Gauss points of the cells of an operator, whose bodies are given as places in the scene, (cells,)."""
     of_point = np.repeat(bodies, operator.per_cell)
     groups = [
-        Group(np.flatnonzero(of_point == place), float(body.young), float(body.poisson), body.law)
+        Group(np.flatnonzero(of_point == place), _plain(body.young), float(body.poisson), body.law)
         for place, body in enumerate(scene.bodies)
     ]
     return Material(groups, operator.components, scene.parameters.names)
+
+
+def _plain(young: float | str) -> float | str:
+    return young if isinstance(young, str) else float(young)
+
+
+def stiffness_parts(
+    material: Material, operator: StrainOperator, pattern: SparsePattern
+) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
+    """Parts of the elastic stiffness, (N, N) each, and their moduli; one part and no modulus where it is constant.
+
+    Bodies with the same formula make one part, those with numbers another.
+    """
+    formulas = dict.fromkeys(group.young for group in material.groups if isinstance(group.young, str))
+    if not formulas:
+        return (operator.stiffness(material.elastic, pattern),), ()
+    from hhr_dolfinx.formulas import Modulus
+
+    parts, moduli = [], []
+    for text in (*formulas, None):
+        elastic, acting = np.zeros((material.gauss_points, material.components, material.components)), False
+        for group in material.groups:
+            if group.young == text or (text is None and not isinstance(group.young, str)):
+                young = 1.0 if text is not None else float(group.young)
+                alone = Group(np.arange(1), young, group.poisson, None)
+                elastic[group.indices] = Material([alone], material.components).elastic[0]
+                acting = True
+        if acting:
+            parts.append(operator.stiffness(elastic, pattern))
+            moduli.append(Modulus("1" if text is None else text, "1", material.names))
+    return tuple(parts), tuple(moduli)
 
 
 def add_stiffness(discretisation: Discretisation, matrix: PETSc.Mat) -> None:

@@ -1,4 +1,4 @@
-"""Constants of laws that are formulas of the parameters: which ones they are, and the law of a point.
+"""Constants of materials that are formulas of the parameters: which ones they are, the law and the moduli of a point.
 
 A field of a law is a formula if it holds a text and its class declares that it may be a number, as ``float`` or
 ``float | str``. A field declared ``str`` alone holds a word of the law's own, and stays what it is; so does one whose
@@ -119,6 +119,52 @@ class LawOfParameters:
 
     def _place(self, point: np.ndarray) -> str:
         return ", ".join(f"{name} = {value:g}" for name, value in zip(self._names, point, strict=True))
+
+
+class ModuliOfParameters:
+    """Young's moduli that are formulas, bound to the parameters of a scene.
+
+    Args:
+        texts: the formulas by the number of their body or group.
+        names: of the parameters, in the order of a point.
+
+    Attributes:
+        axes: places of the parameters on which they depend, increasing.
+
+    Raises:
+        SceneError: for a text that is no formula, or one that names what is no parameter.
+    """
+
+    def __init__(self, texts: dict[int, str], names: Sequence[str]):
+        # here, since most moduli are numbers, and then nothing of formulas is loaded
+        from hhr_dolfinx.formulas import Scalar
+
+        self._names = tuple(names)
+        self._scalars = {number: Scalar(text, self._names) for number, text in texts.items()}
+        named = {name for scalar in self._scalars.values() for name in scalar.formula.variables}
+        self.axes = [place for place, name in enumerate(self._names) if name in named]
+
+    def values(self, point: np.ndarray) -> dict[int, float]:
+        """The moduli at a point, (P,), by number.
+
+        Raises:
+            SceneError: for one that is not positive and finite there, or whose table ends before.
+        """
+        found = {}
+        for number, scalar in self._scalars.items():
+            try:
+                found[number] = scalar.value(point)
+            except ParameterError as error:
+                raise SceneError(
+                    f"young = {scalar.text}: {error}. Give the table further points, or narrow the box"
+                ) from None
+            if not 0 < found[number] < math.inf:
+                place = ", ".join(f"{name} = {value:g}" for name, value in zip(self._names, point, strict=True))
+                raise SceneError(
+                    f"young = {scalar.text} is {found[number]:g} at {place}: Young's modulus must be positive and "
+                    "finite. Change the formula, or narrow the box of the parameters"
+                )
+        return found
 
 
 def law_at(law: Any, names: Sequence[str], point: np.ndarray) -> Flow:

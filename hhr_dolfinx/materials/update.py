@@ -11,7 +11,7 @@ import numpy as np
 
 from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.errors import ConvergenceError, SceneError
-from hhr_dolfinx.materials.constants import LawOfParameters, formulas_of
+from hhr_dolfinx.materials.constants import LawOfParameters, ModuliOfParameters, formulas_of
 from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.materials.laws import Flow
 
@@ -51,12 +51,13 @@ class Group:
 
     Attributes:
         indices: which of the model's Gauss points they are, (n,).
-        young, poisson: elastic constants.
+        young: Young's modulus E, or a formula of the parameters.
+        poisson: Poisson's ratio.
         law: flow, whose constants may be formulas of the parameters, or None for an elastic body.
     """
 
     indices: np.ndarray
-    young: float
+    young: float | str
     poisson: float
     law: Flow | None
 
@@ -67,12 +68,11 @@ class Material:
     Args:
         groups: one per body; together they hold every Gauss point once.
         components: of a strain, 4 or 6.
-        names: of the parameters, which laws with formulas need.
+        names: of the parameters, which formulas need.
 
     Attributes:
         groups, components, names: as given.
         gauss_points: how many there are.
-        elastic: elastic tangents, (gauss_points, components, components).
 
     Raises:
         SceneError: if a Gauss point is in no group or in two: the compiled loops would read and write elsewhere; for
@@ -88,19 +88,42 @@ class Material:
             for place, group in enumerate(self.groups)
             if formulas_of(group.law)
         }
+        texts = {place: group.young for place, group in enumerate(self.groups) if isinstance(group.young, str)}
+        self._moduli = ModuliOfParameters(texts, self.names) if texts else None
         self._last: tuple[bytes, Material] | None = None
+        self._last_moduli: tuple[dict[int, float], Material] | None = None
+        self._elastic: np.ndarray | None = None
         self.gauss_points = sum(group.indices.size for group in self.groups)
         indices = np.concatenate([np.zeros(0, dtype=np.int64), *(group.indices for group in self.groups)])
         if not np.array_equal(np.sort(indices), np.arange(self.gauss_points)):
             raise SceneError(
                 f"the groups of a material must hold each of its Gauss points 0 .. {self.gauss_points - 1} once"
             )
-        self.elastic = np.empty((self.gauss_points, components, components))
-        unit = np.zeros(components)
-        unit[:3] = 1.0
-        for group in self.groups:
-            lam, mu = lame_parameters(group.young, group.poisson)
-            self.elastic[group.indices] = lam * np.outer(unit, unit) + 2 * mu * np.eye(components)
+        if self._moduli is None:
+            _ = self.elastic
+
+    @property
+    def elastic(self) -> np.ndarray:
+        """Elastic tangents, (gauss_points, components, components).
+
+        Raises:
+            SceneError: where moduli are formulas, see :meth:`moduli_at`.
+        """
+        if self._elastic is None:
+            elastic = np.empty((self.gauss_points, self.components, self.components))
+            unit = np.zeros(self.components)
+            unit[:3] = 1.0
+            for group in self.groups:
+                lam, mu = lame_parameters(_number(group), group.poisson)
+                elastic[group.indices] = lam * np.outer(unit, unit) + 2 * mu * np.eye(self.components)
+            # in one assignment, since several threads may ask
+            self._elastic = elastic
+        return self._elastic
+
+    @property
+    def axes(self) -> list[int]:
+        """Places of the parameters on which elasticity depends."""
+        return [] if self._moduli is None else self._moduli.axes
 
     @property
     def flows(self) -> bool:
@@ -117,30 +140,58 @@ class Material:
         return Material(groups, self.components, self.names)
 
     def at(self, point: np.ndarray) -> Material:
-        """The material whose laws have the constants of a point, (P,): itself, if none depends on parameters.
+        """The material all of whose constants are those of a point, (P,): itself, if none depends on parameters.
 
-        The one of the last point is kept. Elastic constants are the same at all points.
+        The one of the last point is kept.
 
         Raises:
             SceneError: for constants that are impossible there.
         """
+        elastic = self.moduli_at(point)
         if not self._laws:
-            return self
+            return elastic
         key, last = point.tobytes(), self._last
         if last is not None and last[0] == key:
             return last[1]
-        found = copy(self)
+        found = copy(elastic)
         laws = {place: law.at(point) for place, law in self._laws.items()}
-        found.groups = tuple(replace(group, law=laws.get(place, group.law)) for place, group in enumerate(self.groups))
+        found.groups = tuple(
+            replace(group, law=laws.get(place, group.law)) for place, group in enumerate(elastic.groups)
+        )
         found._laws = {}
         found._last = None
         # in one assignment, since several threads may ask
         self._last = key, found
         return found
 
+    def moduli_at(self, point: np.ndarray) -> Material:
+        """The material with the elasticity of a point, (P,), and its laws as they are: itself if that is constant.
+
+        The one of the last moduli is kept.
+
+        Raises:
+            SceneError: for a modulus that is impossible there.
+        """
+        if self._moduli is None:
+            return self
+        values, last = self._moduli.values(point), self._last_moduli
+        if last is not None and last[0] == values:
+            return last[1]
+        found = copy(self)
+        found.groups = tuple(
+            replace(group, young=values.get(place, group.young)) for place, group in enumerate(self.groups)
+        )
+        found._moduli = found._last = found._last_moduli = found._elastic = None
+        # in one assignment, since several threads may ask
+        self._last_moduli = values, found
+        return found
+
     def constants(self, point: np.ndarray) -> list[dict[str, float]]:
         """Values at a point, (P,), of the constants that are formulas, for each group by their names."""
-        return [self._laws[place].constants(point) if place in self._laws else {} for place in range(len(self.groups))]
+        found = [self._laws[place].constants(point) if place in self._laws else {} for place in range(len(self.groups))]
+        for place, value in ({} if self._moduli is None else self._moduli.values(point)).items():
+            found[place]["young"] = value
+        return found
 
     def at_rest(self) -> State:
         """No plastic strain anywhere."""
@@ -164,7 +215,7 @@ class Material:
         # the kernel takes an array without entries where no tangents are wanted
         tangents = np.empty((*strain.shape, self.components) if tangent else (0, 0, 0))
         for group in self.groups:
-            lam, mu = lame_parameters(group.young, group.poisson)
+            lam, mu = lame_parameters(_number(group), group.poisson)
             indices = group.indices
             deviator, equivalent = self._trial(indices, strain, old, mu)
             if group.law is None:
@@ -185,7 +236,7 @@ class Material:
         complaints = []
         for group in self.groups:
             if group.law is not None:
-                _, mu = lame_parameters(group.young, group.poisson)
+                _, mu = lame_parameters(_number(group), group.poisson)
                 _, equivalent = self._trial(group.indices, strain, old, mu)
                 complaints.append(_slope_complaint(group.law, equivalent, old.cumulated[group.indices], mu, dt))
         told = [complaint for complaint in complaints if complaint is not None]
@@ -197,6 +248,15 @@ class Material:
         equivalent = np.empty(indices.size)
         _set_trial(indices, strain, old.plastic, mu, deviator, equivalent)
         return deviator, equivalent
+
+
+def _number(group: Group) -> float:
+    """Young's modulus, which must be a number by now."""
+    if isinstance(group.young, str):
+        raise SceneError(
+            f"young = {group.young} is a formula of the parameters: material.moduli_at(point) has its number"
+        )
+    return group.young
 
 
 def _flow_of(

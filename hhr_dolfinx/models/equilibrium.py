@@ -55,7 +55,7 @@ class Equilibrium(Protocol):
 
     Attributes:
         parameters: the box of the parameters.
-        material: laws at its Gauss points; ``material.at(parameter)`` has their constants there.
+        material: elasticity and laws at its Gauss points; ``material.at(parameter)`` has their constants there.
         operator: strain at these points.
         points: their numbers in the full model.
         elastic: the elastic linearisation.
@@ -76,11 +76,18 @@ class Equilibrium(Protocol):
     trained: TrainedPaths | None
     lock: AbstractContextManager
 
+    def at(self, point: np.ndarray) -> Equilibrium:
+        """The equilibrium whose elasticity is that of a point, (P,): itself where elasticity is constant.
+
+        The one of the last elasticity is kept. Where it varies, what is not asked through this has formulas in its
+        material, and the elastic linearisation of the middle of the box.
+        """
+
     def amplitudes(self, point: np.ndarray) -> Theta:
         """θ at a parameter."""
 
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Strain at all Gauss points, lift included."""
+        """Strain at all Gauss points, lift included, less strains without stress: what laws see."""
 
     def strain_of(self, change: np.ndarray) -> np.ndarray:
         """Strain of a change of the unknown."""

@@ -112,7 +112,7 @@ class _Step:
         except ConvergenceError as error:
             raise _in_parts(number, str(error)) from error
         _check_single(update, answer.state(), number)
-        self._linear = model.linearised(update.tangents)
+        self._linear = model.at(answer.parameter).linearised(update.tangents)
 
     def along(self, direction: np.ndarray, change: State, scale: float) -> tuple[np.ndarray, np.ndarray, State]:
         """Derivatives of unknown, forces and state.

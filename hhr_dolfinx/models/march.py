@@ -24,7 +24,7 @@ from hhr_dolfinx.errors import ConvergenceError, LawWarning, NotSolvableError
 from hhr_dolfinx.linear.anderson import Anderson
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Path, found_as
 from hhr_dolfinx.models.equilibrium import Equilibrium, Linearisation
-from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, check_settings
+from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, check_elasticity, check_settings
 from hhr_dolfinx.trained import Watch
 
 _log = logging.getLogger(__name__)
@@ -65,7 +65,7 @@ def march(
         keep: told of each answer as soon as it is there.
 
     Raises:
-        ParameterError: for settings that are none.
+        ParameterError: for settings that are none, or a path along which elasticity changes.
         OutsideTrainingError: if a step is outside what was trained, and ``settings`` say to refuse that.
         ConvergenceError: with the step, the time and the worst point.
         Whatever ends a history, an interrupt from the keyboard too, has an attribute ``history`` with the steps before.
@@ -75,10 +75,11 @@ def march(
         LawWarning: if the slope of a law is not the derivative of its flow.
     """
     check_settings(settings)
+    check_elasticity(model.material, path)
     history = History(*path[0])
     try:
         with model.lock:
-            _march(model, path, settings, history, known, keep)
+            _march(model.at(path[0][1]), path, settings, history, known, keep)
     except _Diverged as failure:
         step = len(history.answers) + 1
         error = ConvergenceError(

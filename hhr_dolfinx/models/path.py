@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from hhr_dolfinx.models.answer import Answer, GaussState, History, Model, Path
 from hhr_dolfinx.models.equilibrium import Equilibrium
 from hhr_dolfinx.parameters import ParameterSpace, is_whole
 from hhr_dolfinx.trained import OUTSIDE
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.materials.update import Material
 
 SEARCHES = ("tangent", "frozen", "elastic")
 
@@ -99,6 +102,24 @@ def checked_path(parameters: ParameterSpace, path: Iterable[tuple[float, Any]]) 
     return checked
 
 
+def check_elasticity(material: Material, path: Path) -> None:
+    """Refuse a checked path along which a modulus of elasticity changes.
+
+    Raises:
+        ParameterError: with the parameter on which it depends.
+    """
+    for place in material.axes:
+        values = np.array([point[place] for _, point in path])
+        if np.ptp(values) > 0:
+            step = int(np.flatnonzero(values != values[0])[0])
+            texts = sorted({group.young for group in material.groups if isinstance(group.young, str)})
+            raise ParameterError(
+                f"{material.names[place]} changes from {values[0]:g} to {values[step]:g} in step {step} of the path, "
+                f"and Young's modulus depends on it ({', '.join(texts)}): elasticity must be the same along a history. "
+                f"Keep {material.names[place]} as it is along the path, or let constants of laws alone depend on it"
+            )
+
+
 def solve_along(
     model: Model,
     path: Path,
@@ -145,13 +166,15 @@ def refuse_gradient(wanted: bool) -> None:
 def one_step(
     model: Any, mu: Any, raise_on_failure: bool = True, outside: str = "warn", duration: float = 1.0
 ) -> Answer:
-    """Answer of a model of bodies that flow: one step from rest where the box is nearest to zero.
+    """Answer of a model of bodies that flow: one step from rest where the box is nearest to zero, with its elasticity.
 
     How bodies flow depends on the path, for which there is ``march``. The arguments are those of :meth:`Model.solve`,
     and the duration of the step in seconds, which counts for laws with rates.
     """
     space = model.parameters
     target, start = space.point(mu), np.clip(0.0, space.lower, space.upper)
+    axes = model.equilibrium.material.axes
+    start[axes] = target[axes]  # elasticity is the same along a history
     try:
         return model.march([(0.0, start), (duration, target)], MarchSettings(outside=outside)).answers[-1]
     except ConvergenceError:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,6 +27,10 @@ class ReducedTerms:
     lifts: np.ndarray
     forces: np.ndarray
     moduli: tuple[Modulus, ...]
+
+    def weights(self, point: np.ndarray) -> np.ndarray:
+        """Weights of the parts at a point, (Q,)."""
+        return np.array([modulus.value(point) for modulus in self.moduli])
 
 
 @dataclass(frozen=True)
@@ -57,3 +61,11 @@ class ReducedProblem:
     pairs: np.ndarray
     terms: ReducedTerms | None = None
     reshaped: RidAssembly | None = None
+
+    def weighted(self, weights: np.ndarray) -> ReducedProblem:
+        """The problem for weights of the parts of its stiffness, (Q,), which is constant then; itself without parts."""
+        if self.terms is None:
+            return self
+        stiffness = np.tensordot(weights, self.terms.stiffness, 1)
+        loads = self.terms.forces - np.tensordot(weights, self.terms.lifts, 1)
+        return replace(self, stiffness=stiffness, loads=loads, terms=None)

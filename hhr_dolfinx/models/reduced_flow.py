@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +36,7 @@ class ReducedFlow:
         inner: which of the dofs belong to A, (a,).
         loads: external loads on A, sparse, (a, 1 + T).
         contact: how the forces of the RID act on A, sparse, (a, N_lambda_C).
+        eigenstrains: strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T).
     """
 
     operator: StrainOperator
@@ -45,6 +47,7 @@ class ReducedFlow:
     inner: np.ndarray
     loads: csc_matrix
     contact: csr_matrix
+    eigenstrains: csc_matrix
 
     @property
     def points(self) -> np.ndarray:
@@ -76,22 +79,54 @@ class ReducedEquilibrium:
     ):
         self.problem, self.flow, self.parameters, self.fields = problem, flow, parameters, fields
         self.lock = nullcontext()  # histories share no factors here
-        self.operator, self.material, self.points = flow.operator, flow.material, flow.points
+        self.operator, self.points = flow.operator, flow.points
         self.conditions, self.size = problem.contact_test.shape
         self.amplitudes = fields.amplitudes
         self._lifted = bool(flow.lifts.nnz)
         self._pattern = self.operator.pattern()
-        self._sizes = abs(self.operator.stiffness(self.material.elastic, self._pattern))
         self._test = np.ascontiguousarray(flow.modes[flow.inner].T)
         self._external = np.asfortranarray((flow.loads.T @ self._test.T).T)
-        self.elastic = _DenseLinearisation(problem, problem.stiffness, self.material.elastic)
+        middle = np.mean([parameters.lower, parameters.upper], axis=0)
+        self._set_elasticity(flow.material.moduli_at(middle), problem)
+        self.material = flow.material
+        self._middle = self
+        self._last: tuple[np.ndarray, ReducedEquilibrium] | None = None
+
+    def _set_elasticity(self, material: Material, problem: ReducedProblem) -> None:
+        """Take a material whose moduli are numbers, and the projection of its stiffness."""
+        self.material, self.problem = material, problem
+        self._sizes = abs(self.operator.stiffness(material.elastic, self._pattern))
+        self.elastic = _DenseLinearisation(problem, problem.stiffness, material.elastic)
         # the elastic part of K~ is known: online only what flow changes is projected
-        self._unchanged = ElasticPart(self.material.elastic, np.zeros(self._pattern.indices.size))
+        self._unchanged = ElasticPart(material.elastic, np.zeros(self._pattern.indices.size))
+
+    def at(self, point: np.ndarray) -> ReducedEquilibrium:
+        """The equilibrium whose elasticity is that of a point, (P,): itself where elasticity is constant.
+
+        K~ is the sum of its projected parts. The one of the last elasticity is kept.
+
+        Raises:
+            SceneError: for a modulus that is impossible there.
+            NotSolvableError: if K~ is singular there.
+        """
+        middle = self._middle
+        if middle.problem.terms is None:
+            return self
+        weights, last = middle.problem.terms.weights(point), middle._last
+        if last is not None and np.array_equal(last[0], weights):
+            return last[1]
+        found = copy(middle)
+        found._last = None
+        found._set_elasticity(middle.material.moduli_at(point), middle.problem.weighted(weights))
+        # in one assignment, since several threads may ask
+        middle._last = weights, found
+        return found
 
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Strain at the Gauss points of the RID, lift included."""
-        field = self.flow.modes @ x
-        return self.operator.strain(field + self.flow.lifts @ theta if self._lifted else field)
+        """Strain at the Gauss points of the RID, lift included, less that which is without stress."""
+        field, free = self.flow.modes @ x, self.flow.eigenstrains
+        found = self.operator.strain(field + self.flow.lifts @ theta if self._lifted else field)
+        return found - (free @ theta).reshape(found.shape) if free.nnz else found
 
     def strain_of(self, change: np.ndarray) -> np.ndarray:
         """Strain of a change of gamma at the Gauss points of the RID."""

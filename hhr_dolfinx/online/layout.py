@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-FORMAT, VERSION = "hhr_dolfinx reduced model", 7
+FORMAT, VERSION = "hhr_dolfinx reduced model", 8
 CONDENSED, CONDENSED_VERSION = "hhr_dolfinx condensed model", 1
 """Format of files of interpolated condensation, see ``varying_file``."""
 VALUES = ("amplitudes", "laws", "outputs")  # lists in the header
@@ -16,6 +16,7 @@ PACKED = {
     "flow.lifts": ("csc", "n", "terms"),
     "flow.loads": ("csc", "a", "terms"),
     "flow.contact": ("csr", "a", "m"),
+    "flow.eigenstrains": ("csc", "stress inside", "terms"),
 }
 """Matrices of which only what is not zero is kept: sparse format, or order in memory of a dense one; names of sizes."""
 

@@ -195,16 +195,17 @@ def _taken_apart(model: ReducedModel) -> dict[str, Any]:
         values |= {f"trained.{name}": item for name, item in vars(range_).items()}
         values |= {f"paths.{name}": item for name, item in vars(model.trained).items()}
     if model.flow is not None and model.fields.flow is not None:
-        values |= _flow_taken_apart(model.flow, model.fields.flow)
+        values |= _flow_taken_apart(model.flow, model.fields.flow, model.parameters)
     for name in PACKED.keys() & values.keys():
         entries = coo_matrix(values[name])
         values |= {f"{name}.rows": entries.row, f"{name}.columns": entries.col, f"{name}.values": entries.data}
     return values
 
 
-def _flow_taken_apart(flow: ReducedFlow, fields: FlowFields) -> dict[str, Any]:
-    """Arrays of bodies that flow by name."""
-    groups, weights = flow.material.groups, flow.operator.weights
+def _flow_taken_apart(flow: ReducedFlow, fields: FlowFields, space: ParameterSpace) -> dict[str, Any]:
+    """Arrays of bodies that flow by name; moduli that are formulas, whose texts stand elsewhere, are of the middle."""
+    middle = np.mean([space.lower, space.upper], axis=0)
+    groups, weights = flow.material.moduli_at(middle).groups, flow.operator.weights
     values = {f"flow.{name}": item for name, item in (vars(flow) | vars(flow.operator)).items()}
     values["flow.group"] = np.empty(weights.size, dtype=np.int64)
     for number, group in enumerate(groups):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -13,7 +14,7 @@ import numpy as np
 from hhr_dolfinx.amplitudes import Amplitudes, Coverage
 from hhr_dolfinx.errors import FileContentError, HHRError, ModelFileError
 from hhr_dolfinx.files import write_arrays
-from hhr_dolfinx.formulas import Formula, Modulus, Scalar
+from hhr_dolfinx.formulas import Formula, Modulus, Scalar, check_over_box
 from hhr_dolfinx.models.block_elimination import BlockReduction
 from hhr_dolfinx.models.cells import CellRule
 from hhr_dolfinx.models.condensed import KnownStatuses
@@ -108,7 +109,7 @@ def varying_parts(model: ReducedModel) -> tuple[dict[str, Any], dict[str, np.nda
     """What a reduced model has beside the arrays of its table: a tree for the header, and arrays by path."""
     arrays: dict[str, np.ndarray] = {}
     problem = model.problem
-    parts = {
+    parts: dict[str, Any] = {
         "terms": problem.terms,
         "reshaped": problem.reshaped,
         "compliances": model.compliances,
@@ -116,6 +117,8 @@ def varying_parts(model: ReducedModel) -> tuple[dict[str, Any], dict[str, np.nda
         "contact": model.fields.reshaped_contact,
         "outputs": None if problem.reshaped is None else model.fields.functionals,
     }
+    if model.flow is not None:
+        parts["young"] = [group.young if isinstance(group.young, str) else None for group in model.flow.material.groups]
     tree = {name: taken_apart(part, f"{PREFIX}.{name}", arrays) for name, part in parts.items()}
     return tree, arrays
 
@@ -129,9 +132,13 @@ def with_varying_parts(
         FileContentError: for a tree that is none, or does not suit the model.
     """
     kinds = by_name([*KINDS, *known])
-    if not isinstance(tree, dict) or tree.keys() != {"terms", "reshaped", "compliances", "known", "contact", "outputs"}:
+    names = {"terms", "reshaped", "compliances", "known", "contact", "outputs"}
+    flowing = {"young"} if model.flow is not None else set()
+    if not isinstance(tree, dict) or tree.keys() != names | flowing:
         raise FileContentError("what varies in the model is no tree")
     parts = {name: put_together(tree[name], arrays, kinds) for name in tree}
+    if model.flow is not None:
+        return _with_moduli(model, parts)
     fits = (
         isinstance(parts["terms"], ReducedTerms | None)
         and isinstance(parts["reshaped"], RidAssembly | None)
@@ -153,6 +160,39 @@ def with_varying_parts(
     except (IndexError, TypeError, ValueError, AttributeError) as error:
         raise FileContentError(f"what varies does not suit the model: {error}") from error
     return whole
+
+
+def _with_moduli(model: ReducedModel, parts: dict[str, Any]) -> ReducedModel:
+    """A model of bodies that flow with the parts of its stiffness, and the formulas of the moduli of its groups."""
+    from hhr_dolfinx.materials.update import Material
+
+    assert model.flow is not None
+    terms, young, names = parts["terms"], parts["young"], model.parameters.names
+    material, problem = model.flow.material, model.problem
+    alone = all(parts[name] is None for name in parts.keys() - {"terms", "young"})
+    texts = isinstance(young, list | tuple) and all(isinstance(text, str | None) for text in young)
+    if not (isinstance(terms, ReducedTerms) and alone and texts and len(young) == len(material.groups)):
+        raise FileContentError("what varies in the model is of other kinds")
+    shapes = problem.stiffness.shape, problem.loads.shape, problem.loads.shape
+    arrays, count = (terms.stiffness, terms.lifts, terms.forces), len(terms.moduli)
+    wanted = [(count, *shapes[0]), (count, *shapes[1]), shapes[2]]
+    if [np.shape(item) for item in arrays] != wanted or not all(np.isfinite(item).all() for item in arrays):
+        raise FileContentError(f"parts of the stiffness must be finite and have the shapes {wanted}")
+    formulas = {text for text in young if text is not None}
+    kinds = all(isinstance(item, Modulus) and item.names == names and item.rest == "1" for item in terms.moduli)
+    if not kinds or not formulas or {item.factor for item in terms.moduli} - {"1"} != formulas:
+        raise FileContentError("the parts of the stiffness are not those of the moduli of its bodies")
+    for text in formulas:
+        check_over_box(
+            Scalar(text, names), model.parameters, "young", 0.0, math.inf, "Young's modulus must be positive"
+        )
+    middle = np.mean([model.parameters.lower, model.parameters.upper], axis=0)
+    there = np.tensordot(terms.weights(middle), terms.stiffness, 1)
+    if not np.abs(there - problem.stiffness).max() <= 1e-9 * np.abs(problem.stiffness).max():
+        raise FileContentError("the parts of the stiffness do not make that of the middle of the box")
+    groups = [replace(group, young=text or group.young) for group, text in zip(material.groups, young, strict=True)]
+    flow = replace(model.flow, material=Material(groups, material.components, names))
+    return model.changed(problem=replace(problem, terms=terms), flow=flow)
 
 
 def _without_mesh(fields: Any) -> Any:

@@ -243,7 +243,7 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
     with log.stage("online_arrays"):
         range_ = TrainedRange.of(shared.snapshots.points, problem.parameters) if flow is None else None
         model = ReducedModel(reduced, full.parameters, fields, range_, known=known, flow=flow)
-        if problem.varies:
+        if problem.varies and flow is None:
             model = _eliminated_between(model, full, log)
     margin = _checked_margin(shared, model, layers)
     with log.stage("validation"):

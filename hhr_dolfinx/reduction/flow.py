@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import linalg
-from scipy.sparse import csr_matrix
+from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.contact.problem import IndexSets
 from hhr_dolfinx.errors import UnstableModelError
@@ -38,7 +38,13 @@ def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> R
         inner=inner,
         loads=problem.external[acting],
         contact=csr_matrix(problem.contact[sets.A_lambda][:, acting].T),
+        eigenstrains=csc_matrix(full.eigenstrains.tocsr()[_rows(operator.points_of(cells), operator.components)]),
     )
+
+
+def _rows(points: np.ndarray, components: int) -> np.ndarray:
+    """Rows of some Gauss points in what has one for each component of a strain."""
+    return (points[:, None] * components + np.arange(components)).ravel()
 
 
 def training_tangents(
@@ -46,7 +52,7 @@ def training_tangents(
 ) -> list[tuple[np.ndarray, csr_matrix]]:
     """Tangents and stiffness of the full model at some states of each history, the last one among them.
 
-    Laws have the constants of each state's own parameter.
+    Laws and elasticity have the constants of each state's own parameter.
     """
     states: list[tuple[Any, csr_matrix]] = []
     for history in histories if full.material.flows else ():
@@ -59,7 +65,7 @@ def training_tangents(
             strain = full.strain(here.unknown, full.amplitudes(here.parameter))
             material = full.material.at(here.parameter)
             tangents: Any = material.update(strain, state, here.time - time, tangent=True).tangents
-            states.append((tangents, full.stiffness(tangents)))
+            states.append((tangents, full.at(here.parameter).stiffness(tangents)))
     return states
 
 

@@ -105,7 +105,7 @@ class SnapshotStore:
         return [*point.tolist(), *numbers, *self._laws_at(point)]
 
     def _laws_at(self, point: np.ndarray) -> list[str]:
-        """A digest of what each law with formulas answers with its constants at a point."""
+        """A digest of what each body with formulas answers with its constants at a point, and of its modulus there."""
         if self._full.equilibrium is None:
             return []
         material, digests = self._full.equilibrium.material, []
@@ -249,6 +249,8 @@ def _digest_of(full: Any) -> bytes:
     parts += [] if problem.reshaped is None else [problem.reshaped.described]
     groups = () if full.equilibrium is None else full.equilibrium.material.groups
     parts += [part for group in groups for part in (group.indices, group.young, group.poisson, _answers_of(group))]
+    if full.equilibrium is not None and full.equilibrium.eigenstrains.nnz:
+        parts.append(full.equilibrium.eigenstrains)
     _add_to(digest, parts)
     return digest.digest()
 
@@ -269,7 +271,7 @@ def _answers_of(group: Group) -> list[Any]:
     from hhr_dolfinx.materials.constants import formulas_of
 
     formulas = formulas_of(group.law)
-    if formulas:  # without numbers it answers nothing
+    if formulas or isinstance(group.young, str):  # without numbers it answers nothing
         return [text for pair in formulas.items() for text in pair]
     _, shear = lame_parameters(group.young, group.poisson)
     trial = group.young * np.logspace(-8, 0, 201)

@@ -147,12 +147,12 @@ def seconds_of_parts(full_or_reduced: FullOrderModel | ReducedModel, history: Hi
     strain = model.strain(answer.unknown, theta)
     update = material.update(strain, gauss.state, step, tangent=True)
     residual, _ = model.residual(update.stress, theta)
-    operator = model.linearised(update.tangents)
+    operator = model.at(answer.parameter).linearised(update.tangents)
     parts = {
         "strain": lambda: model.strain(answer.unknown, theta),
         "laws": lambda: material.update(strain, gauss.state, step, tangent=False),
         "residual": lambda: model.residual(update.stress, theta),
-        "tangent": lambda: model.linearised(update.tangents),
+        "tangent": lambda: model.at(answer.parameter).linearised(update.tangents),
         "contact": lambda: operator.correct(residual, answer.unknown, theta, answer.active),
     }
     return {name: timed(part, 20)[1] for name, part in parts.items()}
