@@ -11,7 +11,7 @@ import numpy as np
 
 from hhr_dolfinx.certify.accuracy import Residuals, contact_residuals, norm, relative_error, slack_residuals
 from hhr_dolfinx.errors import HHRError
-from hhr_dolfinx.models.answer import Answer, History, Model
+from hhr_dolfinx.models.answer import Answer, GaussState, History, Model
 from hhr_dolfinx.models.path import MarchSettings
 from hhr_dolfinx.trained import Signs
 
@@ -112,7 +112,7 @@ def residuals_of(full: Any, answer: Answer) -> Residuals:
     theta, forces = problem.amplitudes(answer.parameter), answer.forces()
     if answer.gauss is None:
         return contact_residuals(problem.at(answer.parameter), answer.displacement(), forces, theta)
-    left, sizes = equilibrium.residual(answer.stress(), theta)
+    left, sizes = equilibrium.residual(answer.unknown, GaussState(answer.stress(), answer.gauss.state), theta)
     residual = (left - equilibrium.contact_load(forces)) * problem.free
     imbalance = float(np.linalg.norm(residual) / (np.linalg.norm(sizes) or 1.0))
     homogeneous = answer.displacement() - problem.lifts @ theta

@@ -21,9 +21,11 @@ from hhr_dolfinx.full_order.gauss_points import material_at, stiffness_parts, st
 from hhr_dolfinx.linear.sparse import FreeCholesky
 from hhr_dolfinx.materials.constants import check_law
 from hhr_dolfinx.materials.strain import ElasticPart, SparsePattern, StrainOperator
-from hhr_dolfinx.materials.update import Material
-from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.materials.update import Material, Update
+from hhr_dolfinx.models.answer import Answer, GaussState
 from hhr_dolfinx.models.equilibrium import Correction
+from hhr_dolfinx.models.linearised_step import LinearisedStepper
+from hhr_dolfinx.models.path import MarchSettings
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.trained import Signs
 
@@ -91,7 +93,7 @@ class FullEquilibrium:
         self.problem, self.operator = problem, gauss.operator
         self.amplitudes, self.parameters = problem.amplitudes, problem.parameters
         self.size, self.conditions = problem.free.size, problem.contact.shape[0]
-        self.points = np.arange(self.operator.gauss_points)
+        self.points, self.per_cell = np.arange(self.operator.gauss_points), self.operator.per_cell
         self._pattern, self._pairs = gauss.pattern, Pairs.of(problem.contact_pairs)
         self._tangent_factors = _TangentFactors(full)
         self.lock = RLock()
@@ -179,9 +181,9 @@ class FullEquilibrium:
         """Gaps less the lift, (N_lambda,)."""
         return self.problem.gaps @ theta
 
-    def residual(self, stress: np.ndarray, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
+    def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """Loads less internal forces on free dofs, and the norm of what they are made of in each body."""
-        loads, (internal, size) = self.problem.external @ theta, self.operator.internal(stress)
+        loads, (internal, size) = self.problem.external @ theta, self.operator.internal(gauss.stress)
         free = self.problem.free
         return loads - internal * free, self.norms(np.abs(loads) + size * free)
 
@@ -199,9 +201,17 @@ class FullEquilibrium:
 
     def signs(self, answer: Answer) -> Signs:
         """Residual of the free dofs and its parts; gaps are kept to the tolerance of the solver."""
-        residual, sizes = self.residual(answer.state().stress, self.amplitudes(answer.parameter))
+        residual, sizes = self.residual(answer.unknown, answer.state(), self.amplitudes(answer.parameter))
         left = (residual - self.contact_load(answer.multipliers)) * self.problem.free
         return Signs(float(np.linalg.norm(left)), float(np.linalg.norm(sizes)), 0.0)
+
+    def responding_at(self, point: np.ndarray) -> FullEquilibrium:
+        """Itself: strain, gaps and F at a given displacement do not depend on moduli."""
+        return self
+
+    def stepper(self, settings: MarchSettings) -> LinearisedStepper:
+        """What solves the steps of a history."""
+        return LinearisedStepper(self, settings)
 
     def linearised(self, tangents: np.ndarray) -> _SparseLinearisation:
         """Factor the tangent stiffness; the linearisation before needs a factorisation again."""

@@ -222,7 +222,7 @@ class Material:
                 amount = slope = np.zeros(indices.size)
             else:
                 equivalent.setflags(write=False)  # a law that wrote there would spoil the return below
-                amount, slope = _flow_of(group.law, equivalent, old.cumulated[indices], mu, dt)
+                amount, slope = flow_of(group.law, equivalent, old.cumulated[indices], mu, dt)
                 _check_flow(group.law, amount, slope, equivalent, mu)
             step = (indices, strain, deviator, equivalent, amount, slope)
             _return(*step, lam + 2 * mu / 3, mu, stress, *state, tangents)
@@ -259,9 +259,7 @@ def _number(group: Group) -> float:
     return group.young
 
 
-def _flow_of(
-    law: Flow, trial: np.ndarray, cumulated: np.ndarray, mu: float, dt: float
-) -> tuple[np.ndarray, np.ndarray]:
+def flow_of(law: Flow, trial: np.ndarray, cumulated: np.ndarray, mu: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Flow and slope that a law answers with, as arrays; SceneError for other things, ConvergenceError for no flow."""
     try:
         answer = law.flow(trial, cumulated, mu, dt)
@@ -308,7 +306,7 @@ def _check_flow(law: Flow, amount: np.ndarray, slope: np.ndarray, trial: np.ndar
 def _slope_complaint(law: Flow, trial: np.ndarray, cumulated: np.ndarray, mu: float, dt: float) -> str | None:
     """What is wrong with the slope of a law at some points, by central differences; None where they do not flow."""
     step = 1e-4
-    below, here, above = (_flow_of(law, trial * (1 + way * step), cumulated, mu, dt) for way in (-1, 0, 1))
+    below, here, above = (flow_of(law, trial * (1 + way * step), cumulated, mu, dt) for way in (-1, 0, 1))
     # at the onset of flow there is no derivative
     smooth = (below[0] > 0) & (trial > 0)
     if not smooth.any():

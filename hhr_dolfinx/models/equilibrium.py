@@ -6,6 +6,7 @@ more of the contract.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -13,13 +14,14 @@ import numpy as np
 
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import Statuses
-from hhr_dolfinx.models.answer import Answer, Fields
+from hhr_dolfinx.models.answer import Answer, Fields, GaussState
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs, TrainedPaths
 
 if TYPE_CHECKING:
     from hhr_dolfinx.materials.strain import StrainOperator
-    from hhr_dolfinx.materials.update import Material
+    from hhr_dolfinx.materials.update import Material, Update
+    from hhr_dolfinx.models.path import MarchSettings
 
 
 class Correction(NamedTuple):
@@ -34,7 +36,14 @@ class Correction(NamedTuple):
     found: Statuses
 
 
-class Linearisation(Protocol):
+class Changing(Protocol):
+    """A converged step, for its derivatives."""
+
+    def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Solve K δ + B^T λ = residual, B δ = gaps where active, λ = 0 elsewhere: (δ, λ) of a small change."""
+
+
+class Linearisation(Changing, Protocol):
     """A linear model in the place of a model, exact for one in which nothing flows.
 
     Attributes:
@@ -46,19 +55,44 @@ class Linearisation(Protocol):
     def correct(self, residual: np.ndarray, x: np.ndarray, theta: Theta, active: np.ndarray) -> Correction:
         """Solve K δ + B^T λ = residual, B (x + δ) <= gaps, from some statuses."""
 
-    def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Solve K δ + B^T λ = residual, B δ = gaps where active, λ = 0 elsewhere: (δ, λ) of a small change."""
+
+class Diverged(Exception):
+    """A step did not converge: why, and the Gauss point that moves or flows most, if that is known."""
+
+    def __init__(self, why: str, worst: int | None = None):
+        super().__init__(why)
+        self.worst = worst
 
 
-class Equilibrium(Protocol):
-    """What the loop over time steps needs of a model; ``x`` is its unknown, U0 or gamma.
+class Goal(NamedTuple):
+    """Time and parameter to reach."""
+
+    time: float
+    parameter: np.ndarray
+
+
+class Stepper(Protocol):
+    """Solves the steps of one history."""
+
+    def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
+        """The answer at a goal, from the last answers, at most three, the present one at the end.
+
+        Raises:
+            Diverged: if it was not found.
+        """
+
+    def learn(self, answer: Answer) -> None:
+        """Take in a step that was solved before."""
+
+
+class Marching(Protocol):
+    """What a history and its derivatives need of a model; ``x`` is its unknown.
 
     Attributes:
         parameters: the box of the parameters.
         material: elasticity and laws at its Gauss points; ``material.at(parameter)`` has their constants there.
-        operator: strain at these points.
-        points: their numbers in the full model.
-        elastic: the elastic linearisation.
+        points: numbers of these points in the full model.
+        per_cell: Gauss points of a cell of the full model.
         size, conditions: number of unknowns and of contact conditions.
         fields: what completes its answers.
         trained: what a reduced model was trained on; None for a full one.
@@ -67,21 +101,23 @@ class Equilibrium(Protocol):
 
     parameters: ParameterSpace
     material: Material
-    operator: StrainOperator
     points: np.ndarray
-    elastic: Linearisation
+    per_cell: int
     size: int
     conditions: int
     fields: Fields
     trained: TrainedPaths | None
     lock: AbstractContextManager
 
-    def at(self, point: np.ndarray) -> Equilibrium:
-        """The equilibrium whose elasticity is that of a point, (P,): itself where elasticity is constant.
+    def at(self, point: np.ndarray) -> Marching:
+        """The model whose elasticity is that of a point, (P,): itself where elasticity is constant.
 
         The one of the last elasticity is kept. Where it varies, what is not asked through this has formulas in its
         material, and the elastic linearisation of the middle of the box.
         """
+
+    def responding_at(self, point: np.ndarray) -> Marching:
+        """The model whose strain, gaps and residual at a given unknown are those of a point's elasticity, (P,)."""
 
     def amplitudes(self, point: np.ndarray) -> Theta:
         """θ at a parameter."""
@@ -93,9 +129,36 @@ class Equilibrium(Protocol):
         """Strain of a change of the unknown."""
 
     def gaps(self, theta: Theta) -> np.ndarray:
-        """Gaps less the lift on the own conditions, (conditions,), which bound B x."""
+        """Gaps less what is known of the motion, (conditions,), which bound B x."""
 
-    def residual(self, stress: np.ndarray, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
+    def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
+        """What is out of balance at an unknown with stress and state, in the test space, and the size of it."""
+
+    def signs(self, answer: Answer) -> Signs:
+        """What shows at a solved step whether the model still knows what it does."""
+
+    def linearised(self, tangents: Any) -> Changing:
+        """The linearisation of consistent tangents; those of earlier tangents are then out of date."""
+
+    def stepper(self, settings: MarchSettings) -> Stepper:
+        """What solves the steps of a history."""
+
+
+class Equilibrium(Marching, Protocol):
+    """What steps by linearisation need besides; ``x`` is U0 or gamma.
+
+    Attributes:
+        operator: strain at the Gauss points.
+        elastic: the elastic linearisation.
+    """
+
+    operator: StrainOperator
+    elastic: Linearisation
+
+    def at(self, point: np.ndarray) -> Equilibrium:
+        """See :class:`Marching`."""
+
+    def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """Loads less internal forces, in the test space, and the size of both for each body, (bodies,)."""
 
     def norms(self, residual: np.ndarray) -> np.ndarray:
@@ -107,8 +170,15 @@ class Equilibrium(Protocol):
     def contact_load(self, forces: np.ndarray) -> np.ndarray:
         """B^T λ in the test space."""
 
-    def signs(self, answer: Answer) -> Signs:
-        """What shows at a solved step whether the model still knows what it does."""
-
     def linearised(self, tangents: Any) -> Linearisation:
-        """The linearisation of consistent tangents; those of earlier tangents are then out of date."""
+        """See :class:`Marching`."""
+
+
+def extrapolated(trail: Sequence[Answer], time: float, count: int | None = None) -> np.ndarray:
+    """The polynomial through the (first ``count``) unknowns of some answers, at a later time."""
+    times = np.array([answer.time for answer in trail])
+    x = np.zeros_like(trail[0].unknown[:count])
+    for k, answer in enumerate(trail):
+        others = np.delete(times, k)
+        x += np.prod((time - others) / (times[k] - others)) * answer.unknown[:count]
+    return x

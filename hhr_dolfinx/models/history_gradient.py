@@ -21,7 +21,7 @@ import numpy as np
 from hhr_dolfinx.errors import ConvergenceError, ParameterError
 from hhr_dolfinx.materials.update import State, Update
 from hhr_dolfinx.models.answer import Answer, GaussState, History
-from hhr_dolfinx.models.equilibrium import Equilibrium
+from hhr_dolfinx.models.equilibrium import Marching
 from hhr_dolfinx.models.gradient import GRAZING, Gradient
 
 STEP = 1e-5
@@ -47,7 +47,7 @@ class StepGradient(NamedTuple):
     multipliers: np.ndarray
 
 
-def history_gradient(model: Equilibrium, history: History, directions: np.ndarray | None = None) -> list[StepGradient]:
+def history_gradient(model: Marching, history: History, directions: np.ndarray | None = None) -> list[StepGradient]:
     """Derivatives of all answers of a history, solved in steps that were not cut.
 
     Args:
@@ -89,7 +89,7 @@ def history_gradient(model: Equilibrium, history: History, directions: np.ndarra
     return gradients
 
 
-def with_gradients(model: Equilibrium, history: History) -> None:
+def with_gradients(model: Marching, history: History) -> None:
     """Give each answer of a history its derivatives along the parameters; see :func:`history_gradient`."""
     for place, found in enumerate(history_gradient(model, history)):
         answer = history.answers[place]
@@ -102,7 +102,7 @@ def with_gradients(model: Equilibrium, history: History) -> None:
 class _Step:
     """A solved step: its consistent linearisation, and what it does along directions."""
 
-    def __init__(self, model: Equilibrium, answer: Answer, before: State, dt: float, number: int):
+    def __init__(self, model: Marching, answer: Answer, before: State, dt: float, number: int):
         self._model, self._answer, self._before, self._dt = model, answer, before, dt
         theta = model.amplitudes(answer.parameter)
         strain = model.strain(answer.unknown, theta)
@@ -128,9 +128,9 @@ class _Step:
         def loaded(place: float) -> tuple[np.ndarray, ...]:
             """Residual and gaps beside the step, at its unknown."""
             point, before = self._beside(place, direction, change)
-            theta = model.amplitudes(point)
-            update = self._updated(self._answer.unknown, point, before)
-            return model.residual(update.stress, theta)[0], model.gaps(theta)
+            there, theta, x = model.responding_at(point), model.amplitudes(point), self._answer.unknown
+            update = self._updated(x, point, before)
+            return there.residual(x, update, theta)[0], there.gaps(theta)
 
         residual, gaps = self._difference(loaded, direction, length)
         dx, forces = self._linear.changed(residual, gaps, self._answer.active)
@@ -150,7 +150,7 @@ class _Step:
 
     def _updated(self, x: np.ndarray, point: np.ndarray, before: State) -> Update:
         """The material at an unknown, a parameter and a state before the step."""
-        strain = self._model.strain(x, self._model.amplitudes(point))
+        strain = self._model.responding_at(point).strain(x, self._model.amplitudes(point))
         return self._model.material.at(point).update(strain, before, self._dt, tangent=False)
 
     def _length(self, direction: np.ndarray, strain: float, scale: float) -> float:

@@ -14,9 +14,11 @@ from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.materials.strain import ElasticPart, StrainOperator
-from hhr_dolfinx.materials.update import Material
-from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.materials.update import Material, Update
+from hhr_dolfinx.models.answer import Answer, GaussState
 from hhr_dolfinx.models.equilibrium import Correction
+from hhr_dolfinx.models.linearised_step import LinearisedStepper
+from hhr_dolfinx.models.path import MarchSettings
 from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.parameters import ParameterSpace
@@ -79,7 +81,7 @@ class ReducedEquilibrium:
     ):
         self.problem, self.flow, self.parameters, self.fields = problem, flow, parameters, fields
         self.lock = nullcontext()  # histories share no factors here
-        self.operator, self.points = flow.operator, flow.points
+        self.operator, self.points, self.per_cell = flow.operator, flow.points, flow.operator.per_cell
         self.conditions, self.size = problem.contact_test.shape
         self.amplitudes = fields.amplitudes
         self._lifted = bool(flow.lifts.nnz)
@@ -136,9 +138,9 @@ class ReducedEquilibrium:
         """Gaps of the RID less the lift, (N_lambda_C,)."""
         return self.problem.gaps @ theta
 
-    def residual(self, stress: np.ndarray, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
+    def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """V[A]^T of loads less internal forces, and the norm of what they are made of on A, (1,)."""
-        loads, (internal, size) = self._external @ theta, self.operator.internal(stress)
+        loads, (internal, size) = self._external @ theta, self.operator.internal(gauss.stress)
         inner = self.flow.inner
         return loads - self._test @ internal[inner], self.norms(loads) + self.norms(size[inner])
 
@@ -171,6 +173,14 @@ class ReducedEquilibrium:
         """Projected consistent tangent V[A]^T K_T V, (ell, ell)."""
         change = self.operator.stiffness(tangents, self._pattern, self._unchanged)
         return self.problem.stiffness + self._test @ _product(change, self.flow.inner, self.flow.modes)
+
+    def responding_at(self, point: np.ndarray) -> ReducedEquilibrium:
+        """Itself: strain, gaps and F at a given displacement do not depend on moduli."""
+        return self
+
+    def stepper(self, settings: MarchSettings) -> LinearisedStepper:
+        """What solves the steps of a history."""
+        return LinearisedStepper(self, settings)
 
     def linearised(self, tangents: np.ndarray) -> _DenseLinearisation:
         """Project and factor the tangent."""

@@ -1,0 +1,105 @@
+"""Fields of condensed flow on the whole mesh: the displacement exact up to the plastic correction, stress by gappy POD."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.sparse import csr_matrix, diags
+
+from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.condensed_flow import PartFactors
+from hhr_dolfinx.models.reconstruct import FlowFields
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.functionals import Functionals
+
+
+@dataclass(frozen=True)
+class CondensedFlowFields:
+    """What completes answers of condensed flow, see :class:`hhr_dolfinx.models.answer.Fields`.
+
+    Attributes:
+        amplitudes: θ as a function of the parameters.
+        factors: moduli of the parts of the stiffness.
+        parts: part that holds each dof, (N,).
+        basis: V, (N, ell).
+        per_force: K^-1 B^T in the middle of the box, (N, m).
+        forced: K^-1 F there, (N, 1 + T).
+        given: imposed displacements and what follows them, (N, 1 + T).
+        dimension: components of the displacement at a node.
+        flow: what completes stress and plastic strain.
+        functionals: outputs of the scene; None where it has none.
+    """
+
+    amplitudes: Amplitudes
+    factors: PartFactors
+    parts: np.ndarray
+    basis: np.ndarray
+    per_force: np.ndarray
+    forced: np.ndarray
+    given: np.ndarray
+    dimension: int
+    flow: FlowFields
+    functionals: Functionals | None = None
+
+    def displacement(self, answer: Answer) -> np.ndarray:
+        """Displacement on the whole mesh, lift included, (N,)."""
+        theta, correction = self.amplitudes(answer.parameter), answer.unknown[: self.basis.shape[1]]
+        elastic = self.forced @ theta - self.per_force @ answer.multipliers
+        if self.factors.moduli:
+            elastic *= self.factors.compliances(answer.parameter)[self.parts]
+        return elastic + self.given @ theta + self.basis @ correction
+
+    def forces(self, answer: Answer) -> np.ndarray:
+        """The multipliers, all of which the model has, (m,)."""
+        return answer.multipliers.copy()
+
+    def stress(self, answer: Answer) -> np.ndarray:
+        """Stress at all Gauss points, Kelvin's notation, (Gauss points, components)."""
+        return self.flow.stress_everywhere(answer.state().stress)
+
+    def plastic_strain(self, answer: Answer) -> np.ndarray:
+        """Cumulated plastic strain at all Gauss points."""
+        return self.flow.plastic_strain_everywhere(answer.state().state.cumulated)
+
+    def estimate(self, answer: Answer) -> float | None:
+        """None is known."""
+        return None
+
+    @cached_property
+    def _measures(self) -> tuple[np.ndarray, ...]:
+        """Rows of the outputs times all that the displacement is made of; what is elastic for each part."""
+        functionals: Any = self.functionals
+        rows = csr_matrix(functionals.rows)
+        count = max(len(self.factors.moduli), 1)
+        masked = [rows @ diags((self.parts == part).astype(float)) for part in range(count)]
+        per_force, forced = (np.array([part @ item for part in masked]) for item in (self.per_force, self.forced))
+        return rows @ self.basis, rows @ self.given, per_force, forced
+
+    def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
+        """Rows of the outputs times the displacement, (K,)."""
+        per_mode, given, per_force, forced = self._measures
+        elastic = forced @ theta - per_force @ answer.multipliers
+        found = given @ theta + per_mode @ answer.unknown[: per_mode.shape[1]]
+        return found + self.factors.compliances(answer.parameter) @ elastic
+
+    def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
+        assert answer.gradient is not None
+        per_mode, given, per_force, forced = self._measures
+        theta, compliances = self._dense(answer.parameter), self.factors.compliances(answer.parameter)
+        forces = answer.gradient.multipliers
+        elastic = forced @ theta - per_force @ answer.multipliers
+        found = given @ changes + per_mode @ answer.gradient.unknown[: per_mode.shape[1]]
+        found = found + np.tensordot(compliances, forced @ changes - per_force @ forces, 1)
+        return forces, found + elastic.T @ self.factors.slopes(answer.parameter)
+
+    def _dense(self, point: np.ndarray) -> np.ndarray:
+        """θ as an array, (1 + T,)."""
+        given, theta = self.amplitudes(point), np.zeros(self.forced.shape[1])
+        theta[given.terms] = given.values
+        return theta

@@ -1,0 +1,373 @@
+"""Bodies that flow with their elastic response eliminated exactly: a few plastic corrections and all contact forces.
+
+Where elasticity is constant along a history the displacement of the full order is
+
+    u = u_F θ - X λ + u_p,      X = K^-1 B^T,      u_p = K^-1 ∫ G^T C ε_p,
+
+and only the last part is not known beforehand. Its training states have few modes V, orthonormal in energy: u_p = V g
+with g = ∫ (G V)^T C ε_p, an integral that few Gauss points Z with weights of their own carry out. Unknown are g and λ;
+laws see the strain ε = ε_F θ + E_p g - E_X^T λ on Z. Kin in the literature, without contact: transformation field
+analysis with non-uniform modes (Michel and Suquet 2003) and empirical cubature (Hernandez, Caicedo and Ferrer 2017).
+
+Needs neither DOLFINx nor PETSc.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import nullcontext
+from copy import copy
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.linalg import LinAlgError
+
+from hhr_dolfinx.amplitudes import Amplitudes, Theta
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
+from hhr_dolfinx.materials.compiled_laws import kernel_of
+from hhr_dolfinx.materials.elasticity import lame_parameters
+from hhr_dolfinx.materials.update import Group, Material, State, flow_of
+from hhr_dolfinx.models import condensed_step as compiled_step
+from hhr_dolfinx.models.answer import Answer, GaussState
+from hhr_dolfinx.models.condensed_step import StepLoad, StepModel, Work
+from hhr_dolfinx.models.equilibrium import Diverged, Goal, extrapolated
+from hhr_dolfinx.models.path import MarchSettings
+from hhr_dolfinx.models.reconstruct import GappyField
+from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.trained import Signs, TrainedPaths
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.formulas import Modulus
+    from hhr_dolfinx.models.condensed_fields import CondensedFlowFields
+
+_WHY = {
+    compiled_step.STALLED: "no part of Newton's step down to 1/256 lowers the residual",
+    compiled_step.LIMIT: "the iterations allowed are spent",
+    compiled_step.NOT_FINITE: "a law found no flow, or one that is impossible",
+    compiled_step.CONTACT: "the contact forces were not found",
+}
+"""What ended a step, in words."""
+
+
+@dataclass(frozen=True)
+class PartFactors:
+    """Young's moduli as factors of what hangs together in a scene (Q parts, one where elasticity is constant).
+
+    Attributes:
+        moduli: of each part; none where elasticity is constant.
+        middle: their values where the arrays of a model were made, (Q,).
+    """
+
+    moduli: tuple[Modulus, ...]
+    middle: np.ndarray
+
+    def compliances(self, point: np.ndarray) -> np.ndarray:
+        """How much more each part gives at a point, (P,), than in the middle, (Q,)."""
+        if not self.moduli:
+            return np.ones(1)
+        return self.middle / np.array([modulus.value(point) for modulus in self.moduli])
+
+    def slopes(self, point: np.ndarray) -> np.ndarray:
+        """Derivatives of the compliances along the parameters, (Q, P)."""
+        if not self.moduli:
+            return np.zeros((1, point.size))
+        values = np.array([modulus.value(point) for modulus in self.moduli])
+        derivatives = np.array([modulus.derivative(point) for modulus in self.moduli])
+        return -(self.middle / values**2)[:, None] * derivatives
+
+
+@dataclass(frozen=True)
+class CondensedFlow:
+    """Arrays of condensed flow, in the middle of the box (n points of c components, ell modes, m conditions, Q parts).
+
+    Attributes:
+        points: numbers of the Gauss points Z in the full model, body by body, (n,).
+        groups: elasticity and laws of these points by body, their indices one behind another.
+        per_cell: Gauss points of a cell of the full model.
+        parts: part of the stiffness that holds each point, (n,).
+        factors: moduli of the parts.
+        per_mode: strain of V, (ell, n c).
+        tested: weight of each point times 2 μ times strain of V, (ell, n c).
+        per_force: strain of K^-1 B^T, (m, n c).
+        forced: strain of K^-1 F, (n c, 1 + T).
+        given: strain of imposed displacements and of the rest that they strain, less strains without stress, likewise.
+        moved: B V, (m, ell).
+        schur: B K^-1 B^T of each part, (Q, m, m).
+        pressed: B K^-1 F of each part, (Q, m, 1 + T).
+        gaps: gaps less imposed displacements, (m, 1 + T).
+        misfit: modes of the plastic strain on Z that training showed, and how they are fitted to it; None where nothing
+            flowed.
+    """
+
+    points: np.ndarray
+    groups: tuple[Group, ...]
+    per_cell: int
+    parts: np.ndarray
+    factors: PartFactors
+    per_mode: np.ndarray
+    tested: np.ndarray
+    per_force: np.ndarray
+    forced: np.ndarray
+    given: np.ndarray
+    moved: np.ndarray
+    schur: np.ndarray
+    pressed: np.ndarray
+    gaps: np.ndarray
+    misfit: GappyField | None
+
+    @property
+    def components(self) -> int:
+        """Components of a strain."""
+        return self.per_mode.shape[1] // self.points.size
+
+    @cached_property
+    def ends(self) -> np.ndarray:
+        """Last point of each group and one, (G,)."""
+        return np.cumsum([group.indices.size for group in self.groups])
+
+
+class CondensedEquilibrium:
+    """Equilibrium of g and λ; what :class:`hhr_dolfinx.models.equilibrium.Marching` asks for.
+
+    The unknown holds g and, behind it, λ.
+
+    Args:
+        flow: arrays.
+        amplitudes: θ as a function of the parameters.
+        parameters: the box of the parameters.
+        fields: what completes its answers.
+
+    Attributes:
+        trained: what the model was trained on, None until that is known.
+    """
+
+    trained: TrainedPaths | None = None
+
+    def __init__(
+        self,
+        flow: CondensedFlow,
+        amplitudes: Amplitudes,
+        parameters: ParameterSpace,
+        fields: CondensedFlowFields,
+    ):
+        self.flow, self.amplitudes, self.parameters, self.fields = flow, amplitudes, parameters, fields
+        self.lock = nullcontext()  # histories share nothing that is written to
+        self.material = Material(flow.groups, flow.components, parameters.names)
+        self.points, self.per_cell = flow.points, flow.per_cell
+        self.modes, self.conditions = len(flow.per_mode), len(flow.gaps)
+        self.size = self.modes + self.conditions
+        self._middle = self
+        self._last: tuple[np.ndarray, CondensedEquilibrium] | None = None
+        self._set_elasticity(flow.factors.compliances(np.mean([parameters.lower, parameters.upper], axis=0)))
+
+    def _set_elasticity(self, compliances: np.ndarray) -> None:
+        """Take what each part gives more than in the middle, (Q,)."""
+        flow = self.flow
+        self._scale = np.repeat(compliances[flow.parts], flow.components)
+        self._schur = np.tensordot(compliances, flow.schur, 1)
+        self._free_slack = np.asfortranarray(flow.gaps - np.tensordot(compliances, flow.pressed, 1))
+        self._free_strain = np.asfortranarray(self._scale[:, None] * flow.forced + flow.given)
+
+    def at(self, point: np.ndarray) -> CondensedEquilibrium:
+        """The equilibrium whose elasticity is that of a point, (P,); the one of the last elasticity is kept."""
+        middle = self._middle
+        if not middle.flow.factors.moduli:
+            return self
+        compliances, last = middle.flow.factors.compliances(point), middle._last
+        if last is not None and np.array_equal(last[0], compliances):
+            return last[1]
+        found = copy(middle)
+        found._last = None
+        found.material = middle.material.moduli_at(point)
+        found._set_elasticity(compliances)
+        # in one assignment, since several threads may ask
+        middle._last = compliances, found
+        return found
+
+    responding_at = at
+
+    def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """Strain that the laws see on Z, (n, c)."""
+        return (self._free_strain @ theta + self._strain_of(x)).reshape(self.points.size, -1)
+
+    def strain_of(self, change: np.ndarray) -> np.ndarray:
+        """Strain of a change of g and λ on Z, (n, c)."""
+        return self._strain_of(change).reshape(self.points.size, -1)
+
+    def _strain_of(self, x: np.ndarray) -> np.ndarray:
+        correction, forces = np.split(x, [self.modes])
+        return correction @ self.flow.per_mode - self._scale * (forces @ self.flow.per_force)
+
+    def gaps(self, theta: Theta) -> np.ndarray:
+        """Slack without correction and contact forces, (m,)."""
+        return self._free_slack @ theta
+
+    def residual(self, x: np.ndarray, gauss: Any, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
+        """∫ (G V)^T C ε_p less g, for the plastic strain of ``gauss.state``, and the size of g, (1,)."""
+        correction = x[: self.modes]
+        found = self.flow.tested @ gauss.state.plastic.ravel() - correction
+        return found, np.array([np.linalg.norm(correction)])
+
+    def signs(self, answer: Answer) -> Signs:
+        """Plastic strain on Z that is no combination of what training showed there, in the units of g; no overlap.
+
+        All conditions are kept, so that nothing overlaps where the model does not look.
+        """
+        plastic = answer.state().state.plastic.ravel()
+        weights = np.sqrt(np.abs(self._energies))
+        fitted = 0.0 if self.flow.misfit is None else self.flow.misfit.everywhere(plastic)
+        return Signs(float(np.linalg.norm(weights * (plastic - fitted))), float(np.linalg.norm(weights * plastic)), 0.0)
+
+    @cached_property
+    def _energies(self) -> np.ndarray:
+        """Weight by which the square of each component of a strain counts: 2 μ times that of its point, (n c,)."""
+        shear = np.repeat(self._shear(self.material.moduli_at(self._centre).groups), np.diff([0, *self.flow.ends]))
+        return 2 * np.repeat(shear, self.flow.components)
+
+    @property
+    def _centre(self) -> np.ndarray:
+        return np.mean([self.parameters.lower, self.parameters.upper], axis=0)
+
+    @staticmethod
+    def _shear(groups: Sequence[Group]) -> np.ndarray:
+        """Shear modulus of each group, whose Young's moduli are numbers, (G,)."""
+        return np.array([lame_parameters(group.young, group.poisson)[1] for group in groups])
+
+    def linearised(self, tangents: np.ndarray) -> _CondensedLinearisation:
+        """The linearisation of consistent tangents on Z."""
+        return _CondensedLinearisation(self, tangents)
+
+    def stepper(self, settings: MarchSettings) -> CondensedStepper:
+        """What solves the steps of one history."""
+        return CondensedStepper(self, settings)
+
+    @cached_property
+    def _step_model(self) -> StepModel:
+        """Arrays of the compiled loop; moduli must be numbers."""
+        flow = self.flow
+        arrays = (flow.per_mode, flow.tested, flow.per_force, self._schur, flow.moved)
+        contiguous = [np.ascontiguousarray(array, dtype=float) for array in arrays]
+        return StepModel(*contiguous, self._scale, flow.ends, self._shear(self.material.groups))
+
+
+class CondensedStepper:
+    """Solves the steps of one history with arrays of its own.
+
+    Args:
+        model: whose moduli are numbers.
+        settings: how, of which ``relative_force`` and ``iterations`` count.
+    """
+
+    def __init__(self, model: CondensedEquilibrium, settings: MarchSettings):
+        self._model, self._settings, self._arrays = model, settings, model._step_model
+        flow = model.flow
+        self._work = Work.of(model.modes, model.conditions, flow.points.size, flow.components)
+
+    def learn(self, answer: Answer) -> None:
+        """Take in a step that was solved before."""
+        size, numbers = float(np.linalg.norm(answer.unknown[: self._model.modes])), self._work.numbers
+        numbers[compiled_step.SIZE] = max(numbers[compiled_step.SIZE], size)
+
+    def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
+        """A step from the extrapolation of the corrections before, else from the last one.
+
+        Raises:
+            Diverged: with what was tried last.
+        """
+        here, model = trail[-1], self._model
+        material = model.material.at(goal.parameter)
+        theta, before = model.amplitudes(goal.parameter), here.state().state
+        load = StepLoad(
+            model._free_strain @ theta, model.gaps(theta), before.plastic, before.cumulated, goal.time - here.time
+        )
+        starts = [extrapolated(trail, goal.time, model.modes)] if len(trail) > 1 else []
+        spent = 0
+        for start in [*starts, here.unknown[: model.modes]]:
+            self._work.there[:] = start
+            code = self._solve(load, material)
+            spent += int(self._work.numbers[compiled_step.ITERATION])
+            if code == compiled_step.CONVERGED:
+                return self._answer(goal, load, material, spent)
+        left = self._work.numbers[compiled_step.MERIT] / max(float(np.linalg.norm(self._work.here)), 1e-300)
+        raise Diverged(f"{_WHY[code]}, with a residual of {left:.2g} of the correction after {spent} iterations")
+
+    def _solve(self, load: StepLoad, material: Material) -> int:
+        """One attempt from the correction in the work arrays; why it ended."""
+        kernels, settings, work = [kernel_of(group.law) for group in material.groups], self._settings, self._work
+        limits = settings.relative_force, settings.iterations
+        try:
+            if None not in kernels:
+                kinds = np.array([kind for kind, _ in kernels])
+                constants = np.array([values for _, values in kernels])
+                return int(compiled_step.solve(self._arrays, load, work, kinds, constants, *limits))
+            code = compiled_step.begin(self._arrays, load, work)
+            while code == compiled_step.EVALUATE:
+                self._evaluate(load, material)
+                code = compiled_step.advance(self._arrays, load, work, *limits)
+        except (ConvergenceError, LinAlgError):
+            return compiled_step.NOT_FINITE
+        return int(code)
+
+    def _evaluate(self, load: StepLoad, material: Material) -> None:
+        """Flow by laws of which some are a user's own, in Python."""
+        work = self._work
+        for group, shear in zip(material.groups, self._arrays.shear, strict=True):
+            own = slice(int(group.indices[0]), int(group.indices[-1]) + 1)
+            if group.law is None:
+                work.amount[own] = work.slope[own] = 0.0
+                continue
+            trial = work.trial[own].copy()
+            work.amount[own], work.slope[own] = flow_of(group.law, trial, load.cumulated[own], float(shear), load.dt)
+
+    def _answer(self, goal: Goal, load: StepLoad, material: Material, iterations: int) -> Answer:
+        """What was found."""
+        model, work = self._model, self._work
+        self._work.numbers[compiled_step.SIZE] = max(work.numbers[compiled_step.SIZE], np.linalg.norm(work.here))
+        plastic, strain = work.plastic.copy(), work.strain.reshape(work.plastic.shape)
+        stress = np.einsum("nij,nj->ni", material.elastic, strain - plastic)
+        gauss = GaussState(stress, State(plastic, load.cumulated + work.amount))
+        forces = work.forces.copy()
+        unknown = np.concatenate([work.here, forces])
+        how = work.active.copy(), iterations, Status.CONVERGED, False, model.fields
+        return Answer(goal.parameter, unknown, forces, *how, goal.time, gauss)
+
+
+class _CondensedLinearisation:
+    """The linearisation of a converged step, for derivatives of histories.
+
+    Args:
+        model: whose moduli are numbers.
+        tangents: consistent tangents on Z, (n, c, c).
+    """
+
+    def __init__(self, model: CondensedEquilibrium, tangents: np.ndarray):
+        flow, self._model = model.flow, model
+        shape = (model.modes, model.points.size, flow.components)
+        # C - C_t over 2 μ is the derivative of the plastic strain
+        shear = np.repeat(model._shear(model.material.groups), np.diff([0, *flow.ends]))
+        slopes = (model.material.elastic - tangents) / (2 * shear)[:, None, None]
+        self._tested = np.einsum("lni,nij->lnj", flow.tested.reshape(shape), slopes).reshape(model.modes, -1)
+        self._plain = np.eye(model.modes) - self._tested @ flow.per_mode.T
+
+    def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """g and λ, and λ, of a small change of the residual and the free slack, with the statuses as they are.
+
+        Solves dg = tested (E_p dg - E_X^T dλ) + residual and B V dg - S dλ = gaps where active, dλ = 0 elsewhere.
+        """
+        model = self._model
+        on = np.flatnonzero(active)
+        per_force = (self._tested * model._scale) @ model.flow.per_force[on].T
+        size = model.modes
+        matrix = np.zeros((size + on.size, size + on.size))
+        matrix[:size, :size], matrix[:size, size:] = self._plain, per_force
+        matrix[size:, :size], matrix[size:, size:] = model.flow.moved[on], -model._schur[np.ix_(on, on)]
+        try:
+            found = np.linalg.solve(matrix, np.concatenate([residual, gaps[on]]))
+        except np.linalg.LinAlgError as error:
+            raise NotSolvableError(f"the derivative of a step has no solution: {error}") from error
+        forces = np.zeros(model.conditions)
+        forces[on] = found[size:]
+        return np.concatenate([found[:size], forces]), forces

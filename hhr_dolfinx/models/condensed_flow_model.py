@@ -1,0 +1,76 @@
+"""The model of condensed flow: from a path to a history, with all contact conditions and a reduced plastic correction."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hhr_dolfinx.models.answer import Answer, History, Path, WithOutputs
+from hhr_dolfinx.models.condensed_fields import CondensedFlowFields
+from hhr_dolfinx.models.condensed_flow import CondensedEquilibrium, CondensedFlow
+from hhr_dolfinx.models.march import march
+from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient
+from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.trained import Signs, TrainedPaths
+
+
+class CondensedFlowModel(WithOutputs):
+    """Answers paths of bodies that flow, see :mod:`hhr_dolfinx.models.condensed_flow`.
+
+    Several threads may ask one model; it can be copied and pickled.
+
+    Args:
+        flow: arrays of the step.
+        parameters: the box of the parameters.
+        fields: what completes the answers.
+        trained: what it was trained on.
+        offline: how it was made, a ``CorrectionRecord``; None for a model from a file.
+    """
+
+    def __init__(
+        self,
+        flow: CondensedFlow,
+        parameters: ParameterSpace,
+        fields: CondensedFlowFields,
+        trained: TrainedPaths | None = None,
+        *,
+        offline: Any = None,
+    ):
+        self.flow, self.parameters, self.fields, self.trained, self.offline = flow, parameters, fields, trained, offline
+        self.equilibrium = CondensedEquilibrium(flow, fields.amplitudes, parameters, fields)
+        self.equilibrium.trained = trained
+
+    def __reduce__(self) -> tuple:
+        """Copy and pickle by the arrays; how the model was made stays behind."""
+        return CondensedFlowModel, (self.flow, self.parameters, self.fields, self.trained)
+
+    @property
+    def dimension(self) -> int:
+        """Components of the displacement at a node."""
+        return self.fields.dimension
+
+    def changed(self, **parts: Any) -> CondensedFlowModel:
+        """The same model with some parts in the place of its own, by the names of its arguments."""
+        names = ("flow", "parameters", "fields", "trained", "offline")
+        return CondensedFlowModel(**{name: getattr(self, name) for name in names} | parts)
+
+    def solve(
+        self,
+        mu: Any,
+        *,
+        start: Any = "nearest",
+        raise_on_failure: bool = True,
+        outside: str = "warn",
+        gradient: bool = False,
+        **step: Any,
+    ) -> Answer:
+        """Answer of one step from rest, see :func:`one_step`."""
+        refuse_gradient(gradient)
+        return one_step(self, mu, raise_on_failure, outside, **step)
+
+    def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
+        """Solve a history from rest, see :meth:`Model.march`."""
+        return march(self.equilibrium, checked_path(self.parameters, path), settings)
+
+    def nothing_shown(self) -> Signs:
+        """Signs of a model at rest."""
+        return Signs(0.0, 0.0, 0.0)

@@ -1,0 +1,495 @@
+"""Condensed flow, offline: the elastic response, modes of the plastic correction, a cubature for it, and a check.
+
+Weights of the cubature are fitted to two kinds of integrals: what training states need, ∫ (G V)^T C ε_p, and loosely
+the energies ∫ (G V)^T C G V of the modes where anything flowed. With the first alone, modes of small energy were
+overestimated by up to 70 % in the tangent, whose sign then turns: steps stalled, or jumped. With both, none did.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy import linalg
+from scipy.sparse import csc_matrix
+
+from hhr_dolfinx.certify.accuracy import force_floor
+from hhr_dolfinx.certify.compare import Comparison, compare_histories, largest_motion
+from hhr_dolfinx.certify.trust import TrustLimits, check_comparison, warn_of_training
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.errors import HHRError, ReductionError, UnstableModelError
+from hhr_dolfinx.materials.update import Group
+from hhr_dolfinx.models.condensed_fields import CondensedFlowFields
+from hhr_dolfinx.models.condensed_flow import CondensedFlow, PartFactors
+from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
+from hhr_dolfinx.models.reconstruct import FlowFields, GappyField
+from hhr_dolfinx.reduction.cubature import Cubature, compressed, fitted
+from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
+from hhr_dolfinx.timing import StageLog
+from hhr_dolfinx.trained import TrainedPaths
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import Answer
+
+ROWS = 3000
+"""Integrals that a cubature is fitted to at most, before they are compressed."""
+CHUNK = 2000
+"""Gauss points whose contributions are made at once."""
+FLOWED = 1e-4
+"""Plastic strain, relative to the largest of any training state, from which on a point may carry weight."""
+ALIKE = 1e-4
+"""Part of the norm of training states that their compression leaves out."""
+SHOWN = 1e-3
+"""Part of the norm of plastic strains that is no news at the door."""
+STRESS, PLASTIC_STRAIN = 1e-9, 1e-6
+"""Part of the squared training fields that the modes for stress and for cumulated plastic strain leave out."""
+NOTHING = 1e-8
+"""Energy of a correction, relative to the largest, below which it is round-off of the elastic solution."""
+LARGEST_ENERGY = 1.2
+"""Energy of a mode by the cubature above which tangents may turn their sign; the exact one is at most 1."""
+
+
+def _limits() -> TrustLimits:
+    return TrustLimits.of_histories(refuse_primal=0.02, refuse_dual=0.2, warn_primal=0.01)
+
+
+@dataclass(frozen=True)
+class CorrectionSettings:
+    """How far a reduced plastic correction is to go.
+
+    Attributes:
+        modes: energy norm of training corrections that the modes leave out, relative.
+        cubature: relative misfit of the integrals at training states.
+        stability: relative misfit of the energies of the modes.
+        most_modes, most_points: bounds; None for none.
+        attempts: how often modes and cubature grow, by a factor of three in their tolerances, until errors are small.
+        primal, dual: errors of displacement and forces along known histories that are small enough.
+        trust: when a model is refused or warned of; None leaves out the check.
+    """
+
+    modes: float = 2e-4
+    cubature: float = 1e-4
+    stability: float = 0.02
+    most_modes: int | None = None
+    most_points: int | None = None
+    attempts: int = 3
+    primal: float = 5e-3
+    dual: float = 0.06
+    trust: TrustLimits | None = field(default_factory=_limits)
+
+
+@dataclass(frozen=True)
+class CorrectionRecord:
+    """How a model of condensed flow was made.
+
+    Attributes:
+        settings: of the attempt that was taken.
+        modes, points: numbers of them.
+        candidates: Gauss points that flowed in training.
+        misfit: of the cubature.
+        energy: largest energy of a mode by the cubature, exactly at most 1.
+        comparison: what users get beside histories that are known; None where the check was left out.
+        log: seconds of the stages, attempts that were refused.
+    """
+
+    settings: CorrectionSettings
+    modes: int
+    points: int
+    candidates: int
+    misfit: float
+    energy: float
+    comparison: Comparison | None
+    log: StageLog
+
+
+@dataclass(frozen=True)
+class _Elastic:
+    """Elastic response in the middle of the box: columns of K^-1 F and of imposed displacements, parts of the dofs."""
+
+    forced: np.ndarray
+    given: np.ndarray
+    per_force: np.ndarray
+    parts: np.ndarray
+    factors: PartFactors
+
+    def correction(self, problem: ContactProblem, answer: Answer) -> np.ndarray:
+        """u_p of a full answer, (N,)."""
+        theta, scale = problem.amplitudes(answer.parameter), self.factors.compliances(answer.parameter)[self.parts]
+        elastic = scale * (self.forced @ theta - self.per_force @ answer.multipliers)
+        return answer.unknown - elastic - (self.given @ theta - problem.lifts @ theta)
+
+
+def condense_flow(
+    full: Any,
+    snapshots: SnapshotSet,
+    settings: CorrectionSettings | None = None,
+    held_out: SnapshotSet | None = None,
+) -> CondensedFlowModel:
+    """Build a model of bodies that flow that keeps all contact conditions and reduces the plastic correction alone.
+
+    Args:
+        full: the full model, on one rank.
+        snapshots: training histories.
+        settings: how far to go.
+        held_out: histories kept out of training, for the check.
+
+    Raises:
+        ReductionError: for a scene in which nothing flows, or whose moduli are no factors of what hangs together.
+        UnstableModelError: if a model with as many modes and points as are allowed is still off.
+
+    Warns:
+        StabilityWarning, UncheckedWarning: as :func:`hhr_dolfinx.reduction.build.build`.
+    """
+    settings = settings or CorrectionSettings()
+    problem: ContactProblem = full.problem
+    if full.equilibrium is None:
+        raise ReductionError(f"nothing flows in scene '{full.scene.name}': take exact or interpolated condensation")
+    problem.require_whole()
+    check_of_problem("snapshots", snapshots, problem)
+    if not snapshots.histories:
+        raise ReductionError("a reduced plastic correction is trained on histories: SnapshotSet.of_histories")
+    if settings.trust is not None:
+        warn_of_training(full, snapshots, held_out)
+    log = StageLog()
+    with log.stage("elastic"):
+        elastic = elastic_response(full)
+    with log.stage("corrections"):
+        answers = [answer for history in snapshots.histories for answer in history.answers]
+        corrections = np.stack([elastic.correction(problem, answer) for answer in answers], axis=1)
+    with log.stage("reconstruction"):
+        fields = _FieldModes.of(snapshots)
+    shared = _Shared(full, snapshots, held_out, elastic, answers, corrections, fields, log)
+    return _grown(shared, settings)
+
+
+@dataclass(frozen=True)
+class _Shared:
+    """What all attempts share."""
+
+    full: Any
+    snapshots: SnapshotSet
+    held_out: SnapshotSet | None
+    elastic: _Elastic
+    answers: list[Answer]
+    corrections: np.ndarray
+    fields: _FieldModes
+    log: StageLog
+
+
+def _grown(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowModel:
+    """The first attempt whose errors are small, or the best one that is not refused."""
+    best: tuple[float, CondensedFlowModel, list[Any]] | None = None
+    refused: HHRError | None = None
+    for attempt in range(settings.attempts):
+        finer = replace(settings, modes=settings.modes / 3**attempt, cubature=settings.cubature / 3**attempt)
+        try:
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                model = _attempt(shared, finer)
+        except UnstableModelError as error:
+            shared.log.refuse(attempt, str(error))
+            refused = error
+            continue
+        comparison = model.offline.comparison
+        if comparison is None:
+            return model
+        off = max(comparison.primal.max() / settings.primal, comparison.dual.max() / settings.dual)
+        if best is None or off < best[0]:
+            best = off, model, caught
+        if off <= 1:
+            break
+        shared.log.refuse(attempt, f"errors are {off:.2g} times what is small enough")
+    if best is None:
+        assert refused is not None
+        raise refused
+    for item in best[2]:
+        warnings.warn_explicit(item.message, item.category, item.filename, item.lineno)
+    return best[1]
+
+
+def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowModel:
+    """One model."""
+    full, log, elastic = shared.full, shared.log, shared.elastic
+    with log.stage("modes"):
+        basis, sizes = correction_modes(full.problem, shared.corrections, elastic, settings)
+    with log.stage("cubature"):
+        kept = np.flatnonzero(sizes > NOTHING * sizes.max(initial=0.0))
+        plastic = [shared.answers[k].state().state.plastic / sizes[k] for k in kept]
+        candidates, cubature, energy = _cubature(full, basis, plastic, settings)
+    if energy > LARGEST_ENERGY:
+        raise UnstableModelError(
+            f"the cubature on {cubature.points.size} points gives a mode {energy:.2f} times its energy, and tangents "
+            "may turn their sign: allow more points (most_points), or a smaller stability"
+        )
+    with log.stage("online_arrays"):
+        flow = _online(full, elastic, basis, candidates[cubature.points], cubature.weights, plastic)
+        problem = full.problem
+        fields = CondensedFlowFields(
+            problem.amplitudes, elastic.factors, elastic.parts, basis, elastic.per_force, elastic.forced,
+            elastic.given, problem.block_size, shared.fields.on(flow.points, flow.components), full.functionals,
+        )  # fmt: skip
+        model = CondensedFlowModel(flow, full.parameters, fields)
+    with log.stage("validation"):
+        comparison, trained = _compared(shared, model, settings)
+    sizes_ = basis.shape[1], flow.points.size, candidates.size
+    record = CorrectionRecord(settings, *sizes_, cubature.misfit, energy, comparison, log)
+    return model.changed(trained=trained, offline=record)
+
+
+def _compared(
+    shared: _Shared, model: CondensedFlowModel, settings: CorrectionSettings
+) -> tuple[Comparison | None, TrainedPaths]:
+    """Errors of known histories, and what the model was trained on."""
+    full, snapshots, held_out = shared.full, shared.snapshots, shared.held_out
+    histories = {f"trained history {k}": history for k, history in enumerate(snapshots.histories)}
+    kept = () if held_out is None else held_out.histories
+    histories |= {f"held-out history {k}": history for k, history in enumerate(kept)}
+    comparison, signs = compare_histories(full, model, histories, force_floor(full.problem, snapshots))
+    if settings.trust is not None:
+        check_comparison(comparison, settings.trust)
+    paths = [history.path for history in snapshots.histories]
+    known = [item for item in signs if item] or [[model.nothing_shown()]]
+    trained = TrainedPaths.of(paths, full.parameters, known, largest_motion(full, snapshots))
+    return (None if settings.trust is None else comparison), trained
+
+
+def elastic_response(full: Any) -> _Elastic:
+    """Solve for what is elastic, in blocks, with the factors that the full model has."""
+    problem: ContactProblem = full.problem
+    parts, factors = parts_of(problem)
+    solver = full.factors
+    # strains without stress move bodies alike, however stiff they are
+    strained = csc_matrix(problem.loads - problem.external + _eigenforces(full))
+    with solver.lock:
+        solver.refactor(problem.own_stiffness)
+        forced, imposed = solver.solve_columns(problem.external), solver.solve_columns(strained)
+    return _Elastic(forced, imposed + problem.lifts.toarray(), full.per_force, parts, factors)
+
+
+def _eigenforces(full: Any) -> csc_matrix:
+    """Forces on free dofs of strains without stress in the middle of the box, sparse, (N, 1 + T)."""
+    equilibrium, problem = full.equilibrium, full.problem
+    elastic = equilibrium.material.moduli_at(problem.middle).elastic
+    forces = np.zeros(problem.loads.shape)
+    for term in np.flatnonzero(np.diff(equilibrium.eigenstrains.indptr)):
+        strain = equilibrium.eigenstrains[:, [term]].toarray().reshape(len(elastic), -1)
+        forces[:, term] = equilibrium.operator.internal(np.einsum("nij,nj->ni", elastic, strain))[0] * problem.free
+    return csc_matrix(forces)
+
+
+def parts_of(problem: ContactProblem) -> tuple[np.ndarray, PartFactors]:
+    """Part of the stiffness that holds each dof, (N,), and the moduli of the parts.
+
+    Raises:
+        ReductionError: where parts with moduli of their own hang together.
+    """
+    if not problem.moduli:
+        return np.zeros(problem.free.size, dtype=np.int64), PartFactors((), np.ones(1))
+    acting = np.array([np.asarray(abs(part).sum(axis=1)).ravel() > 0 for part in problem.stiffness_terms])
+    if (acting.sum(axis=0) > 1).any():
+        raise ReductionError(
+            "bodies that hang together have Young's moduli that vary by themselves, so that K^-1 is no factor times a "
+            "constant: give them one formula, or take the hyper-reduced model"
+        )
+    return acting.argmax(axis=0), PartFactors(tuple(problem.moduli), problem.weights(problem.middle))
+
+
+def correction_modes(
+    problem: ContactProblem, corrections: np.ndarray, elastic: _Elastic, settings: CorrectionSettings
+) -> tuple[np.ndarray, np.ndarray]:
+    """Modes of corrections, (N, S), orthonormal in energy, (N, ell), and the energy norm of each state, (S,).
+
+    Where moduli vary each part has modes of its own: a mode across parts would have no energy of its own.
+
+    Raises:
+        ReductionError: if nothing flows in training.
+    """
+    sizes = np.sqrt(np.maximum(np.einsum("ns,ns->s", corrections, problem.stiffness @ corrections), 0.0))
+    if not sizes.max(initial=0.0) > 0:
+        raise ReductionError("no body flows in any training history: train at higher loads, or leave the laws out")
+    found = []
+    for part in np.unique(elastic.parts):
+        own = np.where((elastic.parts == part)[:, None], corrections, 0.0)
+        found.append(_energy_modes(problem, own, settings.modes * np.linalg.norm(sizes)))
+    values = np.concatenate([value for _, value in found])
+    modes = np.concatenate([columns for columns, _ in found], axis=1)
+    order = np.argsort(-values)[: settings.most_modes]
+    return _orthonormal(problem, modes[:, order]), sizes
+
+
+def _energy_modes(problem: ContactProblem, columns: np.ndarray, left_out: float) -> tuple[np.ndarray, np.ndarray]:
+    """POD modes in energy that leave out a given norm, and their singular values."""
+    squares, weights = linalg.eigh(columns.T @ (problem.stiffness @ columns))
+    squares, weights = np.maximum(squares[::-1], 0.0), weights[:, ::-1]
+    rest = np.append(np.cumsum(squares[::-1])[::-1], 0.0)
+    noise = np.finfo(float).eps * len(squares) * (squares[0] if squares.size else 0.0)
+    count = min(int(np.argmax(rest <= left_out**2)), int((squares > noise).sum()))
+    values = np.sqrt(squares[:count])
+    return columns @ (weights[:, :count] / np.where(values > 0, values, 1.0)), values
+
+
+def _orthonormal(problem: ContactProblem, modes: np.ndarray) -> np.ndarray:
+    """The same span, orthonormal in energy to round-off."""
+    for _ in range(2):
+        lower = np.linalg.cholesky(modes.T @ (problem.stiffness @ modes))
+        modes = linalg.solve_triangular(lower, modes.T, lower=True).T
+    return np.ascontiguousarray(modes)
+
+
+def _cubature(
+    full: Any, basis: np.ndarray, plastic: list[np.ndarray], settings: CorrectionSettings
+) -> tuple[np.ndarray, Cubature, float]:
+    """Candidates, a cubature on them, and the largest energy of a mode by it."""
+    equilibrium = full.equilibrium
+    largest = np.max([np.abs(state).max(axis=1) for state in plastic], axis=0)
+    candidates = np.flatnonzero(largest > FLOWED * largest.max())
+    states = _alike(np.array([state[candidates].ravel() for state in plastic]), ROWS // basis.shape[1])
+    states = states.reshape(len(states), candidates.size, -1)
+    weights = _weights(full)[candidates]
+    strains = np.stack([equilibrium.strain_of(column)[candidates] for column in basis.T], axis=2)
+    deviators = strains.copy()
+    deviators[:, :3] -= deviators[:, :3].mean(axis=1, keepdims=True)
+    pairs = np.triu_indices(basis.shape[1])
+
+    def needed() -> Iterator[np.ndarray]:
+        for part in _chunks(candidates.size):
+            tested = weights[part, None, None] * strains[part]
+            yield np.einsum("pcj,rpc->jrp", tested, states[:, part], optimize=True).reshape(-1, tested.shape[0])
+
+    def energies() -> Iterator[np.ndarray]:
+        for part in _chunks(candidates.size):
+            tested = weights[part, None, None] * deviators[part]
+            yield np.einsum("pcj,pci->jip", tested, deviators[part], optimize=True)[pairs]
+
+    rows = compressed(needed, 0.1 * settings.cubature)
+    loose = compressed(energies, 0.1 * settings.stability)
+    rows /= np.linalg.norm(rows.sum(axis=1))
+    loose *= settings.cubature / settings.stability / np.linalg.norm(loose.sum(axis=1))
+    cubature = fitted(np.vstack([rows, loose]), settings.cubature, settings.most_points)
+    chosen = deviators[cubature.points] * np.sqrt(cubature.weights * weights[cubature.points])[:, None, None]
+    energy = np.linalg.norm(chosen.reshape(-1, basis.shape[1]), 2) ** 2
+    return candidates, cubature, float(energy)
+
+
+def _chunks(count: int) -> Iterator[slice]:
+    return (slice(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK))
+
+
+def _alike(states: np.ndarray, most: int) -> np.ndarray:
+    """Few rows with the products of many, (S, n) -> (r, n): by the method of snapshots."""
+    squares, ways = linalg.eigh(states @ states.T)
+    count = min(int((squares > ALIKE**2 * squares[-1]).sum()), most)
+    return ways[:, ::-1][:, :count].T @ states
+
+
+def _weights(full: Any) -> np.ndarray:
+    """Quadrature weight times 2 μ of all Gauss points in the middle of the box, (points,)."""
+    equilibrium = full.equilibrium
+    elastic = equilibrium.material.moduli_at(full.problem.middle).elastic
+    return equilibrium.operator.weights.ravel() * elastic[:, -1, -1]
+
+
+def _online(
+    full: Any,
+    elastic: _Elastic,
+    basis: np.ndarray,
+    points: np.ndarray,
+    weights: np.ndarray,
+    plastic: list[np.ndarray],
+) -> CondensedFlow:
+    """Everything that a step needs, on the points of the cubature."""
+    equilibrium, problem = full.equilibrium, full.problem
+    groups, order = _by_body(equilibrium.material.groups, points)
+    points, weights = points[order], weights[order] * _weights(full)[points[order]]
+    per_cell, components = equilibrium.operator.per_cell, equilibrium.operator.components
+    cells, where = np.unique(points // per_cell, return_inverse=True)
+    operator, dofs = equilibrium.operator.restricted(cells)
+    places = where * per_cell + points % per_cell
+
+    def strain(columns: np.ndarray) -> np.ndarray:
+        """Strain of columns (N, k) at the points, (k, n c)."""
+        return np.array([operator.strain(column)[places].ravel() for column in columns[dofs].T])
+
+    per_mode, count = strain(basis), max(len(elastic.factors.moduli), 1)
+    rows = (points[:, None] * components + np.arange(components)).ravel()
+    free = equilibrium.eigenstrains.tocsr()[rows].toarray()
+    masks = [(elastic.parts == part)[:, None] for part in range(count)]
+    shown = np.array([state[points].ravel() for state in plastic])
+    return CondensedFlow(
+        points=points,
+        groups=groups,
+        per_cell=per_cell,
+        parts=elastic.parts[equilibrium.operator.dofs[points // per_cell, 0]],
+        factors=elastic.factors,
+        per_mode=per_mode,
+        tested=per_mode * np.repeat(weights, components),
+        per_force=strain(elastic.per_force),
+        forced=strain(elastic.forced).T,
+        given=strain(elastic.given).T - free,
+        moved=problem.contact @ basis,
+        schur=np.array([_symmetric(problem.contact @ np.where(mask, elastic.per_force, 0.0)) for mask in masks]),
+        pressed=np.array([problem.contact @ np.where(mask, elastic.forced, 0.0) for mask in masks]),
+        gaps=problem.gaps - problem.contact @ elastic.given,
+        misfit=_shown(shown, np.sqrt(np.repeat(weights, components))),
+    )
+
+
+def _symmetric(matrix: np.ndarray) -> np.ndarray:
+    return (matrix + matrix.T) / 2
+
+
+def _shown(states: np.ndarray, weights: np.ndarray) -> GappyField | None:
+    """Modes of states, (S, n c), in a norm with weights, each state of norm one, and how they are fitted."""
+    weighted = states * weights
+    lengths = np.linalg.norm(weighted, axis=1)
+    weighted = weighted[lengths > 0] / lengths[lengths > 0, None]
+    if not len(weighted):
+        return None
+    _, values, ways = linalg.svd(weighted, full_matrices=False)
+    ways = ways[values > SHOWN * values[0]]
+    return GappyField((ways / weights).T, ways * weights)
+
+
+def _by_body(groups: tuple[Group, ...], points: np.ndarray) -> tuple[tuple[Group, ...], np.ndarray]:
+    """Groups of some points, one behind another, and the order of the points in which they are."""
+    found, order, start = [], [], 0
+    for group in groups:
+        own = np.flatnonzero(np.isin(points, group.indices))
+        if own.size:
+            found.append(replace(group, indices=np.arange(start, start + own.size)))
+            order.append(own)
+            start += own.size
+    return tuple(found), np.concatenate(order)
+
+
+@dataclass(frozen=True)
+class _FieldModes:
+    """POD modes of stress and of cumulated plastic strain everywhere."""
+
+    stress: np.ndarray
+    cumulated: np.ndarray | None
+
+    @classmethod
+    def of(cls, snapshots: SnapshotSet) -> _FieldModes:
+        """Of training histories."""
+        assert snapshots.stress is not None and snapshots.cumulated is not None
+        flowed = _modes(snapshots.cumulated, PLASTIC_STRAIN) if np.any(snapshots.cumulated) else None
+        return cls(_modes(snapshots.stress, STRESS), flowed)
+
+    def on(self, points: np.ndarray, components: int) -> FlowFields:
+        """How fields are completed from some points."""
+        values = (points[:, None] * components + np.arange(components)).ravel()
+        flowed = None if self.cumulated is None else GappyField.fitted(self.cumulated, points)
+        return FlowFields(points, GappyField.fitted(self.stress, values), flowed, len(self.stress) // components)
+
+
+def _modes(columns: np.ndarray, tolerance: float) -> np.ndarray:
+    """POD modes that leave out a part of the squared sum, by the method of snapshots: fields are long."""
+    squares, ways = linalg.eigh(columns.T @ columns)
+    squares, ways = np.maximum(squares[::-1], 0.0), ways[:, ::-1]
+    rest = np.append(np.cumsum(squares[::-1])[::-1], 0.0)
+    count = max(int(np.argmax(rest < max(tolerance, 1e-14) * rest[0])), 1)
+    return columns @ (ways[:, :count] / np.sqrt(squares[:count]))
