@@ -28,7 +28,7 @@ WORTH = 0.5
 """The list is good as long as it has a candidate this parallel to the misfit, relative to the best it had at first."""
 DEPENDENT = 1e-12
 """A column with a smaller part outside of the chosen columns, relative to its length, is one of their combinations."""
-PARALLEL = 1e-13
+PARALLEL = 1e-15
 """Where no candidate is more parallel to the misfit, relative to the integrals, the least misfit is reached."""
 PATIENCE = 20
 """The search ends after as many points for each row; it takes one or two where it is in good order."""
