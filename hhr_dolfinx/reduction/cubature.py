@@ -1,15 +1,15 @@
 """Cubature: few points with non-negative weights that integrate what training showed.
 
-Sought are weights w >= 0, most of them zero, with |A w - A 1| <= tolerance |A 1|, where a column of A holds what a point
-of integration contributes to each integral. As in energy-conserving sampling and weighting (Farhat, Avery, Chapman and
-Cortial, 2014, doi 10.1002/nme.4668) that is non-negative least squares, stopped as soon as the misfit is small; as in
-empirical cubature (Hernandez, Caicedo and Ferrer, 2017, doi 10.1016/j.cma.2016.10.022) the next point is the one whose
-column, scaled to length one, is the most parallel to the misfit, and a factorisation follows the points.
+Sought are weights w >= 0, most of them zero, with |A w - A 1| <= tolerance |A 1|, where a column of A holds what a
+point of integration contributes to each integral. As in energy-conserving sampling and weighting (Farhat, Avery,
+Chapman and Cortial, 2014, doi 10.1002/nme.4668) that is non-negative least squares, stopped as soon as the misfit is
+small; as in empirical cubature (Hernandez, Caicedo and Ferrer, 2017, doi 10.1016/j.cma.2016.10.022) the next point is
+the one whose column, scaled to length one, is the most parallel to the misfit, and a factorisation follows the points.
 
 The iteration is that of Lawson and Hanson (Solving Least Squares Problems, chapter 23) with a QR factor of the chosen
 columns that gains and loses single columns: normal equations would lose half of the digits. What is dear is to compare
-all candidates with the misfit; so the best of them are copied to a short list, and points are taken from there as long
-as the list holds good ones.
+all candidates with the misfit; so good ones from all over are copied to a short list, and points are taken from there
+as long as it holds some.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from scipy import linalg
 
 from hhr_dolfinx.errors import ReductionError
 
-LISTED = 2000
-"""Candidates on the short list: a block of this many columns stays near the processor."""
+LISTED = 1000
+"""Candidates on the short list, about: a block of so many columns stays near the processor."""
 WORTH = 0.5
-"""The list is good as long as it holds a candidate this parallel to the misfit, relative to the best when it was made."""
-DEPENDENT = 1e-9
+"""The list is good as long as it has a candidate this parallel to the misfit, relative to the best it had at first."""
+DEPENDENT = 1e-12
 """A column with a smaller part outside of the chosen columns, relative to its length, is one of their combinations."""
-PARALLEL = 1e-13
+PARALLEL = 1e-15
 """Where no candidate is more parallel to the misfit, relative to the integrals, the least misfit is reached."""
 PATIENCE = 20
 """The search ends after as many points for each row; it takes one or two where it is in good order."""
@@ -55,7 +55,7 @@ def fitted(rows: np.ndarray, tolerance: float, most: int | None = None) -> Cubat
     """Few points and weights >= 0 whose sums are near those of all points.
 
     Args:
-        rows: what each of P points contributes to each of R integrals, with the weights of the quadrature in it, (R, P).
+        rows: what each of P points contributes to each of R integrals, weights of the quadrature included, (R, P).
         tolerance: relative misfit at which the search stops; 0 goes on to the least misfit.
         most: largest number of points; None for no limit but the number of rows.
 
@@ -91,6 +91,51 @@ def fitted(rows: np.ndarray, tolerance: float, most: int | None = None) -> Cubat
     weights = chosen.weights[order] / lengths[points]
     points, weights = points[weights > 0], weights[weights > 0]
     return Cubature(points, weights, float(np.linalg.norm(rows[:, points] @ weights - wanted)) / size)
+
+
+def compressed(chunks: Callable[[], Iterable[np.ndarray]], tolerance: float) -> np.ndarray:
+    """Fewer rows that say nearly the same: rows in the directions of their largest singular values, times these.
+
+    The singular vectors come of the Gram matrix of the rows, so that the table is never there as a whole: R' P + R^2
+    numbers and one chunk are. Squares lose half of the digits: what lies below 1e-7 of the largest value is round-off.
+
+    Args:
+        chunks: called twice, gives all rows of some of the points at a time, (R, p) each, in the same order both times.
+        tolerance: size of what may be left out, relative to that of all rows (Frobenius norms), in (0, 1).
+
+    Returns:
+        (R', P); with ``fitted`` they lead to weights for the rows themselves, but for what was left out.
+
+    Raises:
+        ReductionError: for a tolerance outside (0, 1), chunks that are not finite, do not fit each other, or are none.
+    """
+    if not 0 < tolerance < 1:
+        raise ReductionError(f"the tolerance {tolerance} of the compression of rows must lie in (0, 1)")
+    if not callable(chunks):
+        raise ReductionError(f"chunks = {chunks!r} are asked for twice: give a function that returns them")
+    gram = _gram(chunks())
+    squares, directions = linalg.eigh(gram, check_finite=False)
+    squares = np.maximum(squares[::-1], 0.0)
+    left_out = np.append(np.cumsum(squares[::-1])[::-1], 0.0)
+    above_noise = int((squares > len(gram) * np.finfo(float).eps * squares[0]).sum())
+    count = min(int(np.argmax(left_out <= tolerance**2 * left_out[0])), above_noise)
+    chosen = np.ascontiguousarray(directions[:, ::-1][:, :count].T)
+    return np.hstack([chosen @ chunk for chunk in chunks()])
+
+
+def _gram(chunks: Iterable[np.ndarray]) -> np.ndarray:
+    """Sum of the products of rows, (R, R)."""
+    gram: np.ndarray | None = None
+    for number, chunk in enumerate(chunks):
+        if chunk.ndim != 2 or (gram is not None and len(chunk) != len(gram)):
+            raise ReductionError(f"chunk {number} of the rows of a cubature has shape {chunk.shape}, not (R, p)")
+        product = chunk @ chunk.T
+        if not np.isfinite(product).all():
+            raise ReductionError(f"chunk {number} of the rows of a cubature is not finite, or too large")
+        gram = product if gram is None else np.add(gram, product, out=gram)
+    if gram is None or not gram.size:
+        raise ReductionError("a cubature of no rows integrates nothing: give one row for each integral")
+    return gram
 
 
 class _Factor:
@@ -159,14 +204,20 @@ def _beside(columns: np.ndarray, column: np.ndarray) -> np.ndarray:
 
 
 class _ShortList:
-    """The candidates most parallel to a misfit, with their columns, each of length one."""
+    """Candidates parallel to a misfit, with their columns, each of length one.
+
+    Of each block of successive candidates the most parallel one: successive points are neighbours in a mesh, and the
+    best of all would lie side by side and say the same.
+    """
 
     def __init__(self, rows: np.ndarray, lengths: np.ndarray, misfit: np.ndarray) -> None:
         inverse = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0)
         along = (misfit @ rows) * inverse
-        count = min(LISTED, along.size)
-        self.points = np.argpartition(-along, count - 1)[:count]
-        self.best = float(along[self.points].max())
+        blocks = np.arange(0, along.size, -(-along.size // LISTED))
+        highest = np.maximum.reduceat(along, blocks)
+        sizes = np.diff(np.append(blocks, along.size))
+        self.points = np.flatnonzero(along == np.repeat(highest, sizes))
+        self.best = float(highest.max())
         self.columns = rows[:, self.points] * inverse[self.points]
 
     def along(self, misfit: np.ndarray, left_out: set[int]) -> np.ndarray:

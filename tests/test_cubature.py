@@ -1,0 +1,195 @@
+"""Cubature: points and weights beside scipy's non-negative least squares."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from scipy.optimize import nnls
+
+from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.reduction.cubature import Cubature, _Search, compressed, fitted
+
+
+def smooth(rows: int, points: int, seed: int = 0) -> np.ndarray:
+    """Waves on random points of a square, with the weights of a quadrature."""
+    generator = np.random.default_rng(seed)
+    places, weights = generator.random((points, 2)), generator.uniform(0.3, 1, points) / points
+    waves = [np.cos(places @ generator.normal(size=2) * 8 + generator.uniform(0, 6)) + 0.3 for _ in range(rows)]
+    return np.array([wave / (1 + number / 20) for number, wave in enumerate(waves)]) * weights
+
+
+def noisy(rows: int, points: int, seed: int = 0) -> np.ndarray:
+    """Numbers without any order."""
+    return np.random.default_rng(seed).normal(size=(rows, points)) + 0.2
+
+
+def misfit_of(rows: np.ndarray, found: Cubature) -> float:
+    """|A w - A 1| / |A 1|."""
+    wanted = rows.sum(axis=1)
+    return float(np.linalg.norm(rows[:, found.points] @ found.weights - wanted) / np.linalg.norm(wanted))
+
+
+def sound(rows: np.ndarray, found: Cubature) -> bool:
+    """Whether points increase, weights are positive, and the misfit is what it says."""
+    increasing = np.diff(found.points).min(initial=1) > 0
+    return bool(increasing and (found.weights > 0).all()) and found.misfit == pytest.approx(misfit_of(rows, found))
+
+
+@pytest.mark.parametrize("make", [smooth, noisy])
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4])
+def test_tolerance_is_met_with_few_points(make, tolerance):
+    rows = make(40, 2500)
+    found = fitted(rows, tolerance)
+    assert sound(rows, found)
+    assert found.misfit <= tolerance
+    assert found.points.size < 40
+    assert found.points.size <= 1.15 * textbook(rows, tolerance)
+
+
+def textbook(rows: np.ndarray, tolerance: float) -> int:
+    """Points of Lawson and Hanson's iteration with scaled columns, one at a time and of all candidates."""
+    columns, wanted = rows / np.linalg.norm(rows, axis=0), rows.sum(axis=1)
+    weights = np.zeros(rows.shape[1])
+    chosen = np.zeros(weights.size, dtype=bool)
+    while np.linalg.norm(wanted - columns @ weights) > tolerance * np.linalg.norm(wanted):
+        along = columns.T @ (wanted - columns @ weights)
+        chosen[np.where(chosen, -np.inf, along).argmax()] = True
+        while True:
+            free = np.zeros_like(weights)
+            free[chosen] = np.linalg.lstsq(columns[:, chosen], wanted)[0]
+            low = chosen & (free <= 0)
+            if not low.any():
+                break
+            weights = weights + (weights[low] / (weights[low] - free[low])).min() * (free - weights)
+            chosen &= weights > 1e-14
+            weights[~chosen] = 0
+        weights = free
+    return int(chosen.sum())
+
+
+@pytest.mark.parametrize("make", [smooth, noisy])
+def test_exact_where_asked(make):
+    rows = make(30, 800)
+    found = fitted(rows, 1e-13)
+    assert sound(rows, found)
+    assert found.misfit <= 1e-13
+    assert found.points.size <= 30
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_iteration_ends_where_that_of_scipy_does(seed):
+    """Integrals that no weights meet: what is left is least, and no candidate is parallel to it."""
+    generator = np.random.default_rng(seed)
+    rows = generator.normal(size=(60, 80)) * 10.0 ** generator.uniform(-3, 3, 80)
+    rows[:, 40:50] = rows[:, :10]
+    wanted = generator.normal(size=60)
+    lengths = np.linalg.norm(rows, axis=0)
+    end = _Search(rows, lengths, wanted).run(0.0, 60)
+    left = end.misfit()
+    assert np.linalg.norm(left) == pytest.approx(nnls(rows / lengths, wanted)[1], rel=1e-9)
+    assert (left @ (rows / lengths)).max() < 1e-10
+    assert np.abs(left @ (rows / lengths)[:, end.points]).max() < 1e-10
+    assert (end.weights > 0).all()
+
+
+def test_hard_tables():
+    """Points that do nothing, points twice, rows twice, and rows and points of very different size."""
+    rows = smooth(20, 600)
+    generator = np.random.default_rng(3)
+    rows[:, ::7] = 0
+    rows[:, 1::7] = rows[:, 2::7]
+    rows = np.vstack([rows, rows[:5], np.zeros((2, 600)), 1e-12 * noisy(2, 600)])
+    rows *= 10.0 ** generator.uniform(-8, 8, 600)
+    found = fitted(rows, 1e-9)
+    assert sound(rows, found)
+    assert found.misfit <= 1e-9
+    assert not (found.points % 7 == 0).any()
+    rows *= 10.0 ** generator.uniform(-3, 3, len(rows))[:, None]
+    found = fitted(rows, 1e-9)
+    assert sound(rows, found)
+    assert found.misfit <= 1e-9
+
+
+def test_rows_that_cancel_and_rows_of_nothing():
+    """One integral that is small beside what adds up to it, and integrals that are zero."""
+    row = np.concatenate([np.ones(50), -np.ones(49)])
+    found = fitted(row[None], 1e-12)
+    assert (found.points.size, found.misfit) == (1, 0.0)
+    assert fitted(np.zeros((3, 10)), 1e-3).points.size == 0
+
+
+def test_most_points():
+    rows = smooth(40, 2000)
+    few = fitted(rows, 1e-6, most=10)
+    assert few.points.size <= 10
+    assert sound(rows, few)
+    assert 1e-6 < few.misfit < 0.5
+
+
+def test_same_answer_twice():
+    rows = smooth(30, 1500)
+    first, second = fitted(rows, 1e-4), fitted(rows.copy(), 1e-4)
+    assert (first.points == second.points).all()
+    assert (first.weights == second.weights).all()
+
+
+@pytest.mark.parametrize(
+    ("rows", "options", "words"),
+    [
+        (np.array([[1.0, np.nan]]), {}, "point 1 .* not finite"),
+        (np.array([[1.0, np.inf]]), {}, "not finite"),
+        (np.array([1.0, 2.0]), {}, "shape"),
+        (np.ones((2, 3)), {"tolerance": -1.0}, "tolerance -1"),
+        (np.ones((2, 3)), {"tolerance": np.nan}, "tolerance nan"),
+        (np.ones((2, 3)), {"most": 0}, "at most 0 points"),
+    ],
+)
+def test_refused(rows, options, words):
+    with pytest.raises(ReductionError, match=words):
+        fitted(rows, **({"tolerance": 1e-3} | options))
+
+
+def test_compression_keeps_what_counts():
+    """Hundreds of rows of a few functions: weights for the few serve the many."""
+    few = smooth(15, 3000)
+    rows = np.random.default_rng(1).normal(size=(300, 15)) @ few
+    fewer = compressed(lambda: np.array_split(rows, 7, axis=1), 1e-6)
+    assert fewer.shape[0] <= 15
+    assert np.linalg.norm(fewer) == pytest.approx(np.linalg.norm(rows), rel=1e-9)
+    found = fitted(fewer, 1e-5)
+    assert misfit_of(rows, found) < 2e-5
+
+
+def test_compression_leaves_out_what_was_allowed():
+    rows = noisy(40, 500) * 10.0 ** -np.linspace(0, 6, 40)[:, None]
+    for tolerance in (1e-1, 1e-3):
+        fewer = compressed(lambda: [rows], tolerance)
+        values = np.linalg.svd(rows, compute_uv=False)
+        left_out = np.sqrt((values[len(fewer) :] ** 2).sum() / (values**2).sum())
+        assert left_out <= tolerance
+        assert np.allclose(np.linalg.norm(fewer, axis=1), values[: len(fewer)])
+
+
+@pytest.mark.parametrize(
+    ("chunks", "tolerance", "words"),
+    [
+        (lambda: [np.ones((2, 3)), np.ones((3, 3))], 1e-3, "chunk 1 .* shape"),
+        (lambda: [np.full((2, 3), np.nan)], 1e-3, "chunk 0 .* not finite"),
+        (lambda: [], 1e-3, "no rows"),
+        ([np.ones((2, 3))], 1e-3, "asked for twice"),
+        (lambda: [np.ones((2, 3))], 0.0, "tolerance 0"),
+    ],
+)
+def test_refused_compressions(chunks, tolerance, words):
+    with pytest.raises(ReductionError, match=words):
+        compressed(chunks, tolerance)
+
+
+def test_many_points_in_seconds():
+    """A fifth of the largest tables: the whole of it takes seconds, scipy's minutes."""
+    rows = noisy(300, 20000)
+    start = time.perf_counter()
+    assert fitted(rows, 1e-3).points.size > 100
+    assert time.perf_counter() - start < 10
