@@ -89,15 +89,16 @@ class CondensedFlow:
         per_cell: Gauss points of a cell of the full model.
         parts: part of the stiffness that holds each point, (n,).
         factors: moduli of the parts.
-        per_mode: strain of V, (ell, n c).
-        tested: weight of each point times 2 μ times strain of V, (ell, n c).
-        per_force: strain of K^-1 B^T, (m, n c).
-        forced: strain of K^-1 F, (n c, 1 + T).
+        per_mode: strain of V, component by component, (ell, c n).
+        tested: weight of each point times 2 μ times the deviator of this strain, (ell, c n).
+        per_force: strain of K^-1 B^T, (m, c n).
+        forced: strain of K^-1 F, (c n, 1 + T).
         given: strain of imposed displacements and of the rest that they strain, less strains without stress, likewise.
         moved: B V, (m, ell).
         schur: B K^-1 B^T of each part, (Q, m, m).
         pressed: B K^-1 F of each part, (Q, m, 1 + T).
         gaps: gaps less imposed displacements, (m, 1 + T).
+        energies: square root of the weight times 2 μ of each point, component by component, (c n,).
         misfit: modes of the plastic strain on Z that training showed, and how they are fitted to it; None where nothing
             flowed.
     """
@@ -116,6 +117,7 @@ class CondensedFlow:
     schur: np.ndarray
     pressed: np.ndarray
     gaps: np.ndarray
+    energies: np.ndarray
     misfit: GappyField | None
 
     @property
@@ -166,7 +168,7 @@ class CondensedEquilibrium:
     def _set_elasticity(self, compliances: np.ndarray) -> None:
         """Take what each part gives more than in the middle, (Q,)."""
         flow = self.flow
-        self._scale = np.repeat(compliances[flow.parts], flow.components)
+        self._scale = np.tile(compliances[flow.parts], flow.components)
         self._schur = np.tensordot(compliances, flow.schur, 1)
         self._free_slack = np.asfortranarray(flow.gaps - np.tensordot(compliances, flow.pressed, 1))
         self._free_strain = np.asfortranarray(self._scale[:, None] * flow.forced + flow.given)
@@ -191,11 +193,15 @@ class CondensedEquilibrium:
 
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
         """Strain that the laws see on Z, (n, c)."""
-        return (self._free_strain @ theta + self._strain_of(x)).reshape(self.points.size, -1)
+        return self._by_point(self._free_strain @ theta + self._strain_of(x))
 
     def strain_of(self, change: np.ndarray) -> np.ndarray:
         """Strain of a change of g and λ on Z, (n, c)."""
-        return self._strain_of(change).reshape(self.points.size, -1)
+        return self._by_point(self._strain_of(change))
+
+    def _by_point(self, values: np.ndarray) -> np.ndarray:
+        """Strains component by component, (c n,), as laws take them, (n, c)."""
+        return np.ascontiguousarray(values.reshape(-1, self.points.size).T)
 
     def _strain_of(self, x: np.ndarray) -> np.ndarray:
         correction, forces = np.split(x, [self.modes])
@@ -208,7 +214,7 @@ class CondensedEquilibrium:
     def residual(self, x: np.ndarray, gauss: Any, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """∫ (G V)^T C ε_p less g, for the plastic strain of ``gauss.state``, and the size of g, (1,)."""
         correction = x[: self.modes]
-        found = self.flow.tested @ gauss.state.plastic.ravel() - correction
+        found = self.flow.tested @ gauss.state.plastic.T.ravel() - correction
         return found, np.array([np.linalg.norm(correction)])
 
     def signs(self, answer: Answer) -> Signs:
@@ -216,20 +222,9 @@ class CondensedEquilibrium:
 
         All conditions are kept, so that nothing overlaps where the model does not look.
         """
-        plastic = answer.state().state.plastic.ravel()
-        weights = np.sqrt(np.abs(self._energies))
+        plastic, weights = answer.state().state.plastic.T.ravel(), self.flow.energies
         fitted = 0.0 if self.flow.misfit is None else self.flow.misfit.everywhere(plastic)
         return Signs(float(np.linalg.norm(weights * (plastic - fitted))), float(np.linalg.norm(weights * plastic)), 0.0)
-
-    @cached_property
-    def _energies(self) -> np.ndarray:
-        """Weight by which the square of each component of a strain counts: 2 μ times that of its point, (n c,)."""
-        shear = np.repeat(self._shear(self.material.moduli_at(self._centre).groups), np.diff([0, *self.flow.ends]))
-        return 2 * np.repeat(shear, self.flow.components)
-
-    @property
-    def _centre(self) -> np.ndarray:
-        return np.mean([self.parameters.lower, self.parameters.upper], axis=0)
 
     @staticmethod
     def _shear(groups: Sequence[Group]) -> np.ndarray:
@@ -248,9 +243,10 @@ class CondensedEquilibrium:
     def _step_model(self) -> StepModel:
         """Arrays of the compiled loop; moduli must be numbers."""
         flow = self.flow
-        arrays = (flow.per_mode, flow.tested, flow.per_force, self._schur, flow.moved)
+        scale = self._scale if (self._scale != 1.0).any() else np.zeros(0)
+        arrays = (flow.per_mode, flow.tested, flow.per_force, scale, self._schur, flow.moved)
         contiguous = [np.ascontiguousarray(array, dtype=float) for array in arrays]
-        return StepModel(*contiguous, self._scale, flow.ends, self._shear(self.material.groups))
+        return StepModel(*contiguous, flow.ends, self._shear(self.material.groups))
 
 
 class CondensedStepper:
@@ -281,7 +277,11 @@ class CondensedStepper:
         material = model.material.at(goal.parameter)
         theta, before = model.amplitudes(goal.parameter), here.state().state
         load = StepLoad(
-            model._free_strain @ theta, model.gaps(theta), before.plastic, before.cumulated, goal.time - here.time
+            model._free_strain @ theta,
+            model.gaps(theta),
+            np.ascontiguousarray(before.plastic.T),
+            before.cumulated,
+            goal.time - here.time,
         )
         starts = [extrapolated(trail, goal.time, model.modes)] if len(trail) > 1 else []
         spent = 0
@@ -326,7 +326,7 @@ class CondensedStepper:
         """What was found."""
         model, work = self._model, self._work
         self._work.numbers[compiled_step.SIZE] = max(work.numbers[compiled_step.SIZE], np.linalg.norm(work.here))
-        plastic, strain = work.plastic.copy(), work.strain.reshape(work.plastic.shape)
+        plastic, strain = work.plastic.T.copy(), work.strain.reshape(work.plastic.shape).T
         stress = np.einsum("nij,nj->ni", material.elastic, strain - plastic)
         gauss = GaussState(stress, State(plastic, load.cumulated + work.amount))
         forces = work.forces.copy()
@@ -345,11 +345,11 @@ class _CondensedLinearisation:
 
     def __init__(self, model: CondensedEquilibrium, tangents: np.ndarray):
         flow, self._model = model.flow, model
-        shape = (model.modes, model.points.size, flow.components)
+        shape = (model.modes, flow.components, model.points.size)
         # C - C_t over 2 μ is the derivative of the plastic strain
         shear = np.repeat(model._shear(model.material.groups), np.diff([0, *flow.ends]))
         slopes = (model.material.elastic - tangents) / (2 * shear)[:, None, None]
-        self._tested = np.einsum("lni,nij->lnj", flow.tested.reshape(shape), slopes).reshape(model.modes, -1)
+        self._tested = np.einsum("lin,nij->ljn", flow.tested.reshape(shape), slopes).reshape(model.modes, -1)
         self._plain = np.eye(model.modes) - self._tested @ flow.per_mode.T
 
     def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

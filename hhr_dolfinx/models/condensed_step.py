@@ -24,8 +24,12 @@ from hhr_dolfinx.materials.compiled_laws import flow_at
 
 EVALUATE, CONVERGED, STALLED, LIMIT, NOT_FINITE, CONTACT = range(6)
 """What :func:`advance` answers: evaluate the laws at the trial point, or why it stopped."""
-ITERATION, MERIT, SHARE, SIZE, COUNT, SWITCHED, SOLUTIONS, PROJECTED = range(8)
-"""Places of the numbers in ``Work.numbers``."""
+ITERATION, MERIT, SHARE, SIZE, COUNT, SWITCHED, PROJECTED, LINEAR, NUMBERS = range(9)
+"""Places in ``Work.numbers``: laws evaluated, |R| at ``here``, part of the direction tried, largest |g| so far, active
+conditions, changes of the inverse, whether ``projected`` is there; whether J is none, an old one or that of ``here``."""
+NO_TANGENT, OLD_TANGENT, NEW_TANGENT = range(3)
+SLOW = 0.1
+"""An old J serves as long as |R| falls at least by this factor in each iteration."""
 LEAST_SHARE = 1 / 256
 """Smallest part of a Newton step that the line search tries."""
 DECREASE = 1e-4
@@ -41,13 +45,16 @@ TOLERANCE = 1e-11
 class StepModel(NamedTuple):
     """Arrays of a model at its moduli (n points of c components, ell modes, m conditions, G groups of points).
 
+    Strains lie component by component, so that loops over points run side by side.
+
     Attributes:
-        per_mode: strain of each mode, (ell, n c).
-        tested: quadrature weight times 2 μ of each, (ell, n c), in the moduli for which modes have unit energy.
-        per_force: strain of K^-1 B^T in the moduli for which modes have unit energy, (m, n c).
+        per_mode: strain of each mode, (ell, c n).
+        tested: quadrature weight times 2 μ times the deviator of each, (ell, c n), in the moduli for which modes have
+            unit energy.
+        per_force: strain of K^-1 B^T in these moduli, (m, c n).
+        scale: factor of the strain of contact forces, (c n,); nothing where it is 1.
         schur: S, (m, m).
         moved: B V, (m, ell).
-        scale: factor of the strain of contact forces at each point, (n c,).
         ends: last point of each group and one, (G,).
         shear: of each group, (G,).
     """
@@ -55,9 +62,9 @@ class StepModel(NamedTuple):
     per_mode: np.ndarray
     tested: np.ndarray
     per_force: np.ndarray
+    scale: np.ndarray
     schur: np.ndarray
     moved: np.ndarray
-    scale: np.ndarray
     ends: np.ndarray
     shear: np.ndarray
 
@@ -66,9 +73,9 @@ class StepLoad(NamedTuple):
     """What a step is given.
 
     Attributes:
-        strain: strain without correction and contact forces, (n c,).
+        strain: strain without correction and contact forces, (c n,).
         slack: slack likewise, (m,).
-        plastic: plastic strain before the step, (n, c).
+        plastic: plastic strain before the step, (c, n).
         cumulated: cumulated plastic strain before it, (n,).
         dt: its length in seconds.
     """
@@ -84,17 +91,18 @@ class Work(NamedTuple):
     """What a step works on; ``here`` is the last accepted correction, ``there`` the one that is tried.
 
     Attributes:
-        here, there, direction, residual: (ell,) each.
-        forces: of the contact problem at ``there``, (m,).
+        here, there, direction, residual, left: corrections, direction, and R at ``there`` and ``here``, (ell,) each.
+        forces, slack: of the contact problem at ``there``, (m,) each.
         active: its statuses, (m,) bool.
         index: active conditions in the order of ``inverse``, (m,).
         inverse: of S_AA in its upper left corner, (m, m).
         linear_active: statuses of ``projected``, (m,) bool.
-        projected: E_p - E_X,A^T S_AA^-1 (B V)_A, (ell, n c).
-        strain: at ``there``, (n c,).
-        deviator: of the trial stress, (n, c).
+        projected: E_p - E_X,A^T S_AA^-1 (B V)_A, (ell, c n).
+        newton: inverse of -J, (ell, ell).
+        strain: at ``there``, (c n,).
+        deviator: of the trial stress, (c, n).
         trial, amount, slope: equivalent trial stress, flow and its slope, (n,) each.
-        plastic: plastic strain at ``there``, (n, c).
+        plastic: plastic strain at ``there``, (c, n).
         numbers: iterations and the like, see ``ITERATION``.
     """
 
@@ -102,12 +110,15 @@ class Work(NamedTuple):
     there: np.ndarray
     direction: np.ndarray
     residual: np.ndarray
+    left: np.ndarray
     forces: np.ndarray
+    slack: np.ndarray
     active: np.ndarray
     index: np.ndarray
     inverse: np.ndarray
     linear_active: np.ndarray
     projected: np.ndarray
+    newton: np.ndarray
     strain: np.ndarray
     deviator: np.ndarray
     trial: np.ndarray
@@ -120,11 +131,11 @@ class Work(NamedTuple):
     def of(cls, modes: int, conditions: int, points: int, components: int) -> Work:
         """Arrays of these sizes, with nothing active."""
         ell, m, n, c = modes, conditions, points, components
-        vectors = [np.zeros(ell) for _ in range(4)]
-        contact = np.zeros(m), np.zeros(m, dtype=bool), np.zeros(m, dtype=np.int64), np.zeros((m, m))
-        linear = np.zeros(m, dtype=bool), np.zeros((ell, n * c))
-        points_ = np.zeros(n * c), np.zeros((n, c)), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, c))
-        return cls(*vectors, *contact, *linear, *points_, np.zeros(8))
+        vectors = [np.zeros(ell) for _ in range(5)]
+        contact = np.zeros(m), np.zeros(m), np.zeros(m, dtype=bool), np.zeros(m, dtype=np.int64), np.zeros((m, m))
+        linear = np.zeros(m, dtype=bool), np.zeros((ell, c * n)), np.zeros((ell, ell))
+        gauss = np.zeros(c * n), np.zeros((c, n)), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((c, n))
+        return cls(*vectors, *contact, *linear, *gauss, np.zeros(NUMBERS))
 
 
 @compiled()
@@ -157,9 +168,11 @@ def solve(model, load, work, kinds, constants, tolerance, most):
 @compiled()
 def begin(model, load, work):
     """Prepare the trial stress of the first iterate."""
-    work.numbers[ITERATION] = 0.0
-    work.numbers[SHARE] = 1.0
-    work.numbers[MERIT] = np.inf
+    numbers = work.numbers
+    numbers[ITERATION] = 0.0
+    numbers[SHARE] = 1.0
+    numbers[MERIT] = np.inf
+    numbers[LINEAR] = min(numbers[LINEAR], OLD_TANGENT)
     return _try(model, load, work)
 
 
@@ -174,75 +187,101 @@ def advance(model, load, work, tolerance, most):
     """
     numbers = work.numbers
     numbers[ITERATION] += 1
+    first = numbers[MERIT] == np.inf
     if not _residual(model, load, work):
-        # a correction too far off, where nothing is finite: nearer by half
-        return _back(model, load, work, most) if numbers[ITERATION] > 1 else NOT_FINITE
+        # a correction too far off, where a law has no answer
+        return NOT_FINITE if first else _nearer(model, load, work, most)
     merit = np.sqrt(np.dot(work.residual, work.residual))
-    size = np.sqrt(np.dot(work.there, work.there))
-    if numbers[ITERATION] > 1 and not merit <= (1 - DECREASE * numbers[SHARE]) * numbers[MERIT]:
-        if merit > tolerance * max(size, numbers[SIZE]):
-            return _back(model, load, work, most)
+    solved = merit <= tolerance * max(np.sqrt(np.dot(work.there, work.there)), numbers[SIZE])
+    if not (solved or first or merit <= (1 - DECREASE * numbers[SHARE]) * numbers[MERIT]):
+        return _nearer(model, load, work, most)
+    slow = merit > SLOW * numbers[MERIT]
     work.here[:] = work.there
+    work.left[:] = work.residual
     numbers[MERIT] = merit
-    if merit <= tolerance * max(size, numbers[SIZE]):
+    if solved:
         return CONVERGED
     if numbers[ITERATION] >= most:
         return LIMIT
-    if not _newton(model, load, work):
+    if numbers[LINEAR] == NO_TANGENT or slow and not first:
+        if not _linearise(model, load, work):
+            return STALLED
+    else:
+        numbers[LINEAR] = OLD_TANGENT
+    return _go(model, load, work)
+
+
+@compiled()
+def _go(model, load, work):
+    """The whole of Newton's step from ``here``."""
+    work.direction[:] = np.dot(work.newton, work.left)
+    if not np.isfinite(work.direction.sum()):
         return STALLED
-    numbers[SHARE] = 1.0
+    work.numbers[SHARE] = 1.0
     work.there[:] = work.here + work.direction
     return _try(model, load, work)
 
 
 @compiled()
-def _back(model, load, work, most):
-    """Half of the part of the direction that was tried last."""
+def _nearer(model, load, work, most):
+    """A new J at ``here`` where that at hand is old, else half of the part of the direction that was tried last."""
     numbers = work.numbers
+    if numbers[ITERATION] >= most:
+        return LIMIT
+    if numbers[LINEAR] == OLD_TANGENT:
+        # what the laws say at ``here`` was overwritten: they are asked again
+        numbers[LINEAR] = NO_TANGENT
+        numbers[MERIT] = np.inf
+        work.there[:] = work.here
+        return _try(model, load, work)
     numbers[SHARE] *= 0.5
     if numbers[SHARE] < LEAST_SHARE:
         return STALLED
-    if numbers[ITERATION] >= most:
-        return LIMIT
     work.there[:] = work.here + numbers[SHARE] * work.direction
     return _try(model, load, work)
 
 
-@compiled()
+@compiled(fastmath=True)
 def _try(model, load, work):
     """Contact forces, strain and trial stress at ``work.there``."""
     if not touch(model, load, work):
         return CONTACT
     _strain(model, load, work)
-    components = load.plastic.shape[1]
+    components, points = load.plastic.shape
+    strain = work.strain.reshape(components, points)
+    deviator = work.deviator
     start = 0
     for group in range(model.ends.size):
         twice = 2 * model.shear[group]
-        for k in range(start, model.ends[group]):
-            first = k * components
-            mean = (work.strain[first] + work.strain[first + 1] + work.strain[first + 2]) / 3
-            total = 0.0
-            for i in range(components):
-                value = twice * (work.strain[first + i] - load.plastic[k, i] - (mean if i < 3 else 0.0))
-                work.deviator[k, i] = value
-                total += value * value
-            work.trial[k] = np.sqrt(1.5 * total)
-        start = model.ends[group]
+        end = model.ends[group]
+        for k in range(start, end):
+            mean = (strain[0, k] + strain[1, k] + strain[2, k]) / 3
+            for i in range(3):
+                deviator[i, k] = twice * (strain[i, k] - load.plastic[i, k] - mean)
+            work.trial[k] = deviator[0, k] ** 2 + deviator[1, k] ** 2 + deviator[2, k] ** 2
+        for i in range(3, components):
+            for k in range(start, end):
+                value = twice * (strain[i, k] - load.plastic[i, k])
+                deviator[i, k] = value
+                work.trial[k] += value * value
+        start = end
+    for k in range(points):
+        work.trial[k] = np.sqrt(1.5 * work.trial[k])
     return EVALUATE
 
 
-@compiled()
+@compiled(fastmath=True)
 def _strain(model, load, work):
     """Strain at ``work.there`` under the forces there."""
     strain = work.strain
     strain[:] = 0.0
-    for j in range(work.forces.size):
-        force = work.forces[j]
-        if force != 0.0:
-            row = model.per_force[j]
-            for i in range(strain.size):
-                strain[i] -= force * row[i]
-    strain *= model.scale
+    for a in range(int(work.numbers[COUNT])):
+        force = work.forces[work.index[a]]
+        row = model.per_force[work.index[a]]
+        for i in range(strain.size):
+            strain[i] -= force * row[i]
+    if model.scale.size:
+        strain *= model.scale
     strain += load.strain
     strain += np.dot(work.there, model.per_mode)
 
@@ -255,12 +294,12 @@ def touch(model, load, work):
     P-matrix is solved in finitely many steps (Murty 1974; Júdice and Pires 1994).
     """
     m = work.forces.size
-    slack = load.slack - np.dot(model.moved, work.there)
+    slack = work.slack
+    slack[:] = load.slack - np.dot(model.moved, work.there)
     fewest = m + 1
     patience = PATIENCE
     local = np.empty(m)
     for _ in range(100 * m + 100):
-        work.numbers[SOLUTIONS] += 1
         active = int(work.numbers[COUNT])
         index = work.index
         work.forces[:] = 0.0
@@ -391,62 +430,64 @@ def _refresh(model, work):
 @compiled()
 def _residual(model, load, work):
     """Plastic strain and R at the trial point; whether they are finite, and flows possible."""
-    components = load.plastic.shape[1]
+    components = load.plastic.shape[0]
     start = 0
     for group in range(model.ends.size):
         stiff = 3 * model.shear[group]
-        for k in range(start, model.ends[group]):
+        end = model.ends[group]
+        for k in range(start, end):
             amount = work.amount[k]
             if not (amount >= 0 and stiff * amount <= work.trial[k] * (1 + 1e-9) and np.isfinite(work.slope[k])):
                 return False
-            along = 1.5 * amount / work.trial[k] if amount > 0 else 0.0
-            for i in range(components):
-                work.plastic[k, i] = load.plastic[k, i] + along * work.deviator[k, i]
-        start = model.ends[group]
+        start = end
+    for i in range(components):
+        for k in range(work.amount.size):
+            along = 1.5 * work.amount[k] / work.trial[k] if work.amount[k] > 0 else 0.0
+            work.plastic[i, k] = load.plastic[i, k] + along * work.deviator[i, k]
     work.residual[:] = np.dot(model.tested, work.plastic.ravel()) - work.there
     return bool(np.isfinite(work.residual.sum()))
 
 
 @compiled()
-def _newton(model, load, work):
-    """Newton's direction at ``work.here``; whether J is regular."""
+def _linearise(model, load, work):
+    """The inverse of -J at ``work.here``, of which laws, strain and statuses are those; whether J is regular.
+
+    dε_p/dε = (1 - θ) P + 3/2 (3 μ dΔp/dq - (1 - θ)) s⊗s / q² with 1 - θ = 3 μ Δp / q and the deviatoric projector P.
+    """
     _project(model, work)
-    components = load.plastic.shape[1]
-    ell = work.here.size
-    flowing = 0
-    for k in range(work.amount.size):
-        if work.amount[k] > 0:
-            flowing += 1
-    images = np.empty((ell, flowing * components))
-    tests = np.empty((ell, flowing * components))
+    components, points = load.plastic.shape
+    turned = np.zeros((components, points))
+    along = np.zeros(points)
     start = 0
-    place = 0
     for group in range(model.ends.size):
-        shear = model.shear[group]
-        for k in range(start, model.ends[group]):
-            if not work.amount[k] > 0:
-                continue
-            trial = work.trial[k]
-            # dε_p/dε = (1 - θ) P + 3/2 (3 μ dΔp/dq - (1 - θ)) s⊗s / q², with 1 - θ = 3 μ Δp / q
-            turned = 3 * shear * work.amount[k] / trial
-            along = 1.5 * (3 * shear * work.slope[k] - turned) / (trial * trial)
-            first = k * components
-            target = place * components
-            for j in range(ell):
-                row = work.projected[j]
-                mean = (row[first] + row[first + 1] + row[first + 2]) / 3
-                inner = 0.0
-                for i in range(components):
-                    inner += work.deviator[k, i] * row[first + i]
-                    tests[j, target + i] = model.tested[j, first + i]
-                for i in range(components):
-                    value = row[first + i] - (mean if i < 3 else 0.0)
-                    images[j, target + i] = turned * value + along * inner * work.deviator[k, i]
-            place += 1
-        start = model.ends[group]
-    jacobian = np.eye(ell) - np.dot(tests, images.T)
-    work.direction[:] = np.linalg.solve(jacobian, work.residual)
-    return bool(np.isfinite(work.direction.sum()))
+        stiff = 3 * model.shear[group]
+        end = model.ends[group]
+        for k in range(start, end):
+            if work.amount[k] > 0:
+                trial = work.trial[k]
+                turned[0, k] = stiff * work.amount[k] / trial
+                along[k] = 1.5 * (stiff * work.slope[k] - turned[0, k]) / (trial * trial)
+        start = end
+    turned[1:] = turned[0]
+    scaled = model.tested * turned.ravel()
+    onto = _along(model.tested, work.deviator)
+    jacobian = np.eye(work.here.size) - np.dot(scaled, work.projected.T)
+    jacobian -= np.dot(onto * along, _along(work.projected, work.deviator).T)
+    work.newton[:] = np.linalg.inv(jacobian)
+    work.numbers[LINEAR] = NEW_TANGENT
+    return bool(np.isfinite(work.newton.sum()))
+
+
+@compiled(fastmath=True)
+def _along(rows, deviator):
+    """Products of strains, (ell, c n), with a deviator at each point, (ell, n)."""
+    components, points = deviator.shape
+    found = np.zeros((len(rows), points))
+    for j in range(len(rows)):
+        for i in range(components):
+            for k in range(points):
+                found[j, k] += rows[j, i * points + k] * deviator[i, k]
+    return found
 
 
 @compiled()
@@ -456,9 +497,13 @@ def _project(model, work):
         return
     work.numbers[PROJECTED] = 1.0
     work.linear_active[:] = work.active
-    work.projected[:] = model.per_mode
     count = int(work.numbers[COUNT])
-    if count:
-        index = work.index[:count]
-        weights = np.dot(np.ascontiguousarray(work.inverse[:count, :count]), model.moved[index])
-        work.projected[:] -= np.dot(weights.T, model.per_force[index]) * model.scale
+    if count == 0:
+        work.projected[:] = model.per_mode
+        return
+    index = work.index[:count]
+    weights = np.dot(np.ascontiguousarray(work.inverse[:count, :count]), model.moved[index])
+    taken = np.dot(weights.T, model.per_force[index])
+    if model.scale.size:
+        taken *= model.scale
+    work.projected[:] = model.per_mode - taken

@@ -105,7 +105,7 @@ class _Step:
     def __init__(self, model: Marching, answer: Answer, before: State, dt: float, number: int):
         self._model, self._answer, self._before, self._dt = model, answer, before, dt
         theta = model.amplitudes(answer.parameter)
-        strain = model.strain(answer.unknown, theta)
+        strain = model.responding_at(answer.parameter).strain(answer.unknown, theta)
         self.strain_size = float(np.abs(strain).max(initial=0.0))
         try:
             update = model.material.at(answer.parameter).update(strain, before, dt, tangent=True)

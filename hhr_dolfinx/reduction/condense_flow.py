@@ -410,14 +410,17 @@ def _online(
     places = where * per_cell + points % per_cell
 
     def strain(columns: np.ndarray) -> np.ndarray:
-        """Strain of columns (N, k) at the points, (k, n c)."""
-        return np.array([operator.strain(column)[places].ravel() for column in columns[dofs].T])
+        """Strain of columns (N, k) at the points, component by component, (k, c n)."""
+        return np.array([operator.strain(column)[places].T.ravel() for column in columns[dofs].T])
 
     per_mode, count = strain(basis), max(len(elastic.factors.moduli), 1)
-    rows = (points[:, None] * components + np.arange(components)).ravel()
+    rows = (points * components + np.arange(components)[:, None]).ravel()
     free = equilibrium.eigenstrains.tocsr()[rows].toarray()
     masks = [(elastic.parts == part)[:, None] for part in range(count)]
-    shown = np.array([state[points].ravel() for state in plastic])
+    shown = np.array([state[points].T.ravel() for state in plastic])
+    energies = np.sqrt(np.tile(weights, components))
+    deviator = per_mode.reshape(len(per_mode), components, -1).copy()
+    deviator[:, :3] -= deviator[:, :3].mean(axis=1, keepdims=True)
     return CondensedFlow(
         points=points,
         groups=groups,
@@ -425,7 +428,7 @@ def _online(
         parts=elastic.parts[equilibrium.operator.dofs[points // per_cell, 0]],
         factors=elastic.factors,
         per_mode=per_mode,
-        tested=per_mode * np.repeat(weights, components),
+        tested=deviator.reshape(per_mode.shape) * energies**2,
         per_force=strain(elastic.per_force),
         forced=strain(elastic.forced).T,
         given=strain(elastic.given).T - free,
@@ -433,7 +436,8 @@ def _online(
         schur=np.array([_symmetric(problem.contact @ np.where(mask, elastic.per_force, 0.0)) for mask in masks]),
         pressed=np.array([problem.contact @ np.where(mask, elastic.forced, 0.0) for mask in masks]),
         gaps=problem.gaps - problem.contact @ elastic.given,
-        misfit=_shown(shown, np.sqrt(np.repeat(weights, components))),
+        energies=energies,
+        misfit=_shown(shown, energies),
     )
 
 
@@ -442,7 +446,7 @@ def _symmetric(matrix: np.ndarray) -> np.ndarray:
 
 
 def _shown(states: np.ndarray, weights: np.ndarray) -> GappyField | None:
-    """Modes of states, (S, n c), in a norm with weights, each state of norm one, and how they are fitted."""
+    """Modes of states, (S, c n), in a norm with weights, each state of norm one, and how they are fitted."""
     weighted = states * weights
     lengths = np.linalg.norm(weighted, axis=1)
     weighted = weighted[lengths > 0] / lengths[lengths > 0, None]
