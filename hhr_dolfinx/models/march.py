@@ -35,6 +35,8 @@ MOST_STRAIN = 100.0
 """A strain this large is a runaway, whatever the residual. At the corner of a punch single points reach a few units."""
 PATIENCE = 5
 """A frozen tangent is kept for the next step if this one took no more iterations."""
+NEWTON = 15
+"""Most iterations of Newton's method from an extrapolation: it takes four to eight, or takes turns for ever."""
 
 
 class _Diverged(Exception):
@@ -112,6 +114,9 @@ def _march(
     memory, watch = _Memory(), Watch(model.trained, settings.outside)
     for number, (time, target) in enumerate(path[1:], start=1):
         watch.before(number, trail[-1].time, time, trail[-1].parameter, target)
+        if _turns(model, trail, target):
+            # what flowed before it flows no more: neither an extrapolation nor the tangent says anything of this step
+            trail, memory.linearisation = trail[-1:], None
         if number <= len(known):
             after, cut = known[number - 1], False
             memory.learn(model, after)
@@ -128,6 +133,17 @@ def _march(
         if number > len(known):
             keep(after)
         trail = (*trail[-2:], after)
+
+
+def _turns(model: Equilibrium, trail: tuple[Answer, ...], target: np.ndarray) -> bool:
+    """Whether the path goes back on its last step, as where a load is taken off."""
+    if len(trail) < 2:
+        return False
+    sides = np.subtract(model.parameters.upper, model.parameters.lower)
+    here = trail[-1].parameter
+    before = (here - trail[-2].parameter) / sides
+    after = (target - here) / sides
+    return bool(before @ after < 0)
 
 
 def _check_slopes(model: Equilibrium, before: Answer, after: Answer) -> bool:
@@ -197,15 +213,18 @@ def _tried(
 ) -> Answer:
     """A step from the extrapolation of the answers before; if that fails, with new tangents from an elastic start."""
     careful = replace(settings, search="tangent") if settings.search == "frozen" else settings
+    first = settings
+    if settings.search == "tangent" and len(trail) > 1:
+        first = replace(settings, iterations=min(settings.iterations, NEWTON))
     try:
-        return _step(model, trail, goal, settings, memory)
+        return _step(model, trail, goal, first, memory)
     except (_Diverged, ConvergenceError):
         memory.linearisation = None
     try:
         after = _step(model, trail[-1:], goal, careful, memory)
     except ConvergenceError as error:
         raise _Diverged(str(error)) from error
-    return after._replace(iterations=settings.iterations + after.iterations)
+    return after._replace(iterations=first.iterations + after.iterations)
 
 
 @dataclass
