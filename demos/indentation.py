@@ -59,6 +59,5 @@ def path(depth: float, *constants: float, loading: int = 16, unloading: int = 8)
     up = 1 - (np.arange(1, unloading + 1) / unloading) ** 1.5
     times = np.arange(loading + unloading + 1) / loading
     return [
-        (float(time), np.array([depth * share, *constants]))
-        for time, share in zip(times, [*down, *up], strict=True)
+        (float(time), np.array([depth * share, *constants])) for time, share in zip(times, [*down, *up], strict=True)
     ]
