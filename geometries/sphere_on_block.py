@@ -33,6 +33,7 @@ def sphere_on_block(
     *,
     radius: float = 10.0,
     width: float = 0.5,
+    depth: float = 1.0,
     gap: float = 0.0,
     sphere_cells: tuple[int, int] = (20, 10),
     block_cells: tuple[int, int] = (16, 8),
@@ -41,8 +42,9 @@ def sphere_on_block(
     """Build the mesh of both bodies on all ranks of ``comm``.
 
     Args:
-        radius: radius R of the sphere, in the unit of length of the scene; its height is R too.
+        radius: radius R of the sphere, in the unit of length of the scene.
         width: width of the modelled square over R, at most 0.7, of the sphere; the block has the same.
+        depth: depth of the block over R; the flat top of the sphere is as far above the point of contact.
         gap: distance of sphere and block at the origin.
         sphere_cells: cells of the sphere along x and y, and along z.
         block_cells: cells of the block likewise.
@@ -50,17 +52,35 @@ def sphere_on_block(
     """
     if radius <= 0 or not 0 < width <= 0.7 or grading < 0:
         raise ValueError(f"radius = {radius} must be positive, width = {width} in (0, 0.7], grading = {grading} >= 0")
+    corner = 1 - (1 - 2 * width**2) ** 0.5
+    if depth <= corner:
+        raise ValueError(f"depth = {depth} must be above {corner:.3g}, where the sphere ends over a width of {width}")
 
     def warp(points: np.ndarray, tag: int) -> np.ndarray:
         x, y = (width * radius * _graded(points[:, axis], grading) for axis in (0, 1))
         if tag == BLOCK:
-            return np.column_stack([x, y, -radius * _graded(-points[:, 2], grading)])
+            return np.column_stack([x, y, -depth * radius * _graded(-points[:, 2], grading)])
         surface = radius - np.sqrt(radius**2 - x**2 - y**2)
-        return np.column_stack([x, y, gap + surface + (radius - surface) * _graded(points[:, 2], grading)])
+        return np.column_stack([x, y, gap + surface + (depth * radius - surface) * _graded(points[:, 2], grading)])
 
     upper = ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (sphere_cells[0], sphere_cells[0], sphere_cells[1]))
     lower = ((0.0, 0.0, -1.0), (1.0, 1.0, 0.0), (block_cells[0], block_cells[0], block_cells[1]))
     return two_blocks(comm, first=upper, second=lower, warp=warp)
+
+
+def indentation_cells(count: int) -> dict[str, tuple[int, int]]:
+    """Cells for a soft block under a stiffer sphere, by one number: those of the block along x and y.
+
+    The block takes finer cells than the sphere, since it bears the larger strains. With ``count`` in (10, 14, 19, 25,
+    33) both have 3500, 8200, 20,000, 44,000 and 97,000 unknowns, and the block (count + 1)^2 nodes on its top.
+
+    Returns:
+        The options ``sphere_cells`` and ``block_cells`` of :func:`sphere_on_block`.
+    """
+    if count < 4:
+        raise ValueError(f"{count} cells along a side of the block are too few: give at least 4")
+    along = [round(share * count) for share in (0.8, 0.31, 0.6)]
+    return {"sphere_cells": (along[0], along[1]), "block_cells": (count, along[2])}
 
 
 def _graded(position: np.ndarray, grading: float) -> np.ndarray:

@@ -106,7 +106,7 @@ class FullEquilibrium:
 
             self.eigenstrains = at_gauss_points(gauss.discretisation, problem, self.operator)
         self._set_elasticity(gauss.material.moduli_at(problem.middle), problem.own_stiffness)
-        linear = (problem.own_stiffness, full._solver), full._equalities, full.per_force.__matmul__
+        linear = (problem.own_stiffness, full._solver), full._equalities, self._pushed
         self.elastic = self._linearisation(*linear, self._unchanged.tangents)
         self.material = gauss.material
         self._middle, self._only_part = self, _only_part(problem)
@@ -153,7 +153,12 @@ class FullEquilibrium:
         scale = (problem.weights(problem.middle) / weights)[self._only_part]
         equalities = SchurEqualities.of((problem.contact @ diags(scale)) @ full.per_force)
         factors = problem.own_stiffness, _ScaledSolver(full._solver, scale)
-        return self._linearisation(factors, equalities, lambda forces: scale * (full.per_force @ forces), moduli)
+        return self._linearisation(factors, equalities, lambda forces: scale * self._pushed(forces), moduli)
+
+    def _pushed(self, forces: np.ndarray) -> np.ndarray:
+        """K^-1 B^T λ in the middle of the box, by the columns of what bears: little of a contact in space."""
+        bearing = np.flatnonzero(forces)
+        return self._full.per_force[:, bearing] @ forces[bearing]
 
     def _linearisation(
         self,

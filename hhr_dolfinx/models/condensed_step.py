@@ -203,7 +203,7 @@ def advance(model, load, work, tolerance, most):
         return CONVERGED
     if numbers[ITERATION] >= most:
         return LIMIT
-    if numbers[LINEAR] == NO_TANGENT or slow and not first:
+    if numbers[LINEAR] == NO_TANGENT or (slow and not first):
         if not _linearise(model, load, work):
             return STALLED
     else:

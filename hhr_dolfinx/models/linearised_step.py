@@ -27,6 +27,10 @@ PATIENCE = 5
 """A frozen tangent is kept for the next step if this one took no more iterations."""
 
 
+NEWTON = 15
+"""Most iterations of Newton's method from an extrapolation: it takes four to eight, or takes turns for ever."""
+
+
 class LinearisedStepper:
     """Solves the steps of one history; see :class:`hhr_dolfinx.models.equilibrium.Stepper`.
 
@@ -52,15 +56,20 @@ class LinearisedStepper:
         """
         settings, memory = self._settings, self._memory
         careful = replace(settings, search="tangent") if settings.search == "frozen" else settings
+        first = settings
+        if settings.search == "tangent" and len(trail) > 1:
+            first = replace(settings, iterations=min(settings.iterations, NEWTON))
+        if len(trail) == 1:  # at rest, or where a path turns back: the last tangent says nothing of this step
+            memory.linearisation = None
         try:
-            return _step(self._model, trail, goal, settings, memory)
+            return _step(self._model, trail, goal, first, memory)
         except (Diverged, ConvergenceError):
             memory.linearisation = None
         try:
             after = _step(self._model, trail[-1:], goal, careful, memory)
         except ConvergenceError as error:
             raise Diverged(str(error)) from error
-        return after._replace(iterations=settings.iterations + after.iterations)
+        return after._replace(iterations=first.iterations + after.iterations)
 
 
 @dataclass

@@ -94,6 +94,9 @@ def _march(
     stepper, watch = model.stepper(settings), Watch(model.trained, settings.outside)
     for number, (time, target) in enumerate(path[1:], start=1):
         watch.before(number, trail[-1].time, time, trail[-1].parameter, target)
+        if _turns(model, trail, target):
+            # what flowed before it flows no more: an extrapolation says nothing of this step
+            trail = trail[-1:]
         if number <= len(known):
             after, cut = known[number - 1], False
             stepper.learn(after)
@@ -110,6 +113,17 @@ def _march(
         if number > len(known):
             keep(after)
         trail = (*trail[-2:], after)
+
+
+def _turns(model: Marching, trail: tuple[Answer, ...], target: np.ndarray) -> bool:
+    """Whether the path goes back on its last step, as where a load is taken off."""
+    if len(trail) < 2:
+        return False
+    sides = np.subtract(model.parameters.upper, model.parameters.lower)
+    here = trail[-1].parameter
+    before = (here - trail[-2].parameter) / sides
+    after = (target - here) / sides
+    return bool(before @ after < 0)
 
 
 def _check_slopes(model: Marching, before: Answer, after: Answer) -> bool:
