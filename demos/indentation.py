@@ -22,7 +22,7 @@ from hhr_dolfinx.models.answer import History, Path
 from hhr_dolfinx.study import cli, report
 
 RADIUS, WIDTH, SPHERE_E, BLOCK_E, POISSON = 10.0, 0.4, 210e3, 70e3, 0.3
-BOX = {"depth": (0.0, 0.03), "sy": (100.0, 300.0), "H": (0.0, 3000.0), "E": (60e3, 80e3)}
+BOX = {"depth": (0.0, 0.03), "sy": (100.0, 300.0), "H": (1000.0, 10e3), "E": (60e3, 80e3)}
 """Ranges of the parameters, in mm and MPa; the last is one only where a scene asks for it."""
 RINGS = (0.5, 0.8, 1.1)
 """Distances from the pole in mm at which the rise of the surface is read off."""
