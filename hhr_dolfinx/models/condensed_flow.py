@@ -25,7 +25,7 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from hhr_dolfinx.amplitudes import Amplitudes, Theta
-from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.materials.compiled_laws import kernel_of
 from hhr_dolfinx.materials.elasticity import lame_parameters
@@ -95,6 +95,9 @@ class CondensedFlow:
         forced: strain of K^-1 F, (c n, 1 + T).
         given: strain of imposed displacements and of the rest that they strain, less strains without stress, likewise.
         moved: B V, (m, ell).
+        rest: Q of :mod:`models.condensed_step`, (ell, ell).
+        crossed: P there, (ell, m).
+        mode_parts: part of the stiffness to which each mode belongs, where moduli vary, (ell,).
         schur: B K^-1 B^T of each part, (Q, m, m).
         pressed: B K^-1 F of each part, (Q, m, 1 + T).
         gaps: gaps less imposed displacements, (m, 1 + T).
@@ -114,6 +117,9 @@ class CondensedFlow:
     forced: np.ndarray
     given: np.ndarray
     moved: np.ndarray
+    rest: np.ndarray
+    crossed: np.ndarray
+    mode_parts: np.ndarray
     schur: np.ndarray
     pressed: np.ndarray
     gaps: np.ndarray
@@ -169,7 +175,9 @@ class CondensedEquilibrium:
         """Take what each part gives more than in the middle, (Q,)."""
         flow = self.flow
         self._scale = np.tile(compliances[flow.parts], flow.components)
+        self._crossed = compliances[flow.mode_parts][:, None] * flow.crossed
         self._schur = np.tensordot(compliances, flow.schur, 1)
+        self._equalities = SchurEqualities.symmetric(self._schur)
         self._free_slack = np.asfortranarray(flow.gaps - np.tensordot(compliances, flow.pressed, 1))
         self._free_strain = np.asfortranarray(self._scale[:, None] * flow.forced + flow.given)
 
@@ -212,10 +220,25 @@ class CondensedEquilibrium:
         return self._free_slack @ theta
 
     def residual(self, x: np.ndarray, gauss: Any, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
-        """∫ (G V)^T C ε_p less g, for the plastic strain of ``gauss.state``, and the size of g, (1,)."""
-        correction = x[: self.modes]
-        found = self.flow.tested @ gauss.state.plastic.T.ravel() - correction
+        """R for the plastic strain of ``gauss.state``, see :mod:`models.condensed_step`, and the size of g, (1,)."""
+        correction, flow = x[: self.modes], self.flow
+        change = x.copy()
+        change[self.modes :] -= self.elastic_forces(theta)
+        stressed = gauss.state.plastic.T.ravel() - self._strain_of(change)
+        found = flow.tested @ stressed - flow.rest @ correction - self._crossed @ change[self.modes :]
         return found, np.array([np.linalg.norm(correction)])
+
+    def elastic_forces(self, theta: Theta) -> np.ndarray:
+        """Contact forces λ_e if nothing had ever flowed, (m,).
+
+        Raises:
+            NotSolvableError: if there are none.
+        """
+        slack = self.gaps(theta)
+        found = active_set(self._equalities, slack, slack < 0)
+        if found.status is not Status.CONVERGED:
+            raise NotSolvableError(f"the elastic contact problem has no solution: {found.status.value}")
+        return found.forces
 
     def signs(self, answer: Answer) -> Signs:
         """Plastic strain on Z that is no combination of what training showed there, in the units of g; no overlap.
@@ -244,7 +267,7 @@ class CondensedEquilibrium:
         """Arrays of the compiled loop; moduli must be numbers."""
         flow = self.flow
         scale = self._scale if (self._scale != 1.0).any() else np.zeros(0)
-        arrays = (flow.per_mode, flow.tested, flow.per_force, scale, self._schur, flow.moved)
+        arrays = (flow.per_mode, flow.tested, flow.per_force, scale, self._schur, flow.moved, flow.rest, self._crossed)
         contiguous = [np.ascontiguousarray(array, dtype=float) for array in arrays]
         return StepModel(*contiguous, flow.ends, self._shear(self.material.groups))
 
@@ -260,7 +283,8 @@ class CondensedStepper:
     def __init__(self, model: CondensedEquilibrium, settings: MarchSettings):
         self._model, self._settings, self._arrays = model, settings, model._step_model
         flow = model.flow
-        self._work = Work.of(model.modes, model.conditions, flow.points.size, flow.components)
+        sizes = model.modes, model.conditions, flow.points.size, flow.components
+        self._work, self._elastic = Work.of(*sizes), Work.of(*sizes)
 
     def learn(self, answer: Answer) -> None:
         """Take in a step that was solved before."""
@@ -276,13 +300,13 @@ class CondensedStepper:
         here, model = trail[-1], self._model
         material = model.material.at(goal.parameter)
         theta, before = model.amplitudes(goal.parameter), here.state().state
-        load = StepLoad(
-            model._free_strain @ theta,
-            model.gaps(theta),
-            np.ascontiguousarray(before.plastic.T),
-            before.cumulated,
-            goal.time - here.time,
-        )
+        rest = np.ascontiguousarray(before.plastic.T), before.cumulated, goal.time - here.time
+        nothing = np.zeros(0)
+        load = StepLoad(model._free_strain @ theta, nothing, nothing, model.gaps(theta), *rest)
+        if compiled_step.begin(self._arrays, load, self._elastic) != compiled_step.EVALUATE:
+            raise Diverged("the elastic contact problem has no solution")
+        # without a correction, so that strain and forces are those of the elastic bodies
+        load = load._replace(elastic=self._elastic.strain, forces=self._elastic.forces)
         starts = [extrapolated(trail, goal.time, model.modes)] if len(trail) > 1 else []
         spent = 0
         for start in [*starts, here.unknown[: model.modes]]:
@@ -350,16 +374,18 @@ class _CondensedLinearisation:
         shear = np.repeat(model._shear(model.material.groups), np.diff([0, *flow.ends]))
         slopes = (model.material.elastic - tangents) / (2 * shear)[:, None, None]
         self._tested = np.einsum("lin,nij->ljn", flow.tested.reshape(shape), slopes).reshape(model.modes, -1)
-        self._plain = np.eye(model.modes) - self._tested @ flow.per_mode.T
+        self._tested -= flow.tested
+        self._plain = flow.rest - self._tested @ flow.per_mode.T
 
     def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """g and λ, and λ, of a small change of the residual and the free slack, with the statuses as they are.
 
-        Solves dg = tested (E_p dg - E_X^T dλ) + residual and B V dg - S dλ = gaps where active, dλ = 0 elsewhere.
+        Solves Q dg + P dλ = tested (dε_p/dε - 1) (E_p dg - E_X^T dλ) + residual and B V dg - S dλ = gaps where active,
+        dλ = 0 elsewhere.
         """
         model = self._model
         on = np.flatnonzero(active)
-        per_force = (self._tested * model._scale) @ model.flow.per_force[on].T
+        per_force = (self._tested * model._scale) @ model.flow.per_force[on].T + model._crossed[:, on]
         size = model.modes
         matrix = np.zeros((size + on.size, size + on.size))
         matrix[:size, :size], matrix[:size, size:] = self._plain, per_force

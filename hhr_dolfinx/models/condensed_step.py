@@ -2,12 +2,20 @@
 
 With the elastic response eliminated exactly (see :mod:`hhr_dolfinx.models.condensed_flow`), a step is
 
-    R(g) = sum over Z of w (G V)^T C ε_p(ε) - g = 0,      ε = ε_F + E_p g - E_X^T λ(g) on Z,
+    R(g) = ∫ (G V)^T C ε_p(ε) - g = 0,      ε = ε_e + ε_c,      ε_c = E_p g - E_X^T (λ(g) - λ_e),
 
-where λ(g) solves the contact problem with the slack s - B V g + S λ: piecewise linear and continuous in g, so that R is
-continuous and a line search on its norm has a meaning. On statuses A the derivative is
+where λ(g) solves the contact problem with the slack s - B V g + S λ, and λ_e that without any correction, of strain
+ε_e. λ is piecewise linear and continuous in g, so that R is continuous and a line search on its norm has a meaning.
+What a few points Z integrate is the stress of the correction where anything flowed; the rest is known exactly:
 
-    J = sum w (G V)^T C (dε_p/dε) (E_p - E_X,A^T S_AA^-1 (B V)_A) - I.
+    R(g) = sum over Z of w (G V)^T 2 μ (ε_p - dev ε_c) - Q g - P (λ - λ_e),
+    Q = I - ∫ (G V)^T 2 μ dev G V,      P = ∫ (G V)^T 2 μ dev G K^-1 B^T      (over what flowed).
+
+Where a body creeps at its leisure ε_p follows dev ε, and the sum hardly changes with g: the exact Q keeps the tangent
+definite. A cubature of C ε_p alone, with g in the place of all else, has a tangent whose sign turns with the errors of
+its weights. On statuses A, with E_A = E_p - E_X,A^T W and W = S_AA^-1 (B V)_A, the derivative is
+
+    J = sum w (G V)^T 2 μ (dε_p/dε - 1) dev E_A - Q - P_A W.
 
 Laws are evaluated between two calls of :func:`advance`, those of the package in the same compiled loop, those of a user
 in Python.
@@ -55,6 +63,8 @@ class StepModel(NamedTuple):
         scale: factor of the strain of contact forces, (c n,); nothing where it is 1.
         schur: S, (m, m).
         moved: B V, (m, ell).
+        rest: Q, (ell, ell).
+        crossed: P, (ell, m).
         ends: last point of each group and one, (G,).
         shear: of each group, (G,).
     """
@@ -65,6 +75,8 @@ class StepModel(NamedTuple):
     scale: np.ndarray
     schur: np.ndarray
     moved: np.ndarray
+    rest: np.ndarray
+    crossed: np.ndarray
     ends: np.ndarray
     shear: np.ndarray
 
@@ -74,13 +86,17 @@ class StepLoad(NamedTuple):
 
     Attributes:
         strain: strain without correction and contact forces, (c n,).
-        slack: slack likewise, (m,).
+        elastic: ε_e, (c n,).
+        forces: λ_e, (m,).
+        slack: slack without correction and contact forces, (m,).
         plastic: plastic strain before the step, (c, n).
         cumulated: cumulated plastic strain before it, (n,).
         dt: its length in seconds.
     """
 
     strain: np.ndarray
+    elastic: np.ndarray
+    forces: np.ndarray
     slack: np.ndarray
     plastic: np.ndarray
     cumulated: np.ndarray
@@ -97,7 +113,8 @@ class Work(NamedTuple):
         index: active conditions in the order of ``inverse``, (m,).
         inverse: of S_AA in its upper left corner, (m, m).
         linear_active: statuses of ``projected``, (m,) bool.
-        projected: E_p - E_X,A^T S_AA^-1 (B V)_A, (ell, c n).
+        projected: E_A, (ell, c n).
+        crossing: P_A W, (ell, ell).
         newton: inverse of -J, (ell, ell).
         strain: at ``there``, (c n,).
         deviator: of the trial stress, (c, n).
@@ -118,6 +135,7 @@ class Work(NamedTuple):
     inverse: np.ndarray
     linear_active: np.ndarray
     projected: np.ndarray
+    crossing: np.ndarray
     newton: np.ndarray
     strain: np.ndarray
     deviator: np.ndarray
@@ -133,7 +151,7 @@ class Work(NamedTuple):
         ell, m, n, c = modes, conditions, points, components
         vectors = [np.zeros(ell) for _ in range(5)]
         contact = np.zeros(m), np.zeros(m), np.zeros(m, dtype=bool), np.zeros(m, dtype=np.int64), np.zeros((m, m))
-        linear = np.zeros(m, dtype=bool), np.zeros((ell, c * n)), np.zeros((ell, ell))
+        linear = np.zeros(m, dtype=bool), np.zeros((ell, c * n)), np.zeros((ell, ell)), np.zeros((ell, ell))
         gauss = np.zeros(c * n), np.zeros((c, n)), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((c, n))
         return cls(*vectors, *contact, *linear, *gauss, np.zeros(NUMBERS))
 
@@ -444,7 +462,9 @@ def _residual(model, load, work):
         for k in range(work.amount.size):
             along = 1.5 * work.amount[k] / work.trial[k] if work.amount[k] > 0 else 0.0
             work.plastic[i, k] = load.plastic[i, k] + along * work.deviator[i, k]
-    work.residual[:] = np.dot(model.tested, work.plastic.ravel()) - work.there
+    stressed = work.plastic.ravel() - work.strain + load.elastic
+    work.residual[:] = np.dot(model.tested, stressed) - np.dot(model.rest, work.there)
+    work.residual[:] -= np.dot(model.crossed, work.forces - load.forces)
     return bool(np.isfinite(work.residual.sum()))
 
 
@@ -469,9 +489,9 @@ def _linearise(model, load, work):
                 along[k] = 1.5 * (stiff * work.slope[k] - turned[0, k]) / (trial * trial)
         start = end
     turned[1:] = turned[0]
-    scaled = model.tested * turned.ravel()
+    scaled = model.tested * (1 - turned.ravel())
     onto = _along(model.tested, work.deviator)
-    jacobian = np.eye(work.here.size) - np.dot(scaled, work.projected.T)
+    jacobian = model.rest + work.crossing + np.dot(scaled, work.projected.T)
     jacobian -= np.dot(onto * along, _along(work.projected, work.deviator).T)
     work.newton[:] = np.linalg.inv(jacobian)
     work.numbers[LINEAR] = NEW_TANGENT
@@ -500,9 +520,11 @@ def _project(model, work):
     count = int(work.numbers[COUNT])
     if count == 0:
         work.projected[:] = model.per_mode
+        work.crossing[:] = 0.0
         return
     index = work.index[:count]
     weights = np.dot(np.ascontiguousarray(work.inverse[:count, :count]), model.moved[index])
+    work.crossing[:] = np.dot(model.crossed[:, index], weights)
     taken = np.dot(weights.T, model.per_force[index])
     if model.scale.size:
         taken *= model.scale

@@ -8,9 +8,9 @@ overestimated by up to 70 % in the tangent, whose sign then turns: steps stalled
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -19,8 +19,10 @@ from scipy.sparse import csc_matrix
 from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.certify.compare import Comparison, compare_histories, largest_motion
 from hhr_dolfinx.certify.trust import TrustLimits, check_comparison, warn_of_training
+from hhr_dolfinx.contact.active_set import active_set
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import HHRError, ReductionError, UnstableModelError
+from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.materials.update import Group
 from hhr_dolfinx.models.condensed_fields import CondensedFlowFields
 from hhr_dolfinx.models.condensed_flow import CondensedFlow, PartFactors
@@ -217,15 +219,17 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
         basis, sizes = correction_modes(full.problem, shared.corrections, elastic, settings)
     with log.stage("cubature"):
         kept = np.flatnonzero(sizes > NOTHING * sizes.max(initial=0.0))
-        plastic = [shared.answers[k].state().state.plastic / sizes[k] for k in kept]
-        candidates, cubature, energy = _cubature(full, basis, plastic, settings)
+        states = [_State.of(full, elastic, shared.answers[k], shared.corrections[:, k], sizes[k]) for k in kept]
+        domain = _Domain.of(full, basis, states)
+        cubature = domain.cubature(basis, states, settings)
+        energy = domain.largest_energy(cubature)
     if energy > LARGEST_ENERGY:
         raise UnstableModelError(
             f"the cubature on {cubature.points.size} points gives a mode {energy:.2f} times its energy, and tangents "
             "may turn their sign: allow more points (most_points), or a smaller stability"
         )
     with log.stage("online_arrays"):
-        flow = _online(full, elastic, basis, candidates[cubature.points], cubature.weights, plastic)
+        flow = _online(full, elastic, basis, domain, cubature, states)
         problem = full.problem
         fields = CondensedFlowFields(
             problem.amplitudes, elastic.factors, elastic.parts, basis, elastic.per_force, elastic.forced,
@@ -234,7 +238,7 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
         model = CondensedFlowModel(flow, full.parameters, fields)
     with log.stage("validation"):
         comparison, trained = _compared(shared, model, settings)
-    sizes_ = basis.shape[1], flow.points.size, candidates.size
+    sizes_ = basis.shape[1], flow.points.size, domain.points.size
     record = CorrectionRecord(settings, *sizes_, cubature.misfit, energy, comparison, log)
     return model.changed(trained=trained, offline=record)
 
@@ -339,39 +343,91 @@ def _orthonormal(problem: ContactProblem, modes: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(modes)
 
 
-def _cubature(
-    full: Any, basis: np.ndarray, plastic: list[np.ndarray], settings: CorrectionSettings
-) -> tuple[np.ndarray, Cubature, float]:
-    """Candidates, a cubature on them, and the largest energy of a mode by it."""
-    equilibrium = full.equilibrium
-    largest = np.max([np.abs(state).max(axis=1) for state in plastic], axis=0)
-    candidates = np.flatnonzero(largest > FLOWED * largest.max())
-    states = _alike(np.array([state[candidates].ravel() for state in plastic]), ROWS // basis.shape[1])
-    states = states.reshape(len(states), candidates.size, -1)
-    weights = _weights(full)[candidates]
-    strains = np.stack([equilibrium.strain_of(column)[candidates] for column in basis.T], axis=2)
-    deviators = strains.copy()
-    deviators[:, :3] -= deviators[:, :3].mean(axis=1, keepdims=True)
-    pairs = np.triu_indices(basis.shape[1])
+class _State(NamedTuple):
+    """A training state over the energy norm of its correction: plastic strain, and strain ε_c of the correction."""
 
-    def needed() -> Iterator[np.ndarray]:
-        for part in _chunks(candidates.size):
-            tested = weights[part, None, None] * strains[part]
-            yield np.einsum("pcj,rpc->jrp", tested, states[:, part], optimize=True).reshape(-1, tested.shape[0])
+    plastic: np.ndarray
+    strain: np.ndarray
 
-    def energies() -> Iterator[np.ndarray]:
-        for part in _chunks(candidates.size):
-            tested = weights[part, None, None] * deviators[part]
-            yield np.einsum("pcj,pci->jip", tested, deviators[part], optimize=True)[pairs]
+    @classmethod
+    def of(cls, full: Any, elastic: _Elastic, answer: Answer, correction: np.ndarray, size: float) -> _State:
+        """Of a full answer; the correction moves contact forces, which strain too."""
+        problem, equilibrium = full.problem, full.equilibrium.at(answer.parameter)
+        theta, scale = (
+            problem.amplitudes(answer.parameter),
+            elastic.factors.compliances(answer.parameter)[elastic.parts],
+        )
+        free = scale * (elastic.forced @ theta) + elastic.given @ theta - problem.lifts @ theta
+        slack = problem.gaps @ theta - problem.contact @ free
+        found = active_set(equilibrium.elastic.equalities, slack, slack < 0, pairs=full.pairs)
+        change = correction - scale * (elastic.per_force @ (answer.multipliers - found.forces))
+        return cls(answer.state().state.plastic / size, equilibrium.strain_of(change) / size)
 
-    rows = compressed(needed, 0.1 * settings.cubature)
-    loose = compressed(energies, 0.1 * settings.stability)
-    rows /= np.linalg.norm(rows.sum(axis=1))
-    loose *= settings.cubature / settings.stability / np.linalg.norm(loose.sum(axis=1))
-    cubature = fitted(np.vstack([rows, loose]), settings.cubature, settings.most_points)
-    chosen = deviators[cubature.points] * np.sqrt(cubature.weights * weights[cubature.points])[:, None, None]
-    energy = np.linalg.norm(chosen.reshape(-1, basis.shape[1]), 2) ** 2
-    return candidates, cubature, float(energy)
+
+@dataclass(frozen=True)
+class _Domain:
+    """Gauss points where anything flowed in training: the candidates of a cubature.
+
+    Attributes:
+        points: their numbers, (p,).
+        weights: quadrature weight times 2 μ in the middle of the box, (p,).
+        deviators: of the strain of the modes, (p, c, ell).
+    """
+
+    points: np.ndarray
+    weights: np.ndarray
+    deviators: np.ndarray
+
+    @classmethod
+    def of(cls, full: Any, basis: np.ndarray, states: list[_State]) -> _Domain:
+        """Of training states."""
+        equilibrium = full.equilibrium
+        largest = np.max([np.abs(state.plastic).max(axis=1) for state in states], axis=0)
+        points = np.flatnonzero(largest > FLOWED * largest.max())
+        deviators = np.stack([_deviator(equilibrium.strain_of(column)[points]) for column in basis.T], axis=2)
+        elastic = equilibrium.material.moduli_at(full.problem.middle).elastic
+        return cls(points, (equilibrium.operator.weights.ravel() * elastic[:, -1, -1])[points], deviators)
+
+    def cubature(self, basis: np.ndarray, states: list[_State], settings: CorrectionSettings) -> Cubature:
+        """Points and weights for the stress of the correction at training states, and loosely for energies."""
+        stressed = [state.plastic[self.points] - _deviator(state.strain[self.points]) for state in states]
+        few = _alike(np.array([state.ravel() for state in stressed]), ROWS // basis.shape[1])
+        few = few.reshape(len(few), self.points.size, -1)
+        pairs = np.triu_indices(basis.shape[1])
+
+        def needed() -> Iterator[np.ndarray]:
+            for part in _chunks(self.points.size):
+                tested = self.weights[part, None, None] * self.deviators[part]
+                yield np.einsum("pcj,rpc->jrp", tested, few[:, part], optimize=True).reshape(-1, tested.shape[0])
+
+        def energies() -> Iterator[np.ndarray]:
+            for part in _chunks(self.points.size):
+                tested = self.weights[part, None, None] * self.deviators[part]
+                yield np.einsum("pcj,pci->jip", tested, self.deviators[part], optimize=True)[pairs]
+
+        rows = compressed(needed, 0.1 * settings.cubature)
+        loose = compressed(energies, 0.1 * settings.stability)
+        rows /= np.linalg.norm(rows.sum(axis=1))
+        loose *= settings.cubature / settings.stability / np.linalg.norm(loose.sum(axis=1))
+        return fitted(np.vstack([rows, loose]), settings.cubature, settings.most_points)
+
+    def largest_energy(self, cubature: Cubature) -> float:
+        """Largest energy of a mode by a cubature."""
+        scale = np.sqrt(cubature.weights * self.weights[cubature.points])
+        chosen = self.deviators[cubature.points] * scale[:, None, None]
+        return float(np.linalg.norm(chosen.reshape(-1, chosen.shape[2]), 2) ** 2)
+
+    def work(self, strain: _StrainAt) -> Callable[[np.ndarray], np.ndarray]:
+        """Maps fields (N, k) to ∫ (G V)^T 2 μ dev G u, (ell, k)."""
+        tested = (self.weights[:, None, None] * self.deviators).reshape(-1, self.deviators.shape[2])
+        return lambda columns: np.stack([tested.T @ strain.of(column).ravel() for column in columns.T], axis=1)
+
+
+def _deviator(strain: np.ndarray) -> np.ndarray:
+    """Deviators of strains, (n, c)."""
+    found = strain.copy()
+    found[:, :3] -= found[:, :3].mean(axis=1, keepdims=True)
+    return found
 
 
 def _chunks(count: int) -> Iterator[slice]:
@@ -385,60 +441,79 @@ def _alike(states: np.ndarray, most: int) -> np.ndarray:
     return ways[:, ::-1][:, :count].T @ states
 
 
-def _weights(full: Any) -> np.ndarray:
-    """Quadrature weight times 2 μ of all Gauss points in the middle of the box, (points,)."""
-    equilibrium = full.equilibrium
-    elastic = equilibrium.material.moduli_at(full.problem.middle).elastic
-    return equilibrium.operator.weights.ravel() * elastic[:, -1, -1]
-
-
 def _online(
-    full: Any,
-    elastic: _Elastic,
-    basis: np.ndarray,
-    points: np.ndarray,
-    weights: np.ndarray,
-    plastic: list[np.ndarray],
+    full: Any, elastic: _Elastic, basis: np.ndarray, domain: _Domain, cubature: Cubature, states: list[_State]
 ) -> CondensedFlow:
     """Everything that a step needs, on the points of the cubature."""
     equilibrium, problem = full.equilibrium, full.problem
+    points = domain.points[cubature.points]
     groups, order = _by_body(equilibrium.material.groups, points)
-    points, weights = points[order], weights[order] * _weights(full)[points[order]]
-    per_cell, components = equilibrium.operator.per_cell, equilibrium.operator.components
-    cells, where = np.unique(points // per_cell, return_inverse=True)
-    operator, dofs = equilibrium.operator.restricted(cells)
-    places = where * per_cell + points % per_cell
-
-    def strain(columns: np.ndarray) -> np.ndarray:
-        """Strain of columns (N, k) at the points, component by component, (k, c n)."""
-        return np.array([operator.strain(column)[places].T.ravel() for column in columns[dofs].T])
-
+    points, weights = points[order], (cubature.weights * domain.weights[cubature.points])[order]
+    components = equilibrium.operator.components
+    strain = _StrainAt(equilibrium.operator, points)
+    everywhere = _StrainAt(equilibrium.operator, domain.points)
     per_mode, count = strain(basis), max(len(elastic.factors.moduli), 1)
     rows = (points * components + np.arange(components)[:, None]).ravel()
-    free = equilibrium.eigenstrains.tocsr()[rows].toarray()
     masks = [(elastic.parts == part)[:, None] for part in range(count)]
-    shown = np.array([state[points].T.ravel() for state in plastic])
     energies = np.sqrt(np.tile(weights, components))
-    deviator = per_mode.reshape(len(per_mode), components, -1).copy()
-    deviator[:, :3] -= deviator[:, :3].mean(axis=1, keepdims=True)
+    tested = _deviators(per_mode, components) * energies**2
+    work = domain.work(everywhere)
     return CondensedFlow(
         points=points,
         groups=groups,
-        per_cell=per_cell,
-        parts=elastic.parts[equilibrium.operator.dofs[points // per_cell, 0]],
+        per_cell=equilibrium.operator.per_cell,
+        parts=elastic.parts[equilibrium.operator.dofs[points // equilibrium.operator.per_cell, 0]],
         factors=elastic.factors,
         per_mode=per_mode,
-        tested=deviator.reshape(per_mode.shape) * energies**2,
+        tested=tested,
         per_force=strain(elastic.per_force),
         forced=strain(elastic.forced).T,
-        given=strain(elastic.given).T - free,
+        given=strain(elastic.given).T - equilibrium.eigenstrains.tocsr()[rows].toarray(),
         moved=problem.contact @ basis,
+        rest=np.eye(len(per_mode)) - work(basis),
+        crossed=work(elastic.per_force),
+        mode_parts=_parts_of_modes(basis, elastic),
         schur=np.array([_symmetric(problem.contact @ np.where(mask, elastic.per_force, 0.0)) for mask in masks]),
         pressed=np.array([problem.contact @ np.where(mask, elastic.forced, 0.0) for mask in masks]),
         gaps=problem.gaps - problem.contact @ elastic.given,
         energies=energies,
-        misfit=_shown(shown, energies),
+        misfit=_shown(np.array([state.plastic[points].T.ravel() for state in states]), energies),
     )
+
+
+class _StrainAt:
+    """Strain at some Gauss points, by the cells around them alone.
+
+    Args:
+        operator: of the whole mesh.
+        points: numbers of the points.
+    """
+
+    def __init__(self, operator: StrainOperator, points: np.ndarray):
+        per_cell = operator.per_cell
+        cells, where = np.unique(points // per_cell, return_inverse=True)
+        self._operator, self._dofs = operator.restricted(cells)
+        self._places = where * per_cell + points % per_cell
+
+    def of(self, column: np.ndarray) -> np.ndarray:
+        """Of a field (N,), (n, c)."""
+        return self._operator.strain(column[self._dofs])[self._places]
+
+    def __call__(self, columns: np.ndarray) -> np.ndarray:
+        """Of fields (N, k), component by component, (k, c n)."""
+        return np.array([self.of(column).T.ravel() for column in columns.T])
+
+
+def _deviators(strains: np.ndarray, components: int) -> np.ndarray:
+    """Deviators of strains that lie component by component, (k, c n)."""
+    found = strains.reshape(len(strains), components, -1).copy()
+    found[:, :3] -= found[:, :3].mean(axis=1, keepdims=True)
+    return found.reshape(strains.shape)
+
+
+def _parts_of_modes(basis: np.ndarray, elastic: _Elastic) -> np.ndarray:
+    """Part of the stiffness where each mode lives, (ell,): modes are of one part each where there are several."""
+    return elastic.parts[np.abs(basis).argmax(axis=0)]
 
 
 def _symmetric(matrix: np.ndarray) -> np.ndarray:
