@@ -1,4 +1,4 @@
-"""The laws of :mod:`hhr_dolfinx.materials.laws` at one Gauss point, compiled: loops over points call them, large and small.
+"""The laws of :mod:`hhr_dolfinx.materials.laws` at one Gauss point, compiled: for all loops over points.
 
 A kernel answers with the flow Δp and its derivative by the trial stress; NaN where it found none. ``KERNELS`` lists
 which law is known to them, by the name of its class, and the constants that it takes in their order.

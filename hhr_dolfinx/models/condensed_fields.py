@@ -1,4 +1,4 @@
-"""Fields of condensed flow on the whole mesh: the displacement exact up to the plastic correction, stress by gappy POD."""
+"""Fields of condensed flow on the whole mesh: displacement exact up to the correction, stress by gappy POD."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The model of condensed flow: from a path to a history, with all contact conditions and a reduced plastic correction."""
+"""The model of condensed flow: histories with all contact conditions and a reduced plastic correction."""
 
 from __future__ import annotations
 

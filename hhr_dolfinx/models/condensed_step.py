@@ -1,4 +1,4 @@
-"""One step of condensed flow, compiled: plastic correction g and contact forces λ of all conditions, by Newton's method.
+"""One step of condensed flow, compiled: plastic correction g and all contact forces λ, by Newton's method.
 
 With the elastic response eliminated exactly (see :mod:`hhr_dolfinx.models.condensed_flow`), a step is
 
@@ -34,7 +34,7 @@ EVALUATE, CONVERGED, STALLED, LIMIT, NOT_FINITE, CONTACT = range(6)
 """What :func:`advance` answers: evaluate the laws at the trial point, or why it stopped."""
 ITERATION, MERIT, SHARE, SIZE, COUNT, SWITCHED, PROJECTED, LINEAR, NUMBERS = range(9)
 """Places in ``Work.numbers``: laws evaluated, |R| at ``here``, part of the direction tried, largest |g| so far, active
-conditions, changes of the inverse, whether ``projected`` is there; whether J is none, an old one or that of ``here``."""
+conditions, changes of the inverse, whether ``projected`` is there; whether J is none, an old one, or of ``here``."""
 NO_TANGENT, OLD_TANGENT, NEW_TANGENT = range(3)
 SLOW = 0.1
 """An old J serves as long as |R| falls at least by this factor in each iteration."""

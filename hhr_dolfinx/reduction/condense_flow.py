@@ -36,7 +36,7 @@ from hhr_dolfinx.trained import TrainedPaths
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
 
-ROWS = 3000
+ROWS = 1500
 """Integrals that a cubature is fitted to at most, before they are compressed."""
 CHUNK = 2000
 """Gauss points whose contributions are made at once."""
@@ -72,14 +72,14 @@ class CorrectionSettings:
         trust: when a model is refused or warned of; None leaves out the check.
     """
 
-    modes: float = 2e-4
-    cubature: float = 1e-4
+    modes: float = 1e-3
+    cubature: float = 5e-4
     stability: float = 0.02
     most_modes: int | None = None
     most_points: int | None = None
     attempts: int = 3
-    primal: float = 5e-3
-    dual: float = 0.06
+    primal: float = 2e-3
+    dual: float = 0.05
     trust: TrustLimits | None = field(default_factory=_limits)
 
 

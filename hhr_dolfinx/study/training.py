@@ -26,8 +26,8 @@ from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.timing import StageLog
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
     from hhr_dolfinx.models.varying import VaryingModel
-    from hhr_dolfinx.reduction.interpolate import GridSettings
 
 Progress = Callable[[str], Callable[[Iterable], Iterable]]
 """Maps a label to a wrapper of iterations, for progress bars."""
@@ -66,12 +66,21 @@ class Training:
             given = given.as_it_is()
         return build(self.full_order, self.snapshots, given)
 
-    def condense(self, settings: GridSettings | None = None) -> VaryingModel:
-        """Interpolated condensation, for elastic scenes whose stiffness or shape depends on parameters.
+    def condense(self, settings: Any = None) -> VaryingModel | CondensedFlowModel:
+        """A model that keeps all contact conditions, with its check.
+
+        Where bodies flow their elastic response is eliminated and the plastic correction reduced, by
+        :class:`~hhr_dolfinx.reduction.condense_flow.CorrectionSettings`; where nothing flows and the stiffness or the
+        shape depends on parameters the condensation is interpolated, by
+        :class:`~hhr_dolfinx.reduction.interpolate.GridSettings`.
 
         Raises:
             ReductionError: for another scene.
         """
+        if self.full_order.equilibrium is not None:
+            from hhr_dolfinx.reduction.condense_flow import condense_flow
+
+            return condense_flow(self.full_order, self.snapshots, settings, self.held_out)
         from hhr_dolfinx.reduction.condense import condense
         from hhr_dolfinx.reduction.interpolate import GridSettings
 
