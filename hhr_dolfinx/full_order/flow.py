@@ -87,7 +87,7 @@ class FullEquilibrium:
         self.problem, self.operator, self.material = problem, gauss.operator, gauss.material
         self.amplitudes, self.parameters = problem.amplitudes, problem.parameters
         self.size, self.conditions = problem.free.size, problem.contact.shape[0]
-        self.points = np.arange(self.operator.gauss_points)
+        self.points, self.per_cell = np.arange(self.operator.gauss_points), self.operator.per_cell
         self._pattern, self._pairs = gauss.pattern, Pairs.of(problem.contact_pairs)
         self._unchanged = ElasticPart(self.material.elastic, gauss.stiffness.data.copy())
         # made for solving, while those of tangents are made for factoring: on one core, in the plane at 13,700 dofs,
@@ -119,7 +119,7 @@ class FullEquilibrium:
         """Gaps less the lift, (N_lambda,)."""
         return self.problem.gaps @ theta
 
-    def residual(self, stress: np.ndarray, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
+    def residual(self, x: np.ndarray, stress: np.ndarray, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """Loads less internal forces on free dofs, and the norm of what they are made of in each body."""
         loads, (internal, size) = self.problem.external @ theta, self.operator.internal(stress)
         free = self.problem.free
@@ -139,7 +139,7 @@ class FullEquilibrium:
 
     def signs(self, answer: Answer) -> Signs:
         """Residual of the free dofs and its parts; gaps are kept to the tolerance of the solver."""
-        residual, sizes = self.residual(answer.state().stress, self.amplitudes(answer.parameter))
+        residual, sizes = self.residual(answer.unknown, answer.state().stress, self.amplitudes(answer.parameter))
         left = (residual - self.contact_load(answer.multipliers)) * self.problem.free
         return Signs(float(np.linalg.norm(left)), float(np.linalg.norm(sizes)), 0.0)
 

@@ -18,7 +18,6 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs, TrainedPaths
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.materials.strain import StrainOperator
     from hhr_dolfinx.materials.update import Material
 
 
@@ -56,8 +55,8 @@ class Equilibrium(Protocol):
     Attributes:
         parameters: the box of the parameters.
         material: laws at its Gauss points; ``material.at(parameter)`` has their constants there.
-        operator: strain at these points.
         points: their numbers in the full model.
+        per_cell: Gauss points of a cell there.
         elastic: the elastic linearisation.
         size, conditions: number of unknowns and of contact conditions.
         fields: what completes its answers.
@@ -67,8 +66,8 @@ class Equilibrium(Protocol):
 
     parameters: ParameterSpace
     material: Material
-    operator: StrainOperator
     points: np.ndarray
+    per_cell: int
     elastic: Linearisation
     size: int
     conditions: int
@@ -88,8 +87,11 @@ class Equilibrium(Protocol):
     def gaps(self, theta: Theta) -> np.ndarray:
         """Gaps less the lift on the own conditions, (conditions,), which bound B x."""
 
-    def residual(self, stress: np.ndarray, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
-        """Loads less internal forces, in the test space, and the size of both for each body, (bodies,)."""
+    def residual(self, x: np.ndarray, stress: np.ndarray, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
+        """Loads less internal forces, in the test space, and the size of both for each body, (bodies,).
+
+        Where the stress is known everywhere it says all; where only its plastic part is integrated ``x`` says the rest.
+        """
 
     def norms(self, residual: np.ndarray) -> np.ndarray:
         """Norm of a residual for each body, (bodies,)."""
