@@ -237,7 +237,7 @@ def test_newton_converges_quadratically():
     x, rest, norms = np.zeros(model.size), model.material.at_rest(), []
     for _ in range(8):
         update = model.material.update(model.strain(x, theta), rest, 1.0, tangent=True)
-        residual, _ = model.residual(x, update.stress, theta)
+        residual, _ = model.residual(update.stress, theta)
         norms.append(np.linalg.norm(residual))
         operator = model.linearised(update.tangents)
         x = x + operator.correct(residual, x, theta, np.zeros(model.conditions, dtype=bool)).change

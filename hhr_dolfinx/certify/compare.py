@@ -112,10 +112,10 @@ def residuals_of(full: Any, answer: Answer) -> Residuals:
     theta, forces = problem.amplitudes(answer.parameter), answer.forces()
     if answer.gauss is None:
         return contact_residuals(problem.at(answer.parameter), answer.displacement(), forces, theta)
-    homogeneous = answer.displacement() - problem.lifts @ theta
-    left, sizes = equilibrium.residual(homogeneous, answer.stress(), theta)
+    left, sizes = equilibrium.residual(answer.stress(), theta)
     residual = (left - equilibrium.contact_load(forces)) * problem.free
     imbalance = float(np.linalg.norm(residual) / (np.linalg.norm(sizes) or 1.0))
+    homogeneous = answer.displacement() - problem.lifts @ theta
     return Residuals(imbalance, *slack_residuals(problem, homogeneous, forces, theta))
 
 

@@ -119,7 +119,7 @@ class FullEquilibrium:
         """Gaps less the lift, (N_lambda,)."""
         return self.problem.gaps @ theta
 
-    def residual(self, x: np.ndarray, stress: np.ndarray, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
+    def residual(self, stress: np.ndarray, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """Loads less internal forces on free dofs, and the norm of what they are made of in each body."""
         loads, (internal, size) = self.problem.external @ theta, self.operator.internal(stress)
         free = self.problem.free
@@ -139,7 +139,7 @@ class FullEquilibrium:
 
     def signs(self, answer: Answer) -> Signs:
         """Residual of the free dofs and its parts; gaps are kept to the tolerance of the solver."""
-        residual, sizes = self.residual(answer.unknown, answer.state().stress, self.amplitudes(answer.parameter))
+        residual, sizes = self.residual(answer.state().stress, self.amplitudes(answer.parameter))
         left = (residual - self.contact_load(answer.multipliers)) * self.problem.free
         return Signs(float(np.linalg.norm(left)), float(np.linalg.norm(sizes)), 0.0)
 

@@ -1,9 +1,10 @@
 """Equilibrium of bodies that flow on few weighted Gauss points, in the place of all those of a RID.
 
-What is elastic is projected once, as where nothing flows; of the internal forces only the plastic part is integrated
-online: V[A]^T f = K~ γ + lift - ∫ (G V[A])^T C ε_p, by a cubature that was fitted to training states
-(:mod:`hhr_dolfinx.reduction.cubature`). Without flow its answers are those of the RID to round-off, whatever the
-weights, and nothing grows with the cells of the RID.
+Internal forces are V[A]^T f = ∫ (G V[A])^T σ by a cubature that was fitted to training states
+(:mod:`hhr_dolfinx.reduction.cubature_flow`), tangents the same sum with their moduli, the elastic one too: where the
+cells of A are the whole mesh, test functions are the modes themselves, and with weights that are not negative a tangent
+is as definite as the moduli of the laws (Farhat, Chapman and Avery, 2015, doi 10.1002/nme.4820). A cubature of the
+plastic part alone, beside the exact elastic one, has not this property: on the pellet its tangents became indefinite.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from hhr_dolfinx.materials.update import Material
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.models.reconstruct import Reconstruction
-from hhr_dolfinx.models.reduced_flow import ProjectedEquilibrium
+from hhr_dolfinx.models.reduced_flow import DenseLinearisation, ProjectedEquilibrium
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs
 
@@ -33,6 +34,7 @@ class CubatureFlow:
         trial: strain of the modes V, (n, c, ell).
         test: strain of the modes cut off outside A, times the weight of the point, (n, c, ell).
         lifts: strain of imposed displacements, sparse, (n c, 1 + T).
+        loads: external loads on the test functions, (ell, 1 + T).
         material: laws at these points.
     """
 
@@ -41,6 +43,7 @@ class CubatureFlow:
     trial: np.ndarray
     test: np.ndarray
     lifts: csc_matrix
+    loads: np.ndarray
     material: Material
 
     @property
@@ -59,22 +62,22 @@ class CubatureEquilibrium(ProjectedEquilibrium):
     """Equilibrium of gamma, see :class:`hhr_dolfinx.models.equilibrium.Equilibrium`.
 
     Args:
-        problem: the elastic projection, (5.23).
+        problem: the elastic projection, (5.23), whose contact conditions hold here too.
         flow: weighted Gauss points and their laws.
         parameters: the box of the parameters.
         fields: what completes its answers.
     """
 
-    def __init__(
-        self, problem: ReducedProblem, flow: CubatureFlow, parameters: ParameterSpace, fields: Reconstruction
-    ):
+    def __init__(self, problem: ReducedProblem, flow: CubatureFlow, parameters: ParameterSpace, fields: Reconstruction):
         super().__init__(problem, flow.material, parameters, fields)
         self.flow, self.points, self.per_cell = flow, flow.points, flow.per_cell
         self._shape = flow.trial.shape[:2]
-        self._trial = flow.trial.reshape(-1, self.size)
-        self._test = flow.test.reshape(-1, self.size)
+        self._trial, self._test = flow.trial.reshape(-1, self.size), flow.test.reshape(-1, self.size)
+        self._parts = np.abs(self._test)
         self._lifted = bool(flow.lifts.nnz)
-        self._sizes = np.abs(problem.stiffness)
+        self._elastic = self._test.T @ self._flux(self.material.elastic, np.arange(len(flow.points)))
+        self.elastic = DenseLinearisation(problem, self._elastic, self.material.elastic)
+        self._sizes = np.abs(self._elastic)
 
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
         """Strain at the Gauss points, lift included."""
@@ -85,17 +88,14 @@ class CubatureEquilibrium(ProjectedEquilibrium):
         """Strain of a change of gamma at the Gauss points."""
         return (self._trial @ change).reshape(self._shape)
 
-    def residual(self, x: np.ndarray, stress: np.ndarray, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
+    def residual(self, stress: np.ndarray, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """V[A]^T of loads less internal forces, and the norm of what they are made of, (1,)."""
-        elastic = np.einsum("nij,nj->ni", self.material.elastic, self.strain(x, theta))
-        loads, inner, plastic = self.problem.loads @ theta, self.problem.stiffness @ x, self._test.T @ (
-            elastic - stress
-        ).ravel()
-        return loads - inner + plastic, self.norms(loads) + self.norms(inner) + self.norms(plastic)
+        loads, flat = self.flow.loads @ theta, stress.ravel()
+        return loads - self._test.T @ flat, self.norms(loads) + self.norms(self._parts.T @ np.abs(flat))
 
     def round_off(self, x: np.ndarray, theta: Theta) -> np.ndarray:
         """Residual that comes of adding stiffness times displacement in double precision, (1,)."""
-        return 1e-13 * (self.norms(self._sizes @ np.abs(x)) + self.norms(self.problem.loads @ theta))
+        return 1e-13 * (self.norms(self._sizes @ np.abs(x)) + self.norms(self.flow.loads @ theta))
 
     def signs(self, answer: Answer) -> Signs:
         """What the modes of training cannot say of the plastic strain at the points, and gaps on the whole surface.
@@ -103,18 +103,19 @@ class CubatureEquilibrium(ProjectedEquilibrium):
         There are no dofs of A here on which forces could be out of balance; but flow that was never trained, whose
         integral the weights do not know, is no combination of the trained one.
         """
-        theta = self.amplitudes(answer.parameter)
-        flowed = answer.state().state.cumulated
-        depth = (self.fields.contact_basis @ answer.unknown - self.fields.gaps @ theta).max()
-        flow = self.fields.flow
-        known = flow.cumulated if flow is not None else None
+        theta, flowed, flow = self.amplitudes(answer.parameter), answer.state().state.cumulated, self.fields.flow
+        known = None if flow is None else flow.cumulated
         fitted = 0.0 if known is None else known.modes[self.points] @ (known.fit @ flowed)
+        depth = (self.fields.contact_basis @ answer.unknown - self.fields.gaps @ theta).max()
         return Signs(float(np.linalg.norm(flowed - fitted)), float(np.linalg.norm(flowed)), max(float(depth), 0.0))
 
     def tangent(self, tangents: np.ndarray) -> np.ndarray:
-        """Projected consistent tangent, (ell, ell): what is elastic from the projection, the change by the points."""
+        """Projected consistent tangent, (ell, ell); points where it is elastic are passed over."""
         change = tangents - self.material.elastic
         flowing = np.flatnonzero(np.abs(change).max(axis=(1, 2), initial=0.0))
-        flux = change[flowing] @ self.flow.trial[flowing]
-        size = self.size
-        return self.problem.stiffness + self.flow.test[flowing].reshape(-1, size).T @ flux.reshape(-1, size)
+        test = self.flow.test[flowing].reshape(-1, self.size)
+        return self._elastic + test.T @ self._flux(change[flowing], flowing)
+
+    def _flux(self, moduli: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Stress of the modes at some points, each under its moduli, (n c, ell)."""
+        return (moduli @ self.flow.trial[points]).reshape(-1, self.size)

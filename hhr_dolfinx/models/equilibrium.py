@@ -87,11 +87,8 @@ class Equilibrium(Protocol):
     def gaps(self, theta: Theta) -> np.ndarray:
         """Gaps less the lift on the own conditions, (conditions,), which bound B x."""
 
-    def residual(self, x: np.ndarray, stress: np.ndarray, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
-        """Loads less internal forces, in the test space, and the size of both for each body, (bodies,).
-
-        Where the stress is known everywhere it says all; where only its plastic part is integrated ``x`` says the rest.
-        """
+    def residual(self, stress: np.ndarray, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
+        """Loads less internal forces, in the test space, and the size of both for each body, (bodies,)."""
 
     def norms(self, residual: np.ndarray) -> np.ndarray:
         """Norm of a residual for each body, (bodies,)."""

@@ -130,7 +130,7 @@ class _Step:
             point, before = self._beside(place, direction, change)
             theta = model.amplitudes(point)
             update = self._updated(self._answer.unknown, point, before)
-            return model.residual(self._answer.unknown, update.stress, theta)[0], model.gaps(theta)
+            return model.residual(update.stress, theta)[0], model.gaps(theta)
 
         residual, gaps = self._difference(loaded, direction, length)
         dx, forces = self._linear.changed(residual, gaps, self._answer.active)

@@ -218,7 +218,7 @@ class _Memory:
 
     def learn(self, model: Equilibrium, answer: Answer) -> None:
         """Take in a step that was solved before, by what it left behind."""
-        _, scale = model.residual(answer.unknown, answer.state().stress, model.amplitudes(answer.parameter))
+        _, scale = model.residual(answer.state().stress, model.amplitudes(answer.parameter))
         self.grow(scale, _root_mean_square(answer.state().stress))
 
     def grow(self, forces: np.ndarray, stress: float) -> None:
@@ -247,7 +247,7 @@ def _step(
         update = material.update(strain, here.state().state, dt, tangent=renew)
         if not np.isfinite(update.stress).all():
             raise _Diverged("the stress is not finite", int(np.argmin(np.isfinite(update.stress).all(axis=1))))
-        residual, scale = model.residual(x, update.stress, theta)
+        residual, scale = model.residual(update.stress, theta)
         flowing = int((update.state.cumulated - here.state().state.cumulated).argmax())
         try:
             linear = model.linearised(update.tangents) if renew else linear
@@ -290,7 +290,7 @@ def _elastic_start(model, here, theta):
     if not change.any():
         return x
     stress = here.state().stress + np.einsum("nij,nj->ni", model.material.elastic, change)
-    residual, _ = model.residual(x, stress, theta)
+    residual, _ = model.residual(stress, theta)
     try:
         change, found = model.elastic.correct(residual, x, theta, here.active)
     except NotSolvableError:

@@ -24,9 +24,9 @@ from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Amplitudes
     from hhr_dolfinx.models.block_elimination import BlockElimination
+    from hhr_dolfinx.models.cubature_flow import CubatureFlow
     from hhr_dolfinx.models.interpolated import Compliances
     from hhr_dolfinx.models.many import ManyAnswers
-    from hhr_dolfinx.models.cubature_flow import CubatureFlow
     from hhr_dolfinx.models.reduced_flow import ProjectedEquilibrium, ReducedFlow
     from hhr_dolfinx.models.reshaped import ReshapedReduction
     from hhr_dolfinx.models.varying import VaryingModel

@@ -73,14 +73,11 @@ class ProjectedEquilibrium:
 
     trained: TrainedPaths | None = None
 
-    def __init__(
-        self, problem: ReducedProblem, material: Material, parameters: ParameterSpace, fields: Reconstruction
-    ):
+    def __init__(self, problem: ReducedProblem, material: Material, parameters: ParameterSpace, fields: Reconstruction):
         self.problem, self.material, self.parameters, self.fields = problem, material, parameters, fields
         self.lock = nullcontext()  # histories share no factors here
         self.conditions, self.size = problem.contact_test.shape
         self.amplitudes = fields.amplitudes
-        self.elastic = _DenseLinearisation(problem, problem.stiffness, material.elastic)
 
     def gaps(self, theta: Theta) -> np.ndarray:
         """Gaps of the RID less the lift, (N_lambda_C,)."""
@@ -98,9 +95,9 @@ class ProjectedEquilibrium:
         """Projected consistent tangent V[A]^T K_T V, (ell, ell)."""
         raise NotImplementedError
 
-    def linearised(self, tangents: np.ndarray) -> _DenseLinearisation:
+    def linearised(self, tangents: np.ndarray) -> DenseLinearisation:
         """Project and factor the tangent."""
-        return _DenseLinearisation(self.problem, self.tangent(tangents), tangents)
+        return DenseLinearisation(self.problem, self.tangent(tangents), tangents)
 
 
 class ReducedEquilibrium(ProjectedEquilibrium):
@@ -113,11 +110,10 @@ class ReducedEquilibrium(ProjectedEquilibrium):
         fields: what completes its answers.
     """
 
-    def __init__(
-        self, problem: ReducedProblem, flow: ReducedFlow, parameters: ParameterSpace, fields: Reconstruction
-    ):
+    def __init__(self, problem: ReducedProblem, flow: ReducedFlow, parameters: ParameterSpace, fields: Reconstruction):
         super().__init__(problem, flow.material, parameters, fields)
         self.flow, self.operator, self.points, self.per_cell = flow, flow.operator, flow.points, flow.operator.per_cell
+        self.elastic = DenseLinearisation(problem, problem.stiffness, flow.material.elastic)
         self._lifted = bool(flow.lifts.nnz)
         self._pattern = self.operator.pattern()
         self._sizes = abs(self.operator.stiffness(self.material.elastic, self._pattern))
@@ -135,7 +131,7 @@ class ReducedEquilibrium(ProjectedEquilibrium):
         """Strain of a change of gamma at the Gauss points of the RID."""
         return self.operator.strain(self.flow.modes @ change)
 
-    def residual(self, x: np.ndarray, stress: np.ndarray, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
+    def residual(self, stress: np.ndarray, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """V[A]^T of loads less internal forces, and the norm of what they are made of on A, (1,)."""
         loads, (internal, size) = self._external @ theta, self.operator.internal(stress)
         inner = self.flow.inner
@@ -164,7 +160,7 @@ class ReducedEquilibrium(ProjectedEquilibrium):
         return self.problem.stiffness + self._test @ _product(change, self.flow.inner, self.flow.modes)
 
 
-class _DenseLinearisation:
+class DenseLinearisation:
     """A linearisation on dense blocks, see :class:`hhr_dolfinx.models.equilibrium.Linearisation`."""
 
     def __init__(self, problem: ReducedProblem, stiffness: np.ndarray, moduli: np.ndarray):

@@ -146,12 +146,12 @@ def seconds_of_parts(full_or_reduced: FullOrderModel | ReducedModel, history: Hi
     gauss, material = answer.state(), model.material.at(answer.parameter)
     strain = model.strain(answer.unknown, theta)
     update = material.update(strain, gauss.state, step, tangent=True)
-    residual, _ = model.residual(answer.unknown, update.stress, theta)
+    residual, _ = model.residual(update.stress, theta)
     operator = model.linearised(update.tangents)
     parts = {
         "strain": lambda: model.strain(answer.unknown, theta),
         "laws": lambda: material.update(strain, gauss.state, step, tangent=False),
-        "residual": lambda: model.residual(answer.unknown, update.stress, theta),
+        "residual": lambda: model.residual(update.stress, theta),
         "tangent": lambda: model.linearised(update.tangents),
         "contact": lambda: operator.correct(residual, answer.unknown, theta, answer.active),
     }
