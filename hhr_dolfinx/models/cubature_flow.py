@@ -23,6 +23,9 @@ from hhr_dolfinx.models.reduced_flow import DenseLinearisation, ProjectedEquilib
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs
 
+UNKNOWN = "plastic strains at the points of the cubature differ from combinations of trained ones"
+"""What its signs say, in words."""
+
 
 @dataclass(frozen=True)
 class CubatureFlow:
@@ -107,7 +110,8 @@ class CubatureEquilibrium(ProjectedEquilibrium):
         known = None if flow is None else flow.cumulated
         fitted = 0.0 if known is None else known.modes[self.points] @ (known.fit @ flowed)
         depth = (self.fields.contact_basis @ answer.unknown - self.fields.gaps @ theta).max()
-        return Signs(float(np.linalg.norm(flowed - fitted)), float(np.linalg.norm(flowed)), max(float(depth), 0.0))
+        wrong, size = float(np.linalg.norm(flowed - fitted)), float(np.linalg.norm(flowed))
+        return Signs(wrong, size, max(float(depth), 0.0), UNKNOWN)
 
     def tangent(self, tangents: np.ndarray) -> np.ndarray:
         """Projected consistent tangent, (ell, ell); points where it is elastic are passed over."""

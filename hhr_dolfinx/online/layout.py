@@ -16,6 +16,7 @@ PACKED = {
     "flow.lifts": ("csc", "n", "terms"),
     "flow.loads": ("csc", "a", "terms"),
     "flow.contact": ("csr", "a", "m"),
+    "cubature.lifts": ("csc", "strains", "terms"),
 }
 """Matrices of which only what is not zero is kept: sparse format, or order in memory of a dense one; names of sizes."""
 
@@ -52,6 +53,14 @@ LAYOUT = {
     "flow.group": ("int", "cells", "per cell"),
     "flow.young": ("float", "groups"),
     "flow.poisson": ("float", "groups"),
+    "cubature.points": ("int", "points"),
+    "cubature.per_cell": ("int",),
+    "cubature.trial": ("float", "points", "components", "ell"),
+    "cubature.test": ("float", "points", "components", "ell"),
+    "cubature.loads": ("float", "ell", "terms"),
+    "cubature.group": ("int", "points"),
+    "cubature.young": ("float", "groups"),
+    "cubature.poisson": ("float", "groups"),
     "completion.stress_modes": ("float", "stress values", "stress modes"),
     "completion.stress_fit": ("float", "stress modes", "stress inside"),
     "completion.cumulated_modes": ("float", "gauss points", "strain modes"),
@@ -72,16 +81,26 @@ INDICES = {
     "flow.inner": "n",
     "flow.cells": "all cells",
     "flow.group": "groups",
+    "cubature.points": "gauss points",
+    "cubature.group": "groups",
     **{f"{name}.rows": rows for name, (_, rows, _) in PACKED.items()},
     **{f"{name}.columns": columns for name, (*_, columns) in PACKED.items()},
 }
 """Arrays of indices: each must be at least 0 and below the size of this name, since compiled loops do not look."""
 
 PRODUCTS = {
-    "points": ("cells", "per cell"),
-    "stress inside": ("cells", "per cell", "components"),
-    "stress values": ("gauss points", "components"),
-    "gauss points": ("all cells", "per cell"),
+    "flow": {
+        "points": ("cells", "per cell"),
+        "stress inside": ("cells", "per cell", "components"),
+        "stress values": ("gauss points", "components"),
+        "gauss points": ("all cells", "per cell"),
+    },
+    "cubature": {
+        "stress inside": ("points", "components"),
+        "stress values": ("gauss points", "components"),
+        "gauss points": ("all cells", "per cell"),
+    },
 }
+"""Sizes that are products of others, where all Gauss points of a RID are taken, and where a cubature is."""
 TYPES = {"float": np.float64, "int": np.int64, "bool": np.bool_}
 MAY_BE_NONE = {"force snapshots", "stress modes", "strain modes", *(f"entries of {name}" for name in PACKED)}

@@ -49,6 +49,8 @@ from hhr_dolfinx.plain import as_plain, by_name, restored
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.materials.update import Material
+    from hhr_dolfinx.models.cubature_flow import CubatureFlow
     from hhr_dolfinx.models.reduced_flow import ReducedFlow
     from hhr_dolfinx.models.varying import VaryingModel
 
@@ -152,9 +154,10 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> ReducedModel | V
         raise ModelFileError(f"{path} is damaged or no model file ({error}): build the model again") from error
 
 
-def _flows(names: Iterable[str]) -> bool:
-    """Whether arrays of these names are of bodies that flow."""
-    return any(name.startswith("flow.") for name in names)
+def _flows(names: Iterable[str]) -> str:
+    """The part of arrays of these names that is of bodies that flow: "flow", "cubature", or "" where none does."""
+    parts = {name.split(".")[0] for name in names}
+    return "flow" if "flow" in parts else "cubature" if "cubature" in parts else ""
 
 
 def _kinds(names: Iterable[str], amplitudes: object, own: Iterable[type]) -> dict[str, type]:
@@ -179,7 +182,7 @@ def _kinds(names: Iterable[str], amplitudes: object, own: Iterable[type]) -> dic
 def _layout(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
     """The part of the table that belongs to a model: elastic or flowing, with a training or not."""
     flows, trained = _flows(names), "trained.lower" in names
-    parts = {"reduced", "fields", "amplitudes", *(("flow", "completion") if flows else ("known",))}
+    parts = {"reduced", "fields", "amplitudes", *((flows, "completion") if flows else ("known",))}
     parts |= {"trained", *(("paths",) if flows else ())} if trained else set()
     return {name: kind for name, kind in LAYOUT.items() if name.split(".")[0] in parts}
 
@@ -202,16 +205,17 @@ def _taken_apart(model: ReducedModel) -> dict[str, Any]:
     return values
 
 
-def _flow_taken_apart(flow: ReducedFlow, fields: FlowFields) -> dict[str, Any]:
+def _flow_taken_apart(flow: ReducedFlow | CubatureFlow, fields: FlowFields) -> dict[str, Any]:
     """Arrays of bodies that flow by name."""
-    groups, weights = flow.material.groups, flow.operator.weights
-    values = {f"flow.{name}": item for name, item in (vars(flow) | vars(flow.operator)).items()}
-    values["flow.group"] = np.empty(weights.size, dtype=np.int64)
+    groups, operator = flow.material.groups, getattr(flow, "operator", None)
+    part, shape = ("cubature", flow.points.shape) if operator is None else ("flow", operator.weights.shape)
+    values = {f"{part}.{name}": item for name, item in (vars(flow) | vars(operator or flow)).items()}
+    numbers = np.empty(flow.points.size, dtype=np.int64)
     for number, group in enumerate(groups):
-        values["flow.group"][group.indices] = number
-    values["flow.group"] = values["flow.group"].reshape(weights.shape)
-    values |= {f"flow.{name}": [getattr(group, name) for group in groups] for name in ("young", "poisson")}
-    nothing = GappyField(np.zeros((fields.gauss_points, 0)), np.zeros((0, weights.size)))
+        numbers[group.indices] = number
+    values[f"{part}.group"] = numbers.reshape(shape)
+    values |= {f"{part}.{name}": [getattr(group, name) for group in groups] for name in ("young", "poisson")}
+    nothing = GappyField(np.zeros((fields.gauss_points, 0)), np.zeros((0, numbers.size)))
     for name, field in (("stress", fields.stress), ("cumulated", fields.cumulated or nothing)):
         values |= {f"completion.{name}_{part}": item for part, item in field._asdict().items()}
     return values
@@ -301,19 +305,26 @@ def _check_flow(content: _Content) -> None:
     from hhr_dolfinx.materials.constants import check_law
 
     arrays, sizes, laws = content.arrays, content.sizes, content.laws
+    kind = _flows(arrays)
+    if kind == "cubature":
+        sizes["per cell"] = int(arrays["cubature.per_cell"])
+        if sizes["per cell"] < 1:
+            raise FileContentError(f"a cell has {sizes['per cell']} Gauss points")
+        sizes["strains"] = sizes["points"] * sizes["components"]
     sizes["all cells"] = sizes["gauss points"] // sizes["per cell"]
-    for name, factors in PRODUCTS.items():
+    for name, factors in PRODUCTS[kind].items():
         if sizes[name] != math.prod(sizes[factor] for factor in factors):
             raise FileContentError(f"{sizes[name]} {name} are not {' times '.join(factors)}")
     if sizes["components"] != (4 if content.dimension == 2 else 6):
         raise FileContentError(f"a strain has {sizes['components']} components in dimension {content.dimension}")
-    young, poisson = arrays["flow.young"], arrays["flow.poisson"]
+    young, poisson = arrays[f"{kind}.young"], arrays[f"{kind}.poisson"]
     if not ((young > 0) & (poisson > -1) & (poisson < 0.5)).all():
         raise FileContentError(f"Young's moduli {young} and Poisson's ratios {poisson} are none")
-    if not (arrays["flow.weights"] > 0).all():
+    if kind == "flow" and not (arrays["flow.weights"] > 0).all():
         raise FileContentError(f"a Gauss point has the weight {arrays['flow.weights'].min()}, not positive")
-    if np.unique(arrays["flow.inner"]).size < sizes["a"]:
-        raise FileContentError("flow.inner has a dof twice")
+    unique = "flow.inner" if kind == "flow" else "cubature.points"
+    if np.unique(arrays[unique]).size < arrays[unique].size:
+        raise FileContentError(f"{unique} has a number twice")
     steps = arrays.get("paths.steps", np.ones(2))
     if not 0 < steps[0] <= steps[1]:
         raise FileContentError(f"trained steps take {steps[0]:g} to {steps[1]:g} s, which is no range")
@@ -342,7 +353,8 @@ def _model(content: _Content) -> ReducedModel:
         if "paths" in parts:
             steps = tuple(parts["paths"].pop("steps").tolist())
             trained = TrainedPaths(range_, steps=steps, **parts["paths"])
-    flow, completion = _flow(parts["flow"], parts["completion"], content) if "flow" in parts else (None, None)
+    kind = _flows(content.arrays)
+    flow, completion = _flow(parts[kind], parts["completion"], content) if kind else (None, None)
     fields = Reconstruction(theta, **parts["fields"], dimension=content.dimension, flow=completion)
     if content.outputs:
         from hhr_dolfinx.models.functionals import Functionals
@@ -354,18 +366,28 @@ def _model(content: _Content) -> ReducedModel:
     return ReducedModel(ReducedProblem(**parts["reduced"]), content.space, fields, trained, known=known, flow=flow)
 
 
-def _flow(flow: dict, completion: dict, content: _Content) -> tuple[ReducedFlow, FlowFields]:
+def _flow(flow: dict, completion: dict, content: _Content) -> tuple[ReducedFlow | CubatureFlow, FlowFields]:
     """The parts of bodies that flow; what compiles loops for them is imported here."""
-    from hhr_dolfinx.materials.strain import StrainOperator
     from hhr_dolfinx.materials.update import Group, Material
-    from hhr_dolfinx.models.reduced_flow import ReducedFlow
 
     sizes, number = content.sizes, flow.pop("group").ravel()
     constants = zip(flow.pop("young").tolist(), flow.pop("poisson").tolist(), content.laws, strict=True)
     groups = [Group(np.flatnonzero(number == k), *item) for k, item in enumerate(constants)]
-    operator = StrainOperator(flow.pop("gradients"), flow.pop("weights"), flow.pop("dofs"), sizes["n"])
-    part = ReducedFlow(operator, Material(groups, sizes["components"], content.space.names), **flow)
+    part = _points_of(flow, Material(groups, sizes["components"], content.space.names), sizes)
     stress, cumulated = (
         GappyField(completion[f"{name}_modes"], completion[f"{name}_fit"]) for name in ("stress", "cumulated")
     )
     return part, FlowFields(part.points, stress, cumulated if sizes["strain modes"] else None, sizes["gauss points"])
+
+
+def _points_of(flow: dict, material: Material, sizes: Mapping[str, int]) -> ReducedFlow | CubatureFlow:
+    """All Gauss points of a RID, or those of a cubature."""
+    if "trial" in flow:
+        from hhr_dolfinx.models.cubature_flow import CubatureFlow
+
+        return CubatureFlow(**flow, material=material)
+    from hhr_dolfinx.materials.strain import StrainOperator
+    from hhr_dolfinx.models.reduced_flow import ReducedFlow
+
+    operator = StrainOperator(flow.pop("gradients"), flow.pop("weights"), flow.pop("dofs"), sizes["n"])
+    return ReducedFlow(operator, material, **flow)
