@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 CHUNK = 500
 """Gauss points whose rows are made at a time."""
-LEFT_OUT = 0.1
+LEFT_OUT = 0.5
 """What compressions of states and of rows may leave out, relative to the tolerance of the weights."""
 
 
