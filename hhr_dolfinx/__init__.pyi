@@ -38,6 +38,7 @@ from .pairings.node_to_surface import NodeToSurface as NodeToSurface
 from .pairings.obstacle import Obstacle as Obstacle
 from .parameters import ParameterSpace as ParameterSpace
 from .reduction.build import build as build
+from .reduction.recipe import CubatureStep as CubatureStep
 from .reduction.recipe import Deim as Deim
 from .reduction.recipe import Enrich as Enrich
 from .reduction.recipe import FlowDeim as FlowDeim
