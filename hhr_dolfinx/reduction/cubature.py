@@ -114,12 +114,15 @@ def compressed(chunks: Callable[[], Iterable[np.ndarray]], tolerance: float) -> 
     if not callable(chunks):
         raise ReductionError(f"chunks = {chunks!r} are asked for twice: give a function that returns them")
     gram = _gram(chunks())
-    squares, directions = linalg.eigh(gram, check_finite=False)
-    squares = np.maximum(squares[::-1], 0.0)
-    left_out = np.append(np.cumsum(squares[::-1])[::-1], 0.0)
-    above_noise = int((squares > len(gram) * np.finfo(float).eps * squares[0]).sum())
-    count = min(int(np.argmax(left_out <= tolerance**2 * left_out[0])), above_noise)
-    chosen = np.ascontiguousarray(directions[:, ::-1][:, :count].T)
+    total = float(np.trace(gram))
+    if total == 0:
+        return np.hstack([chunk[:0] for chunk in chunks()])
+    # all smaller ones together are still less than what may be left out, and round-off is below that
+    least = max(tolerance**2 * total / len(gram), np.finfo(float).eps * total)
+    squares, directions = linalg.eigh(gram, subset_by_value=(least, np.inf), check_finite=False)
+    left_out = np.cumsum(np.append(max(total - squares.sum(), 0.0), squares))
+    first = int((left_out[1:] <= tolerance**2 * total).sum())
+    chosen = np.ascontiguousarray(directions[:, ::-1][:, : squares.size - first].T)
     return np.hstack([chosen @ chunk for chunk in chunks()])
 
 

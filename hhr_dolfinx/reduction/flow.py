@@ -38,11 +38,11 @@ def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> R
         inner=inner,
         loads=problem.external[acting],
         contact=csr_matrix(problem.contact[sets.A_lambda][:, acting].T),
-        eigenstrains=csc_matrix(full.eigenstrains.tocsr()[_rows(operator.points_of(cells), operator.components)]),
+        eigenstrains=csc_matrix(full.eigenstrains.tocsr()[rows_of(operator.points_of(cells), operator.components)]),
     )
 
 
-def _rows(points: np.ndarray, components: int) -> np.ndarray:
+def rows_of(points: np.ndarray, components: int) -> np.ndarray:
     """Rows of some Gauss points in what has one for each component of a strain."""
     return (points[:, None] * components + np.arange(components)).ravel()
 
