@@ -16,6 +16,7 @@ from hhr_dolfinx.certify.compare import largest_errors
 from hhr_dolfinx.errors import ModelFileError, OutsideTrainingWarning, ReductionError
 from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.online.layout import FORMAT, VERSION
+from hhr_dolfinx.reduction import cubature
 from hhr_dolfinx.reduction.cubature import Cubature, _Search, compressed, fitted
 from hhr_dolfinx.reduction.flow import tangent_margin, training_tangents
 from hhr_dolfinx.reduction.recipe import MOST_LAYERS, CubatureStep, Rid
@@ -182,6 +183,21 @@ def test_compression_leaves_out_what_was_allowed():
         assert np.allclose(np.linalg.norm(fewer, axis=1), values[: len(fewer)])
 
 
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4])
+def test_compression_of_many_rows_in_a_subspace(tolerance, monkeypatch):
+    """As good as with all eigenvectors, and to the same number of rows."""
+    generator = np.random.default_rng(2)
+    rows = (generator.normal(size=(600, 400)) * 10.0 ** -np.linspace(0, 12, 400)) @ noisy(400, 900)
+    exact = compressed(lambda: [rows], tolerance)
+    monkeypatch.setattr(cubature, "SKETCHED", 100)
+    monkeypatch.setattr(cubature, "BLOCK", 32)
+    found = compressed(lambda: np.array_split(rows, 3, axis=1), tolerance)
+    assert abs(len(found) - len(exact)) <= 1 and len(found) < 250
+    left_out = 1 - (found**2).sum() / (rows**2).sum()
+    assert left_out <= 1.01 * tolerance**2
+    assert np.allclose(np.linalg.norm(found, axis=1)[:20], np.linalg.norm(exact, axis=1)[:20])
+
+
 @pytest.mark.parametrize(
     ("chunks", "tolerance", "words"),
     [
@@ -294,6 +310,11 @@ def test_file(known, whole, tmp_path):
         bad[name].reshape(-1)[0] = value
         write_arrays(tmp_path / "bad.npz", dict(header), bad)
         with pytest.raises(ModelFileError, match="damaged"):
+            hhr.load_model(tmp_path / "bad.npz")
+    cuts = [(slice(-1),), (slice(None), slice(-1)), (slice(None), slice(None), slice(-1))]
+    for name, cut in ((name, cut) for name in ("cubature.trial", "cubature.test") for cut in cuts):
+        write_arrays(tmp_path / "bad.npz", dict(header), dict(arrays) | {name: arrays[name][cut]})
+        with pytest.raises(ModelFileError, match="cubature.* has shape"):
             hhr.load_model(tmp_path / "bad.npz")
 
 

@@ -93,7 +93,7 @@ INDICES = {
 }
 """Arrays of indices: each must be at least 0 and below the size of this name, since compiled loops do not look."""
 
-PRODUCTS = {
+PRODUCTS: dict[str, dict[str, tuple[str, ...]]] = {
     "flow": {
         "points": ("cells", "per cell"),
         "stress inside": ("cells", "per cell", "components"),

@@ -228,7 +228,7 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
             from hhr_dolfinx.reduction.shaped import rid_assembly
 
             reduced = replace(reduced, terms=None, reshaped=rid_assembly(full, basis, sets))
-    flow = None if full.equilibrium is None else _flow_of(shared, basis, sets)
+    flow = None if full.equilibrium is None else _flow_of(shared, basis, sets, layers)
     with log.stage("stability"):
         stability = assess(problem, shared.constants, basis, sets, reduced)
         check_solvable(stability)
@@ -252,7 +252,7 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
     return model.changed(trained=trained, offline=record)
 
 
-def _flow_of(shared: _Offline, basis: np.ndarray, sets: IndexSets) -> ReducedFlow | CubatureFlow:
+def _flow_of(shared: _Offline, basis: np.ndarray, sets: IndexSets, layers: int) -> ReducedFlow | CubatureFlow:
     """Gauss points of the RID: all of them, or few with weights."""
     equilibrium, step = shared.full.equilibrium, shared.recipe.cubature
     if step is None:
@@ -261,7 +261,11 @@ def _flow_of(shared: _Offline, basis: np.ndarray, sets: IndexSets) -> ReducedFlo
         with shared.log.stage("projection"):
             return project_flow(equilibrium, basis, sets)
     from hhr_dolfinx.reduction.cubature_flow import cubature_flow
+    from hhr_dolfinx.reduction.flow import check_domain
 
+    if shared.recipe.tangents is not None:
+        with shared.log.stage("stability"):
+            check_domain(basis, sets, shared.states, shared.recipe.tangents.least, layers)
     tangents = [moduli for moduli, _ in shared.states]
     with shared.log.stage("cubature"):
         how = tangents, step.tolerance, step.stiffness

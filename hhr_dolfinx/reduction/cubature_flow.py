@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 CHUNK = 500
 """Gauss points whose rows are made at a time."""
+ROWS = 3000
+"""Integrals of forces that weights are fitted to at most, before they are compressed: most time goes to their products."""
 LEFT_OUT = 0.5
 """What compressions of states and of rows may leave out, relative to the tolerance of the weights."""
 
@@ -116,7 +118,9 @@ class _Rows:
         flat = (stress * np.sqrt(self._weights)[:, None, None]).reshape(-1, stress.shape[2])
         squares, combinations = linalg.eigh(flat.T @ flat)
         left_out = np.cumsum(np.maximum(squares, 0.0))
-        return stress @ combinations[:, left_out > tolerance**2 * left_out[-1]]
+        wanted = int((left_out > tolerance**2 * left_out[-1]).sum())
+        most = max(ROWS // forces.shape[0], 1)
+        return stress @ combinations[:, -min(wanted, most) :]
 
     def chunks(self, states: np.ndarray, moduli: Sequence[np.ndarray], scale: float) -> Iterator[np.ndarray]:
         """Rows of forces, and of the stiffness of each mode times ``scale``, of some points at a time."""
