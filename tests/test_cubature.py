@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 import warnings
 
@@ -312,9 +313,9 @@ def test_file(known, whole, tmp_path):
         with pytest.raises(ModelFileError, match="damaged"):
             hhr.load_model(tmp_path / "bad.npz")
     cuts = [(slice(-1),), (slice(None), slice(-1)), (slice(None), slice(None), slice(-1))]
-    for name, cut in ((name, cut) for name in ("cubature.trial", "cubature.test") for cut in cuts):
+    for name, cut in itertools.product(("cubature.trial", "cubature.test"), cuts):
         write_arrays(tmp_path / "bad.npz", dict(header), dict(arrays) | {name: arrays[name][cut]})
-        with pytest.raises(ModelFileError, match="cubature.* has shape"):
+        with pytest.raises(ModelFileError, match=r"cubature.* has shape"):
             hhr.load_model(tmp_path / "bad.npz")
 
 

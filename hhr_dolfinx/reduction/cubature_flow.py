@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 CHUNK = 500
 """Gauss points whose rows are made at a time."""
 ROWS = 3000
-"""Integrals of forces that weights are fitted to at most, before they are compressed: most time goes to their products."""
+"""Integrals of forces that weights are fitted to at most, before compression: most time goes to their products."""
 LEFT_OUT = 0.5
 """What compressions of states and of rows may leave out, relative to the tolerance of the weights."""
 
