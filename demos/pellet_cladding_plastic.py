@@ -7,7 +7,7 @@ What to see: constitutive laws are evaluated on a fifth of the cells, and a hist
 a RID converges to a wrong path with the smallest residuals; eigenvalues of the projected tangents tell beforehand.
 
     python demos/pellet_cladding_plastic.py [--out DIR] [--quick] [--seed N] [--exponent 5] [--paths]
-        [--train 5 7.5 15 --pod 1e-11 --layers 6]
+        [--train 5 7.5 15 --pod 1e-11 --layers 6] [--cubature]
 """
 
 from collections.abc import Sequence
@@ -70,12 +70,13 @@ def pressed_nodes(problem: ContactProblem) -> np.ndarray:
     return np.flatnonzero((r > r.max() * (1 - 1e-9)) & (z <= HEIGHT))
 
 
-def recipe(tolerance: float = 3e-10, layers: int = 3) -> hhr.Recipe:
+def recipe(tolerance: float = 3e-10, layers: int = 3, cubature: bool = False) -> hhr.Recipe:
     """The recipe of section 6.2.3, with the pressed nodes as zone of interest."""
     nodes = hhr.Recipe.flowing().nodes[:-1]
     return hhr.Recipe.flowing(
-        basis=hhr.Pod(tolerance), nodes=(*nodes, hhr.Zone(pressed_nodes)), domain=hhr.Rid(layers, 8)
-    )
+        basis=hhr.Pod(tolerance), nodes=(*nodes, hhr.Zone(pressed_nodes)), domain=hhr.Rid(layers, 8),
+        cubature=hhr.CubatureStep() if cubature else None,
+    )  # fmt: skip
 
 
 def main() -> None:
@@ -86,6 +87,7 @@ def main() -> None:
     parser.add_argument("--layers", type=int, default=3, help="layers of cells to begin with (%(default)s)")
     parser.add_argument("--train", type=float, nargs="+", default=[5.0, 15.0], help="gaps to train on in um")
     parser.add_argument("--paths", action="store_true", help="try 20 paths inside and 40 outside what was trained")
+    parser.add_argument("--cubature", action="store_true", help="few weighted Gauss points in the place of the RID's")
     options = cli.parse_on_first_rank(parser)
     quick_mesh = {**QUICK_MESH, "cladding_axial_cells": 15, "cladding_radial_cells": 3}
     built, steps = scene(options.exponent, **(quick_mesh if options.quick else {})), 10 if options.quick else 40
@@ -93,7 +95,7 @@ def main() -> None:
     tests = [10.0, 12.5, *np.sort(drawn).round(3)]
     settings = hhr.StudySettings(
         [path(gap, steps) for gap in options.train],
-        recipe(options.pod, options.layers),
+        recipe(options.pod, options.layers, options.cubature),
         tests={gap: path(gap, steps) for gap in tests},
         held_out=[path(8.0, steps)],
         seed=options.seed,

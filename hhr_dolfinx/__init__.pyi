@@ -41,6 +41,7 @@ from .path_families import Leg as Leg
 from .path_families import NamedPath as NamedPath
 from .path_families import PathFamily as PathFamily
 from .reduction.build import build as build
+from .reduction.recipe import CubatureStep as CubatureStep
 from .reduction.recipe import Deim as Deim
 from .reduction.recipe import Enrich as Enrich
 from .reduction.recipe import FlowDeim as FlowDeim

@@ -97,11 +97,13 @@ class Signs(NamedTuple):
         imbalance: norm of the forces left on the reduced domain before they are projected, in the unit of force.
         size: norm of what these forces are made of.
         depth: deepest violation of a gap anywhere on the contact surface, in the unit of length, 0 if none.
+        what: which imbalance that is, in words; on a cubature it is one of plastic strains, not of forces.
     """
 
     imbalance: float
     size: float
     depth: float
+    what: str = "the forces on the reduced domain are out of balance"
 
 
 @dataclass(frozen=True)
@@ -213,14 +215,12 @@ class Watch:
         if not signs.imbalance <= FACTOR * self._trained.imbalance:
             self._say(
                 "imbalance",
-                f"{place}the forces on the reduced domain are out of balance by {signs.imbalance:.2g}, "
-                f"in training by {self._trained.imbalance:.2g} at most",
+                f"{place}{signs.what} by {signs.imbalance:.2g}, in training by {self._trained.imbalance:.2g} at most",
             )
         elif not share <= FACTOR * self._trained.share:
             self._say(
                 "imbalance",
-                f"{place}the forces on the reduced domain are out of balance by {share:.2g} of their size, "
-                f"in training by {self._trained.share:.2g} at most",
+                f"{place}{signs.what} by {share:.2g} of their size, in training by {self._trained.share:.2g} at most",
             )
         if not signs.depth <= FACTOR * self._trained.depth:
             self._say(

@@ -95,7 +95,9 @@ def test_an_imbalance_needs_no_unit_and_no_projection(pellet, reduction):
     """In the full model it is the tolerance of the solver, in the reduced one what the modes leave on A."""
     full, histories = pellet
     model = full.equilibrium
-    sizes = [model.residual(step.unknown, step.state(), model.amplitudes(step.parameter))[1] for step in histories[0].answers]
+    sizes = [
+        model.residual(step.unknown, step.state(), model.amplitudes(step.parameter))[1] for step in histories[0].answers
+    ]
     largest = max(np.linalg.norm(size) for size in sizes)
     solved = max(sign.imbalance for sign in histories[0].signs)
     assert solved < 1e-4 * largest

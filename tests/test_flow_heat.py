@@ -105,10 +105,11 @@ def full():
     return hhr.FullOrderModel(hot_pellet())
 
 
-@pytest.fixture(scope="module")
-def reduction(full):
+@pytest.fixture(scope="module", params=[None, hhr.CubatureStep()], ids=["all points", "cubature"])
+def reduction(full, request):
     histories = [full.march(path(gap, young)) for gap in flowing.TRAINING for young in (160e3, 220e3)]
-    return hhr.build(full, hhr.SnapshotSet.of_histories(histories), hhr.Recipe.flowing().as_it_is())
+    recipe = hhr.Recipe.flowing(cubature=request.param)
+    return hhr.build(full, hhr.SnapshotSet.of_histories(histories), recipe.as_it_is())
 
 
 def test_a_reduced_model_and_its_file(full, reduction, tmp_path):

@@ -201,9 +201,10 @@ def corners(full):
     return [full.march(path(gap, young)) for gap in flowing.TRAINING for young in (160e3, 220e3)]
 
 
-@pytest.fixture(scope="module")
-def reduction(full, corners):
-    return hhr.build(full, hhr.SnapshotSet.of_histories(corners), hhr.Recipe.flowing().as_it_is())
+@pytest.fixture(scope="module", params=[None, hhr.CubatureStep()], ids=["all points", "cubature"])
+def reduction(full, corners, request):
+    recipe = hhr.Recipe.flowing(cubature=request.param)
+    return hhr.build(full, hhr.SnapshotSet.of_histories(corners), recipe.as_it_is())
 
 
 @pytest.mark.parametrize("which", ["full", "reduced"])

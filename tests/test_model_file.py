@@ -21,6 +21,7 @@ from hhr_dolfinx.errors import FileContentError, FileError, HHRError, ModelFileE
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.materials.update import Material
+from hhr_dolfinx.models.cubature_flow import CubatureFlow
 from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.online import model_file
 
@@ -240,17 +241,19 @@ def test_the_table_has_a_line_for_every_field(pellet_reduction, flowing_reductio
     }
     names = {f"{part}.{item.name}" for part, value in parts.items() for item in fields(value)}
     names |= {f"flow.{item.name}" for item in fields(flow.operator)}
-    names |= {f"flow.{item.name}" for item in fields(flow.material.groups[0])}
+    names |= {f"cubature.{item.name}" for item in fields(CubatureFlow)}
+    names |= {f"{part}.{item.name}" for part in ("flow", "cubature") for item in fields(flow.material.groups[0])}
     named = {name.removesuffix(".rows") for name in model_file.LAYOUT if not name.endswith((".columns", ".values"))}
     # what is written in other ways: values as a kind and numbers, sizes, names of parameters, points by their group
     others = {"amplitudes.nonaffine", "flow.law", "flow.size", "fields.dimension", "trained.names", "paths.parameters"}
     others |= {"flow.operator", "flow.material", "flow.indices", "fields.amplitudes", "fields.flow"}
+    others |= {"cubature.material", "cubature.indices", "cubature.law"}
     # the parts of a stiffness that varies are a tree of their own
     left_behind = {"fields.stress_of", "fields.indicator", "reduced.terms", "reduced.reshaped", "fields.functionals"}
     left_behind.add("fields.reshaped_contact")
     assert names - named == others | left_behind
     completion = {f"completion.{field}_{part}" for field in ("stress", "cumulated") for part in GappyField._fields}
-    assert named - names == completion | {"flow.group"}
+    assert named - names == completion | {"flow.group", "cubature.group"}
     assert set(model_file.INDICES) <= set(model_file.LAYOUT)
 
 
@@ -361,7 +364,7 @@ SIGNED_FLOWING = {
     "Poisson's ratios": entry("flow.poisson", 0, 0.5),
     "poisson has shape": array("flow.poisson", lambda a: a[:1]),
     "a Gauss point has the weight": entry("flow.weights", (0, 0), 0.0),
-    "flow.inner has a dof twice": array("flow.inner", np.zeros_like),
+    "flow.inner has a number twice": array("flow.inner", np.zeros_like),
     "trained steps take": array("paths.steps", lambda a: np.array([2.0, 1.0])),
     "1 laws for 2 groups": lambda header, arrays: header["laws"].pop(),
     "each must have a flow": lambda header, arrays: header["laws"].__setitem__(1, TOY),

@@ -19,7 +19,6 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs, TrainedPaths
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.materials.strain import StrainOperator
     from hhr_dolfinx.materials.update import Material, Update
     from hhr_dolfinx.models.path import MarchSettings
 
@@ -44,13 +43,11 @@ class Changing(Protocol):
 
 
 class Linearisation(Changing, Protocol):
-    """A linear model in the place of a model, exact for one in which nothing flows.
+    """A linear model in the place of a model, exact for one in which nothing flows."""
 
-    Attributes:
-        moduli: tangents H at its Gauss points, (points, components, components).
-    """
-
-    moduli: np.ndarray
+    @property
+    def moduli(self) -> np.ndarray:
+        """Tangents H at its Gauss points, (points, components, components)."""
 
     def correct(self, residual: np.ndarray, x: np.ndarray, theta: Theta, active: np.ndarray) -> Correction:
         """Solve K δ + B^T λ = residual, B (x + δ) <= gaps, from some statuses."""
@@ -94,9 +91,6 @@ class Marching(Protocol):
         points: numbers of these points in the full model.
         per_cell: Gauss points of a cell of the full model.
         size, conditions: number of unknowns and of contact conditions.
-        fields: what completes its answers.
-        trained: what a reduced model was trained on; None for a full one.
-        lock: held through a history.
     """
 
     parameters: ParameterSpace
@@ -105,9 +99,18 @@ class Marching(Protocol):
     per_cell: int
     size: int
     conditions: int
-    fields: Fields
-    trained: TrainedPaths | None
-    lock: AbstractContextManager
+
+    @property
+    def fields(self) -> Fields:
+        """What completes its answers."""
+
+    @property
+    def trained(self) -> TrainedPaths | None:
+        """What a reduced model was trained on; None for a full one."""
+
+    @property
+    def lock(self) -> AbstractContextManager:
+        """Held through a history."""
 
     def at(self, point: np.ndarray) -> Marching:
         """The model whose elasticity is that of a point, (P,): itself where elasticity is constant.
@@ -145,15 +148,11 @@ class Marching(Protocol):
 
 
 class Equilibrium(Marching, Protocol):
-    """What steps by linearisation need besides; ``x`` is U0 or gamma.
+    """What steps by linearisation need besides; ``x`` is U0 or gamma."""
 
-    Attributes:
-        operator: strain at the Gauss points.
-        elastic: the elastic linearisation.
-    """
-
-    operator: StrainOperator
-    elastic: Linearisation
+    @property
+    def elastic(self) -> Linearisation:
+        """The elastic linearisation."""
 
     def at(self, point: np.ndarray) -> Equilibrium:
         """See :class:`Marching`."""

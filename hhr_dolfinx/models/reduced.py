@@ -24,9 +24,10 @@ from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Amplitudes
     from hhr_dolfinx.models.block_elimination import BlockElimination
+    from hhr_dolfinx.models.cubature_flow import CubatureFlow
     from hhr_dolfinx.models.interpolated import Compliances
     from hhr_dolfinx.models.many import ManyAnswers
-    from hhr_dolfinx.models.reduced_flow import ReducedEquilibrium, ReducedFlow
+    from hhr_dolfinx.models.reduced_flow import ProjectedEquilibrium, ReducedFlow
     from hhr_dolfinx.models.reshaped import ReshapedReduction
     from hhr_dolfinx.models.varying import VaryingModel
 
@@ -50,7 +51,7 @@ class ReducedModel(WithOutputs):
         fields: what completes the answers.
         trained: what it was trained on: the range of points, or of paths where bodies flow.
         known: statuses of the training points on A_lambda; None where bodies flow.
-        flow: Gauss points and laws of the RID; None where nothing flows.
+        flow: Gauss points and laws of the RID, all or those of a cubature; None where nothing flows.
         offline: how it was made, an ``OfflineRecord`` of the build; None for a model from a file.
         factorise: what factors K~ and the active blocks.
         compliances: what eliminates gamma between few parameters where K~ depends on them; None factors K~ for each.
@@ -67,7 +68,7 @@ class ReducedModel(WithOutputs):
         trained: TrainedRange | TrainedPaths | None = None,
         *,
         known: KnownStatuses | None = None,
-        flow: ReducedFlow | None = None,
+        flow: ReducedFlow | CubatureFlow | None = None,
         offline: Any = None,
         factorise: Factorise = dense_factors,
         compliances: Compliances | None = None,
@@ -75,7 +76,7 @@ class ReducedModel(WithOutputs):
         self.compliances = compliances
         self.problem, self.parameters, self.fields, self.trained = problem, parameters, fields, trained
         self.known, self.flow, self.offline, self._factorise = known, flow, offline, factorise
-        self.equilibrium: ReducedEquilibrium | None = None
+        self.equilibrium: ProjectedEquilibrium | None = None
         self._elastic: CondensedModel | VaryingModel | None = None
         try:
             if flow is None:
@@ -83,9 +84,7 @@ class ReducedModel(WithOutputs):
                 self._elastic = self._eliminated(factorise)
                 self.solve = self._elastic.solve  # type: ignore[method-assign, assignment]
             else:
-                from hhr_dolfinx.models.reduced_flow import ReducedEquilibrium
-
-                self.equilibrium = ReducedEquilibrium(problem, flow, parameters, fields)
+                self.equilibrium = flow.equilibrium(problem, parameters, fields)
                 self.equilibrium.trained = trained if isinstance(trained, TrainedPaths) else None
         except SingularError as error:
             raise SingularError(f"K~ cannot be eliminated, {error}: add RID layers or use fewer modes") from error
@@ -171,7 +170,7 @@ def _eliminated_anew(
 
 
 def _restored(
-    known: KnownStatuses | None, flow: ReducedFlow | None, compliances: Compliances | None, *parts: Any
+    known: KnownStatuses | None, flow: ReducedFlow | CubatureFlow | None, compliances: Compliances | None, *parts: Any
 ) -> ReducedModel:
     """A model from its arrays."""
     return ReducedModel(*parts, known=known, flow=flow, compliances=compliances)

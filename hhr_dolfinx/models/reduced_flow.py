@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import nullcontext
 from copy import copy
 from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
@@ -56,53 +57,48 @@ class ReducedFlow:
         """Numbers of the Gauss points in the full model."""
         return self.operator.points_of(self.cells)
 
+    def equilibrium(
+        self, problem: ReducedProblem, parameters: ParameterSpace, fields: Reconstruction
+    ) -> ReducedEquilibrium:
+        """The equilibrium of gamma on all Gauss points of the RID."""
+        return ReducedEquilibrium(problem, self, parameters, fields)
 
-class ReducedEquilibrium:
-    """Equilibrium of gamma, see :class:`hhr_dolfinx.models.equilibrium.Equilibrium`.
+
+class ProjectedEquilibrium:
+    """What equilibria of gamma have in common, however internal forces are integrated.
 
     Args:
         problem: the elastic projection, (5.23).
-        flow: Gauss points and laws of the RID.
+        material: laws at their Gauss points.
         parameters: the box of the parameters.
-        fields: what completes its answers.
+        fields: what completes their answers.
 
     Attributes:
         trained: what the model was trained on, None until that is known.
     """
 
     trained: TrainedPaths | None = None
+    elastic: DenseLinearisation
 
-    def __init__(
-        self,
-        problem: ReducedProblem,
-        flow: ReducedFlow,
-        parameters: ParameterSpace,
-        fields: Reconstruction,
-    ):
-        self.problem, self.flow, self.parameters, self.fields = problem, flow, parameters, fields
+    def __init__(self, problem: ReducedProblem, material: Material, parameters: ParameterSpace, fields: Reconstruction):
+        self.problem, self.material, self.parameters, self.fields = problem, material, parameters, fields
         self.lock = nullcontext()  # histories share no factors here
-        self.operator, self.points, self.per_cell = flow.operator, flow.points, flow.operator.per_cell
         self.conditions, self.size = problem.contact_test.shape
         self.amplitudes = fields.amplitudes
-        self._lifted = bool(flow.lifts.nnz)
-        self._pattern = self.operator.pattern()
-        self._test = np.ascontiguousarray(flow.modes[flow.inner].T)
-        self._external = np.asfortranarray((flow.loads.T @ self._test.T).T)
-        middle = np.mean([parameters.lower, parameters.upper], axis=0)
-        self._set_elasticity(flow.material.moduli_at(middle), problem)
-        self.material = flow.material
-        self._middle = self
-        self._last: tuple[np.ndarray, ReducedEquilibrium] | None = None
+        self._middle: Any = self
+        self._last: tuple[np.ndarray, Any] | None = None
 
     def _set_elasticity(self, material: Material, problem: ReducedProblem) -> None:
         """Take a material whose moduli are numbers, and the projection of its stiffness."""
-        self.material, self.problem = material, problem
-        self._sizes = abs(self.operator.stiffness(material.elastic, self._pattern))
-        self.elastic = _DenseLinearisation(problem, problem.stiffness, material.elastic)
-        # the elastic part of K~ is known: online only what flow changes is projected
-        self._unchanged = ElasticPart(material.elastic, np.zeros(self._pattern.indices.size))
+        raise NotImplementedError
 
-    def at(self, point: np.ndarray) -> ReducedEquilibrium:
+    def _set_middle(self) -> None:
+        """Take the elasticity of the middle of the box; the material keeps its formulas."""
+        formulas, space = self.material, self.parameters
+        self._set_elasticity(formulas.moduli_at(np.mean([space.lower, space.upper], axis=0)), self.problem)
+        self.material = formulas
+
+    def at(self, point: np.ndarray) -> Self:
         """The equilibrium whose elasticity is that of a point, (P,): itself where elasticity is constant.
 
         K~ is the sum of its projected parts. The one of the last elasticity is kept.
@@ -124,6 +120,57 @@ class ReducedEquilibrium:
         middle._last = weights, found
         return found
 
+    def responding_at(self, point: np.ndarray) -> Self:
+        """Itself: strain, gaps and F at a given displacement do not depend on moduli."""
+        return self
+
+    def gaps(self, theta: Theta) -> np.ndarray:
+        """Gaps of the RID less the lift, (N_lambda_C,)."""
+        return self.problem.gaps @ theta
+
+    def norms(self, residual: np.ndarray) -> np.ndarray:
+        """Norm of a residual; modes span all bodies, (1,)."""
+        return np.array([np.sqrt(residual @ residual)])
+
+    def contact_load(self, forces: np.ndarray) -> np.ndarray:
+        """B~1^T λ."""
+        return forces @ self.problem.contact_test
+
+    def tangent(self, tangents: np.ndarray) -> np.ndarray:
+        """Projected consistent tangent V[A]^T K_T V, (ell, ell)."""
+        raise NotImplementedError
+
+    def linearised(self, tangents: np.ndarray) -> DenseLinearisation:
+        """Project and factor the tangent."""
+        return DenseLinearisation(self.problem, self.tangent(tangents), tangents)
+
+
+class ReducedEquilibrium(ProjectedEquilibrium):
+    """Equilibrium of gamma, see :class:`hhr_dolfinx.models.equilibrium.Equilibrium`.
+
+    Args:
+        problem: the elastic projection, (5.23).
+        flow: Gauss points and laws of the RID.
+        parameters: the box of the parameters.
+        fields: what completes its answers.
+    """
+
+    def __init__(self, problem: ReducedProblem, flow: ReducedFlow, parameters: ParameterSpace, fields: Reconstruction):
+        super().__init__(problem, flow.material, parameters, fields)
+        self.flow, self.operator, self.points, self.per_cell = flow, flow.operator, flow.points, flow.operator.per_cell
+        self._lifted = bool(flow.lifts.nnz)
+        self._pattern = self.operator.pattern()
+        self._test = np.ascontiguousarray(flow.modes[flow.inner].T)
+        self._external = np.asfortranarray((flow.loads.T @ self._test.T).T)
+        self._set_middle()
+
+    def _set_elasticity(self, material: Material, problem: ReducedProblem) -> None:
+        self.material, self.problem = material, problem
+        self._sizes = abs(self.operator.stiffness(material.elastic, self._pattern))
+        self.elastic = DenseLinearisation(problem, problem.stiffness, material.elastic)
+        # the elastic part of K~ is known: online only what flow changes is projected
+        self._unchanged = ElasticPart(material.elastic, np.zeros(self._pattern.indices.size))
+
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
         """Strain at the Gauss points of the RID, lift included, less that which is without stress."""
         field, free = self.flow.modes @ x, self.flow.eigenstrains
@@ -134,27 +181,15 @@ class ReducedEquilibrium:
         """Strain of a change of gamma at the Gauss points of the RID."""
         return self.operator.strain(self.flow.modes @ change)
 
-    def gaps(self, theta: Theta) -> np.ndarray:
-        """Gaps of the RID less the lift, (N_lambda_C,)."""
-        return self.problem.gaps @ theta
-
     def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """V[A]^T of loads less internal forces, and the norm of what they are made of on A, (1,)."""
         loads, (internal, size) = self._external @ theta, self.operator.internal(gauss.stress)
         inner = self.flow.inner
         return loads - self._test @ internal[inner], self.norms(loads) + self.norms(size[inner])
 
-    def norms(self, residual: np.ndarray) -> np.ndarray:
-        """Norm of a residual; modes span all bodies, (1,)."""
-        return np.array([np.sqrt(residual @ residual)])
-
     def round_off(self, x: np.ndarray, theta: Theta) -> np.ndarray:
         """Residual that comes of adding stiffness times displacement in double precision, (1,)."""
         return 1e-13 * self.norms(self._sizes @ np.abs(self.flow.modes @ x + self.flow.lifts @ theta))
-
-    def contact_load(self, forces: np.ndarray) -> np.ndarray:
-        """B~1^T λ."""
-        return forces @ self.problem.contact_test
 
     def signs(self, answer: Answer) -> Signs:
         """Residual on A before it is projected, and gaps on the whole contact surface.
@@ -174,20 +209,12 @@ class ReducedEquilibrium:
         change = self.operator.stiffness(tangents, self._pattern, self._unchanged)
         return self.problem.stiffness + self._test @ _product(change, self.flow.inner, self.flow.modes)
 
-    def responding_at(self, point: np.ndarray) -> ReducedEquilibrium:
-        """Itself: strain, gaps and F at a given displacement do not depend on moduli."""
-        return self
-
     def stepper(self, settings: MarchSettings) -> LinearisedStepper:
         """What solves the steps of a history."""
         return LinearisedStepper(self, settings)
 
-    def linearised(self, tangents: np.ndarray) -> _DenseLinearisation:
-        """Project and factor the tangent."""
-        return _DenseLinearisation(self.problem, self.tangent(tangents), tangents)
 
-
-class _DenseLinearisation:
+class DenseLinearisation:
     """A linearisation on dense blocks, see :class:`hhr_dolfinx.models.equilibrium.Linearisation`."""
 
     def __init__(self, problem: ReducedProblem, stiffness: np.ndarray, moduli: np.ndarray):

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
+
+from hhr_dolfinx.parameters import ParameterSpace
 
 FORMAT, VERSION = "hhr_dolfinx reduced model", 8
 CONDENSED, CONDENSED_VERSION = "hhr_dolfinx condensed model", 1
@@ -17,6 +21,7 @@ PACKED = {
     "flow.loads": ("csc", "a", "terms"),
     "flow.contact": ("csr", "a", "m"),
     "flow.eigenstrains": ("csc", "stress inside", "terms"),
+    "cubature.given": ("csc", "strains", "terms"),
 }
 """Matrices of which only what is not zero is kept: sparse format, or order in memory of a dense one; names of sizes."""
 
@@ -53,6 +58,14 @@ LAYOUT = {
     "flow.group": ("int", "cells", "per cell"),
     "flow.young": ("float", "groups"),
     "flow.poisson": ("float", "groups"),
+    "cubature.points": ("int", "points"),
+    "cubature.per_cell": ("int",),
+    "cubature.trial": ("float", "points", "components", "ell"),
+    "cubature.test": ("float", "points", "components", "ell"),
+    "cubature.loads": ("float", "ell", "terms"),
+    "cubature.group": ("int", "points"),
+    "cubature.young": ("float", "groups"),
+    "cubature.poisson": ("float", "groups"),
     "completion.stress_modes": ("float", "stress values", "stress modes"),
     "completion.stress_fit": ("float", "stress modes", "stress inside"),
     "completion.cumulated_modes": ("float", "gauss points", "strain modes"),
@@ -73,16 +86,38 @@ INDICES = {
     "flow.inner": "n",
     "flow.cells": "all cells",
     "flow.group": "groups",
+    "cubature.points": "gauss points",
+    "cubature.group": "groups",
     **{f"{name}.rows": rows for name, (_, rows, _) in PACKED.items()},
     **{f"{name}.columns": columns for name, (*_, columns) in PACKED.items()},
 }
 """Arrays of indices: each must be at least 0 and below the size of this name, since compiled loops do not look."""
 
-PRODUCTS = {
-    "points": ("cells", "per cell"),
-    "stress inside": ("cells", "per cell", "components"),
-    "stress values": ("gauss points", "components"),
-    "gauss points": ("all cells", "per cell"),
+PRODUCTS: dict[str, dict[str, tuple[str, ...]]] = {
+    "flow": {
+        "points": ("cells", "per cell"),
+        "stress inside": ("cells", "per cell", "components"),
+        "stress values": ("gauss points", "components"),
+        "gauss points": ("all cells", "per cell"),
+    },
+    "cubature": {
+        "stress inside": ("points", "components"),
+        "stress values": ("gauss points", "components"),
+        "gauss points": ("all cells", "per cell"),
+    },
 }
+"""Sizes that are products of others, where all Gauss points of a RID are taken, and where a cubature is."""
 TYPES = {"float": np.float64, "int": np.int64, "bool": np.bool_}
 MAY_BE_NONE = {"force snapshots", "stress modes", "strain modes", *(f"entries of {name}" for name in PACKED)}
+
+
+class Content(NamedTuple):
+    """What a file holds, checked: the box, arrays of the table, sizes by name, values that are a kind and numbers."""
+
+    space: ParameterSpace
+    dimension: int
+    arrays: dict[str, np.ndarray]
+    sizes: dict[str, int]
+    amplitudes: list[Any]
+    laws: list[Any]
+    outputs: list[Any]

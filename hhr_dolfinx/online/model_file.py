@@ -7,12 +7,11 @@ file with a valid checksum and other content is refused where it is read, not wh
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -29,8 +28,9 @@ from hhr_dolfinx.errors import (
 from hhr_dolfinx.files import check_layout, read_arrays, write_arrays
 from hhr_dolfinx.models.condensed import KnownStatuses
 from hhr_dolfinx.models.projected import ReducedProblem
-from hhr_dolfinx.models.reconstruct import FlowFields, GappyField, Reconstruction
+from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.online.flow_parts import check_flow, flow_of, flow_taken_apart, part_of_flow
 from hhr_dolfinx.online.layout import (
     CONDENSED,
     CONDENSED_VERSION,
@@ -39,17 +39,16 @@ from hhr_dolfinx.online.layout import (
     LAYOUT,
     MAY_BE_NONE,
     PACKED,
-    PRODUCTS,
     TYPES,
     VALUES,
     VERSION,
+    Content,
 )
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plain import as_plain, by_name, restored
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.reduced_flow import ReducedFlow
     from hhr_dolfinx.models.varying import VaryingModel
 
 
@@ -152,11 +151,6 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> ReducedModel | V
         raise ModelFileError(f"{path} is damaged or no model file ({error}): build the model again") from error
 
 
-def _flows(names: Iterable[str]) -> bool:
-    """Whether arrays of these names are of bodies that flow."""
-    return any(name.startswith("flow.") for name in names)
-
-
 def _kinds(names: Iterable[str], amplitudes: object, own: Iterable[type]) -> dict[str, type]:
     """Classes of values that a file may hold, by name: those of this package that it may need, and a user's.
 
@@ -169,7 +163,7 @@ def _kinds(names: Iterable[str], amplitudes: object, own: Iterable[type]) -> dic
         from hhr_dolfinx.formulas import Scalar
 
         kinds.append(Scalar)
-    if _flows(names):
+    if part_of_flow(names):
         from hhr_dolfinx.materials.laws import Norton, Plasticity
 
         kinds += [Plasticity, Norton]
@@ -178,8 +172,8 @@ def _kinds(names: Iterable[str], amplitudes: object, own: Iterable[type]) -> dic
 
 def _layout(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
     """The part of the table that belongs to a model: elastic or flowing, with a training or not."""
-    flows, trained = _flows(names), "trained.lower" in names
-    parts = {"reduced", "fields", "amplitudes", *(("flow", "completion") if flows else ("known",))}
+    flows, trained = part_of_flow(names), "trained.lower" in names
+    parts = {"reduced", "fields", "amplitudes", *((flows, "completion") if flows else ("known",))}
     parts |= {"trained", *(("paths",) if flows else ())} if trained else set()
     return {name: kind for name, kind in LAYOUT.items() if name.split(".")[0] in parts}
 
@@ -195,42 +189,14 @@ def _taken_apart(model: ReducedModel) -> dict[str, Any]:
         values |= {f"trained.{name}": item for name, item in vars(range_).items()}
         values |= {f"paths.{name}": item for name, item in vars(model.trained).items()}
     if model.flow is not None and model.fields.flow is not None:
-        values |= _flow_taken_apart(model.flow, model.fields.flow, model.parameters)
+        values |= flow_taken_apart(model.flow, model.fields.flow, model.parameters)
     for name in PACKED.keys() & values.keys():
         entries = coo_matrix(values[name])
         values |= {f"{name}.rows": entries.row, f"{name}.columns": entries.col, f"{name}.values": entries.data}
     return values
 
 
-def _flow_taken_apart(flow: ReducedFlow, fields: FlowFields, space: ParameterSpace) -> dict[str, Any]:
-    """Arrays of bodies that flow by name; moduli that are formulas, whose texts stand elsewhere, are of the middle."""
-    middle = np.mean([space.lower, space.upper], axis=0)
-    groups, weights = flow.material.moduli_at(middle).groups, flow.operator.weights
-    values = {f"flow.{name}": item for name, item in (vars(flow) | vars(flow.operator)).items()}
-    values["flow.group"] = np.empty(weights.size, dtype=np.int64)
-    for number, group in enumerate(groups):
-        values["flow.group"][group.indices] = number
-    values["flow.group"] = values["flow.group"].reshape(weights.shape)
-    values |= {f"flow.{name}": [getattr(group, name) for group in groups] for name in ("young", "poisson")}
-    nothing = GappyField(np.zeros((fields.gauss_points, 0)), np.zeros((0, weights.size)))
-    for name, field in (("stress", fields.stress), ("cumulated", fields.cumulated or nothing)):
-        values |= {f"completion.{name}_{part}": item for part, item in field._asdict().items()}
-    return values
-
-
-class _Content(NamedTuple):
-    """What a file holds, checked: the box, arrays of the table, sizes by name, values that are a kind and numbers."""
-
-    space: ParameterSpace
-    dimension: int
-    arrays: dict[str, np.ndarray]
-    sizes: dict[str, int]
-    amplitudes: list[Any]
-    laws: list[Any]
-    outputs: list[Any]
-
-
-def _checked(header: dict, arrays: Mapping[str, np.ndarray], kinds: Mapping[str, type]) -> _Content:
+def _checked(header: dict, arrays: Mapping[str, np.ndarray], kinds: Mapping[str, type]) -> Content:
     """The content of a file, if it is that of a model."""
     _check_header(header)
     space, arrays = ParameterSpace(**header["parameters"]), dict(arrays)
@@ -244,9 +210,9 @@ def _checked(header: dict, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
         raise FileContentError(f"sizes {empty} are zero")
     # compiled loops multiply indices, for which four bytes may be too few
     arrays = {name: arrays[name].astype(TYPES[kind[0]], copy=False) for name, kind in layout.items()}
-    content = _Content(space, header["dimension"], arrays, sizes, *values)
-    if _flows(arrays):
-        _check_flow(content)
+    content = Content(space, header["dimension"], arrays, sizes, *values)
+    if part_of_flow(arrays):
+        check_flow(content)
     elif content.laws:
         raise FileContentError("it has laws of flow, and nothing flows")
     for name in INDICES.keys() & layout.keys():
@@ -279,7 +245,7 @@ def _values(what: str, given: Sequence, arrays: dict[str, np.ndarray], kinds: Ma
     return values
 
 
-def _check_contact(content: _Content) -> None:
+def _check_contact(content: Content) -> None:
     """Independent conditions; gaps that are measured; amplitudes that begin with 1 and are as many as the loads."""
     arrays, sizes = content.arrays, content.sizes
     if np.unique(arrays["fields.A_lambda"]).size < sizes["m"] or sizes["m"] > sizes["ell"]:
@@ -297,34 +263,7 @@ def _check_contact(content: _Content) -> None:
         raise FileContentError(f"the amplitudes are {sizes['affine terms']} and {counts}, the loads {sizes['terms']}")
 
 
-def _check_flow(content: _Content) -> None:
-    """Sizes of Gauss points that are products of others, and material that is one; adds the number of all cells."""
-    from hhr_dolfinx.materials.constants import check_law
-
-    arrays, sizes, laws = content.arrays, content.sizes, content.laws
-    sizes["all cells"] = sizes["gauss points"] // sizes["per cell"]
-    for name, factors in PRODUCTS.items():
-        if sizes[name] != math.prod(sizes[factor] for factor in factors):
-            raise FileContentError(f"{sizes[name]} {name} are not {' times '.join(factors)}")
-    if sizes["components"] != (4 if content.dimension == 2 else 6):
-        raise FileContentError(f"a strain has {sizes['components']} components in dimension {content.dimension}")
-    young, poisson = arrays["flow.young"], arrays["flow.poisson"]
-    if not ((young > 0) & (poisson > -1) & (poisson < 0.5)).all():
-        raise FileContentError(f"Young's moduli {young} and Poisson's ratios {poisson} are none")
-    if not (arrays["flow.weights"] > 0).all():
-        raise FileContentError(f"a Gauss point has the weight {arrays['flow.weights'].min()}, not positive")
-    if np.unique(arrays["flow.inner"]).size < sizes["a"]:
-        raise FileContentError("flow.inner has a dof twice")
-    steps = arrays.get("paths.steps", np.ones(2))
-    if not 0 < steps[0] <= steps[1]:
-        raise FileContentError(f"trained steps take {steps[0]:g} to {steps[1]:g} s, which is no range")
-    if len(laws) != sizes["groups"] or not all(law is None or callable(getattr(law, "flow", None)) for law in laws):
-        raise FileContentError(f"{len(laws)} laws for {sizes['groups']} groups: each must have a flow, or be none")
-    for number, law in enumerate(laws):
-        check_law(law, content.space, f"law {number}")
-
-
-def _model(content: _Content) -> ReducedModel:
+def _model(content: Content) -> ReducedModel:
     """The model of checked arrays."""
     parts: dict[str, dict[str, Any]] = {}
     for key, array in content.arrays.items():
@@ -343,7 +282,8 @@ def _model(content: _Content) -> ReducedModel:
         if "paths" in parts:
             steps = tuple(parts["paths"].pop("steps").tolist())
             trained = TrainedPaths(range_, steps=steps, **parts["paths"])
-    flow, completion = _flow(parts["flow"], parts["completion"], content) if "flow" in parts else (None, None)
+    kind = part_of_flow(content.arrays)
+    flow, completion = flow_of(parts[kind], parts["completion"], content) if kind else (None, None)
     fields = Reconstruction(theta, **parts["fields"], dimension=content.dimension, flow=completion)
     if content.outputs:
         from hhr_dolfinx.models.functionals import Functionals
@@ -353,20 +293,3 @@ def _model(content: _Content) -> ReducedModel:
         fields = replace(fields, functionals=functionals)
     known = KnownStatuses(**parts["known"]) if "known" in parts else None
     return ReducedModel(ReducedProblem(**parts["reduced"]), content.space, fields, trained, known=known, flow=flow)
-
-
-def _flow(flow: dict, completion: dict, content: _Content) -> tuple[ReducedFlow, FlowFields]:
-    """The parts of bodies that flow; what compiles loops for them is imported here."""
-    from hhr_dolfinx.materials.strain import StrainOperator
-    from hhr_dolfinx.materials.update import Group, Material
-    from hhr_dolfinx.models.reduced_flow import ReducedFlow
-
-    sizes, number = content.sizes, flow.pop("group").ravel()
-    constants = zip(flow.pop("young").tolist(), flow.pop("poisson").tolist(), content.laws, strict=True)
-    groups = [Group(np.flatnonzero(number == k), *item) for k, item in enumerate(constants)]
-    operator = StrainOperator(flow.pop("gradients"), flow.pop("weights"), flow.pop("dofs"), sizes["n"])
-    part = ReducedFlow(operator, Material(groups, sizes["components"], content.space.names), **flow)
-    stress, cumulated = (
-        GappyField(completion[f"{name}_modes"], completion[f"{name}_fit"]) for name in ("stress", "cumulated")
-    )
-    return part, FlowFields(part.points, stress, cumulated if sizes["strain modes"] else None, sizes["gauss points"])

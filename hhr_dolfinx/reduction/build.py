@@ -6,7 +6,7 @@ Stages that a scene does not need are left out and listed with the reason.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,6 +32,10 @@ from hhr_dolfinx.reduction.rid import checked_nodes, reduced_domain
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.cubature_flow import CubatureFlow
+    from hhr_dolfinx.models.reduced_flow import ReducedFlow
 
 MOST_TRAINING_COMPARED = 50
 """Training solutions compared where none were held out, about."""
@@ -224,11 +228,7 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
             from hhr_dolfinx.reduction.shaped import rid_assembly
 
             reduced = replace(reduced, terms=None, reshaped=rid_assembly(full, basis, sets))
-        flow = None
-        if full.equilibrium is not None:
-            from hhr_dolfinx.reduction.flow import project_flow
-
-            flow = project_flow(full.equilibrium, basis, sets)
+    flow = None if full.equilibrium is None else _flow_of(shared, basis, sets, layers)
     with log.stage("stability"):
         stability = assess(problem, shared.constants, basis, sets, reduced)
         check_solvable(stability)
@@ -250,6 +250,26 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
         comparison, trained = _compared(shared, model)
     record = OfflineRecord(recipe, layers, basis, sets, stability, enrichment, margin, comparison, log)
     return model.changed(trained=trained, offline=record)
+
+
+def _flow_of(shared: _Offline, basis: np.ndarray, sets: IndexSets, layers: int) -> ReducedFlow | CubatureFlow:
+    """Gauss points of the RID: all of them, or few with weights."""
+    equilibrium, step = shared.full.equilibrium, shared.recipe.cubature
+    if step is None:
+        from hhr_dolfinx.reduction.flow import project_flow
+
+        with shared.log.stage("projection"):
+            return project_flow(equilibrium, basis, sets)
+    from hhr_dolfinx.reduction.cubature_flow import cubature_flow
+    from hhr_dolfinx.reduction.flow import check_domain
+
+    if shared.recipe.tangents is not None:
+        with shared.log.stage("stability"):
+            check_domain(basis, sets, shared.states, shared.recipe.tangents.least, layers)
+    tangents = [moduli for moduli, _ in shared.states]
+    with shared.log.stage("cubature"):
+        how = tangents, step.tolerance, step.stiffness
+        return cubature_flow(equilibrium, basis, sets, shared.snapshots, *how)[0]
 
 
 def _functionals(full: Any, basis: np.ndarray) -> Any:

@@ -18,6 +18,7 @@ from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.cubature_flow import CubatureFlow
     from hhr_dolfinx.models.reduced_flow import ReducedFlow
 
 STRESS, PLASTIC_STRAIN = 1e-9, 1e-6
@@ -52,7 +53,11 @@ class Completion:
         return cls(rays, scale, pod(snapshots.stress, STRESS)[0], flowed)
 
     def reconstruction(
-        self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets, flow: ReducedFlow | None = None
+        self,
+        problem: ContactProblem,
+        basis: np.ndarray,
+        sets: IndexSets,
+        flow: ReducedFlow | CubatureFlow | None = None,
     ) -> Reconstruction:
         """What one reduced model hands out fields with."""
         return Reconstruction(
@@ -68,7 +73,7 @@ class Completion:
             flow=None if flow is None else self._flow_fields(flow),
         )
 
-    def _flow_fields(self, flow: ReducedFlow) -> FlowFields:
+    def _flow_fields(self, flow: ReducedFlow | CubatureFlow) -> FlowFields:
         """How stress and cumulated plastic strain are completed from the Gauss points of the RID (section 6.2.3)."""
         if self.stress is None:
             raise ReductionError("these snapshots hold no stress: give histories of a scene whose bodies flow")

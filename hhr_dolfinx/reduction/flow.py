@@ -38,11 +38,11 @@ def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> R
         inner=inner,
         loads=problem.external[acting],
         contact=csr_matrix(problem.contact[sets.A_lambda][:, acting].T),
-        eigenstrains=csc_matrix(full.eigenstrains.tocsr()[_rows(operator.points_of(cells), operator.components)]),
+        eigenstrains=csc_matrix(full.eigenstrains.tocsr()[rows_of(operator.points_of(cells), operator.components)]),
     )
 
 
-def _rows(points: np.ndarray, components: int) -> np.ndarray:
+def rows_of(points: np.ndarray, components: int) -> np.ndarray:
     """Rows of some Gauss points in what has one for each component of a strain."""
     return (points[:, None] * components + np.arange(components)).ravel()
 
@@ -74,12 +74,29 @@ def check_margin(
 ) -> float:
     """Smallest tangent margin at training states, 1 where nothing flowed; UnstableModelError if below ``least``."""
     margin = min((tangent_margin(model, *state) for state in states), default=1.0)
+    _require(margin, least, layers)
+    return margin
+
+
+def check_domain(
+    basis: np.ndarray, sets: IndexSets, states: Sequence[tuple[np.ndarray, csr_matrix]], least: float, layers: int
+) -> None:
+    """The same of all Gauss points of an RID, before a cubature of them is fitted, which takes the longest.
+
+    Raises:
+        UnstableModelError: if a margin is below ``least``.
+    """
+    inside = basis[sets.A]
+    moved = (stiffness @ basis for _, stiffness in states)
+    _require(min((_margin(basis.T @ item, inside.T @ item[sets.A]) for item in moved), default=1.0), least, layers)
+
+
+def _require(margin: float, least: float, layers: int) -> None:
     if not margin > least:
         raise UnstableModelError(
             f"with {layers} layers a projected tangent at a training state has an eigenvalue of real part "
             f"{margin:.2g}: steps would fail or follow a wrong path. Allow more layers or keep fewer modes"
         )
-    return margin
 
 
 def tangent_margin(model: ReducedModel, tangents: np.ndarray, stiffness: csr_matrix) -> float:
@@ -89,9 +106,12 @@ def tangent_margin(model: ReducedModel, tangents: np.ndarray, stiffness: csr_mat
     """
     reduced: Any = model.equilibrium
     basis = model.fields.basis
-    whole = basis.T @ (stiffness @ basis)
+    return _margin(basis.T @ (stiffness @ basis), reduced.tangent(tangents[reduced.points]))
+
+
+def _margin(whole: np.ndarray, projected: np.ndarray) -> float:
     try:
-        return float(linalg.eigvals(np.linalg.solve(whole, reduced.tangent(tangents[reduced.points]))).real.min())
+        return float(linalg.eigvals(np.linalg.solve(whole, projected)).real.min())
     except (np.linalg.LinAlgError, ValueError) as error:
         raise UnstableModelError(
             f"the tangent at a training state is singular or not finite on the basis ({error}): keep fewer modes"

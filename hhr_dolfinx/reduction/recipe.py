@@ -261,6 +261,29 @@ class Tangents:
 
 
 @dataclass(frozen=True)
+class CubatureStep:
+    """Few weighted Gauss points of the RID in the place of all of them, where bodies flow.
+
+    With a :class:`Rid` of so many layers that it is the whole mesh test functions are whole modes, and tangents are
+    symmetric; forces of contact are then unknowns on the whole surface.
+
+    Attributes:
+        tolerance: relative misfit of the internal forces of training states.
+        stiffness: relative misfit of the stiffness of each mode under tangents of training. Above 0.1 modes that the
+            states hardly move may be left without any.
+    """
+
+    tolerance: float = 1e-3
+    stiffness: float = 0.05
+
+    def __post_init__(self) -> None:
+        for name in ("tolerance", "stiffness"):
+            value = getattr(self, name)
+            if not (isinstance(value, Real) and 0 < float(value) < 1):
+                raise ReductionError(f"{name} = {value} of CubatureStep must lie in (0, 1): it is a relative misfit")
+
+
+@dataclass(frozen=True)
 class Recipe:
     """How to reduce a scene; the defaults gave the best errors for their time on the elastic pellet-cladding scene.
 
@@ -272,6 +295,7 @@ class Recipe:
         trust: what the trust check refuses or warns of; None leaves it out, to measure a model as it is.
         tangents: how tangents are checked where bodies flow; None for not at all.
         indicator: what estimates the error of each answer; None for none.
+        cubature: how few weighted Gauss points stand for those of the RID where bodies flow; None takes all of them.
     """
 
     basis: Basis = Pod(1e-11, relative=True)
@@ -281,6 +305,7 @@ class Recipe:
     trust: TrustLimits | None = TrustLimits()
     tangents: Tangents | None = Tangents()
     indicator: Indicator | None = None
+    cubature: CubatureStep | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.nodes, tuple | list) or not self.nodes:
@@ -293,7 +318,13 @@ class Recipe:
                 raise ReductionError(f"{step!r} must have nodes(problem, snapshots, basis), as Deim() has")
         if self.indicator is not None and not _has(self.indicator, "prepared"):
             raise ReductionError(f"indicator = {self.indicator!r} must have prepared(problem, basis, sets)")
-        kinds = {"domain": Rid, "enrichment": Enrich | None, "trust": TrustLimits | None, "tangents": Tangents | None}
+        kinds: dict[str, Any] = {
+            "domain": Rid,
+            "enrichment": Enrich | None,
+            "trust": TrustLimits | None,
+            "tangents": Tangents | None,
+        }
+        kinds["cubature"] = CubatureStep | None
         for name, kind in kinds.items():
             if not isinstance(getattr(self, name), kind):
                 raise ReductionError(f"{name} = {getattr(self, name)!r} of a recipe must be {kind}")
