@@ -1,7 +1,7 @@
 """The laws of :mod:`hhr_dolfinx.materials.laws` at one Gauss point, compiled: for all loops over points.
 
-A kernel answers with the flow Δp and its derivative by the trial stress; NaN where it found none. ``KERNELS`` lists
-which law is known to them, by the name of its class, and the constants that it takes in their order.
+A kernel answers with the flow Δp and its derivative by the trial stress; NaN where it found none. Of the laws of
+this package :func:`kernel_of` says which is theirs, and with which constants.
 """
 
 from __future__ import annotations
@@ -32,7 +32,9 @@ def kernel_of(law: Any) -> tuple[int, tuple[float, float]] | None:
 
 
 @compiled()
-def flow_at(kind, first, second, trial, cumulated, shear, dt):
+def flow_at(
+    kind: int, first: float, second: float, trial: float, cumulated: float, shear: float, dt: float
+) -> tuple[float, float]:
     """Flow and slope of a law at a point, by the number of its kernel and its constants."""
     if kind == PLASTICITY:
         return plastic_flow(first, second, trial, cumulated, shear)
@@ -42,14 +44,25 @@ def flow_at(kind, first, second, trial, cumulated, shear, dt):
 
 
 @compiled()
-def flows_at(kind, first, second, trial, cumulated, shear, dt, amount, slope):
-    """Flow and slope at many points, written to ``amount`` and ``slope``, (n,) each."""
+def flows_at(
+    kind: int,
+    constants: tuple[float, float],
+    trial: np.ndarray,
+    cumulated: np.ndarray,
+    shear: float,
+    dt: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Flow and slope at many points, (n,) each."""
+    amount, slope = np.empty(trial.size), np.empty(trial.size)
     for k in range(trial.size):
-        amount[k], slope[k] = flow_at(kind, first, second, trial[k], cumulated[k], shear, dt)
+        amount[k], slope[k] = flow_at(kind, constants[0], constants[1], trial[k], cumulated[k], shear, dt)
+    return amount, slope
 
 
 @compiled()
-def plastic_flow(yield_stress, hardening, trial, cumulated, shear):
+def plastic_flow(
+    yield_stress: float, hardening: float, trial: float, cumulated: float, shear: float
+) -> tuple[float, float]:
     """Closed form of σ0 + H (p + Δp) = q_tr - 3 mu Δp, thesis (6.23)-(6.26)."""
     over = trial - yield_stress - hardening * cumulated
     slope = 1 / (3 * shear + hardening)
@@ -57,7 +70,7 @@ def plastic_flow(yield_stress, hardening, trial, cumulated, shear):
 
 
 @compiled()
-def norton_flow(resistance, exponent, trial, shear, dt):
+def norton_flow(resistance: float, exponent: float, trial: float, shear: float, dt: float) -> tuple[float, float]:
     """Newton's method for x = σ_eq in x + 3 mu dt (x / K)^m = q_tr, thesis (6.28).
 
     The left side is convex and increasing, so that iterates from above fall monotonically to the root. They start at
@@ -81,7 +94,7 @@ def norton_flow(resistance, exponent, trial, shear, dt):
 
 
 @compiled()
-def power(base, exponent):
+def power(base: float, exponent: float) -> float:
     """base**exponent, by products where the exponent is a small integer: ten times as fast."""
     if exponent != np.floor(exponent) or exponent > 32:
         return base**exponent

@@ -25,9 +25,6 @@ import numpy as np
 
 from hhr_dolfinx.errors import SceneError
 
-ITERATIONS = 60
-"""Most iterations of Newton's method for (6.28), which takes up to 12 over forty decades of stress and m up to 1e5."""
-
 
 class Flow(Protocol):
     """What a body needs to flow."""
@@ -101,10 +98,10 @@ class Plasticity:
         self, trial: np.ndarray, plastic_strain: np.ndarray, shear: float, dt: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Closed form of σ0 + H (p + Δp) = q_tr - 3 mu Δp; see :class:`Flow`."""
-        hardening = _number(self.hardening)
-        slope = 1 / (3 * shear + hardening)
-        over = trial - _number(self.yield_stress) - hardening * plastic_strain
-        return np.maximum(over, 0.0) * slope, np.where(over > 0, slope, 0.0)
+        from hhr_dolfinx.materials.compiled_laws import PLASTICITY, flows_at
+
+        constants = _number(self.yield_stress), _number(self.hardening)
+        return flows_at(PLASTICITY, constants, trial, plastic_strain, shear, dt)
 
 
 @dataclass(frozen=True)
@@ -131,47 +128,17 @@ class Norton:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Newton's method for x = σ_eq in x + 3 mu dt (x / K)^m = q_tr; see :class:`Flow`.
 
-        The left side is convex and increasing, so that iterates from above fall monotonically to the root. They start
-        at the smaller of the two roots with one of the terms alone.
-
         Raises:
             ArithmeticError: if the iteration does not settle.
         """
-        m, resistance = _number(self.exponent), _number(self.resistance)
-        factor = 3 * shear * dt
-        x = np.minimum(trial, resistance * (trial / factor) ** (1 / m))
-        positive = np.where(x > 0, x, 1.0)
-        for _ in range(ITERATIONS):
-            rate = _power(x / resistance, m)
-            step = (x + factor * rate - trial) / (1 + factor * m * rate / positive)
-            x = x - step
-            positive = np.where(x > 0, x, 1.0)
-            left = np.abs(step / positive)
-            if left.max(initial=0.0) < 1e-8:  # squared by this step: round-off
-                break
-        else:
-            lost = np.flatnonzero(np.isfinite(trial) & ~(left < 1e-8))  # what is not finite is the caller's
-            if lost.size:
-                raise ArithmeticError(
-                    f"Newton's method still moves after {ITERATIONS} iterations under a trial stress of "
-                    f"{trial[lost[0]]:g} with 3 mu dt = {factor:g}: check units"
-                )
-        rate = dt * _power(x / resistance, m)
-        slope = m * rate / positive
-        return rate, slope / (1 + 3 * shear * slope)
+        from hhr_dolfinx.materials.compiled_laws import ITERATIONS, NORTON, flows_at
 
-
-def _power(base: np.ndarray, exponent: float) -> np.ndarray:
-    """base**exponent, by products where the exponent is a small integer: ten times as fast."""
-    if exponent != int(exponent) or exponent > 32:
-        return base**exponent
-    result: np.ndarray | None = None
-    square = base
-    rest = int(exponent)
-    while rest:
-        if rest & 1:
-            result = square if result is None else result * square
-        rest >>= 1
-        if rest:
-            square = square * square
-    return np.ones_like(base) if result is None else result
+        constants = _number(self.resistance), _number(self.exponent)
+        amount, slope = flows_at(NORTON, constants, trial, plastic_strain, shear, dt)
+        lost = np.flatnonzero(np.isfinite(trial) & ~np.isfinite(amount))  # what is not finite is the caller's
+        if lost.size:
+            raise ArithmeticError(
+                f"Newton's method still moves after {ITERATIONS} iterations under a trial stress of "
+                f"{trial[lost[0]]:g} with 3 mu dt = {3 * shear * dt:g}: check units"
+            )
+        return amount, slope

@@ -22,18 +22,14 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.linalg import LinAlgError
 
 from hhr_dolfinx.amplitudes import Amplitudes, Theta
 from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
-from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
-from hhr_dolfinx.materials.compiled_laws import kernel_of
+from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.materials.elasticity import lame_parameters
-from hhr_dolfinx.materials.update import Group, Material, State, flow_of
-from hhr_dolfinx.models import condensed_step as compiled_step
-from hhr_dolfinx.models.answer import Answer, GaussState
-from hhr_dolfinx.models.condensed_step import StepLoad, StepModel, Work
-from hhr_dolfinx.models.equilibrium import Diverged, Goal, extrapolated
+from hhr_dolfinx.materials.update import Group, Material
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.condensed_arrays import StepModel
 from hhr_dolfinx.models.path import MarchSettings
 from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.parameters import ParameterSpace
@@ -42,14 +38,7 @@ from hhr_dolfinx.trained import Signs, TrainedPaths
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.models.condensed_fields import CondensedFlowFields
-
-_WHY = {
-    compiled_step.STALLED: "no part of Newton's step down to 1/256 lowers the residual",
-    compiled_step.LIMIT: "the iterations allowed are spent",
-    compiled_step.NOT_FINITE: "a law found no flow, or one that is impossible",
-    compiled_step.CONTACT: "the contact forces were not found",
-}
-"""What ended a step, in words."""
+    from hhr_dolfinx.models.condensed_stepper import CondensedStepper
 
 
 @dataclass(frozen=True)
@@ -179,7 +168,7 @@ class CondensedEquilibrium:
         self._schur = np.tensordot(compliances, flow.schur, 1)
         self._equalities = SchurEqualities.symmetric(self._schur)
         self._free_slack = np.asfortranarray(flow.gaps - np.tensordot(compliances, flow.pressed, 1))
-        self._free_strain = np.asfortranarray(self._scale[:, None] * flow.forced + flow.given)
+        self.free_strain = np.asfortranarray(self._scale[:, None] * flow.forced + flow.given)
 
     def at(self, point: np.ndarray) -> CondensedEquilibrium:
         """The equilibrium whose elasticity is that of a point, (P,); the one of the last elasticity is kept."""
@@ -201,7 +190,7 @@ class CondensedEquilibrium:
 
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
         """Strain that the laws see on Z, (n, c)."""
-        return self._by_point(self._free_strain @ theta + self._strain_of(x))
+        return self._by_point(self.free_strain @ theta + self._strain_of(x))
 
     def strain_of(self, change: np.ndarray) -> np.ndarray:
         """Strain of a change of g and λ on Z, (n, c)."""
@@ -250,9 +239,9 @@ class CondensedEquilibrium:
         return Signs(float(np.linalg.norm(weights * (plastic - fitted))), float(np.linalg.norm(weights * plastic)), 0.0)
 
     @staticmethod
-    def _shear(groups: Sequence[Group]) -> np.ndarray:
+    def shear(groups: Sequence[Group]) -> np.ndarray:
         """Shear modulus of each group, whose Young's moduli are numbers, (G,)."""
-        return np.array([lame_parameters(group.young, group.poisson)[1] for group in groups])
+        return np.array([lame_parameters(float(group.young), group.poisson)[1] for group in groups])
 
     def linearised(self, tangents: np.ndarray) -> _CondensedLinearisation:
         """The linearisation of consistent tangents on Z."""
@@ -260,103 +249,20 @@ class CondensedEquilibrium:
 
     def stepper(self, settings: MarchSettings) -> CondensedStepper:
         """What solves the steps of one history."""
+        from hhr_dolfinx.models.condensed_stepper import CondensedStepper
+
         return CondensedStepper(self, settings)
 
     @cached_property
-    def _step_model(self) -> StepModel:
+    def step_model(self) -> StepModel:
         """Arrays of the compiled loop; moduli must be numbers."""
         flow = self.flow
         scale = self._scale if (self._scale != 1.0).any() else np.zeros(0)
-        arrays = (flow.per_mode, flow.tested, flow.per_force, scale, self._schur, flow.moved, flow.rest, self._crossed)
-        contiguous = [np.ascontiguousarray(array, dtype=float) for array in arrays]
-        return StepModel(*contiguous, flow.ends, self._shear(self.material.groups))
-
-
-class CondensedStepper:
-    """Solves the steps of one history with arrays of its own.
-
-    Args:
-        model: whose moduli are numbers.
-        settings: how, of which ``relative_force`` and ``iterations`` count.
-    """
-
-    def __init__(self, model: CondensedEquilibrium, settings: MarchSettings):
-        self._model, self._settings, self._arrays = model, settings, model._step_model
-        flow = model.flow
-        sizes = model.modes, model.conditions, flow.points.size, flow.components
-        self._work, self._elastic = Work.of(*sizes), Work.of(*sizes)
-
-    def learn(self, answer: Answer) -> None:
-        """Take in a step that was solved before."""
-        size, numbers = float(np.linalg.norm(answer.unknown[: self._model.modes])), self._work.numbers
-        numbers[compiled_step.SIZE] = max(numbers[compiled_step.SIZE], size)
-
-    def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """A step from the extrapolation of the corrections before, else from the last one.
-
-        Raises:
-            Diverged: with what was tried last.
-        """
-        here, model = trail[-1], self._model
-        material = model.material.at(goal.parameter)
-        theta, before = model.amplitudes(goal.parameter), here.state().state
-        rest = np.ascontiguousarray(before.plastic.T), before.cumulated, goal.time - here.time
-        nothing = np.zeros(0)
-        load = StepLoad(model._free_strain @ theta, nothing, nothing, model.gaps(theta), *rest)
-        if compiled_step.begin(self._arrays, load, self._elastic) != compiled_step.EVALUATE:
-            raise Diverged("the elastic contact problem has no solution")
-        # without a correction, so that strain and forces are those of the elastic bodies
-        load = load._replace(elastic=self._elastic.strain, forces=self._elastic.forces)
-        starts = [extrapolated(trail, goal.time, model.modes)] if len(trail) > 1 else []
-        spent = 0
-        for start in [*starts, here.unknown[: model.modes]]:
-            self._work.there[:] = start
-            code = self._solve(load, material)
-            spent += int(self._work.numbers[compiled_step.ITERATION])
-            if code == compiled_step.CONVERGED:
-                return self._answer(goal, load, material, spent)
-        left = self._work.numbers[compiled_step.MERIT] / max(float(np.linalg.norm(self._work.here)), 1e-300)
-        raise Diverged(f"{_WHY[code]}, with a residual of {left:.2g} of the correction after {spent} iterations")
-
-    def _solve(self, load: StepLoad, material: Material) -> int:
-        """One attempt from the correction in the work arrays; why it ended."""
-        kernels, settings, work = [kernel_of(group.law) for group in material.groups], self._settings, self._work
-        limits = settings.relative_force, settings.iterations
-        try:
-            if None not in kernels:
-                kinds = np.array([kind for kind, _ in kernels])
-                constants = np.array([values for _, values in kernels])
-                return int(compiled_step.solve(self._arrays, load, work, kinds, constants, *limits))
-            code = compiled_step.begin(self._arrays, load, work)
-            while code == compiled_step.EVALUATE:
-                self._evaluate(load, material)
-                code = compiled_step.advance(self._arrays, load, work, *limits)
-        except (ConvergenceError, LinAlgError):
-            return compiled_step.NOT_FINITE
-        return int(code)
-
-    def _evaluate(self, load: StepLoad, material: Material) -> None:
-        """Flow by laws of which some are a user's own, in Python."""
-        work = self._work
-        for group, shear in zip(material.groups, self._arrays.shear, strict=True):
-            own = slice(int(group.indices[0]), int(group.indices[-1]) + 1)
-            if group.law is None:
-                work.amount[own] = work.slope[own] = 0.0
-                continue
-            trial = work.trial[own].copy()
-            work.amount[own], work.slope[own] = flow_of(group.law, trial, load.cumulated[own], float(shear), load.dt)
-
-    def _answer(self, goal: Goal, load: StepLoad, material: Material, iterations: int) -> Answer:
-        """What was found."""
-        model, work = self._model, self._work
-        self._work.numbers[compiled_step.SIZE] = max(work.numbers[compiled_step.SIZE], np.linalg.norm(work.here))
-        plastic, strain = work.plastic.T.copy(), work.strain.reshape(work.plastic.shape).T
-        stress = np.einsum("nij,nj->ni", material.elastic, strain - plastic)
-        gauss = GaussState(stress, State(plastic, load.cumulated + work.amount))
-        forces = work.forces.copy()
-        unknown = np.concatenate([work.here, forces])
-        how = work.active.copy(), iterations, Status.CONVERGED, False, model.fields
-        return Answer(goal.parameter, unknown, forces, *how, goal.time, gauss)
+        elastic = scale, self._schur, flow.moved, flow.rest, self._crossed
+        arrays = [np.ascontiguousarray(item) for item in (flow.per_mode, flow.tested, flow.per_force, *elastic)]
+        shear = self.shear(self.material.groups)
+        per_mode, tested, per_force, scale, schur, moved, rest, crossed = arrays
+        return StepModel(per_mode, tested, per_force, scale, schur, moved, rest, crossed, flow.ends, shear)
 
 
 class _CondensedLinearisation:
@@ -371,7 +277,7 @@ class _CondensedLinearisation:
         flow, self._model = model.flow, model
         shape = (model.modes, flow.components, model.points.size)
         # C - C_t over 2 μ is the derivative of the plastic strain
-        shear = np.repeat(model._shear(model.material.groups), np.diff([0, *flow.ends]))
+        shear = np.repeat(model.shear(model.material.groups), np.diff([0, *flow.ends]))
         slopes = (model.material.elastic - tangents) / (2 * shear)[:, None, None]
         self._tested = np.einsum("lin,nij->ljn", flow.tested.reshape(shape), slopes).reshape(model.modes, -1)
         self._tested -= flow.tested

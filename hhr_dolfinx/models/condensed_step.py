@@ -23,141 +23,51 @@ in Python.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.materials.compiled_laws import flow_at
+from hhr_dolfinx.models.condensed_arrays import (
+    CONTACT,
+    CONVERGED,
+    COUNT,
+    EVALUATE,
+    ITERATION,
+    LIMIT,
+    LINEAR,
+    MERIT,
+    NEW_TANGENT,
+    NO_TANGENT,
+    NOT_FINITE,
+    OLD_TANGENT,
+    PROJECTED,
+    SHARE,
+    SIZE,
+    STALLED,
+    StepLoad,
+    StepModel,
+    Work,
+)
+from hhr_dolfinx.models.condensed_contact import touch
 
-EVALUATE, CONVERGED, STALLED, LIMIT, NOT_FINITE, CONTACT = range(6)
-"""What :func:`advance` answers: evaluate the laws at the trial point, or why it stopped."""
-ITERATION, MERIT, SHARE, SIZE, COUNT, SWITCHED, PROJECTED, LINEAR, NUMBERS = range(9)
-"""Places in ``Work.numbers``: laws evaluated, |R| at ``here``, part of the direction tried, largest |g| so far, active
-conditions, changes of the inverse, whether ``projected`` is there; whether J is none, an old one, or of ``here``."""
-NO_TANGENT, OLD_TANGENT, NEW_TANGENT = range(3)
-SLOW = 0.1
-"""An old J serves as long as |R| falls at least by this factor in each iteration."""
 LEAST_SHARE = 1 / 256
 """Smallest part of a Newton step that the line search tries."""
 DECREASE = 1e-4
 """Part of the decrease of |R| that the linear model promises which a step has to bring (Armijo)."""
-PATIENCE = 10
-"""Contact solutions that switch all wrong statuses without getting nearer before one is switched at a time."""
-UPDATES = 64
-"""Changes of the inverse of S_AA after which it is made anew: round-off of as many stays below 1e-12."""
-TOLERANCE = 1e-11
-"""Negative forces and slacks below this part of the largest are round-off, as in :mod:`contact.active_set`."""
-
-
-class StepModel(NamedTuple):
-    """Arrays of a model at its moduli (n points of c components, ell modes, m conditions, G groups of points).
-
-    Strains lie component by component, so that loops over points run side by side.
-
-    Attributes:
-        per_mode: strain of each mode, (ell, c n).
-        tested: quadrature weight times 2 μ times the deviator of each, (ell, c n), in the moduli for which modes have
-            unit energy.
-        per_force: strain of K^-1 B^T in these moduli, (m, c n).
-        scale: factor of the strain of contact forces, (c n,); nothing where it is 1.
-        schur: S, (m, m).
-        moved: B V, (m, ell).
-        rest: Q, (ell, ell).
-        crossed: P, (ell, m).
-        ends: last point of each group and one, (G,).
-        shear: of each group, (G,).
-    """
-
-    per_mode: np.ndarray
-    tested: np.ndarray
-    per_force: np.ndarray
-    scale: np.ndarray
-    schur: np.ndarray
-    moved: np.ndarray
-    rest: np.ndarray
-    crossed: np.ndarray
-    ends: np.ndarray
-    shear: np.ndarray
-
-
-class StepLoad(NamedTuple):
-    """What a step is given.
-
-    Attributes:
-        strain: strain without correction and contact forces, (c n,).
-        elastic: ε_e, (c n,).
-        forces: λ_e, (m,).
-        slack: slack without correction and contact forces, (m,).
-        plastic: plastic strain before the step, (c, n).
-        cumulated: cumulated plastic strain before it, (n,).
-        dt: its length in seconds.
-    """
-
-    strain: np.ndarray
-    elastic: np.ndarray
-    forces: np.ndarray
-    slack: np.ndarray
-    plastic: np.ndarray
-    cumulated: np.ndarray
-    dt: float
-
-
-class Work(NamedTuple):
-    """What a step works on; ``here`` is the last accepted correction, ``there`` the one that is tried.
-
-    Attributes:
-        here, there, direction, residual, left: corrections, direction, and R at ``there`` and ``here``, (ell,) each.
-        forces, slack: of the contact problem at ``there``, (m,) each.
-        active: its statuses, (m,) bool.
-        index: active conditions in the order of ``inverse``, (m,).
-        inverse: of S_AA in its upper left corner, (m, m).
-        linear_active: statuses of ``projected``, (m,) bool.
-        projected: E_A, (ell, c n).
-        crossing: P_A W, (ell, ell).
-        newton: inverse of -J, (ell, ell).
-        strain: at ``there``, (c n,).
-        deviator: of the trial stress, (c, n).
-        trial, amount, slope: equivalent trial stress, flow and its slope, (n,) each.
-        plastic: plastic strain at ``there``, (c, n).
-        numbers: iterations and the like, see ``ITERATION``.
-    """
-
-    here: np.ndarray
-    there: np.ndarray
-    direction: np.ndarray
-    residual: np.ndarray
-    left: np.ndarray
-    forces: np.ndarray
-    slack: np.ndarray
-    active: np.ndarray
-    index: np.ndarray
-    inverse: np.ndarray
-    linear_active: np.ndarray
-    projected: np.ndarray
-    crossing: np.ndarray
-    newton: np.ndarray
-    strain: np.ndarray
-    deviator: np.ndarray
-    trial: np.ndarray
-    amount: np.ndarray
-    slope: np.ndarray
-    plastic: np.ndarray
-    numbers: np.ndarray
-
-    @classmethod
-    def of(cls, modes: int, conditions: int, points: int, components: int) -> Work:
-        """Arrays of these sizes, with nothing active."""
-        ell, m, n, c = modes, conditions, points, components
-        vectors = [np.zeros(ell) for _ in range(5)]
-        contact = np.zeros(m), np.zeros(m), np.zeros(m, dtype=bool), np.zeros(m, dtype=np.int64), np.zeros((m, m))
-        linear = np.zeros(m, dtype=bool), np.zeros((ell, c * n)), np.zeros((ell, ell)), np.zeros((ell, ell))
-        gauss = np.zeros(c * n), np.zeros((c, n)), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((c, n))
-        return cls(*vectors, *contact, *linear, *gauss, np.zeros(NUMBERS))
+SLOW = 0.1
+"""An old J serves as long as |R| falls at least by this factor in each iteration."""
 
 
 @compiled()
-def solve(model, load, work, kinds, constants, tolerance, most):
+def solve(
+    model: StepModel,
+    load: StepLoad,
+    work: Work,
+    kinds: np.ndarray,
+    constants: np.ndarray,
+    tolerance: float,
+    most: int,
+) -> int:
     """The whole step, from the correction in ``work.there`` and the statuses in ``work``, by laws of the package.
 
     ``kinds`` and ``constants`` are those of :mod:`materials.compiled_laws`, (G,) and (G, 2); see :func:`advance`.
@@ -184,7 +94,7 @@ def solve(model, load, work, kinds, constants, tolerance, most):
 
 
 @compiled()
-def begin(model, load, work):
+def begin(model: StepModel, load: StepLoad, work: Work) -> int:
     """Prepare the trial stress of the first iterate."""
     numbers = work.numbers
     numbers[ITERATION] = 0.0
@@ -195,7 +105,7 @@ def begin(model, load, work):
 
 
 @compiled()
-def advance(model, load, work, tolerance, most):
+def advance(model: StepModel, load: StepLoad, work: Work, tolerance: float, most: int) -> int:
     """Take in flows at the trial point, and go on to the next one.
 
     Args:
@@ -294,155 +204,14 @@ def _strain(model, load, work):
     strain = work.strain
     strain[:] = 0.0
     for a in range(int(work.numbers[COUNT])):
-        force = work.forces[work.index[a]]
-        row = model.per_force[work.index[a]]
+        force = work.forces[work.order[a]]
+        row = model.per_force[work.order[a]]
         for i in range(strain.size):
             strain[i] -= force * row[i]
     if model.scale.size:
         strain *= model.scale
     strain += load.strain
     strain += np.dot(work.there, model.per_mode)
-
-
-@compiled()
-def touch(model, load, work):
-    """Contact forces at ``work.there``, from the statuses at hand; whether they were found.
-
-    All wrong statuses are switched at once as long as that leads nearer, then the first wrong one alone, by which a
-    P-matrix is solved in finitely many steps (Murty 1974; Júdice and Pires 1994).
-    """
-    m = work.forces.size
-    slack = work.slack
-    slack[:] = load.slack - np.dot(model.moved, work.there)
-    fewest = m + 1
-    patience = PATIENCE
-    local = np.empty(m)
-    for _ in range(100 * m + 100):
-        active = int(work.numbers[COUNT])
-        index = work.index
-        work.forces[:] = 0.0
-        largest = 0.0
-        for a in range(active):
-            value = 0.0
-            for b in range(active):
-                value -= work.inverse[a, b] * slack[index[b]]
-            local[a] = value
-            work.forces[index[a]] = value
-            largest = max(largest, abs(value))
-        found = slack.copy()
-        for a in range(active):
-            row = model.schur[index[a]]
-            value = local[a]
-            for i in range(m):
-                found[i] += value * row[i]
-        through = 0.0
-        for i in range(m):
-            through = max(through, abs(slack[i]))
-        wrong = 0
-        first = -1
-        for i in range(m):
-            if work.active[i]:
-                bad = work.forces[i] < -TOLERANCE * largest
-            else:
-                bad = found[i] < -TOLERANCE * through
-            if bad:
-                wrong += 1
-                if first < 0:
-                    first = i
-        if wrong == 0:
-            return bool(np.isfinite(largest))
-        if wrong < fewest:
-            fewest = wrong
-            patience = PATIENCE
-        else:
-            patience -= 1
-        for i in range(m):
-            if work.active[i]:
-                bad = work.forces[i] < -TOLERANCE * largest
-            else:
-                bad = found[i] < -TOLERANCE * through
-            if bad and (patience > 0 or i == first):
-                if not _switch(model, work, i):
-                    return False
-    return False
-
-
-@compiled()
-def _switch(model, work, condition):
-    """Change a status, and with it the inverse of S_AA; whether that is regular."""
-    numbers = work.numbers
-    numbers[SWITCHED] += 1
-    count = int(numbers[COUNT])
-    if work.active[condition]:
-        work.active[condition] = False
-        _leave(work, condition, count)
-        numbers[COUNT] = count - 1
-    else:
-        work.active[condition] = True
-        if not _join(model, work, condition, count):
-            return False
-        numbers[COUNT] = count + 1
-    if numbers[SWITCHED] > UPDATES:
-        _refresh(model, work)
-    return True
-
-
-@compiled()
-def _join(model, work, condition, count):
-    """Border the inverse of S_AA by one condition."""
-    inverse = work.inverse
-    index = work.index
-    column = np.zeros(count)
-    row = model.schur[condition]
-    for a in range(count):
-        value = 0.0
-        for b in range(count):
-            value += inverse[a, b] * row[index[b]]
-        column[a] = value
-    pivot = row[condition]
-    for a in range(count):
-        pivot -= row[index[a]] * column[a]
-    if not pivot > 1e-14 * row[condition]:
-        return False
-    for a in range(count):
-        for b in range(count):
-            inverse[a, b] += column[a] * column[b] / pivot
-        inverse[a, count] = -column[a] / pivot
-        inverse[count, a] = -column[a] / pivot
-    inverse[count, count] = 1 / pivot
-    index[count] = condition
-    return True
-
-
-@compiled()
-def _leave(work, condition, count):
-    """Take one condition out of the inverse of S_AA."""
-    inverse = work.inverse
-    index = work.index
-    place = 0
-    while index[place] != condition:
-        place += 1
-    last = count - 1
-    if place != last:
-        index[place] = index[last]
-        for a in range(count):
-            inverse[place, a], inverse[last, a] = inverse[last, a], inverse[place, a]
-        for a in range(count):
-            inverse[a, place], inverse[a, last] = inverse[a, last], inverse[a, place]
-    for a in range(last):
-        factor = inverse[a, last] / inverse[last, last]
-        for b in range(last):
-            inverse[a, b] -= factor * inverse[last, b]
-
-
-@compiled()
-def _refresh(model, work):
-    """The inverse of S_AA from S."""
-    count = int(work.numbers[COUNT])
-    index = work.index[:count]
-    work.numbers[SWITCHED] = 0
-    if count:
-        work.inverse[:count, :count] = np.linalg.inv(model.schur[index][:, index])
 
 
 @compiled()
@@ -522,7 +291,7 @@ def _project(model, work):
         work.projected[:] = model.per_mode
         work.crossing[:] = 0.0
         return
-    index = work.index[:count]
+    index = work.order[:count]
     weights = np.dot(np.ascontiguousarray(work.inverse[:count, :count]), model.moved[index])
     work.crossing[:] = np.dot(model.crossed[:, index], weights)
     taken = np.dot(weights.T, model.per_force[index])

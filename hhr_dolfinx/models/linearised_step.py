@@ -16,13 +16,11 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.linear.anderson import Anderson
 from hhr_dolfinx.models.answer import Answer, GaussState, found_as
-from hhr_dolfinx.models.equilibrium import Diverged, Equilibrium, Goal, Linearisation, extrapolated
+from hhr_dolfinx.models.equilibrium import Diverged, Equilibrium, Goal, Linearisation, check_small, extrapolated
 from hhr_dolfinx.models.path import MarchSettings
 
 ROUND_OFF_STRAIN = 1e-13
 """A strain this small is round-off of displacements that strain nothing, as where a gap closes without stress."""
-MOST_STRAIN = 100.0
-"""A strain this large is a runaway, whatever the residual. At the corner of a punch single points reach a few units."""
 PATIENCE = 5
 """A frozen tangent is kept for the next step if this one took no more iterations."""
 
@@ -124,7 +122,7 @@ def _step(
             largest = max(memory.stress, _root_mean_square(update.stress))
             floor = max(settings.floor_stress * largest, ROUND_OFF_STRAIN * linear.moduli.max())
             if (moved - settings.relative_stress * np.abs(update.stress)).max() <= floor:
-                _check_small(strain)
+                check_small(strain)
                 slow = settings.search == "tangent" or iteration > PATIENCE
                 memory.linearisation = None if slow else linear
                 memory.grow(scale, largest)
@@ -155,14 +153,6 @@ def _elastic_start(model, here, theta):
     except NotSolvableError:
         return x
     return x + change if found.status is Status.CONVERGED else x
-
-
-def _check_small(strain):
-    """A runaway is no answer: beyond its limit load a body is in balance to round-off, which grows with it."""
-    sizes = np.abs(strain).max(axis=1)
-    if sizes.max() > MOST_STRAIN:
-        why = f"a strain of {sizes.max():.3g} is no small strain: the load is more than is borne"
-        raise Diverged(why, int(sizes.argmax()))
 
 
 def _moves(linear: Linearisation, strain: np.ndarray) -> np.ndarray:

@@ -8,27 +8,25 @@ overestimated by up to 70 % in the tangent, whose sign then turns: steps stalled
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import linalg
-from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.certify.compare import Comparison, compare_histories, largest_motion
 from hhr_dolfinx.certify.trust import TrustLimits, check_comparison, warn_of_training
-from hhr_dolfinx.contact.active_set import active_set
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import HHRError, ReductionError, UnstableModelError
-from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.materials.update import Group
 from hhr_dolfinx.models.condensed_fields import CondensedFlowFields
-from hhr_dolfinx.models.condensed_flow import CondensedFlow, PartFactors
+from hhr_dolfinx.models.condensed_flow import CondensedFlow
 from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
 from hhr_dolfinx.models.reconstruct import FlowFields, GappyField
-from hhr_dolfinx.reduction.cubature import Cubature, compressed, fitted
+from hhr_dolfinx.reduction.cubature import Cubature
+from hhr_dolfinx.reduction.elastic_response import ElasticResponse, elastic_response
+from hhr_dolfinx.reduction.flowing_domain import FlowingDomain, StrainAt, TrainingState
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedPaths
@@ -36,14 +34,6 @@ from hhr_dolfinx.trained import TrainedPaths
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
 
-ROWS = 1500
-"""Integrals that a cubature is fitted to at most, before they are compressed."""
-CHUNK = 2000
-"""Gauss points whose contributions are made at once."""
-FLOWED = 1e-4
-"""Plastic strain, relative to the largest of any training state, from which on a point may carry weight."""
-ALIKE = 1e-4
-"""Part of the norm of training states that their compression leaves out."""
 SHOWN = 1e-3
 """Part of the norm of plastic strains that is no news at the door."""
 STRESS, PLASTIC_STRAIN = 1e-9, 1e-6
@@ -107,23 +97,6 @@ class CorrectionRecord:
     log: StageLog
 
 
-@dataclass(frozen=True)
-class _Elastic:
-    """Elastic response in the middle of the box: columns of K^-1 F and of imposed displacements, parts of the dofs."""
-
-    forced: np.ndarray
-    given: np.ndarray
-    per_force: np.ndarray
-    parts: np.ndarray
-    factors: PartFactors
-
-    def correction(self, problem: ContactProblem, answer: Answer) -> np.ndarray:
-        """u_p of a full answer, (N,)."""
-        theta, scale = problem.amplitudes(answer.parameter), self.factors.compliances(answer.parameter)[self.parts]
-        elastic = scale * (self.forced @ theta - self.per_force @ answer.multipliers)
-        return answer.unknown - elastic - (self.given @ theta - problem.lifts @ theta)
-
-
 def condense_flow(
     full: Any,
     snapshots: SnapshotSet,
@@ -174,7 +147,7 @@ class _Shared:
     full: Any
     snapshots: SnapshotSet
     held_out: SnapshotSet | None
-    elastic: _Elastic
+    elastic: ElasticResponse
     answers: list[Answer]
     corrections: np.ndarray
     fields: _FieldModes
@@ -219,8 +192,8 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
         basis, sizes = correction_modes(full.problem, shared.corrections, elastic, settings)
     with log.stage("cubature"):
         kept = np.flatnonzero(sizes > NOTHING * sizes.max(initial=0.0))
-        states = [_State.of(full, elastic, shared.answers[k], shared.corrections[:, k], sizes[k]) for k in kept]
-        domain = _Domain.of(full, basis, states)
+        states = [TrainingState.of(full, elastic, shared.answers[k], shared.corrections[:, k], sizes[k]) for k in kept]
+        domain = FlowingDomain.of(full, basis, states)
         cubature = domain.cubature(basis, states, settings)
         energy = domain.largest_energy(cubature)
     if energy > LARGEST_ENERGY:
@@ -260,49 +233,8 @@ def _compared(
     return (None if settings.trust is None else comparison), trained
 
 
-def elastic_response(full: Any) -> _Elastic:
-    """Solve for what is elastic, in blocks, with the factors that the full model has."""
-    problem: ContactProblem = full.problem
-    parts, factors = parts_of(problem)
-    solver = full.factors
-    # strains without stress move bodies alike, however stiff they are
-    strained = csc_matrix(problem.loads - problem.external + _eigenforces(full))
-    with solver.lock:
-        solver.refactor(problem.own_stiffness)
-        forced, imposed = solver.solve_columns(problem.external), solver.solve_columns(strained)
-    return _Elastic(forced, imposed + problem.lifts.toarray(), full.per_force, parts, factors)
-
-
-def _eigenforces(full: Any) -> csc_matrix:
-    """Forces on free dofs of strains without stress in the middle of the box, sparse, (N, 1 + T)."""
-    equilibrium, problem = full.equilibrium, full.problem
-    elastic = equilibrium.material.moduli_at(problem.middle).elastic
-    forces = np.zeros(problem.loads.shape)
-    for term in np.flatnonzero(np.diff(equilibrium.eigenstrains.indptr)):
-        strain = equilibrium.eigenstrains[:, [term]].toarray().reshape(len(elastic), -1)
-        forces[:, term] = equilibrium.operator.internal(np.einsum("nij,nj->ni", elastic, strain))[0] * problem.free
-    return csc_matrix(forces)
-
-
-def parts_of(problem: ContactProblem) -> tuple[np.ndarray, PartFactors]:
-    """Part of the stiffness that holds each dof, (N,), and the moduli of the parts.
-
-    Raises:
-        ReductionError: where parts with moduli of their own hang together.
-    """
-    if not problem.moduli:
-        return np.zeros(problem.free.size, dtype=np.int64), PartFactors((), np.ones(1))
-    acting = np.array([np.asarray(abs(part).sum(axis=1)).ravel() > 0 for part in problem.stiffness_terms])
-    if (acting.sum(axis=0) > 1).any():
-        raise ReductionError(
-            "bodies that hang together have Young's moduli that vary by themselves, so that K^-1 is no factor times a "
-            "constant: give them one formula, or take the hyper-reduced model"
-        )
-    return acting.argmax(axis=0), PartFactors(tuple(problem.moduli), problem.weights(problem.middle))
-
-
 def correction_modes(
-    problem: ContactProblem, corrections: np.ndarray, elastic: _Elastic, settings: CorrectionSettings
+    problem: ContactProblem, corrections: np.ndarray, elastic: ElasticResponse, settings: CorrectionSettings
 ) -> tuple[np.ndarray, np.ndarray]:
     """Modes of corrections, (N, S), orthonormal in energy, (N, ell), and the energy norm of each state, (S,).
 
@@ -343,106 +275,13 @@ def _orthonormal(problem: ContactProblem, modes: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(modes)
 
 
-class _State(NamedTuple):
-    """A training state over the energy norm of its correction: plastic strain, and strain ε_c of the correction."""
-
-    plastic: np.ndarray
-    strain: np.ndarray
-
-    @classmethod
-    def of(cls, full: Any, elastic: _Elastic, answer: Answer, correction: np.ndarray, size: float) -> _State:
-        """Of a full answer; the correction moves contact forces, which strain too."""
-        problem, equilibrium = full.problem, full.equilibrium.at(answer.parameter)
-        theta, scale = (
-            problem.amplitudes(answer.parameter),
-            elastic.factors.compliances(answer.parameter)[elastic.parts],
-        )
-        free = scale * (elastic.forced @ theta) + elastic.given @ theta - problem.lifts @ theta
-        slack = problem.gaps @ theta - problem.contact @ free
-        found = active_set(equilibrium.elastic.equalities, slack, slack < 0, pairs=full.pairs)
-        change = correction - scale * (elastic.per_force @ (answer.multipliers - found.forces))
-        return cls(answer.state().state.plastic / size, equilibrium.strain_of(change) / size)
-
-
-@dataclass(frozen=True)
-class _Domain:
-    """Gauss points where anything flowed in training: the candidates of a cubature.
-
-    Attributes:
-        points: their numbers, (p,).
-        weights: quadrature weight times 2 μ in the middle of the box, (p,).
-        deviators: of the strain of the modes, (p, c, ell).
-    """
-
-    points: np.ndarray
-    weights: np.ndarray
-    deviators: np.ndarray
-
-    @classmethod
-    def of(cls, full: Any, basis: np.ndarray, states: list[_State]) -> _Domain:
-        """Of training states."""
-        equilibrium = full.equilibrium
-        largest = np.max([np.abs(state.plastic).max(axis=1) for state in states], axis=0)
-        points = np.flatnonzero(largest > FLOWED * largest.max())
-        deviators = np.stack([_deviator(equilibrium.strain_of(column)[points]) for column in basis.T], axis=2)
-        elastic = equilibrium.material.moduli_at(full.problem.middle).elastic
-        return cls(points, (equilibrium.operator.weights.ravel() * elastic[:, -1, -1])[points], deviators)
-
-    def cubature(self, basis: np.ndarray, states: list[_State], settings: CorrectionSettings) -> Cubature:
-        """Points and weights for the stress of the correction at training states, and loosely for energies."""
-        stressed = [state.plastic[self.points] - _deviator(state.strain[self.points]) for state in states]
-        few = _alike(np.array([state.ravel() for state in stressed]), ROWS // basis.shape[1])
-        few = few.reshape(len(few), self.points.size, -1)
-        pairs = np.triu_indices(basis.shape[1])
-
-        def needed() -> Iterator[np.ndarray]:
-            for part in _chunks(self.points.size):
-                tested = self.weights[part, None, None] * self.deviators[part]
-                yield np.einsum("pcj,rpc->jrp", tested, few[:, part], optimize=True).reshape(-1, tested.shape[0])
-
-        def energies() -> Iterator[np.ndarray]:
-            for part in _chunks(self.points.size):
-                tested = self.weights[part, None, None] * self.deviators[part]
-                yield np.einsum("pcj,pci->jip", tested, self.deviators[part], optimize=True)[pairs]
-
-        rows = compressed(needed, 0.1 * settings.cubature)
-        loose = compressed(energies, 0.1 * settings.stability)
-        rows /= np.linalg.norm(rows.sum(axis=1))
-        loose *= settings.cubature / settings.stability / np.linalg.norm(loose.sum(axis=1))
-        return fitted(np.vstack([rows, loose]), settings.cubature, settings.most_points)
-
-    def largest_energy(self, cubature: Cubature) -> float:
-        """Largest energy of a mode by a cubature."""
-        scale = np.sqrt(cubature.weights * self.weights[cubature.points])
-        chosen = self.deviators[cubature.points] * scale[:, None, None]
-        return float(np.linalg.norm(chosen.reshape(-1, chosen.shape[2]), 2) ** 2)
-
-    def work(self, strain: _StrainAt) -> Callable[[np.ndarray], np.ndarray]:
-        """Maps fields (N, k) to ∫ (G V)^T 2 μ dev G u, (ell, k)."""
-        tested = (self.weights[:, None, None] * self.deviators).reshape(-1, self.deviators.shape[2])
-        return lambda columns: np.stack([tested.T @ strain.of(column).ravel() for column in columns.T], axis=1)
-
-
-def _deviator(strain: np.ndarray) -> np.ndarray:
-    """Deviators of strains, (n, c)."""
-    found = strain.copy()
-    found[:, :3] -= found[:, :3].mean(axis=1, keepdims=True)
-    return found
-
-
-def _chunks(count: int) -> Iterator[slice]:
-    return (slice(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK))
-
-
-def _alike(states: np.ndarray, most: int) -> np.ndarray:
-    """Few rows with the products of many, (S, n) -> (r, n): by the method of snapshots."""
-    squares, ways = linalg.eigh(states @ states.T)
-    count = min(int((squares > ALIKE**2 * squares[-1]).sum()), most)
-    return ways[:, ::-1][:, :count].T @ states
-
-
 def _online(
-    full: Any, elastic: _Elastic, basis: np.ndarray, domain: _Domain, cubature: Cubature, states: list[_State]
+    full: Any,
+    elastic: ElasticResponse,
+    basis: np.ndarray,
+    domain: FlowingDomain,
+    cubature: Cubature,
+    states: list[TrainingState],
 ) -> CondensedFlow:
     """Everything that a step needs, on the points of the cubature."""
     equilibrium, problem = full.equilibrium, full.problem
@@ -450,8 +289,8 @@ def _online(
     groups, order = _by_body(equilibrium.material.groups, points)
     points, weights = points[order], (cubature.weights * domain.weights[cubature.points])[order]
     components = equilibrium.operator.components
-    strain = _StrainAt(equilibrium.operator, points)
-    everywhere = _StrainAt(equilibrium.operator, domain.points)
+    strain = StrainAt(equilibrium.operator, points)
+    everywhere = StrainAt(equilibrium.operator, domain.points)
     per_mode, count = strain(basis), max(len(elastic.factors.moduli), 1)
     rows = (points * components + np.arange(components)[:, None]).ravel()
     masks = [(elastic.parts == part)[:, None] for part in range(count)]
@@ -481,29 +320,6 @@ def _online(
     )
 
 
-class _StrainAt:
-    """Strain at some Gauss points, by the cells around them alone.
-
-    Args:
-        operator: of the whole mesh.
-        points: numbers of the points.
-    """
-
-    def __init__(self, operator: StrainOperator, points: np.ndarray):
-        per_cell = operator.per_cell
-        cells, where = np.unique(points // per_cell, return_inverse=True)
-        self._operator, self._dofs = operator.restricted(cells)
-        self._places = where * per_cell + points % per_cell
-
-    def of(self, column: np.ndarray) -> np.ndarray:
-        """Of a field (N,), (n, c)."""
-        return self._operator.strain(column[self._dofs])[self._places]
-
-    def __call__(self, columns: np.ndarray) -> np.ndarray:
-        """Of fields (N, k), component by component, (k, c n)."""
-        return np.array([self.of(column).T.ravel() for column in columns.T])
-
-
 def _deviators(strains: np.ndarray, components: int) -> np.ndarray:
     """Deviators of strains that lie component by component, (k, c n)."""
     found = strains.reshape(len(strains), components, -1).copy()
@@ -511,7 +327,7 @@ def _deviators(strains: np.ndarray, components: int) -> np.ndarray:
     return found.reshape(strains.shape)
 
 
-def _parts_of_modes(basis: np.ndarray, elastic: _Elastic) -> np.ndarray:
+def _parts_of_modes(basis: np.ndarray, elastic: ElasticResponse) -> np.ndarray:
     """Part of the stiffness where each mode lives, (ell,): modes are of one part each where there are several."""
     return elastic.parts[np.abs(basis).argmax(axis=0)]
 

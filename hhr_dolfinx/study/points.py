@@ -93,7 +93,7 @@ def _condensed(training: Training, known: KnownStatuses) -> tuple[CondensedModel
     """Condensation with forces alone and with fields: exact, or interpolated where the stiffness varies."""
     full = training.full_order
     if full.problem.varies:
-        model = training.condense()
+        model: Any = training.condense()
         return model, model
     return exact_condensation(full, known, field=False), exact_condensation(full, known, field=True)
 
