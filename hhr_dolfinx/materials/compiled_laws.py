@@ -1,13 +1,12 @@
 """The laws of :mod:`hhr_dolfinx.materials.laws` at one Gauss point, compiled: for all loops over points.
 
-A kernel answers with the flow Δp and its derivative by the trial stress; NaN where it found none. Of the laws of
-this package :func:`kernel_of` says which is theirs, and with which constants.
+A kernel answers with the flow Δp and its derivative by the trial stress; NaN where it found none. Which one
+belongs to a law, and with which constants, says :func:`hhr_dolfinx.materials.update.kernel_of`.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -16,19 +15,6 @@ from hhr_dolfinx.compat import compiled
 ITERATIONS = 60
 """Most iterations of Newton's method for (6.28), which takes up to 12 over forty decades of stress and m up to 1e5."""
 ELASTIC, PLASTICITY, NORTON = 0, 1, 2
-
-
-def kernel_of(law: Any) -> tuple[int, tuple[float, float]] | None:
-    """Number of the kernel of a law, whose constants are numbers, and these; None for a law of a user's own."""
-    from hhr_dolfinx.materials.laws import Norton, Plasticity
-
-    if law is None:
-        return ELASTIC, (0.0, 0.0)
-    if type(law) is Plasticity:
-        return PLASTICITY, (float(law.yield_stress), float(law.hardening))
-    if type(law) is Norton:
-        return NORTON, (float(law.resistance), float(law.exponent))
-    return None
 
 
 @compiled()

@@ -11,9 +11,10 @@ import numpy as np
 
 from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.errors import ConvergenceError, SceneError
+from hhr_dolfinx.materials.compiled_laws import ELASTIC, NORTON, PLASTICITY
 from hhr_dolfinx.materials.constants import LawOfParameters, ModuliOfParameters, formulas_of
 from hhr_dolfinx.materials.elasticity import lame_parameters
-from hhr_dolfinx.materials.laws import Flow
+from hhr_dolfinx.materials.laws import Flow, Norton, Plasticity
 
 SLOPE = 0.05
 """Relative error of a slope worth a word: differences of the laws here agree to 1e-6, a forgotten factor is far off."""
@@ -257,6 +258,17 @@ def _number(group: Group) -> float:
             f"young = {group.young} is a formula of the parameters: material.moduli_at(point) has its number"
         )
     return group.young
+
+
+def kernel_of(law: Any) -> tuple[int, tuple[float, float]] | None:
+    """Number of the kernel of a law, whose constants are numbers, and these; None for a law of a user's own."""
+    if law is None:
+        return ELASTIC, (0.0, 0.0)
+    if type(law) is Plasticity:
+        return PLASTICITY, (float(law.yield_stress), float(law.hardening))
+    if type(law) is Norton:
+        return NORTON, (float(law.resistance), float(law.exponent))
+    return None
 
 
 def flow_of(law: Flow, trial: np.ndarray, cumulated: np.ndarray, mu: float, dt: float) -> tuple[np.ndarray, np.ndarray]:

@@ -30,6 +30,7 @@ from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.materials.update import Group, Material
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.condensed_arrays import StepModel
+from hhr_dolfinx.models.condensed_stepper import CondensedStepper
 from hhr_dolfinx.models.path import MarchSettings
 from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.parameters import ParameterSpace
@@ -38,7 +39,6 @@ from hhr_dolfinx.trained import Signs, TrainedPaths
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.models.condensed_fields import CondensedFlowFields
-    from hhr_dolfinx.models.condensed_stepper import CondensedStepper
 
 
 @dataclass(frozen=True)
@@ -249,8 +249,6 @@ class CondensedEquilibrium:
 
     def stepper(self, settings: MarchSettings) -> CondensedStepper:
         """What solves the steps of one history."""
-        from hhr_dolfinx.models.condensed_stepper import CondensedStepper
-
         return CondensedStepper(self, settings)
 
     @cached_property

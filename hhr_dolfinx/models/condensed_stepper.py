@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy.linalg import LinAlgError
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError
-from hhr_dolfinx.materials.compiled_laws import kernel_of
-from hhr_dolfinx.materials.update import Material, State, flow_of
+from hhr_dolfinx.materials.update import Material, State, flow_of, kernel_of
 from hhr_dolfinx.models import condensed_arrays as codes
 from hhr_dolfinx.models import condensed_step as compiled_step
 from hhr_dolfinx.models.answer import Answer, GaussState
 from hhr_dolfinx.models.condensed_arrays import StepLoad, Work
-from hhr_dolfinx.models.condensed_flow import CondensedEquilibrium
 from hhr_dolfinx.models.equilibrium import Diverged, Goal, check_small, extrapolated
 from hhr_dolfinx.models.path import MarchSettings
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.condensed_flow import CondensedEquilibrium
 
 _WHY = {
     codes.STALLED: "no part of Newton's step down to 1/256 lowers the residual",
