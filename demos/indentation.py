@@ -1,32 +1,41 @@
 """Indentation: a steel sphere pressed into a block that yields, in space, loaded and unloaded.
 
-One quarter of a sphere of radius 10 mm is pushed up to 0.03 mm into a block and drawn off again; mortar contact. Yield
-stress and hardening of the block are parameters. What is read off is the curve of force over depth, the imprint that
-stays, and how the surface rises beside it.
+One quarter of a sphere of radius 10 mm is pushed up to 0.03 mm into a block and drawn off again; mortar contact. Depth,
+yield stress, hardening and Young's modulus of the block are parameters. What is read off is the curve of force over
+depth, the imprint that stays, and how the surface rises beside it.
 
-What to see: small loads are Hertz's (1882), the deepest are fully plastic, where the mean pressure tends to three times
-the yield stress (Tabor 1951; K. L. Johnson, Contact Mechanics, 1985, section 6.3). A curve with noise leads back to the
-constants of the block, by gradients of whole histories and by thousands of them.
+What to see: condensed flow answers a history in some hundredths of the time of the full order, which makes histories
+cheap enough to find yield stress and hardening in curves with noise, by gradients and by a random walk. Small loads are
+Hertz's (1882), the deepest are fully plastic, where the mean pressure tends to three times the yield stress (Tabor
+1951; K. L. Johnson, Contact Mechanics, 1985, section 6.3).
 
-    python demos/indentation.py [--out DIR] [--quick] [--seed N]
+    python demos/indentation.py [--out DIR] [--quick] [--seed N] [--cells 25] [--hhr]
 """
 
+import resource
+from functools import partial
 from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.certify.compare import largest_errors
 from hhr_dolfinx.geometries import sphere_on_block as geometry
 from hhr_dolfinx.models.answer import History, Path
 from hhr_dolfinx.study import cli, report
+from hhr_dolfinx.timing import timed
 
 RADIUS, WIDTH, SPHERE_E, BLOCK_E, POISSON = 10.0, 0.4, 210e3, 70e3, 0.3
-BOX = {"depth": (0.0, 0.03), "sy": (100.0, 300.0), "H": (1000.0, 10e3), "E": (60e3, 80e3)}
+BOX = {"depth": (0.0, 0.03), "sy": (100.0, 300.0), "H": (0.0, 10e3), "E": (60e3, 80e3)}
 """Ranges of the parameters, in mm and MPa; the last is one only where a scene asks for it."""
 RINGS = (0.5, 0.8, 1.1)
 """Distances from the pole in mm at which the rise of the surface is read off."""
-CELLS, QUICK_CELLS, DEPTH, NOISE = 19, 10, 0.025, 0.01
+TRAINED = hhr.ParameterSpace(("depth", "sy", "H", "E"), (0.015, 100.0, 1e3, 60e3), (0.03, 300.0, 10e3, 80e3))
+"""What is varied from path to path: the largest depth, and constants of the block."""
+CELLS, QUICK_CELLS, DEPTH, REPETITIONS = 25, 10, 0.03, 3
+NOISE, LEAST, CURVES, TRUE = 0.01, 0.02, 16, np.array([150.0, 6e3])
+"""Readings of a curve are off by a hundredth of each, or of a fiftieth of the largest; sixteen curves are measured."""
 # the elastic operator has its factors and all columns of the contact already, and takes few more iterations than
 # tangents, which in space cost as much as ten iterations each
 MARCH = hhr.MarchSettings(search="elastic")
@@ -78,7 +87,7 @@ def path(depth: float, *constants: float, loading: int = 16, unloading: int = 8)
 
 
 def pressures(full: hhr.FullOrderModel, history: History) -> list[dict[str, float]]:
-    """Radius and mean pressure of a history without E among its parameters, by Tabor's numbers.
+    """Radius and mean pressure of a history of a block with the usual E, by Tabor's numbers.
 
     The radius is that of an even pressure with the second moment of the one found, 2 F = a^2 / integral of p r^2:
     E* a / (sy R) is 2.5 where the block begins to yield, and from 30 on the mean pressure is some 2.8 to 3 sy.
@@ -87,7 +96,7 @@ def pressures(full: hhr.FullOrderModel, history: History) -> list[dict[str, floa
     modulus = 1 / sum((1 - POISSON**2) / young for young in (SPHERE_E, BLOCK_E))
     rows = []
     for answer in history.answers:
-        forces, (depth, yield_stress, hardening) = answer.forces(), answer.parameter
+        forces, (depth, yield_stress, hardening, *_) = answer.forces(), answer.parameter
         if forces.sum() > 0:
             radius = np.sqrt(2 * forces @ distance**2 / forces.sum())
             rows.append({"depth": depth, "sy": yield_stress, "H": hardening, "force": 4 * forces.sum(),
@@ -96,28 +105,74 @@ def pressures(full: hhr.FullOrderModel, history: History) -> list[dict[str, floa
     return rows
 
 
+def training() -> list[Path]:
+    """Sixteen paths drawn from the box of their parameters, and four of its corners, where most flows."""
+    corners = [[0.03, 100.0, 1e3, 60e3], [0.03, 100.0, 1e3, 80e3], [0.03, 100.0, 10e3, 70e3], [0.03, 300.0, 1e3, 70e3]]
+    return [path(*values) for values in [*hhr.Sobol(16).points(TRAINED), *corners]]
+
+
+def tests(count: int = 8) -> list[Path]:
+    """Other paths from the same box."""
+    return [path(*values) for values in hhr.Sobol(8, seed=2).points(TRAINED)[:count]]
+
+
+def errors(full: hhr.FullOrderModel, exact: History, found: History) -> dict[str, float]:
+    """Largest errors along a history: displacement and forces over their largest, resultant, imprint, stress."""
+    outputs = [[answer.outputs().values for answer in history.answers] for history in (exact, found)]
+    force, pole = (np.array([[step[name] for step in steps] for steps in outputs]) for name in ("force", "pole"))
+    displacement, forces = largest_errors(full, found, exact, 0.0)
+    stress = [history.answers[-1].stress()[:, 2] for history in (exact, found)]
+    return {
+        "displacement": displacement,
+        "forces": forces,
+        "resultant": float(np.abs(force[1] - force[0]).max() / force[0].max()),
+        "imprint": float(abs(pole[1, -1] / pole[0, -1] - 1)),
+        "stress": float(np.linalg.norm(stress[1] - stress[0]) / np.linalg.norm(stress[0])),
+    }
+
+
+def compared(full: hhr.FullOrderModel, model: Any, paths: list[Path], known: list[History]) -> dict[str, Any]:
+    """Errors of a model, 95th percentile and largest over paths, and seconds of its histories and of the full order."""
+    found, seconds = zip(*(timed(partial(model.march, item), REPETITIONS) for item in paths), strict=True)
+    rows = [errors(full, exact, history) for exact, history in zip(known, found, strict=True)]
+    exact = float(np.median([timed(partial(full.march, item, MARCH))[1] for item in paths[:2]]))
+    online = float(np.median(seconds))
+    worst = {name: max(row[name] for row in rows) for name in rows[0]}
+    return {
+        "full s": exact,
+        "online ms": 1e3 * online,
+        "fom_best/online": exact / online,
+        "forces p95": float(np.percentile([row["forces"] for row in rows], 95)),
+        **worst,
+        "iterations": max(sum(history.iterations) for history in found),
+    }
+
+
 def curve(model: Any, constants: np.ndarray, depth: float = DEPTH, gradient: bool = False) -> tuple[np.ndarray, ...]:
-    """Forces along the path in N, (24,), and with ``gradient`` their derivatives by the constants, (24, constants)."""
+    """Forces along the path in N, (24,), and with ``gradient`` their derivatives by (sy, H), (24, 2)."""
     settings = hhr.MarchSettings(search=MARCH.search, gradient=gradient)
-    found = [answer.outputs() for answer in model.march(path(depth, *constants), settings).answers]
+    known = (BLOCK_E,) if "E" in model.parameters.names else ()
+    found = [answer.outputs() for answer in model.march(path(depth, *constants, *known), settings).answers]
     forces = np.array([item.values["force"] for item in found])
-    return (forces, np.array([item.gradient["force"][1:] for item in found])) if gradient else (forces,)
+    return (forces, np.array([item.gradient["force"][1:3] for item in found])) if gradient else (forces,)
 
 
-def measured(model: Any, constants: np.ndarray, seed: int, depth: float = DEPTH) -> np.ndarray:
-    """A curve with noise of a hundredth of its largest force, (24,)."""
+def measured(model: Any, constants: np.ndarray, seed: int, depth: float = DEPTH) -> tuple[np.ndarray, np.ndarray]:
+    """The mean of some curves, each reading with noise of a hundredth of it, (24,), and its deviation, (24,)."""
     (forces,) = curve(model, constants, depth)
-    return forces + NOISE * forces.max() * np.random.default_rng(seed).standard_normal(forces.size)
+    size = NOISE * np.maximum(forces, LEAST * forces.max())
+    readings = forces + size * np.random.default_rng(seed).standard_normal((CURVES, forces.size))
+    return readings.mean(axis=0), size / np.sqrt(CURVES)
 
 
-def fitted(model: Any, data: np.ndarray, start: np.ndarray, depth: float = DEPTH) -> np.ndarray:
+def fitted(model: Any, data: np.ndarray, size: np.ndarray, start: np.ndarray, depth: float = DEPTH) -> np.ndarray:
     """Constants by least squares with the gradients of histories, each in parts of its range."""
-    lower, upper = np.array(model.parameters.lower)[1:], np.array(model.parameters.upper)[1:]
-    size, sides = NOISE * data.max(), upper - lower
+    lower, upper = (np.array(item)[1:3] for item in (model.parameters.lower, model.parameters.upper))
+    sides = upper - lower
     found = least_squares(
         lambda x: (curve(model, lower + x * sides, depth)[0] - data) / size,
         (start - lower) / sides,
-        jac=lambda x: curve(model, lower + x * sides, depth, gradient=True)[1] * sides / size,
+        jac=lambda x: curve(model, lower + x * sides, depth, gradient=True)[1] * sides / size[:, None],
         bounds=(0.0, 1.0),
         xtol=1e-6,
     )
@@ -125,15 +180,16 @@ def fitted(model: Any, data: np.ndarray, start: np.ndarray, depth: float = DEPTH
 
 
 def posterior(
-    model: Any, data: np.ndarray, start: np.ndarray, count: int, seed: int, depth: float = DEPTH
+    model: Any, data: np.ndarray, size: np.ndarray, start: np.ndarray, count: int, seed: int, depth: float = DEPTH
 ) -> np.ndarray:
-    """Samples of a random walk (Metropolis) with even priors in the box, one history each, (count, constants)."""
-    lower, upper = np.array(model.parameters.lower)[1:], np.array(model.parameters.upper)[1:]
-    random, size = np.random.default_rng(seed), NOISE * data.max()
+    """Samples of a random walk (Metropolis) with even priors in the box, one history each, (count, 2)."""
+    lower, upper = (np.array(item)[1:3] for item in (model.parameters.lower, model.parameters.upper))
+    random = np.random.default_rng(seed)
     forces, slopes = curve(model, start, depth, gradient=True)
+    scaled = slopes / size[:, None]
     # steps as the posterior would be if the model were linear (Roberts, Gelman and Gilks 1997), and no prior wider
-    # than the box: hardening hides behind the noise where the yield stress is free
-    precision = slopes.T @ slopes / size**2 + np.diag(12 / (upper - lower) ** 2)
+    # than the box
+    precision = scaled.T @ scaled + np.diag(12 / (upper - lower) ** 2)
     steps = 2.4 / np.sqrt(start.size) * np.linalg.cholesky(np.linalg.inv(precision))
     here, value, samples = start, 0.5 * np.sum(((forces - data) / size) ** 2), np.empty((count, start.size))
     for k in range(count):
@@ -146,17 +202,62 @@ def posterior(
     return samples
 
 
-def main() -> None:
-    """Indent soft and hard blocks in full, and compare with Tabor."""
-    options = cli.parse_on_first_rank(cli.demo_parser("indentation", __doc__))
-    full = hhr.FullOrderModel(scene(QUICK_CELLS if options.quick else CELLS))
+def calibrated(full: hhr.FullOrderModel, model: Any, samples: int, seed: int) -> dict[str, Any]:
+    """Yield stress and hardening from curves of the full order, by the model; and what the walk says of them."""
+    data, size = measured(full, TRUE, seed)
+    start = np.array([200.0, 4e3])
+    found, fitting = timed(lambda: fitted(model, data, size, start))
+    walk, walking = timed(lambda: posterior(model, data, size, found, samples, seed))
+    late = walk[samples // 10 :]
+    rows = zip(("sy", "H"), TRUE, found, late.mean(axis=0), late.std(axis=0), strict=True)
+    values = {name: {"true": true, "found": best, "off": best / true - 1, "mean": mean, "deviation": spread}
+              for name, true, best, mean, spread in rows}  # fmt: skip
+    return {**values, "samples": samples, "seconds": fitting + walking, "noise": NOISE, "curves": CURVES}
+
+
+def tabor(full: hhr.FullOrderModel) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Soft and hard blocks in full, beside Tabor, and what is left of them after unloading."""
     rows, imprints = [], []
     for constants in ((100.0, 0.0), (300.0, 0.0), (100.0, 3000.0)):
-        history = full.march(path(DEPTH, *constants), MARCH)
+        history = full.march(path(DEPTH, *constants, BLOCK_E), MARCH)
         rows += pressures(full, history)[3:16:4]
         values = history.answers[-1].outputs().values
         imprints.append({"sy": constants[0], "H": constants[1], **values, "iterations": sum(history.iterations)})
-    report.write_report({"scene": "indentation", "tabor": rows, "imprints": imprints}, options.out)
+    return rows, imprints
+
+
+def main() -> None:
+    """Train, compare with the full order, calibrate, compare with Tabor."""
+    parser = cli.demo_parser("indentation", __doc__)
+    parser.add_argument("--cells", type=int, help=f"cells of the block along a side ({CELLS}; {QUICK_CELLS} if quick)")
+    parser.add_argument("--hhr", action="store_true", help="build and time the hyper-reduced model too")
+    options = cli.parse_on_first_rank(parser)
+    cells = options.cells or (QUICK_CELLS if options.quick else CELLS)
+    drawn = tests(4 if options.quick else 8)
+    trained = hhr.train(scene(cells, "E"), training(), held_out=drawn, march=MARCH, progress=options.progress,
+                        folder=options.out / "snapshots")  # fmt: skip
+    full, model = trained.full_order, trained.condense()
+    record, problem = model.offline, full.problem
+    table = [{"method": f"condensed, {record.modes} modes, {record.points} points",
+              **compared(full, model, drawn, trained.held_out.histories)}]  # fmt: skip
+    if options.hhr:
+        reduced = trained.build(checked=False)
+        table.append({"method": "HHR", **compared(full, reduced, drawn, trained.held_out.histories)})
+    rows, imprints = tabor(full)
+    calibration = calibrated(full, model, 100 if options.quick else 1000, options.seed)
+    sizes = {"N": problem.free.size, "N_lambda": len(problem.gaps), "modes": record.modes, "points": record.points,
+             "candidates": record.candidates, "Gauss points": full.equilibrium.operator.gauss_points}  # fmt: skip
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    offline = {**trained.log.times, **record.log.times}
+    report.write_report({"scene": "indentation", "sizes": sizes, "models": table, "offline": offline,
+                         "memory_gb": memory, "calibration": calibration, "tabor": rows, "imprints": imprints},
+                        options.out)  # fmt: skip
+    report.print_rows("sizes", [sizes | {"memory GB": memory}], options.console)
+    report.print_rows("seconds offline", [offline], options.console)
+    report.print_rows("errors and times", table, options.console)
+    report.print_rows("from curves with noise", [{"constant": name, **calibration[name]} for name in ("sy", "H")],
+                      options.console)  # fmt: skip
+    options.console.print(f"{calibration['samples']} histories and the fit took {calibration['seconds']:.0f} s")
     report.print_rows("beside Tabor", rows, options.console)
     report.print_rows("after unloading", imprints, options.console)
 

@@ -83,13 +83,15 @@ class Lines:
 def test_constants_are_found_again():
     model, constants = Lines(), np.array([150.0, 1200.0])
     (exact,) = demo.curve(model, constants)
-    np.testing.assert_allclose(demo.fitted(model, exact, np.array([250.0, 300.0])), constants, rtol=1e-6)
-    data = demo.measured(model, constants, seed=0)
-    found = demo.fitted(model, data, np.array([250.0, 300.0]))
-    slopes = demo.curve(model, constants, gradient=True)[1]
-    deviations = demo.NOISE * exact.max() * np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)))
+    size = np.full(exact.size, 0.01 * exact.max())
+    start = np.array([250.0, 300.0])
+    np.testing.assert_allclose(demo.fitted(model, exact, size, start), constants, rtol=1e-6)
+    data, size = demo.measured(model, constants, seed=0)
+    found = demo.fitted(model, data, size, start)
+    slopes = demo.curve(model, constants, gradient=True)[1] / size[:, None]
+    deviations = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)))
     assert (np.abs(found - constants) < 3 * deviations).all()
-    samples = demo.posterior(model, data, found, 4000, seed=0)
-    # what of the posterior lies in the box: hardening is hardly seen by these lines
+    samples = demo.posterior(model, data, size, found, 4000, seed=0)
+    # hardening is hardly seen by these lines, so that the box cuts its posterior
     assert samples.shape == (4000, 2) and np.abs(samples[:, 0].mean() - found[0]) < deviations[0]
     assert 0.3 * deviations[0] < samples[:, 0].std() < 1.5 * deviations[0]

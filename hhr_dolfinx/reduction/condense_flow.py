@@ -62,12 +62,12 @@ class CorrectionSettings:
         trust: when a model is refused or warned of; None leaves out the check.
     """
 
-    modes: float = 1e-3
-    cubature: float = 5e-4
+    modes: float = 4e-3
+    cubature: float = 2e-3
     stability: float = 0.02
     most_modes: int | None = None
     most_points: int | None = None
-    attempts: int = 3
+    attempts: int = 4
     primal: float = 2e-3
     dual: float = 0.05
     trust: TrustLimits | None = field(default_factory=_limits)
