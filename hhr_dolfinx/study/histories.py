@@ -86,7 +86,8 @@ def measure_histories(
     skipped += [{"stage": method, "why": str(error)} for method, error in refused.items()]
     others = [*(item.row for item in measured.values() if item is not own), best]
     rows = [{"method": method, "setting": SETTINGS[method], "refused": str(why)} for method, why in refused.items()]
-    return own.model, Measurement(own.row, others, beside, report, skipped, drawn, rows)
+    by_key = {KEYS[method]: item.model for method, item in measured.items()}
+    return own.model, Measurement(own.row, others, beside, report, skipped, drawn, rows, by_key)
 
 
 @dataclass(frozen=True)

@@ -82,6 +82,7 @@ class Measurement:
         skipped: what was left out, and why.
         drawn: what pictures need besides: the full and the reduced history at the last test; nothing of points.
         refused: rows of the work-precision table of methods that were refused, each with the reason.
+        models: small models of a study of histories, by their names among the ``models`` of the report.
     """
 
     own: Row
@@ -91,6 +92,7 @@ class Measurement:
     skipped: Sequence[dict[str, str]] = ()
     drawn: tuple = ()
     refused: Sequence[dict[str, Any]] = ()
+    models: Mapping[str, Any] = field(default_factory=dict)
 
 
 def conditions_inside(model: Model) -> np.ndarray | None:
