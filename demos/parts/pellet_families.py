@@ -4,6 +4,8 @@ family = families()["combined"]
 train, test = family.paths(hhr.Sobol(12)), family.paths(hhr.Sobol(20, seed=2))
 """
 
+from __future__ import annotations  # else the names of types would load families where none is asked for
+
 import hhr_dolfinx as hhr
 
 PRESSURE = 450.0
