@@ -12,7 +12,12 @@ import pytest
 from toy_rival import NearestAnswer, NearestHistory
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import StudyError
+from hhr_dolfinx.errors import ConvergenceError, StudyError, UnstableModelError
+from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+from hhr_dolfinx.study.console import make_console
+from hhr_dolfinx.study.paths import PathCase, summarise_paths, try_path
+from hhr_dolfinx.study.report import print_report
+from hhr_dolfinx.study.study import run_study
 
 ROOT = Path(__file__).parent.parent
 
@@ -62,20 +67,113 @@ def study(folder):
 
 def test_a_study_of_histories(study):
     """Every way to answer is a row; times, parts and histories stand where those of points do."""
-    report = study.report
-    settings = [(row["method"], row["setting"].split(" (")[0]) for row in report["work_precision"]]
-    assert settings == [
-        ("HHR", "this model"), ("HHR", "as it is"), ("nearest history", "2 of them"), ("fom_best", "frozen")
-    ]  # fmt: skip
-    ours, _, nearest, exact = report["work_precision"]
+    report, searches = study.report, study.report["times"]["fom_searches"]
+    methods = [row["method"] for row in report["work_precision"]]
+    assert methods == ["HHR", "HHR", "nearest history", "condensed", "fom_best"]
+    ours, _, nearest, condensed, exact = report["work_precision"]
+    assert [row["setting"].split(" (")[0] for row in (ours, nearest)] == ["this model", "2 of them"]
     assert nearest["primal_l2"] > 10 * ours["primal_l2"] > exact["primal_l2"] == 0.0
+    assert nearest["primal_l2"] > 10 * condensed["primal_l2"] > 0.0
     assert [row["value"] for row in report["histories"]] == [0.01, 0.015]
-    assert {"offline", "fom_best", "fom_searches", "condensed", "online", "parts"} == set(report["times"])
-    assert set(report["times"]["fom_searches"]) == {"frozen", "tangent", "elastic"}
-    assert report["stability"]["tangent"] > 0 and "active_set" not in report and "advice" not in report
-    assert report["break_even"]["forces"] is None
-    assert {"condensed", "indicator"} <= {item["stage"] for item in report["skipped"]}
+    names = {"offline", "offline_condensed", "fom_best", "fom_searches", "condensed", "online", "parts"}
+    assert names == set(report["times"])
+    # the fastest one is what reduced histories are held against
+    assert set(searches) == {"frozen", "tangent", "elastic"} and min(searches, key=searches.get) == exact["setting"]
+    assert report["stability"]["tangent"] > 0 and "active_set" not in report
+    skipped = {item["stage"] for item in report["skipped"]}
+    assert "indicator" in skipped and not skipped & {"HHR", "condensed"}
     json.dumps(report["errors"] | report["kkt"], allow_nan=False)
+
+
+def test_condensed_flow_beside_the_hyper_reduced_model(study):
+    """Its sizes, its own check, its errors, alone and per history, when it pays, and an advice that quotes both."""
+    report, model = study.report, study.measured.models["condensed"]
+    told, record = report["models"]["condensed"], model.offline
+    assert told["sizes"] == {"modes": record.modes, "points": record.points, "candidates": record.candidates}
+    row = next(row for row in report["work_precision"] if row["method"] == "condensed")
+    assert row["setting"] == f"{record.modes} modes, {record.points} points"
+    assert told["check"]["misfit"] == record.misfit and told["check"]["energy"] == record.energy
+    assert [item["history"] for item in told["check"]["compared"]] == record.comparison.labels
+    assert len(told["refused_before"]) == len(record.log.refused)
+    # it has no RID in which to compare
+    assert set(report["errors"]) - set(told["errors"]) == {
+        "dual_rid",
+        "dual_rid_floored",
+        "stress_rr",
+        "plastic_strain",
+    }
+    assert report["models"]["hhr"]["errors"] == report["errors"]
+    for history, key in ((history, key) for history in report["histories"] for key in told["errors"]):
+        assert 0 <= history["condensed"][key] <= told["errors"][key]["max"]
+    assert report["times"]["offline_condensed"] == record.log.times
+    assert report["ratios"]["fom_best/condensed"] > 0 and report["ratios"]["fom_best/online"] > 0
+    assert set(report["break_even"]) == {"forces", "fields", "fields, condensed"}
+    assert report["break_even"]["forces"] is None
+    assert "condensed flow: " in report["advice"].lower() and "the hyper-reduced model: " in report["advice"].lower()
+
+
+@pytest.mark.parametrize("method", ["HHR", "condensed"])
+def test_a_method_that_is_refused_has_its_reason_in_its_place(study, monkeypatch, method):
+    """The study goes on with the other one, which then is the model under study."""
+
+    def refuse(*given, **named):
+        raise UnstableModelError("it cannot be trusted")
+
+    monkeypatch.setattr(type(study.training), "build" if method == "HHR" else "condense", refuse)
+    again = run_study(study.training, replace(SETTINGS, variants=()))
+    report, other = again.report, "condensed" if method == "HHR" else "HHR"
+    rows = {row["method"]: row for row in report["work_precision"]}
+    assert list(rows) == [other, "fom_best", method] and rows[method]["refused"] == "it cannot be trusted"
+    assert {"stage": method, "why": "it cannot be trusted"} in report["skipped"]
+    assert report["times"]["online" if method == "HHR" else "condensed"] is None
+    assert report["ratios"]["fom_best/" + ("online" if method == "HHR" else "condensed")] is None
+    assert report["models"]["hhr" if method == "HHR" else "condensed"] == {"refused": "it cannot be trusted"}
+    name = "condensed flow" if other == "condensed" else "the hyper-reduced model"
+    assert report["advice"].startswith(f"Use {name}: ") and "is refused here: it cannot be trusted" in report["advice"]
+    print_report(report, make_console(quiet=True))
+    monkeypatch.setattr(type(study.training), "build" if method != "HHR" else "condense", refuse)
+    with pytest.raises(UnstableModelError, match="cannot be trusted"):
+        run_study(study.training, replace(SETTINGS, variants=()))
+
+
+def test_a_path_without_an_answer_counts(study, monkeypatch):
+    """With infinite errors and the time it took; the others are measured."""
+    kind = type(study.measured.models["condensed"])
+    solve = kind.march
+
+    def march(model, path, settings):
+        if path[-1][1][1] == 0.015:
+            raise ConvergenceError("step 1 did not converge")
+        return solve(model, path, settings)
+
+    monkeypatch.setattr(kind, "march", march)
+    monkeypatch.setattr(type(study.training), "condense", lambda training, settings: study.measured.models["condensed"])
+    report = run_study(study.training, replace(SETTINGS, variants=())).report
+    row = next(row for row in report["work_precision"] if row["method"] == "condensed")
+    assert row["unconverged"] == 1 and row["primal_l2_max"] == np.inf
+    first, second = (history["condensed"] for history in report["histories"])
+    assert first["primal_l2"] < 0.1 and second["failed"] == "step 1 did not converge"
+    assert report["advice"].startswith("Use the hyper-reduced model: ")
+    assert "1 of the test paths have no answer" in report["advice"]
+
+
+def test_a_correction_where_nothing_flows(tmp_path):
+    settings = hhr.StudySettings([8], correction=CorrectionSettings())
+    with pytest.raises(StudyError, match=r"nothing flows in scene .* leave out the correction"):
+        hhr.study_scene(discs.scene(arc_segments=28, flat_segments=7), settings, tmp_path)
+    with pytest.raises(StudyError, match="correction = 3 of a study must be CorrectionSettings"):
+        replace(SETTINGS, correction=3)
+
+
+def test_both_models_on_paths(study):
+    """On a path of the family, and on one never trained, of which both warn."""
+    full, models = study.training.full_order, study.measured.models
+    cases = [PathCase("between", pushed(0.012), True), PathCase("far aside", pushed(0.045), False)]
+    rows = [try_path(full, models, case, 0.0, SETTINGS.march) for case in cases]
+    for name in models:
+        found = summarise_paths(row[name] for row in rows)
+        assert found["inside"]["displacement"]["max"] < 0.01 and found["outside"]["warned"] == 1
+        assert rows[1][name]["warned"] and rows[1][name]["imbalance"] > 0
 
 
 def test_a_study_of_histories_finds_what_was_solved(study, folder):

@@ -1,158 +1,180 @@
-"""Error against run time of histories: full and reduced ones in turns, on the same paths in the same process."""
+"""Error against run time of histories: full and small ones in turns, on the same paths in the same process."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhr_dolfinx.certify.accuracy import force_floor, relative_error, summary
-from hhr_dolfinx.certify.compare import largest_errors, residuals_of
-from hhr_dolfinx.errors import ConvergenceError
-from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.certify.accuracy import force_floor, summary
+from hhr_dolfinx.errors import HHRError, ReductionError, UnstableModelError
 from hhr_dolfinx.models.answer import History, Model, Path
-from hhr_dolfinx.models.path import SEARCHES, MarchSettings
-from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.study.measure import Errors, Measurement, Row, answer_errors, conditions_inside
+from hhr_dolfinx.study.history_runs import (
+    Run,
+    errors_of_runs,
+    row_of_runs,
+    run_in_full,
+    run_in_turns,
+    seconds_of_parts,
+    timed_searches,
+)
+from hhr_dolfinx.study.measure import Measurement, Row
+from hhr_dolfinx.study.report import condensed_report, model_report
 from hhr_dolfinx.study.training import Progress, Training
-from hhr_dolfinx.timing import timed
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
+    from hhr_dolfinx.models.reduced import ReducedModel
+
+KEYS = {"HHR": "hhr", "condensed": "condensed"}
+"""What the ``models`` of a report call the methods."""
+SETTINGS = {"HHR": "this model", "condensed": "plastic correction"}
+"""What rows of the work-precision table say of a method that was refused."""
 
 
 def measure_histories(
-    training: Training, model: ReducedModel, settings: Any, tests: Mapping[Any, Path], progress: Progress
-) -> Measurement:
-    """Errors of the reduced model along test paths, and its time beside that of the full order."""
-    full = training.full_order
-    floor = force_floor(full.problem, training.snapshots)
-    exact, found = [], []
-    for path in progress("tests")(list(tests.values())):
-        exact.append(_run(full, path, settings.march, 1))
-        found.append(_run(model, path, settings.march, settings.repetitions))
+    training: Training, settings: Any, tests: Mapping[Any, Path], progress: Progress
+) -> tuple[ReducedModel | CondensedFlowModel, Measurement]:
+    """The model under study, and errors and times of both kinds of small models beside the full order.
 
-    def errors_of(other: Model, runs: list[_Run]) -> list[dict[str, Any]]:
-        pairs = zip(runs, exact, strict=True)
-        return [history_errors(full, other, run.history, known.history, floor) for run, known in pairs]
+    Under study is the hyper-reduced model; where that is refused, condensed flow. A path that one of them does not
+    solve counts with infinite errors and the time that it took.
+
+    Raises:
+        ReductionError, UnstableModelError: if both are refused.
+        ConvergenceError: if the full order does not solve a path, or no small model solves any.
+    """
+    full, paths = training.full_order, list(tests.values())
+    models, refused = _built(training, settings)
+    floor = force_floor(full.problem, training.snapshots)
+    ways, searches, skipped = timed_searches(full, paths[0], settings.march)
+    exact: list[Run] = []
+    found: dict[str, list[Run]] = {name: [] for name in models}
+    for path in progress("tests")(paths):
+        exact.append(run_in_full(full, path, ways))
+        for name, run in run_in_turns(models, path, settings.march, settings.repetitions).items():
+            found[name].append(run)
+    known = [run.history for run in exact if run.history is not None]
 
     def beside(method: str, setting: str, other: Model) -> Row:
-        runs = [_run(other, path, settings.march, settings.repetitions) for path in tests.values()]
-        return _row(method, setting, runs, errors_of(other, runs))
+        runs = [run_in_turns({"": other}, path, settings.march, settings.repetitions)[""] for path in paths]
+        return row_of_runs(method, setting, runs, errors_of_runs(full, other, runs, known, floor))
 
-    errors = errors_of(model, found)
-    own = _row("HHR", "this model", found, errors)
-    nothing: dict[str, Any] = dict.fromkeys(own.errors.values, 0.0)
-    best = _row("fom_best", settings.march.search, exact, [nothing | {"kkt": {}}] * len(exact))
-    searches, skipped = _time_searches(full, next(iter(tests.values())), settings.march)
-    searches[settings.march.search] = float(np.median(best.seconds))
-    parts = {"fom": seconds_of_parts(full, exact[-1].history), "online": seconds_of_parts(model, found[-1].history)}
-    report = {
-        "histories": _described(tests, errors, found, exact),
-        "times": {
-            "fom_best": summary(best.seconds),
-            "fom_searches": searches,
-            "condensed": None,
-            "online": summary(own.seconds),
-            "parts": parts,
-        },
-        "ratios": {
-            "fom_best/online": float(np.median(best.seconds) / np.median(own.seconds)),
-            "laws": parts["fom"]["laws"] / parts["online"]["laws"],
-        },
+    measured = {}
+    for name, model in models.items():
+        try:
+            errors = errors_of_runs(full, model, found[name], known, floor)
+        except HHRError as error:
+            refused[name] = error
+            continue
+        row = row_of_runs(name, _setting(name, model), found[name], errors)
+        measured[name] = _Measured(model, found[name], errors, row)
+    if not measured:
+        raise next(iter(refused.values()))
+    name, own = next(iter(measured.items()))
+    nothing: dict[str, Any] = dict.fromkeys(own.row.errors.values, 0.0) | {"kkt": {}}
+    best = row_of_runs("fom_best", ways[0].search, exact, [nothing] * len(exact))
+    drawn = [(there, run.history) for there, run in zip(known, own.runs, strict=True) if run.history is not None][-1]
+    report = _report(measured, refused, best, searches, tests, exact)
+    if name == "HHR":
+        parts = {"fom": seconds_of_parts(full, drawn[0]), "online": seconds_of_parts(own.model, drawn[1])}
+        report["times"]["parts"] = parts
+        report["ratios"]["laws"] = parts["fom"]["laws"] / parts["online"]["laws"]
+    skipped += [{"stage": method, "why": str(error)} for method, error in refused.items()]
+    others = [*(item.row for item in measured.values() if item is not own), best]
+    rows = [{"method": method, "setting": SETTINGS[method], "refused": str(why)} for method, why in refused.items()]
+    by_key = {KEYS[method]: item.model for method, item in measured.items()}
+    return own.model, Measurement(own.row, others, beside, report, skipped, drawn, rows, by_key)
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """A small model, its histories, and the errors of each."""
+
+    model: Any
+    runs: list[Run]
+    errors: list[dict[str, Any]]
+    row: Row
+
+
+def _built(training: Training, settings: Any) -> tuple[dict[str, Any], dict[str, HHRError]]:
+    """Small models by method, HHR first, and why others were refused."""
+    makers: dict[str, Callable[[], Any]] = {
+        "HHR": partial(training.build, settings.recipe),
+        "condensed": partial(training.condense, settings.correction),
     }
-    skipped.append({"stage": "condensed", "why": "the stiffness changes with the flow"})
-    return Measurement(own, [best], beside, report, skipped, (exact[-1].history, found[-1].history))
+    models: dict[str, Any] = {}
+    refused: dict[str, HHRError] = {}
+    for name, make in makers.items():
+        try:
+            models[name] = make()
+        except (ReductionError, UnstableModelError) as error:
+            refused[name] = error
+    if not models:
+        raise refused["HHR"]
+    return models, refused
 
 
-def history_errors(
-    full: FullOrderModel, model: Model, history: History, exact: History, floor: float = 0.0
+def _setting(method: str, model: Any) -> str:
+    """What a row says of a model."""
+    if method == "HHR":
+        return SETTINGS[method]
+    return f"{model.offline.modes} modes, {model.offline.points} points"
+
+
+def _report(
+    measured: dict[str, _Measured],
+    refused: dict[str, HHRError],
+    best: Row,
+    searches: dict[str, float],
+    tests: Mapping[Any, Path],
+    exact: list[Run],
 ) -> dict[str, Any]:
-    """Relative errors at the last step as in thesis table 6.1, and the largest ones of the history.
-
-    What is compared in the RID too is left out of a model that has none; ``floor`` is the force norm below which a
-    relative error means nothing.
-    """
-    here, there = history.answers[-1], exact.answers[-1]
-    found, known = ((answer.displacement(), answer.forces()) for answer in (here, there))
-    errors = answer_errors(full.problem, found, known, floor, conditions_inside(model))
-    stress, flowed = there.stress(), there.plastic_strain()
-    if isinstance(model, ReducedModel) and model.flow is not None and here.gauss is not None:
-        inside = model.flow.points
-        errors["stress_rr"] = relative_error(here.gauss.stress[:, 0], stress[inside, 0])
-        errors["plastic_strain"] = relative_error(here.gauss.state.cumulated, flowed[inside])
-    errors["plastic_strain_everywhere"] = relative_error(here.plastic_strain(), flowed)
-    errors["stress_rr_everywhere"] = relative_error(here.stress()[:, 0], stress[:, 0])
-    errors["largest_displacement"], errors["largest_forces"] = largest_errors(full, history, exact, floor)
-    return {**errors, "kkt": asdict(residuals_of(full, here))}
-
-
-class _Run(NamedTuple):
-    """A history, and its median seconds over repetitions."""
-
-    history: History
-    seconds: float
-
-
-def _run(model: Model, path: Path, march: MarchSettings, repetitions: int) -> _Run:
-    runs = [timed(partial(model.march, path, march)) for _ in range(repetitions)]
-    return _Run(runs[0][0], float(np.median([seconds for _, seconds in runs])))
-
-
-def _row(method: str, setting: str, runs: list[_Run], errors: list[dict[str, Any]]) -> Row:
-    """Row of a method, from its histories and the errors of each."""
-    values = {name: np.array([row[name] for row in errors]) for name in errors[0] if name != "kkt"}
-    kkt = {name: max(row["kkt"][name] for row in errors) for name in errors[0]["kkt"]}
-    found = Errors(values, np.ones(len(errors), dtype=bool), kkt)
-    return Row(method, setting, np.array([run.seconds for run in runs]), found)
-
-
-def _described(
-    tests: Mapping[Any, Path], errors: list[dict[str, Any]], found: list[_Run], exact: list[_Run]
-) -> list[dict[str, Any]]:
-    """The ``histories`` part of a report."""
-    return [
-        {
-            "value": label,
-            **row,
-            "cuts": run.history.cuts,
-            "iterations": run.history.iterations,
-            "full_iterations": known.history.iterations,
-        }
-        for label, row, run, known in zip(tests, errors, found, exact, strict=True)
-    ]
-
-
-def _time_searches(
-    full: FullOrderModel, path: Path, march: MarchSettings
-) -> tuple[dict[str, float], list[dict[str, str]]]:
-    """Seconds of a full history by the other search operators, and those by which it does not converge."""
-    seconds, skipped = {}, []
-    for search in SEARCHES:
-        if search != march.search:
-            other = replace(march, search=search, iterations=200)
-            try:
-                seconds[search] = timed(partial(full.march, path, other))[1]
-            except ConvergenceError as error:
-                skipped.append({"stage": f"fom_searches, {search}", "why": str(error)})
-    return seconds, skipped
-
-
-def seconds_of_parts(full_or_reduced: FullOrderModel | ReducedModel, history: History) -> dict[str, float]:
-    """Seconds of each part of an iteration in the last step of a history, and of a new tangent."""
-    model: Any = full_or_reduced.equilibrium
-    (before, _), (time, _), answer = *history.path[-2:], history.answers[-1]
-    theta, step = model.amplitudes(answer.parameter), time - before
-    gauss, material = answer.state(), model.material.at(answer.parameter)
-    strain = model.strain(answer.unknown, theta)
-    update = material.update(strain, gauss.state, step, tangent=True)
-    residual, _ = model.residual(answer.unknown, update, theta)
-    operator = model.at(answer.parameter).linearised(update.tangents)
-    parts = {
-        "strain": lambda: model.strain(answer.unknown, theta),
-        "laws": lambda: material.update(strain, gauss.state, step, tangent=False),
-        "residual": lambda: model.residual(answer.unknown, update, theta),
-        "tangent": lambda: model.at(answer.parameter).linearised(update.tangents),
-        "contact": lambda: operator.correct(residual, answer.unknown, theta, answer.active),
+    """Parts of a report that only histories have."""
+    seconds = {name: measured[name].row.seconds if name in measured else None for name in KEYS}
+    models: dict[str, Any] = {KEYS[name]: {"refused": str(error)} for name, error in refused.items()}
+    if "HHR" in measured:
+        models["hhr"] = model_report(measured["HHR"].model, measured["HHR"].row)
+    times: dict[str, Any] = {
+        "fom_best": summary(best.seconds),
+        "fom_searches": searches,
+        "condensed": None if seconds["condensed"] is None else summary(seconds["condensed"]),
+        "online": None if seconds["HHR"] is None else summary(seconds["HHR"]),
     }
-    return {name: timed(part, 20)[1] for name, part in parts.items()}
+    if "condensed" in measured:
+        models["condensed"] = condensed_report(measured["condensed"].model, measured["condensed"].row)
+        times["offline_condensed"] = dict(measured["condensed"].model.offline.log.times)
+    names = {"HHR": "fom_best/online", "condensed": "fom_best/condensed"}
+    return {
+        "histories": _described(tests, measured, exact),
+        "times": times,
+        "ratios": {names[name]: _ratio(best.seconds, values) for name, values in seconds.items()},
+        "models": {name: models[name] for name in KEYS.values()},
+    }
+
+
+def _ratio(slow: np.ndarray, fast: np.ndarray | None) -> float | None:
+    return None if fast is None else float(np.median(slow) / np.median(fast))
+
+
+def _described(tests: Mapping[Any, Path], measured: dict[str, _Measured], exact: list[Run]) -> list[dict[str, Any]]:
+    """The ``histories`` part of a report: errors of the model under study, and those of condensed flow beside it."""
+    rows = []
+    own = next(iter(measured.values()))
+    for k, (label, known) in enumerate(zip(tests, exact, strict=True)):
+        assert known.history is not None
+        row = {"value": label, **_told(own, k), "full_iterations": known.history.iterations}
+        rows.append(row | ({"condensed": _told(measured["condensed"], k)} if "condensed" in measured else {}))
+    return rows
+
+
+def _told(item: _Measured, k: int) -> dict[str, Any]:
+    """One history of a model: errors, seconds, iterations, or why there are none."""
+    run, row = item.runs[k], {**item.errors[k], "seconds": item.runs[k].seconds}
+    if run.history is None:
+        return row | {"cuts": None, "iterations": None, "failed": str(run.failure)}
+    history: History = run.history
+    return row | {"cuts": history.cuts, "iterations": history.iterations}

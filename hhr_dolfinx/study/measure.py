@@ -76,19 +76,23 @@ class Measurement:
 
     Attributes:
         own: errors and seconds of the model under study.
-        exact: those of the methods without reduction error.
+        others: those of other methods, measured on the same questions in turns.
         beside: measures another model, from its method, its setting and itself.
         report: parts that only this kind of measurement has, ``times`` and ``ratios`` among them.
         skipped: what was left out, and why.
         drawn: what pictures need besides: the full and the reduced history at the last test; nothing of points.
+        refused: rows of the work-precision table of methods that were refused, each with the reason.
+        models: small models of a study of histories, by their names among the ``models`` of the report.
     """
 
     own: Row
-    exact: Sequence[Row]
+    others: Sequence[Row]
     beside: Callable[[str, str, Model], Row]
     report: dict[str, Any]
     skipped: Sequence[dict[str, str]] = ()
     drawn: tuple = ()
+    refused: Sequence[dict[str, Any]] = ()
+    models: Mapping[str, Any] = field(default_factory=dict)
 
 
 def conditions_inside(model: Model) -> np.ndarray | None:

@@ -1,21 +1,26 @@
-"""What a reduced model of histories does on paths inside and outside of what it was trained on."""
+"""What reduced models of histories do on paths inside and outside of what they were trained on."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.errors import HHRError, OutsideTrainingWarning
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.models.answer import Path
+from hhr_dolfinx.models.answer import History, Path
 from hhr_dolfinx.models.path import MarchSettings
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.study.histories import history_errors
+from hhr_dolfinx.study.history_runs import history_errors
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
+
+    SmallModel = ReducedModel | CondensedFlowModel
 
 
 @dataclass(frozen=True)
@@ -34,15 +39,22 @@ class PathCase:
 
 
 def try_path(
-    full: FullOrderModel, model: ReducedModel, case: PathCase, floor: float, settings: MarchSettings
-) -> dict[str, Any]:
-    """A row of errors and warnings on one path.
+    full: FullOrderModel, models: Mapping[str, SmallModel], case: PathCase, floor: float, settings: MarchSettings
+) -> dict[str, dict[str, Any]]:
+    """A row of errors and warnings on one path for each of some models, by name.
 
     It holds the largest errors of displacement and forces over their largest size in the history, those of stress and
     plastic strain at the last step, whether the model warned, or why it has no answer; ``floor`` is a force norm.
     """
-    row = {"name": case.name, "inside": case.inside}
     exact = full.march(case.path, settings)
+    return {name: _row(full, model, case, exact, floor, settings) for name, model in models.items()}
+
+
+def _row(
+    full: FullOrderModel, model: SmallModel, case: PathCase, exact: History, floor: float, settings: MarchSettings
+) -> dict[str, Any]:
+    """What one model did on a path."""
+    row = {"name": case.name, "inside": case.inside}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:

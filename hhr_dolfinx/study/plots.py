@@ -32,6 +32,7 @@ with extra("pictures", "pictures and fields for ParaView"):
     from matplotlib.figure import Figure
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
     from hhr_dolfinx.study.study import Study
 
 Curves = dict[str, tuple[Any, Any]]
@@ -52,8 +53,9 @@ def draw_study(study: Study, view: View, folder: Path) -> None:
     plot_work_precision(study.report["work_precision"], folder / "work_precision.png")
     if study.measured.drawn:
         exact, found = study.measured.drawn
-        _draw_answers(full, model, {"": (exact.answers[-1], found.answers[-1])}, view, folder)
-        _draw_over_time(exact, found, folder)
+        method = study.measured.own.method
+        _draw_answers(full, model, {"": (exact.answers[-1], found.answers[-1])}, view, folder, method)
+        _draw_over_time({"full order": exact, method: found}, folder)
         return
     names = full.parameters.names
     if len(names) == 1 and isinstance(study.tests, np.ndarray):
@@ -69,20 +71,25 @@ def draw_study(study: Study, view: View, folder: Path) -> None:
 
 
 def _draw_answers(
-    full: FullOrderModel, model: ReducedModel, pairs: dict[str, tuple[Answer, Answer]], view: View, folder: Path
+    full: FullOrderModel,
+    model: ReducedModel | CondensedFlowModel,
+    pairs: dict[str, tuple[Answer, Answer]],
+    view: View,
+    folder: Path,
+    method: str = "HHR",
 ) -> None:
     """Contact pressures of exact and reduced answers by label, and fields of the last of them."""
     problem = full.problem
     lines, marks, closed_forms = {}, {}, {}
     for label, (exact, found) in pairs.items():
         where, _ = lines[f"full order{label}"] = pressures(problem, view, exact.forces())
-        marks[f"HHR{label}"] = pressures(problem, view, found.forces())
+        marks[f"{method}{label}"] = pressures(problem, view, found.forces())
         if view.closed_form is not None:
             load = exact.forces()[problem.contact_pairs == view.pair].sum()
             closed_forms[f"closed form{label}"] = where, view.closed_form(where, load)
     labels = view.label, f"contact pressure [{view.stress}]"
     plot_curves(lines | closed_forms, folder / "pressures.png", labels, marks=marks)
-    answers = dict(zip(("full order", "HHR"), list(pairs.values())[-1], strict=True))
+    answers = dict(zip(("full order", method), list(pairs.values())[-1], strict=True))
     fields = {name: answer.displacement() for name, answer in answers.items()}
     cells: dict[str, dict[str, np.ndarray]] = {}
     if model.flow is None:
@@ -92,18 +99,24 @@ def _draw_answers(
         cells["plastic strain"] = {name: mean(answer.plastic_strain()) for name, answer in answers.items()}
         stress = f"first normal stress [{view.stress}]"
         cells[stress] = {name: mean(answer.stress()[:, 0]) for name, answer in answers.items()}
-    draw_fields(field_grid(full, model.offline.sets.cells, fields), view, fields, cells, folder)
+    draw_fields(field_grid(full, _cells(model), fields), view, fields, cells, folder)
 
 
-def _draw_over_time(exact: History, found: History, folder: Path) -> None:
-    """Contact force, largest plastic strain and iterations of each step of a full and a reduced history."""
-    histories = {"full order": exact, "HHR": found}
+def _cells(model: ReducedModel | CondensedFlowModel) -> np.ndarray:
+    """Cells where a model integrates: those of its RID, or of the points where it evaluates its laws."""
+    if isinstance(model, ReducedModel):
+        return model.offline.sets.cells
+    return np.unique(model.flow.points // model.flow.per_cell)
+
+
+def _draw_over_time(histories: dict[str, History], folder: Path) -> None:
+    """Contact force, largest plastic strain and iterations of each step of a full and a reduced history, by method."""
     quantities = {
         "contact force": lambda history: [answer.forces().sum() for answer in history.answers],
         "largest plastic strain": lambda history: [answer.gauss.state.cumulated.max() for answer in history.answers],
         "iterations of a step": lambda history: history.iterations,
     }
-    times = [answer.time for answer in exact.answers]
+    times = [answer.time for answer in next(iter(histories.values())).answers]
     for name, quantity in quantities.items():
         lines = {label: (times, quantity(history)) for label, history in histories.items()}
         plot_curves(lines, folder / f"{name.replace(' ', '_')}.png", ("time [s]", name))

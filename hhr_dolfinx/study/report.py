@@ -15,15 +15,21 @@ from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.compat import versions
 from hhr_dolfinx.files import replacing
 from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.study.advice import TRAINING, advice, in_words
 from hhr_dolfinx.study.console import Column, Console, Table
 from hhr_dolfinx.study.measure import Measurement, Row
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
     from hhr_dolfinx.study.training import Training
 
 
 def make_report(
-    training: Training, model: ReducedModel, measured: Measurement, rows: list[dict[str, Any]], seed: int
+    training: Training,
+    model: ReducedModel | CondensedFlowModel,
+    measured: Measurement,
+    rows: list[dict[str, Any]],
+    seed: int,
 ) -> dict[str, Any]:
     """All figures of a study under the keys that scenes share; SI units, seconds, fractions."""
     report = {
@@ -36,12 +42,8 @@ def make_report(
     report["times"] = {"offline": {**training.log.times, **model.offline.log.times}, **report["times"]}
     report["skipped"] += measured.skipped
     report["break_even"] = break_even(report["times"])
-    if "condensed_full" not in report["times"]:
-        return report
-    return {
-        **report,
-        "advice": advice(report) if "offline_condensed" not in report["times"] else advice_varying(report),
-    }
+    report["advice"] = advice(report)
+    return report
 
 
 def model_report(model: ReducedModel, row: Row) -> dict[str, Any]:
@@ -49,7 +51,34 @@ def model_report(model: ReducedModel, row: Row) -> dict[str, Any]:
     return {
         "sizes": reduced_sizes(model),
         "stability": model.offline.stability.as_report(),
+        **_errors_and_times(model, row),
+    }
+
+
+def condensed_report(model: CondensedFlowModel, row: Row) -> dict[str, Any]:
+    """The ``condensed`` one of the ``models`` of a report on a scene that flows, with its own check.
+
+    ``check`` holds the misfit of the cubature, the largest energy of a mode by it (exactly at most 1), and the largest
+    errors along trained and held-out histories; ``refused_before`` what was refused on the way.
+    """
+    record, known = model.offline, model.offline.comparison
+    columns = () if known is None else (known.labels, known.primal.tolist(), known.dual.tolist())
+    compared = [
+        {"history": label, "displacement": primal, "forces": dual} for label, primal, dual in zip(*columns, strict=True)
+    ]
+    return {
+        "sizes": {"modes": record.modes, "points": record.points, "candidates": record.candidates},
+        "check": {"misfit": record.misfit, "energy": record.energy, "compared": compared},
+        "refused_before": [{"attempt": item["layers"], "why": item["why"]} for item in record.log.refused],
+        **_errors_and_times(model, row),
+    }
+
+
+def _errors_and_times(model: ReducedModel | CondensedFlowModel, row: Row) -> dict[str, Any]:
+    """What all ``models`` of a report have."""
+    return {
         "errors": row.errors.summaries(),
+        "unconverged": row.errors.unanswered,
         "kkt": row.errors.residuals,
         "times": {"offline": dict(model.offline.log.times), "online": summary(row.seconds)},
     }
@@ -74,46 +103,58 @@ def break_even(times: dict[str, Any]) -> dict[str, float | None]:
 
     Forces alone by the reduced model, or fields and all forces; of a history always the whole.
     """
-    offline = sum(times["offline"].values())
-    kinds = {"forces": "online", "fields": "online_full"} if "online_full" in times else {"fields": "online"}
-    found: dict[str, float | None] = {"forces": None}
-    for name, kind in kinds.items():
-        saved = times["fom_best"]["median"] - times[kind]["median"]
-        found[name] = offline / saved if saved > 0 else None
+    offline, found = sum(times["offline"].values()), dict[str, float | None](forces=None)
+    if "condensed_full" not in times:
+        found["fields"] = _pays(times, offline, "online")
+        shared = sum(times["offline"].get(stage, 0.0) for stage in TRAINING)
+        spent = shared + sum(times.get("offline_condensed", {}).values())
+        return found | {"fields, condensed": _pays(times, spent, "condensed")}
+    for name, kind in {"forces": "online", "fields": "online_full"}.items():
+        found[name] = _pays(times, offline, kind)
     if "offline_condensed" in times:
         # forces need no training answers: fields do, and checks
         stages = times["offline_condensed"]
-        saved = times["fom_best"]["median"] - times["condensed"]["median"]
-        spent = stages["compliances"] + stages["starts"]
-        found["forces, condensed"] = spent / saved if saved > 0 else None
+        found["forces, condensed"] = _pays(times, stages["compliances"] + stages["starts"], "condensed")
     return found
 
 
-def frame(training: Training, model: ReducedModel, seed: int) -> dict[str, Any]:
+def _pays(times: dict[str, Any], spent: float, kind: str) -> float | None:
+    """Queries after which seconds spent beforehand are saved; None if never, or if there is no such model."""
+    if times[kind] is None:
+        return None
+    saved = times["fom_best"]["median"] - times[kind]["median"]
+    return spent / saved if saved > 0 else None
+
+
+def frame(training: Training, model: ReducedModel | CondensedFlowModel, seed: int) -> dict[str, Any]:
     """The part of a report that needs no measurement."""
     problem, offline = training.full_order.problem, model.offline
-    stability = offline.stability.as_report()
-    if offline.tangent_margin is not None:
-        stability["tangent"] = offline.tangent_margin
-    return {
+    report: dict[str, Any] = {
         "scene": training.full_order.scene.name,
         "seed": seed,
         **environment(),
         "sizes": {
             "N": problem.free.size,
             "N_lambda": problem.contact.shape[0],
-            **reduced_sizes(model),
             "cells": len(problem.cell_nodes),
-            "layers": offline.layers,
             "snapshots": len(training.snapshots.points),
         },
+        "skipped": [*training.log.skipped, *offline.log.skipped],
+        "refused_before": [],
+    }
+    if not isinstance(model, ReducedModel):
+        return report
+    stability = offline.stability.as_report()
+    if offline.tangent_margin is not None:
+        stability["tangent"] = offline.tangent_margin
+    report["sizes"] |= reduced_sizes(model) | {"layers": offline.layers}
+    return report | {
         "stability": {
             **stability,
             # kappa(B~) after each added function; the first row is the basis before any
             "enrichment": [{"added": k, "kappa": kappa} for k, kappa in enumerate(offline.enrichment.kappas)],
         },
         "recipe": offline.recipe.described(),
-        "skipped": [*training.log.skipped, *offline.log.skipped],
         "refused_before": list(offline.log.refused),
     }
 
@@ -121,64 +162,6 @@ def frame(training: Training, model: ReducedModel, seed: int) -> dict[str, Any]:
 def environment() -> dict[str, Any]:
     """The ``versions`` and ``machine`` parts of a report."""
     return {"versions": versions(), "machine": {"cpu": _cpu(), "threads": 1, "ranks": MPI.COMM_WORLD.size}}
-
-
-def advice(report: dict[str, Any]) -> str:
-    """Which method an elastic scene should use, and why, in words.
-
-    Exact condensation has no reduction error; it is advised unless it is much slower than the reduced model
-    where both give the forces on the whole contact surface.
-    """
-    times, error = report["times"], report["errors"]["dual_full_floored"]
-    reduced = times["online_full"]["median"]
-    accuracy = f"force errors {error['median']:.1%} median, {error['p95']:.1%} at 95 %, {error['max']:.1%} at most"
-    exact = times["condensed_full"]["median"]
-    figures = (
-        f"displacements and forces everywhere take {_seconds(exact)} by exact condensation and "
-        f"{_seconds(reduced)} by the hyper-reduced model ({accuracy})"
-    )
-    if exact <= 3 * reduced:
-        return (
-            f"Use exact condensation while the stiffness stays constant: {figures}. "
-            "Use the hyper-reduced model where the displacement field is not needed for every query or memory is short."
-        )
-    return f"Use the hyper-reduced model: {figures}. Use exact condensation where no error can be afforded."
-
-
-def advice_varying(report: dict[str, Any]) -> str:
-    """Which method a scene should use whose stiffness or shape depends on parameters, by what was measured.
-
-    The most accurate one within a factor of three of the fastest is advised: beside the full order both are fast.
-    """
-    times, rows = report["times"], {row["method"]: row for row in report["work_precision"] if row["setting"] in _OWN}
-    names = {"condensed": "interpolated condensation", "HHR": "the hyper-reduced model"}
-    seconds = {"condensed": times["condensed"]["median"], "HHR": times["online"]["median"]}
-    best = min(seconds.values())
-    close = [method for method in names if method in rows and seconds[method] <= 3 * best]
-    favoured = min(close, key=lambda method: rows[method]["dual_full_floored_max"])
-    other = "HHR" if favoured == "condensed" else "condensed"
-    even = report["break_even"]
-    after = {"condensed": even.get("forces, condensed"), "HHR": even.get("forces")}
-
-    def told(method: str) -> str:
-        row, count = rows[method], after[method]
-        paid = "never pays" if count is None else f"pays after {count:.0f} queries"
-        ratio = times["fom_best"]["median"] / seconds[method]
-        return (
-            f"{_seconds(seconds[method])} for the forces, {ratio:.0f} times the best full order, errors "
-            f"{row['dual_full_floored']:.1e} median and {row['dual_full_floored_max']:.1e} at most, and {paid}"
-        )
-
-    sentence = f"Use {names[favoured]}: {told(favoured)}."
-    if other in rows:
-        sentence += f" {names[other].capitalize()}: {told(other)}."
-    return sentence + (
-        " The hyper-reduced model is for contact conditions by the thousand, and where operators do not interpolate."
-    )
-
-
-_OWN = ("this model", "interpolated")
-"""Settings of the rows of the work-precision table that the advice compares."""
 
 
 def write_report(report: dict[str, Any] | list[dict[str, Any]], folder: str | Path, name: str = "report") -> Path:
@@ -202,23 +185,21 @@ def print_rows(title: str, rows: list[dict[str, Any]], console: Console) -> None
 
 def print_report(report: dict[str, Any], console: Console) -> None:
     """Print the figures a reader looks for first."""
-    size, stability, online = report["sizes"], report["stability"], report["times"]["online"]["median"]
-    shown = {"kappa_B": "kappa(B~)", "cond_K": "cond(K~)", "tangent": "tangents"}
-    constants = ", ".join(f"{name} {stability[key]:.2g}" for key, name in shown.items() if key in stability)
-    console.print(
-        f"{report['scene']}: {size['N']} dofs, {size['N_lambda']} contacts -> {size['ell_bar']} modes, "
-        f"{size['N_lambda_C']} contacts on {size['rid_cells']} of {size['cells']} cells, "
-        f"{size['snapshots']} snapshots; {constants}"
-    )
+    console.print(_sizes_in_words(report))
     errors = Table("error", "median", "95 %", "max")
     for name, row in report["errors"].items():
         if isinstance(row, dict):
             errors.add_row(name, *(f"{row[key]:.2e}" for key in ("median", "p95", "max")))
+    reduced = report["times"]["online"] or report["times"]["condensed"]
     times = Table("time per query", "median", "95 %", "x online")
     for name, row in report["times"].items():
         if row is not None and "median" in row:
-            times.add_row(name, _seconds(row["median"]), _seconds(row["p95"]), f"{row['median'] / online:.1f}")
+            times.add_row(
+                name, in_words(row["median"]), in_words(row["p95"]), f"{row['median'] / reduced['median']:.1f}"
+            )
     console.print(errors, times)
+    if "histories" in report:
+        console.print(_methods(report["work_precision"]))
     if "outputs" in report:
         outputs = Table("output", "largest", "median error", "95 %", "max")
         for name, row in report["outputs"].items():
@@ -232,15 +213,52 @@ def print_report(report: dict[str, Any], console: Console) -> None:
     if counts:
         told = ", ".join(f"{count:.0f} queries for {name}" for name, count in counts.items())
         console.print(f"cheaper than the best full order, training included, after {told}")
-    if "paths" in report:
-        for line in _path_lines(report["paths"]):
-            console.print(line)
+    for name, paths in _paths_by_model(report).items():
+        for line in _path_lines(paths):
+            console.print(f"{name}: {line}")
     if "advice" in report:
         console.print(report["advice"])
     for item in report["refused_before"]:
         console.print(f"{item['layers']} layers refused: {item['why']}")
+    for item in report.get("models", {}).get("condensed", {}).get("refused_before", []):
+        console.print(f"condensed flow, attempt {item['attempt']} refused: {item['why']}")
     for item in report["skipped"]:
         console.print(f"left out: {item['stage']}: {item['why']}")
+
+
+def _sizes_in_words(report: dict[str, Any]) -> str:
+    """The first line of what is printed: how large the full order and the model under study are."""
+    size, stability = report["sizes"], report.get("stability", {})
+    head = f"{report['scene']}: {size['N']} dofs, {size['N_lambda']} contacts"
+    if "ell_bar" not in size:
+        own = report["models"]["condensed"]["sizes"]
+        return f"{head} -> {own['modes']} modes, all contacts, {own['points']} points; {size['snapshots']} snapshots"
+    shown = {"kappa_B": "kappa(B~)", "cond_K": "cond(K~)", "tangent": "tangents"}
+    constants = ", ".join(f"{name} {stability[key]:.2g}" for key, name in shown.items() if key in stability)
+    return (
+        f"{head} -> {size['ell_bar']} modes, "
+        f"{size['N_lambda_C']} contacts on {size['rid_cells']} of {size['cells']} cells, "
+        f"{size['snapshots']} snapshots; {constants}"
+    )
+
+
+def _methods(rows: list[dict[str, Any]]) -> Table:
+    """The work-precision table of histories."""
+    table = Table("method", "setting", "history", "displacement", "forces, median", "95 %", "max")
+    for row in rows:
+        if "refused" in row:
+            table.add_row(row["method"], row["setting"], f"refused: {row['refused']}"[:160])
+            continue
+        names = ("primal_l2", "dual_full_floored", "dual_full_floored_p95", "dual_full_floored_max")
+        table.add_row(row["method"], row["setting"], in_words(row["online_s"]), *(f"{row[name]:.2e}" for name in names))
+    return table
+
+
+def _paths_by_model(report: dict[str, Any]) -> dict[str, Any]:
+    """What models did on paths inside and outside of their training, by model."""
+    own = {"paths": report["paths"]} if "paths" in report else {}
+    models = report.get("models", {}).items()
+    return own | {f"paths, {name}": item["paths"] for name, item in models if "paths" in item}
 
 
 def print_beside(title: str, ours: dict[str, dict], theirs: dict[str, dict], console: Console) -> None:
@@ -259,7 +277,7 @@ def _lines(name: str, row: dict[str, Any] | None) -> Iterator[str]:
         return
     seconds = {key: value for key, value in row.items() if isinstance(value, float)}
     if seconds:
-        yield f"{name}: " + ", ".join(f"{key} {_seconds(value)}" for key, value in seconds.items())
+        yield f"{name}: " + ", ".join(f"{key} {in_words(value)}" for key, value in seconds.items())
     for key, value in row.items():
         if isinstance(value, dict):
             yield from _lines(f"{name}, {key}", value)
@@ -273,13 +291,6 @@ def _path_lines(paths: dict[str, Any]) -> Iterator[str]:
         yield f"paths inside what was trained, worst errors: {told}; {paths['false_alarms']} false alarms"
     silent = ", ".join(f"{name} {value:.1%}" for name, value in outside["silent_worst"].items())
     yield f"paths outside: {outside['warned']} of {outside['n']} warned of; worst errors without a warning: {silent}"
-
-
-def _seconds(value: float) -> str:
-    for unit, size in (("us", 1e-6), ("ms", 1e-3)):
-        if value < 1000 * size:
-            return f"{value / size:.2f} {unit}"
-    return f"{value:.2f} s"
 
 
 def _cpu() -> str:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mpi4py import MPI
@@ -32,6 +32,10 @@ from hhr_dolfinx.study.training import (
     training_paths,
 )
 from hhr_dolfinx.study.view import View
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
+    from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 
 
 @dataclass(frozen=True)
@@ -68,6 +72,7 @@ class StudySettings:
         naive: whether to time the naive full order too, likewise; in space one of its queries takes many seconds.
         march: how histories are solved.
         repetitions: histories timed for each test path.
+        correction: how far the plastic correction of condensed flow is to go, where bodies flow; None for the usual.
     """
 
     training: Any
@@ -81,6 +86,7 @@ class StudySettings:
     naive: bool = True
     march: MarchSettings = DEFAULT_MARCH
     repetitions: int = 3
+    correction: CorrectionSettings | None = None
 
     def __post_init__(self) -> None:
         check_counts(queries=(self.queries, 1), repetitions=(self.repetitions, 1), seed=(self.seed, 0))
@@ -94,6 +100,8 @@ class StudySettings:
             given = getattr(self, name)
             if hasattr(given, "__len__") and not len(given):
                 raise StudyError(f"{name} = {given!r} must hold at least one entry")
+        if self.correction is not None:
+            _check_correction(self.correction)
         recipes = {f"variant {label!r}": recipe for label, recipe in self.variants}
         recipes |= {f"model {label!r}": recipe for label, recipe in self.models.items()}
         recipes |= {} if self.recipe is None else {"recipe": self.recipe}
@@ -115,7 +123,7 @@ class Study:
 
     Attributes:
         training: full model and training answers.
-        model: the reduced model under study.
+        model: the reduced model under study; where bodies flow and the hyper-reduced one is refused, condensed flow.
         tests: test points, (n, P), or paths by label.
         measured: errors and times of the model and of what it is compared with.
         settings: what was measured, and how.
@@ -123,7 +131,7 @@ class Study:
     """
 
     training: Training
-    model: ReducedModel
+    model: ReducedModel | CondensedFlowModel
     tests: np.ndarray | dict[Any, HistoryPath]
     measured: Measurement
     settings: StudySettings
@@ -136,7 +144,8 @@ class Study:
         console, folder = console or make_console(), checked_folder(folder)
         write_report(self.report, folder)
         print_report(self.report, console)
-        save_model(folder / "model.npz", self.model)
+        model: Any = self.model
+        save_model(folder / "model.npz", model)
         if view is not None:
             from hhr_dolfinx.study.plots import draw_study
 
@@ -166,7 +175,7 @@ def study_scene(
     Raises:
         StudyError: for a folder that is a file, or a training or tests that do not suit the scene.
         ParameterError: for test points that are none.
-        HHRError: if the reduced model under study is refused.
+        HHRError: if the reduced model under study is refused; where bodies flow, condensed flow too.
     """
     folder = checked_folder(folder)
     _tests_of(scene, settings, points)
@@ -196,45 +205,57 @@ def run_study(
 
     Raises:
         ValueError: if the full model is spread over ranks: what it is compared with is serial.
-        ConvergenceError: if a history, full or reduced, does not converge.
+        ConvergenceError: if a full history does not converge, or no reduced one does.
     """
     full = training.full_order
     if full.comm.size > 1:
         raise ValueError("a study runs on one rank: give it a full model on MPI.COMM_SELF, as train does")
     tests = _tests_of(full.scene, settings, points)
-    model = training.build(settings.recipe)
-    measured = _measured(training, model, settings, tests, progress)
+    model, measured = _measured(training, settings, tests, progress)
     rows = [measured.own.as_report()]
     for label, recipe in progress("variants")(settings.variants):
         rows.append(_row(measured, "HHR", label, partial(training.build, recipe)))
     for rival in progress("rivals")(rivals):
         rows.append(_row(measured, rival.method, rival.setting, partial(getattr, rival, "model")))
-    rows += [row.as_report() for row in measured.exact]
+    rows += [*(row.as_report() for row in measured.others), *measured.refused]
     report = make_report(training, model, measured, rows, settings.seed)
     if settings.models:
         others = {name: training.build(recipe, checked=False) for name, recipe in settings.models.items()}
-        report["models"] = {"default": model_report(model, measured.own)}
-        report["models"] |= {
-            name: model_report(other, measured.beside("HHR", name, other)) for name, other in others.items()
-        }
+        # a study of histories has its own two there already
+        first = {} if "models" in report else {"default": model_report(model, measured.own)}
+        report["models"] = (
+            report.get("models", {})
+            | first
+            | {name: model_report(other, measured.beside("HHR", name, other)) for name, other in others.items()}
+        )
     return Study(training, model, tests, measured, settings, report)
 
 
 def _measured(
     training: Training,
-    model: ReducedModel,
     settings: StudySettings,
     tests: np.ndarray | dict[Any, HistoryPath],
     progress: Progress,
-) -> Measurement:
-    """Measure at points or along paths; what only the other kind needs is not loaded."""
+) -> tuple[Any, Measurement]:
+    """The model under study, measured at points or along paths; what only the other kind needs is not loaded."""
     if isinstance(tests, dict):
         from hhr_dolfinx.study.histories import measure_histories
 
-        return measure_histories(training, model, settings, tests, progress)
+        return measure_histories(training, settings, tests, progress)
     from hhr_dolfinx.study.points import measure_points
 
-    return measure_points(training, model, settings, tests, progress)
+    model = training.build(settings.recipe)
+    return model, measure_points(training, model, settings, tests, progress)
+
+
+def _check_correction(correction: Any) -> None:
+    """StudyError for what is none; who has one has loaded its module."""
+    from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+
+    if not isinstance(correction, CorrectionSettings):
+        raise StudyError(
+            f"correction = {correction!r} of a study must be CorrectionSettings, or None for the usual way"
+        )
 
 
 def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray | dict[Any, HistoryPath]:
@@ -245,6 +266,10 @@ def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray 
             return dict(zip(tests, training_paths(scene, tests.values()), strict=True))
         what = f"tests = {tests!r}" if points is None else "points"
         raise StudyError(f"bodies of scene '{scene.name}' flow: {what} must be paths, tests={{label: path, ...}}")
+    if settings.correction is not None:
+        raise StudyError(
+            f"nothing flows in scene '{scene.name}': leave out the correction, which is one of plastic strains"
+        )
     if points is not None:
         return scene.parameters.points(points)
     if isinstance(tests, Mapping):

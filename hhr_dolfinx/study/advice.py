@@ -1,0 +1,125 @@
+"""What a report advises in words: which method a scene should use, by what was measured."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+def advice(report: dict[str, Any]) -> str:
+    """Which method a scene should use, and why: elastic, with a stiffness or a shape of parameters, or flowing."""
+    if "condensed_full" not in report["times"]:
+        return advice_flowing(report)
+    return advice_varying(report) if "offline_condensed" in report["times"] else advice_exact(report)
+
+
+def advice_exact(report: dict[str, Any]) -> str:
+    """Which method an elastic scene should use, and why, in words.
+
+    Exact condensation has no reduction error; it is advised unless it is much slower than the reduced model
+    where both give the forces on the whole contact surface.
+    """
+    times, error = report["times"], report["errors"]["dual_full_floored"]
+    reduced = times["online_full"]["median"]
+    accuracy = f"force errors {error['median']:.1%} median, {error['p95']:.1%} at 95 %, {error['max']:.1%} at most"
+    exact = times["condensed_full"]["median"]
+    figures = (
+        f"displacements and forces everywhere take {in_words(exact)} by exact condensation and "
+        f"{in_words(reduced)} by the hyper-reduced model ({accuracy})"
+    )
+    if exact <= 3 * reduced:
+        return (
+            f"Use exact condensation while the stiffness stays constant: {figures}. "
+            "Use the hyper-reduced model where the displacement field is not needed for every query or memory is short."
+        )
+    return f"Use the hyper-reduced model: {figures}. Use exact condensation where no error can be afforded."
+
+
+def advice_varying(report: dict[str, Any]) -> str:
+    """Which method a scene should use whose stiffness or shape depends on parameters, by what was measured.
+
+    The most accurate one within a factor of three of the fastest is advised: beside the full order both are fast.
+    """
+    times, rows = report["times"], {row["method"]: row for row in report["work_precision"] if row["setting"] in _OWN}
+    names = {"condensed": "interpolated condensation", "HHR": "the hyper-reduced model"}
+    seconds = {"condensed": times["condensed"]["median"], "HHR": times["online"]["median"]}
+    even = report["break_even"]
+    after = {"condensed": even.get("forces, condensed"), "HHR": even.get("forces")}
+
+    def told(method: str) -> str:
+        row, count = rows[method], after[method]
+        paid = "never pays" if count is None else f"pays after {count:.0f} queries"
+        ratio = times["fom_best"]["median"] / seconds[method]
+        return (
+            f"{in_words(seconds[method])} for the forces, {ratio:.0f} times the best full order, errors "
+            f"{row['dual_full_floored']:.1e} median and {row['dual_full_floored_max']:.1e} at most, and {paid}"
+        )
+
+    favoured, *others = _by_favour({name: rows[name] for name in names if name in rows}, seconds)
+    sentence = f"Use {names[favoured]}: {told(favoured)}."
+    for other in others:
+        sentence += f" {names[other].capitalize()}: {told(other)}."
+    return sentence + (
+        " The hyper-reduced model is for contact conditions by the thousand, and where operators do not interpolate."
+    )
+
+
+def advice_flowing(report: dict[str, Any]) -> str:
+    """Which method a scene should use that flows, by what was measured; one that was refused, with its reason.
+
+    The most accurate one within a factor of three of the fastest is advised: beside the full order both are fast.
+    """
+    times, models = report["times"], report["models"]
+    kinds = {
+        "condensed": ("condensed", "condensed flow", "fields, condensed", "offline_condensed"),
+        "hhr": ("online", "the hyper-reduced model", "fields", "offline"),
+    }
+    measured = {key: models[key] for key in kinds if "refused" not in models[key]}
+    seconds = {key: times[kinds[key][0]]["median"] for key in measured}
+
+    def told(key: str) -> str:
+        errors, (_, name, even, stages) = measured[key]["errors"], kinds[key]
+        count = report["break_even"].get(even)
+        paid = "never pays" if count is None else f"pays after {count:.1f} histories"
+        own = sum(value for stage, value in times[stages].items() if stage not in TRAINING)
+        ratio, missed = times["fom_best"]["median"] / seconds[key], measured[key]["unconverged"]
+        return (
+            f"{name}: {in_words(seconds[key])} for a history, {ratio:.0f} times the best full order, errors "
+            f"{errors['largest_displacement']['max']:.1e} of displacement and {errors['largest_forces']['max']:.1e} of "
+            f"contact forces at most, made in {in_words(own)} from the training answers, and {paid}"
+            + (f"; {missed} of the test paths have no answer" if missed else "")
+        )
+
+    worst = {key: {"dual_full_floored_max": item["errors"]["largest_forces"]["max"]} for key, item in measured.items()}
+    favoured, *others = _by_favour(worst, seconds)
+    sentence = f"Use {told(favoured)}."
+    for other in others:
+        text = told(other)
+        sentence += f" {text[0].upper()}{text[1:]}."
+    for key, (_, name, _, _) in kinds.items():
+        if key not in measured:
+            sentence += f" {name[0].upper()}{name[1:]} is refused here: {models[key]['refused'].rstrip('.')}."
+    return sentence + (
+        " The hyper-reduced model is the one for contact conditions by the thousand, and where parts that hang "
+        "together have moduli that are parameters of their own."
+    )
+
+
+TRAINING = ("full_order", "snapshots", "held_out")
+"""Stages of a training, which all reduced models share."""
+_OWN = ("this model", "interpolated")
+"""Settings of the rows of the work-precision table that the advice compares."""
+
+
+def _by_favour(rows: dict[str, dict[str, Any]], seconds: dict[str, float]) -> list[str]:
+    """Methods, first the one with the smallest worst force error within a factor of three of the fastest."""
+    close = [method for method in rows if seconds[method] <= 3 * min(seconds.values())]
+    favoured = min(close or rows, key=lambda method: rows[method]["dual_full_floored_max"])
+    return [favoured, *(method for method in rows if method != favoured)]
+
+
+def in_words(value: float) -> str:
+    """Seconds with a unit that suits them."""
+    for unit, size in (("us", 1e-6), ("ms", 1e-3)):
+        if value < 1000 * size:
+            return f"{value / size:.2f} {unit}"
+    return f"{value:.2f} s"
