@@ -1,4 +1,4 @@
-"""What a file of condensed flow must hold, so that compiled loops may trust it: sizes, indices, numbers that are possible."""
+"""What a file of condensed flow must hold, so that compiled loops may trust it: sizes, indices, possible numbers."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
 
 def save_model(path: str | Path, model: ReducedModel | VaryingModel | CondensedFlowModel) -> None:
-    """Write a model as one ``.npz`` file; an existing file is replaced only by a complete one.
+    """Write what build or condense return as one ``.npz`` file; an existing one is replaced only by a complete one.
 
     What needs the mesh or is code stays behind: the stress of elastic bodies, an indicator, the record of how the model
     was made. Laws and amplitudes of a user's own must be frozen dataclasses of numbers, see :mod:`hhr_dolfinx.plain`.
