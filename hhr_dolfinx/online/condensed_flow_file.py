@@ -57,7 +57,8 @@ def save_condensed_flow(path: str | Path, model: Any) -> None:
         raise TypeError(f"a model file holds what build or condense return, not a {type(model).__name__}")
     flow, fields = model.flow, model.fields
     outputs = [] if fields.functionals is None else list(fields.functionals.items)
-    lists = list(fields.amplitudes.nonaffine), [group.law for group in flow.groups], outputs
+    laws = [group.law for group in flow.groups]
+    lists: tuple[list[Any], ...] = (list(fields.amplitudes.nonaffine), laws, outputs)
     plain = replace(fields, amplitudes=replace(fields.amplitudes, nonaffine=()), functionals=None)
     lawless = tuple(replace(group, law=None) for group in flow.groups)
     content = Content(model.parameters, replace(flow, groups=lawless), plain, model.trained, *lists)

@@ -2,7 +2,8 @@
 
 What a file holds is written down once, in the table :data:`LAYOUT`: the same parts for elastic bodies and for bodies
 that flow, those of flow only where bodies do. A file is accepted only if its arrays are those of the table, so that a
-file with a valid checksum and other content is refused where it is read, not where it is first used.
+file with a valid checksum and other content is refused where it is read, not where it is first used. Condensed models,
+which keep all contact conditions, have files of their own: ``varying_file`` and ``condensed_flow_file``.
 """
 
 from __future__ import annotations
@@ -69,18 +70,9 @@ def save_model(path: str | Path, model: ReducedModel | VaryingModel | CondensedF
     Warns:
         ModelFileWarning: if the model has an indicator.
     """
-    if not isinstance(model, ReducedModel) and hasattr(model, "eliminated"):
-        from hhr_dolfinx.online.varying_file import save_condensed
-
-        save_condensed(path, model)
-        return
-    if not isinstance(model, ReducedModel) and hasattr(model, "flow") and hasattr(model, "equilibrium"):
-        from hhr_dolfinx.online.condensed_flow_file import save_condensed_flow
-
-        save_condensed_flow(path, model)
-        return
     if not isinstance(model, ReducedModel):
-        raise TypeError(f"a model file holds what build returns, a ReducedModel, not a {type(model).__name__}")
+        _save_condensed(path, model)
+        return
     if model.fields.indicator is not None:
         why = "the indicator stays behind: answers of the model read from it have no estimate"
         warnings.warn(f"{path} holds no code, {why}", ModelFileWarning, stacklevel=2)
@@ -110,6 +102,20 @@ def save_model(path: str | Path, model: ReducedModel | VaryingModel | CondensedF
         write_arrays(path, header, arrays)
     except (FileContentError, SceneError) as error:
         raise ModelFileError(f"this model cannot be kept in {path}: {error}") from error
+
+
+def _save_condensed(path: str | Path, model: Any) -> None:
+    """Write a model that keeps all contact conditions; what it needs is imported here."""
+    if hasattr(model, "eliminated"):
+        from hhr_dolfinx.online.varying_file import save_condensed
+
+        save_condensed(path, model)
+    elif hasattr(model, "flow") and hasattr(model, "equilibrium"):
+        from hhr_dolfinx.online.condensed_flow_file import save_condensed_flow
+
+        save_condensed_flow(path, model)
+    else:
+        raise TypeError(f"a model file holds what build returns, a ReducedModel, not a {type(model).__name__}")
 
 
 def load_model(path: str | Path, known: Iterable[type] = ()) -> ReducedModel | VaryingModel | CondensedFlowModel:
