@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.shaped_functionals import ReshapedFunctionals
 
 
-class GappyField(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class GappyField:
     """A field of the Gauss points from its values in the RID (gappy POD, section 6.2.3).
 
     Attributes:

@@ -40,7 +40,7 @@ def flow_taken_apart(flow: ReducedFlow | CubatureFlow, fields: FlowFields, space
     nothing = GappyField(np.zeros((fields.gauss_points, 0)), np.zeros((0, numbers.size)))
     completed = {"stress": fields.stress, "cumulated": fields.cumulated or nothing}
     for name, field in completed.items():
-        values |= {f"completion.{name}_{key}": item for key, item in field._asdict().items()}
+        values |= {f"completion.{name}_{key}": item for key, item in vars(field).items()}
     return values
 
 

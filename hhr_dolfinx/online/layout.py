@@ -11,7 +11,10 @@ from hhr_dolfinx.parameters import ParameterSpace
 FORMAT, VERSION = "hhr_dolfinx reduced model", 8
 CONDENSED, CONDENSED_VERSION = "hhr_dolfinx condensed model", 1
 """Format of files of interpolated condensation, see ``varying_file``."""
-VALUES = ("amplitudes", "laws", "outputs")  # lists in the header
+CONDENSED_FLOW, CONDENSED_FLOW_VERSION = "hhr_dolfinx condensed flow model", 1
+"""Format of files of condensed flow, see ``condensed_flow_file``."""
+VALUES = ("amplitudes", "laws", "outputs")
+"""Lists of values in the header, see ``values``."""
 
 PACKED = {
     "reduced.gaps": ("C", "m", "terms"),
@@ -107,6 +110,56 @@ PRODUCTS: dict[str, dict[str, tuple[str, ...]]] = {
     },
 }
 """Sizes that are products of others, where all Gauss points of a RID are taken, and where a cubature is."""
+CONDENSED_FLOW_LAYOUT = {
+    "flow.points": ("int", "points"),
+    "flow.parts": ("int", "points"),
+    "flow.factors.middle": ("float", "Q"),
+    "flow.per_mode": ("float", "modes", "strains"),
+    "flow.tested": ("float", "modes", "strains"),
+    "flow.per_force": ("float", "m", "strains"),
+    "flow.forced": ("float", "strains", "terms"),
+    "flow.given": ("float", "strains", "terms"),
+    "flow.moved": ("float", "m", "modes"),
+    "flow.rest": ("float", "modes", "modes"),
+    "flow.crossed": ("float", "modes", "m"),
+    "flow.mode_parts": ("int", "modes"),
+    "flow.schur": ("float", "Q", "m", "m"),
+    "flow.pressed": ("float", "Q", "m", "terms"),
+    "flow.gaps": ("float", "m", "terms"),
+    "flow.energies": ("float", "strains"),
+    "flow.misfit.modes": ("float", "strains", "shown modes"),
+    "flow.misfit.fit": ("float", "shown modes", "strains"),
+    "fields.amplitudes.constant": ("float", "affine terms"),
+    "fields.amplitudes.slopes": ("float", "affine terms", "P"),
+    "fields.factors.middle": ("float", "Q"),
+    "fields.parts": ("int", "N"),
+    "fields.basis": ("float", "N", "modes"),
+    "fields.per_force": ("float", "N", "m"),
+    "fields.forced": ("float", "N", "terms"),
+    "fields.given": ("float", "N", "terms"),
+    "fields.flow.points": ("int", "points"),
+    "fields.flow.stress.modes": ("float", "stress values", "stress modes"),
+    "fields.flow.stress.fit": ("float", "stress modes", "strains"),
+    "fields.flow.cumulated.modes": ("float", "gauss points", "strain modes"),
+    "fields.flow.cumulated.fit": ("float", "strain modes", "points"),
+    "trained.parameters.lower": ("float", "P"),
+    "trained.parameters.upper": ("float", "P"),
+    "trained.slowest": ("float", "P"),
+    "trained.fastest": ("float", "P"),
+}
+"""Arrays of a model of condensed flow by their paths in its tree, as in :data:`LAYOUT`."""
+
+CONDENSED_FLOW_INDICES = {
+    "flow.points": "gauss points",
+    "flow.parts": "Q",
+    "flow.mode_parts": "Q",
+    "fields.parts": "Q",
+}
+"""Arrays of indices among them, as in :data:`INDICES`."""
+
+CONDENSED_FLOW_GIVEN = {"flow.given": "flow.forced", "fields.given": "fields.forced"}
+"""Arrays among them of which only what is not zero is kept, each with another one of its shape."""
+
 TYPES = {"float": np.float64, "int": np.int64, "bool": np.bool_}
 MAY_BE_NONE = {"force snapshots", "stress modes", "strain modes", *(f"entries of {name}" for name in PACKED)}
 

@@ -2,13 +2,14 @@
 
 What a file holds is written down once, in the table :data:`LAYOUT`: the same parts for elastic bodies and for bodies
 that flow, those of flow only where bodies do. A file is accepted only if its arrays are those of the table, so that a
-file with a valid checksum and other content is refused where it is read, not where it is first used.
+file with a valid checksum and other content is refused where it is read, not where it is first used. Condensed models,
+which keep all contact conditions, have files of their own: ``varying_file`` and ``condensed_flow_file``.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,11 +17,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.sparse import coo_matrix
 
-from hhr_dolfinx.amplitudes import Amplitudes, Coverage, checked_count
+from hhr_dolfinx.amplitudes import Amplitudes, Coverage
 from hhr_dolfinx.errors import (
     FileContentError,
-    HHRError,
-    MissingPackageError,
     ModelFileError,
     ModelFileWarning,
     SceneError,
@@ -33,6 +32,8 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.online.flow_parts import check_flow, flow_of, flow_taken_apart, part_of_flow
 from hhr_dolfinx.online.layout import (
     CONDENSED,
+    CONDENSED_FLOW,
+    CONDENSED_FLOW_VERSION,
     CONDENSED_VERSION,
     FORMAT,
     INDICES,
@@ -44,16 +45,18 @@ from hhr_dolfinx.online.layout import (
     VERSION,
     Content,
 )
+from hhr_dolfinx.online.values import check_amplitudes, refused_if_damaged, values_of, values_taken_apart
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.plain import as_plain, by_name, restored
+from hhr_dolfinx.plain import by_name
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
     from hhr_dolfinx.models.varying import VaryingModel
 
 
-def save_model(path: str | Path, model: ReducedModel | VaryingModel) -> None:
-    """Write a model as one ``.npz`` file; an existing file is replaced only by a complete one.
+def save_model(path: str | Path, model: ReducedModel | VaryingModel | CondensedFlowModel) -> None:
+    """Write what build or condense return as one ``.npz`` file; an existing one is replaced only by a complete one.
 
     What needs the mesh or is code stays behind: the stress of elastic bodies, an indicator, the record of how the model
     was made. Laws and amplitudes of a user's own must be frozen dataclasses of numbers, see :mod:`hhr_dolfinx.plain`.
@@ -67,13 +70,9 @@ def save_model(path: str | Path, model: ReducedModel | VaryingModel) -> None:
     Warns:
         ModelFileWarning: if the model has an indicator.
     """
-    if not isinstance(model, ReducedModel) and hasattr(model, "eliminated"):
-        from hhr_dolfinx.online.varying_file import save_condensed
-
-        save_condensed(path, model)
-        return
     if not isinstance(model, ReducedModel):
-        raise TypeError(f"a model file holds what build returns, a ReducedModel, not a {type(model).__name__}")
+        _save_condensed(path, model)
+        return
     if model.fields.indicator is not None:
         why = "the indicator stays behind: answers of the model read from it have no estimate"
         warnings.warn(f"{path} holds no code, {why}", ModelFileWarning, stacklevel=2)
@@ -92,9 +91,8 @@ def save_model(path: str | Path, model: ReducedModel | VaryingModel) -> None:
         layout = _layout(fields)
         arrays = {name: np.asarray(fields[name], dtype=TYPES[kind[0]]) for name, kind in layout.items()}
         for what, items in values.items():
-            plain = [(None, {}) if item is None else as_plain(item) for item in items]
-            header[what] = [data for data, _ in plain]
-            arrays |= {f"{what}{k}.{name}": own for k, (_, parts) in enumerate(plain) for name, own in parts.items()}
+            header[what], own = values_taken_apart(what, items)
+            arrays |= own
         _checked(header, arrays, kinds)
         if model.problem.terms is not None or model.problem.reshaped is not None:
             from hhr_dolfinx.online.varying_file import varying_parts
@@ -106,7 +104,21 @@ def save_model(path: str | Path, model: ReducedModel | VaryingModel) -> None:
         raise ModelFileError(f"this model cannot be kept in {path}: {error}") from error
 
 
-def load_model(path: str | Path, known: Iterable[type] = ()) -> ReducedModel | VaryingModel:
+def _save_condensed(path: str | Path, model: Any) -> None:
+    """Write a model that keeps all contact conditions; what it needs is imported here."""
+    if hasattr(model, "eliminated"):
+        from hhr_dolfinx.online.varying_file import save_condensed
+
+        save_condensed(path, model)
+    elif hasattr(model, "flow") and hasattr(model, "equilibrium"):
+        from hhr_dolfinx.online.condensed_flow_file import save_condensed_flow
+
+        save_condensed_flow(path, model)
+    else:
+        raise TypeError(f"a model file holds what build returns, a ReducedModel, not a {type(model).__name__}")
+
+
+def load_model(path: str | Path, known: Iterable[type] = ()) -> ReducedModel | VaryingModel | CondensedFlowModel:
     """Read a model written by :func:`save_model`. Needs neither DOLFINx nor the scene.
 
     Args:
@@ -120,7 +132,8 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> ReducedModel | V
     if isinstance(known, type | str) or not isinstance(known, Iterable):
         raise ModelFileError(f"known = {known!r} must be a list of classes, load_model(path, known=[MyLaw])")
     try:
-        header, arrays = read_arrays(path, FORMAT, VERSION, {CONDENSED: CONDENSED_VERSION})
+        others = {CONDENSED: CONDENSED_VERSION, CONDENSED_FLOW: CONDENSED_FLOW_VERSION}
+        header, arrays = read_arrays(path, FORMAT, VERSION, others)
     except FileNotFoundError:
         raise ModelFileError(f"there is no model file {path}") from None
     except FileContentError as error:
@@ -129,6 +142,17 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> ReducedModel | V
         from hhr_dolfinx.online.varying_file import condensed_of
 
         return condensed_of(path, header, arrays, known)
+    if header["format"] == CONDENSED_FLOW:
+        from hhr_dolfinx.online.condensed_flow_file import condensed_flow_of
+
+        return condensed_flow_of(path, header, arrays, known)
+    return _reduced_of(path, header, arrays, known)
+
+
+def _reduced_of(
+    path: str | Path, header: dict[str, Any], arrays: dict[str, np.ndarray], known: Iterable[type]
+) -> ReducedModel:
+    """The reduced model of a file."""
     varying = header.pop("varying", None)
     others = {name: arrays.pop(name) for name in list(arrays) if name.startswith("varying.")}
     if header.get("outputs"):
@@ -136,19 +160,13 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> ReducedModel | V
 
         known = [*known, *KINDS]
     kinds = _kinds(arrays, header.get("amplitudes"), known)
-    try:
+    with refused_if_damaged(path):
         model = _model(_checked(header, arrays, kinds))
         if varying is None:
             return model
         from hhr_dolfinx.online.varying_file import with_varying_parts
 
         return with_varying_parts(model, varying, others, known)
-    except ModelFileError as error:  # a class that was not passed: nothing is wrong with the file
-        raise ModelFileError(f"{path} cannot be read: {error}") from error
-    except MissingPackageError:  # nothing is wrong with the file here either
-        raise
-    except (HHRError, MemoryError) as error:
-        raise ModelFileError(f"{path} is damaged or no model file ({error}): build the model again") from error
 
 
 def _kinds(names: Iterable[str], amplitudes: object, own: Iterable[type]) -> dict[str, type]:
@@ -200,10 +218,8 @@ def _checked(header: dict, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
     """The content of a file, if it is that of a model."""
     _check_header(header)
     space, arrays = ParameterSpace(**header["parameters"]), dict(arrays)
-    values = [_values(what, header[what], arrays, kinds) for what in VALUES]
+    values = [values_of(what, header[what], arrays, kinds) for what in VALUES]
     layout = _layout(arrays)
-    if any(type(value).__name__ == "Scalar" and value.names != space.names for value in values[0]):
-        raise FileContentError(f"a formula is one of other parameters than {space.names}")
     sizes = check_layout(arrays, layout, {"P": len(space.names), "ends": 2})
     empty = [name for name, size in sizes.items() if size == 0 and name not in MAY_BE_NONE]
     if empty:
@@ -235,16 +251,6 @@ def _check_header(header: dict) -> None:
         raise FileContentError("the parameters must have names, lower and upper")
 
 
-def _values(what: str, given: Sequence, arrays: dict[str, np.ndarray], kinds: Mapping[str, type]) -> list:
-    """Values of a list in the header, with their arrays, which are taken out; None stays None."""
-    values = []
-    for number, data in enumerate(given):
-        prefix = f"{what}{number}."
-        own = {name.removeprefix(prefix): arrays.pop(name) for name in sorted(arrays) if name.startswith(prefix)}
-        values.append(None if data is None and not own else restored(data, own, kinds))
-    return values
-
-
 def _check_contact(content: Content) -> None:
     """Independent conditions; gaps that are measured; amplitudes that begin with 1 and are as many as the loads."""
     arrays, sizes = content.arrays, content.sizes
@@ -256,11 +262,8 @@ def _check_contact(content: Content) -> None:
         raise FileContentError(f"gap_scale has the entry {arrays['fields.gap_scale'].min()}, not positive")
     if "trained.lower" in arrays and not (arrays["trained.lower"] <= arrays["trained.upper"]).all():
         raise FileContentError("the trained range ends below its start")
-    if arrays["amplitudes.constant"][0] != 1 or arrays["amplitudes.slopes"][0].any():
-        raise FileContentError("the first amplitude must be the constant 1")
-    counts = [checked_count(value, content.space, "its header") for value in content.amplitudes]
-    if sizes["affine terms"] + sum(counts) != sizes["terms"]:
-        raise FileContentError(f"the amplitudes are {sizes['affine terms']} and {counts}, the loads {sizes['terms']}")
+    affine = arrays["amplitudes.constant"], arrays["amplitudes.slopes"]
+    check_amplitudes(*affine, content.amplitudes, content.space, sizes["terms"])
 
 
 def _model(content: Content) -> ReducedModel:
