@@ -52,7 +52,10 @@ def plastic_flow(
     """Closed form of σ0 + H (p + Δp) = q_tr - 3 mu Δp, thesis (6.23)-(6.26)."""
     over = trial - yield_stress - hardening * cumulated
     slope = 1 / (3 * shear + hardening)
-    return (over * slope, slope) if over > 0 else (0.0 * over, 0.0)
+    if over <= 0:
+        return 0.0, 0.0
+    # NaN too, which is the caller's
+    return over * slope, slope
 
 
 @compiled()
