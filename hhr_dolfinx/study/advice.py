@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 
@@ -111,9 +112,13 @@ _OWN = ("this model", "interpolated")
 
 
 def _by_favour(rows: dict[str, dict[str, Any]], seconds: dict[str, float]) -> list[str]:
-    """Methods, first the one with the smallest worst force error within a factor of three of the fastest."""
-    close = [method for method in rows if seconds[method] <= 3 * min(seconds.values())]
-    favoured = min(close or rows, key=lambda method: rows[method]["dual_full_floored_max"])
+    """Methods, first the one with the smallest worst force error within a factor of three of the fastest.
+
+    One that left a question without an answer, whose worst error is infinite, comes after those that did not.
+    """
+    sure = [method for method in rows if math.isfinite(rows[method]["dual_full_floored_max"])] or list(rows)
+    close = [method for method in sure if seconds[method] <= 3 * min(seconds[other] for other in sure)]
+    favoured = min(close, key=lambda method: rows[method]["dual_full_floored_max"])
     return [favoured, *(method for method in rows if method != favoured)]
 
 
