@@ -27,6 +27,8 @@ _WHY = {
     codes.CONTACT: "the contact forces were not found",
 }
 """What ended a step, in words."""
+ROUND_OFF = 1e-14
+"""Part of what the residual is made of that is round-off: of a correction that small there is no more to know."""
 
 
 class CondensedStepper:
@@ -42,6 +44,7 @@ class CondensedStepper:
         flow = model.flow
         sizes = model.modes, model.conditions, flow.points.size, flow.components
         self._work, self._elastic = Work.of(*sizes), Work.of(*sizes)
+        self._weights = np.abs(flow.tested)
 
     def learn(self, answer: Answer) -> None:
         """Take in a step that was solved before."""
@@ -64,6 +67,7 @@ class CondensedStepper:
             raise Diverged("the elastic contact problem has no solution")
         # without a correction, so that strain and forces are those of the elastic bodies
         load = load._replace(elastic=self._elastic.strain, forces=self._elastic.forces)
+        self._allow_round_off(load)
         starts = [extrapolated(trail, goal.time, model.modes)] if len(trail) > 1 else []
         spent = 0
         for start in [*starts, here.unknown[: model.modes]]:
@@ -74,6 +78,13 @@ class CondensedStepper:
                 return self._answer(goal, load, material, spent)
         left = self._work.numbers[codes.MERIT] / max(float(np.linalg.norm(self._work.here)), 1e-300)
         raise Diverged(f"{_WHY[code]}, with a residual of {left:.2g} of the correction after {spent} iterations")
+
+    def _allow_round_off(self, load: StepLoad) -> None:
+        """Measure residuals by no less than round-off asks for, as where the first point is about to yield."""
+        terms = self._weights @ (np.abs(load.strain) + np.abs(load.elastic))
+        least = ROUND_OFF * float(np.linalg.norm(terms)) / self._settings.relative_force
+        numbers = self._work.numbers
+        numbers[codes.SIZE] = max(numbers[codes.SIZE], least)
 
     def _solve(self, load: StepLoad, material: Material) -> int:
         """One attempt from the correction in the work arrays; why it ended."""
