@@ -208,6 +208,10 @@ class CondensedEquilibrium:
         """Slack without correction and contact forces, (m,)."""
         return self._free_slack @ theta
 
+    def gaps_at(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """Slack without correction under the contact forces of an unknown, (m,): bodies give by their elasticity."""
+        return self.gaps(theta) + self._schur @ x[self.modes :]
+
     def residual(self, x: np.ndarray, gauss: Any, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """R for the plastic strain of ``gauss.state``, see :mod:`models.condensed_step`, and the size of g, (1,)."""
         correction, flow = x[: self.modes], self.flow
