@@ -19,6 +19,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
 from hhr_dolfinx.errors import (
     ConvergenceError,
+    OutsideTrainingError,
     OutsideTrainingWarning,
     ParameterError,
     ReductionError,
@@ -191,7 +192,7 @@ def test_arrays_are_integrals_over_what_flowed(tubes):
         weights = (equilibrium.operator.weights.ravel() * elastic[:, -1, -1])[flowed, None, None]
 
         def deviators(columns):
-            strain = np.stack([equilibrium.strain_of(column) for column in columns.T], axis=2)[flowed]  # noqa: B023
+            strain = np.stack([equilibrium.strain_of(column) for column in columns.T], axis=2)[flowed]
             strain[:, :3] -= strain[:, :3].mean(axis=1, keepdims=True)
             return strain
 
@@ -265,7 +266,7 @@ def test_a_plastic_front_in_a_thick_tube():
     flowing_there, stress = last.plastic_strain() > 1e-6, last.stress()
     radii = np.repeat(full.problem.points[full.problem.cell_nodes].mean(axis=1)[:, 0], 4)
     assert radii[flowing_there].max() == pytest.approx(1.7, abs=2 / 20)
-    inside = radii < 1.6
+    inside = radii < 1.5
     assert (stress[:, 2] - stress[:, 0])[inside] == pytest.approx(2 / np.sqrt(3), rel=1e-2)
 
 
@@ -359,7 +360,9 @@ def test_first_yield_to_round_off_converges(tubes):
         low, high = (low, middle) if flows else (middle, high)
     for part in (0.0, *10.0 ** np.arange(-15, 0)):
         for settings in (QUIET, TIGHT):
-            history = model.march([*up(high * (1 + part), 1), (1.0, np.array([high])), (2.0, np.array([0.0]))], settings)
+            history = model.march(
+                [*up(high * (1 + part), 1), (1.0, np.array([high])), (2.0, np.array([0.0]))], settings
+            )
             assert len(history.answers) == 3 and history.cuts == 0
 
 
@@ -393,22 +396,33 @@ def test_paces_between_trained_ones():
         assert primal < 1e-2 and dual < 1e-2
 
 
-def test_a_load_that_is_not_borne_says_so(tubes):
-    """Perfect plasticity far beyond its limit load: what was tried last, and the steps before."""
+def test_a_load_that_is_not_borne_is_outside():
+    """Perfect plasticity beyond its limit load 2/√3 ln 2: modes that never showed it bear it, but the door speaks."""
     scene = tube(hhr.Plasticity("s"), 1.0, cells=6)
-    scene = dataclasses.replace(scene, parameters=hhr.ParameterSpace(("p", "s"), (0.0, 0.5), (2.0, 1.5)))
-    full = hhr.FullOrderModel(scene)
+    full = hhr.FullOrderModel(
+        dataclasses.replace(scene, parameters=hhr.ParameterSpace(("p", "s"), (0.0, 0.5), (2.0, 1.5)))
+    )
     model = condensed(full, [full.march(up(0.7 * s, constants=(s,)), TIGHT) for s in (0.8, 1.2)])
-    # p = 2/√3 ln 2 = 0.8 is borne at most
-    with pytest.raises(ConvergenceError, match=r"step \d+ to t = .* s did not converge: .*the \d steps before") as caught:
-        model.march([(0.1 * k, np.array([0.25 * k, 1.0])) for k in range(9)], QUIET)
-    done = caught.value.history.answers
-    assert 2 <= len(done) <= 4 and all(answer.converged for answer in done)
-    again = model.march([(0.1 * k, np.array([0.25 * k, 1.0])) for k in range(len(done) + 1)], QUIET)
-    assert np.array_equal(again.answers[-1].unknown, done[-1].unknown)
-    few = hhr.MarchSettings(outside="ignore", iterations=1, cuts=1)
-    with pytest.raises(ConvergenceError, match="the iterations allowed are spent, with a residual of .* after 2 iter"):
-        tubes[2].march(up(0.9), few)
+    path = up(0.95, constants=(1.0,))
+    with pytest.raises(OutsideTrainingError, match=r"step \d, to t = .* s") as caught:
+        model.march([(1.25 * time, point) for time, point in path], hhr.MarchSettings(outside="refuse"))
+    assert len(caught.value.history.answers) < 8
+
+
+def test_a_step_that_fails_says_what_was_tried(tubes):
+    """Too few iterations: what was tried last, and the steps before, all of them solved."""
+    model, few = tubes[2], hhr.MarchSettings(outside="ignore", iterations=1, cuts=1)
+    said = r"step 5 to t = 0.5 s did not converge: the iterations allowed are spent, with a residual of .* of the " \
+        r"correction after 2 iterations. Take smaller steps; the 4 steps before are kept"  # fmt: skip
+    with pytest.raises(ConvergenceError, match=said) as caught:
+        model.march(up(0.9), few)
+    done, exact = caught.value.history.answers, model.march(up(0.9), QUIET).answers
+    assert all(np.array_equal(one.unknown, other.unknown) for one, other in zip(done, exact[:4], strict=True))
+    # cut in parts they suffice for
+    history = model.march(up(0.9, 2), hhr.MarchSettings(outside="ignore", iterations=3))
+    assert history.cuts > 0 and len(history.answers) == 2
+    expected = model.march(up(0.9, 2), QUIET)
+    assert apart(history, expected)[0] < 1e-2
 
 
 @pytest.fixture(scope="module")
@@ -433,8 +447,10 @@ def hot_history(gap, young, heat, hardening, resistance):
     return [(time, np.append(point, (hardening, resistance))) for time, point in hot_path(gap, young, heat)]
 
 
+# fmt: off
 HOT = [(5.0, 160e3, 100.0, 500.0, 900.0), (15.0, 220e3, 900.0, 2000.0, 1100.0), (7.0, 220e3, 500.0, 600.0, 1200.0),
-       (13.0, 160e3, 800.0, 1800.0, 800.0), (9.0, 180e3, 900.0, 700.0, 1000.0), (11.0, 200e3, 200.0, 1500.0, 850.0)]  # fmt: skip
+       (13.0, 160e3, 800.0, 1800.0, 800.0), (9.0, 180e3, 900.0, 700.0, 1000.0), (11.0, 200e3, 200.0, 1500.0, 850.0)]
+# fmt: on
 
 
 @pytest.fixture(scope="module")
@@ -477,7 +493,7 @@ def test_outputs_and_derivatives_where_displacements_are_imposed():
     full = hhr.FullOrderModel(scene)
     corners = [(2.0, 2.0), (4.0, 9.0), (2.0, 9.0), (4.0, 2.0)]
     model = condensed(full, [full.march(push(*moduli, steps=5), TIGHT) for moduli in corners])
-    path = [(time, point + (1e-4, 0, 1e-4, 0, 0, 0)) for time, point in push(3.1, 4.0, steps=5)]
+    path = [(time, np.add(point, (1e-4, 0, 1e-4, 0, 0, 0))) for time, point in push(3.1, 4.0, steps=5)]
     history, exact = model.march(path, dataclasses.replace(FINE, gradient=True)), full.march(path, TIGHT)
     assert history.answers[-1].plastic_strain().any()
     for name in ("force", "side", "flank"):
@@ -489,7 +505,8 @@ def test_outputs_and_derivatives_where_displacements_are_imposed():
         for name in ("force", "side", "flank"):
             found = np.array([answer.outputs().gradient[name][axis] for answer in history.answers])
             changes = np.array([a.outputs()[name] - b.outputs()[name] for a, b in zip(*ends, strict=True)]) / (2 * step)
-            assert np.linalg.norm(found - changes) < 1e-5 * np.linalg.norm(changes)
+            # the upper body slides as a whole without friction, and no force knows
+            assert np.linalg.norm(found - changes) <= 1e-5 * np.linalg.norm(changes), (name, axis)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -610,10 +627,9 @@ def test_what_is_no_training_is_refused(tubes, pellet):
     elastic = hhr.FullOrderModel(walled_tube(None))
     with pytest.raises(ReductionError, match="nothing flows in scene 'tube'"):
         condensed(elastic, histories)
-    points = hhr.FullOrderModel(walled_tube(None))
-    answers = [points.solve([value]) for value in (0.3, 0.6)]
-    with pytest.raises((ReductionError, hhr.errors.HHRError)):
-        condense_flow(full, hhr.SnapshotSet.of_answers(answers) if hasattr(hhr.SnapshotSet, "of_answers") else None)
+    answers = hhr.SnapshotSet.of_answers(histories[0].answers)
+    with pytest.raises(ReductionError, match="trained on histories"):
+        condense_flow(full, answers)
 
 
 def test_one_history_is_enough_for_itself(tubes):
@@ -634,7 +650,7 @@ def test_bodies_that_hang_together_need_one_modulus():
     assert primal < 1e-2 and dual < 1e-2
     changing = pressed(3.3)
     changing[2][1][1] = 3.0
-    with pytest.raises(ParameterError, match="E1 changes from 3.3 to 3 in step 2"):
+    with pytest.raises(ParameterError, match=r"E1 changes from 3\.3 to 3 in step 2"):
         model.march(changing)
 
 
@@ -653,7 +669,7 @@ def in_units(length, stress):
         hhr.Body(two_blocks.FIRST, "E1", 0.3, hhr.Plasticity(0.05 * stress, 0.2 * stress)),
         hhr.Body(two_blocks.SECOND, 5.0 * stress, 0.35),
     )
-    base = pressed_pair("plane_strain", bodies, cells=4)
+    base = pressed_pair("plane_strain", bodies, {"E1": box["E1"]}, cells=4)
     held = [item for item in base.displacements if not item.amplitude.slopes]
     top = two_blocks.side(two_blocks.SECOND, 1, True)
     moved = (hhr.Displacement(top, 0), hhr.Displacement(top, 1, hhr.Amplitude(slopes={"push": -1.0})))
@@ -670,7 +686,7 @@ def test_errors_do_not_depend_on_units():
         full = in_units(length, stress)
 
         def path(young, steps=6):
-            return [(k / steps, np.array([0.05 * length * k / steps, young * stress])) for k in range(steps + 1)]  # noqa: B023
+            return [(k / steps, np.array([0.05 * length * k / steps, young * stress])) for k in range(steps + 1)]
 
         model = condensed(full, [full.march(path(young), TIGHT) for young in (2.0, 4.0)])
         history = model.march(path(2.9), QUIET)
@@ -713,7 +729,7 @@ def test_the_door(pellet):
     assert warned(model, some(lambda: inside(seconds=rng.uniform(5, 50)))) == 20
     assert warned(model, some(lambda: inside(seconds=rng.uniform(0.01, 0.2)))) == 20
     assert warned(model, some(lambda: inside(height=rng.uniform(1.0, 1.4)))) == 20
-    with pytest.raises(hhr.errors.OutsideTrainingError, match="h1 = 1.2"):
+    with pytest.raises(OutsideTrainingError, match=r"h1 = 1\.2"):
         model.march(inside(height=1.2), hhr.MarchSettings(outside="refuse"))
 
 
