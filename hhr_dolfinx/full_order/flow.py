@@ -186,6 +186,10 @@ class FullEquilibrium:
         """Gaps less the lift, (N_lambda,)."""
         return self.problem.gaps @ theta
 
+    def gaps_at(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """Those bounds, whatever the unknown, (conditions,)."""
+        return self.gaps(theta)
+
     def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """Loads less internal forces on free dofs, and the norm of what they are made of in each body."""
         loads, (internal, size) = self.problem.external @ theta, self.operator.internal(gauss.stress)

@@ -224,7 +224,7 @@ class Material:
             else:
                 equivalent.setflags(write=False)  # a law that wrote there would spoil the return below
                 amount, slope = flow_of(group.law, equivalent, old.cumulated[indices], mu, dt)
-                _check_flow(group.law, amount, slope, equivalent, mu)
+                check_flow(group.law, amount, slope, equivalent, mu)
             step = (indices, strain, deviator, equivalent, amount, slope)
             _return(*step, lam + 2 * mu / 3, mu, stress, *state, tangents)
         return Update(stress, state, tangents if tangent else None)
@@ -297,7 +297,7 @@ def _shortened(answer: object, most: int = 60) -> str:
     return text if len(text) <= most else text[:most] + "..."
 
 
-def _check_flow(law: Flow, amount: np.ndarray, slope: np.ndarray, trial: np.ndarray, mu: float) -> None:
+def check_flow(law: Flow, amount: np.ndarray, slope: np.ndarray, trial: np.ndarray, mu: float) -> None:
     """Raise ConvergenceError for a flow that is not finite or would turn the stress round."""
     if not amount.shape == slope.shape == trial.shape:
         raise ConvergenceError(f"{law} must answer with a flow and a slope of shape {trial.shape}")

@@ -20,7 +20,8 @@ def touch(model: StepModel, load: StepLoad, work: Work) -> bool:
     """Contact forces at ``work.there``, from the statuses at hand; whether they were found.
 
     All wrong statuses are switched at once as long as that leads nearer, then the first wrong one alone, by which a
-    P-matrix is solved in finitely many steps (Murty 1974; Júdice and Pires 1994).
+    P-matrix is solved in finitely many steps (Murty 1974; Júdice and Pires 1994). Where rows are dependent the
+    statuses at hand may leave no way on: the search then begins once more with nothing active.
     """
     m = work.forces.size
     slack = work.slack
@@ -28,6 +29,7 @@ def touch(model: StepModel, load: StepLoad, work: Work) -> bool:
     fewest = m + 1
     patience = PATIENCE
     local = np.empty(m)
+    anew = False
     for _ in range(100 * m + 100):
         active = int(work.numbers[COUNT])
         order = work.order
@@ -50,7 +52,6 @@ def touch(model: StepModel, load: StepLoad, work: Work) -> bool:
         for i in range(m):
             through = max(through, abs(slack[i]))
         wrong = 0
-        first = -1
         for i in range(m):
             if work.active[i]:
                 bad = work.forces[i] < -TOLERANCE * largest
@@ -58,8 +59,6 @@ def touch(model: StepModel, load: StepLoad, work: Work) -> bool:
                 bad = found[i] < -TOLERANCE * through
             if bad:
                 wrong += 1
-                if first < 0:
-                    first = i
         if wrong == 0:
             return bool(np.isfinite(largest))
         if wrong < fewest:
@@ -67,32 +66,41 @@ def touch(model: StepModel, load: StepLoad, work: Work) -> bool:
             patience = PATIENCE
         else:
             patience -= 1
+        switched = False
         for i in range(m):
             if work.active[i]:
                 bad = work.forces[i] < -TOLERANCE * largest
             else:
                 bad = found[i] < -TOLERANCE * through
-            if bad and (patience > 0 or i == first):
-                if not _switch(model, work, i):
-                    return False
+            # a condition that depends on active ones is passed over
+            if bad and (patience > 0 or not switched) and _switch(model, work, i):
+                switched = True
+        if not switched:
+            if anew:
+                return False
+            anew = True
+            patience = 0
+            work.active[:] = False
+            work.numbers[COUNT] = 0
     return False
 
 
 @compiled()
 def _switch(model, work, condition):
-    """Change a status, and with it the inverse of S_AA; whether that is regular."""
+    """Change a status, and with it the inverse of S_AA; whether that is regular, else all stays as it is."""
     numbers = work.numbers
-    numbers[SWITCHED] += 1
     count = int(numbers[COUNT])
     if work.active[condition]:
         work.active[condition] = False
         _leave(work, condition, count)
         numbers[COUNT] = count - 1
     else:
-        work.active[condition] = True
+        # one that is called active without a place in the inverse would let bodies overlap from then on
         if not _join(model, work, condition, count):
             return False
+        work.active[condition] = True
         numbers[COUNT] = count + 1
+    numbers[SWITCHED] += 1
     if numbers[SWITCHED] > UPDATES:
         _refresh(model, work)
     return True

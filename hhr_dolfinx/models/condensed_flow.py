@@ -31,6 +31,7 @@ from hhr_dolfinx.materials.update import Group, Material
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.condensed_arrays import StepModel
 from hhr_dolfinx.models.condensed_stepper import CondensedStepper
+from hhr_dolfinx.models.cubature_flow import UNKNOWN
 from hhr_dolfinx.models.path import MarchSettings
 from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.parameters import ParameterSpace
@@ -208,6 +209,10 @@ class CondensedEquilibrium:
         """Slack without correction and contact forces, (m,)."""
         return self._free_slack @ theta
 
+    def gaps_at(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """Slack without correction under the contact forces of an unknown, (m,): bodies give by their elasticity."""
+        return self.gaps(theta) + self._schur @ x[self.modes :]
+
     def residual(self, x: np.ndarray, gauss: Any, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """R for the plastic strain of ``gauss.state``, see :mod:`models.condensed_step`, and the size of g, (1,)."""
         correction, flow = x[: self.modes], self.flow
@@ -236,7 +241,8 @@ class CondensedEquilibrium:
         """
         plastic, weights = answer.state().state.plastic.T.ravel(), self.flow.energies
         fitted = 0.0 if self.flow.misfit is None else self.flow.misfit.everywhere(plastic)
-        return Signs(float(np.linalg.norm(weights * (plastic - fitted))), float(np.linalg.norm(weights * plastic)), 0.0)
+        wrong, size = np.linalg.norm(weights * (plastic - fitted)), np.linalg.norm(weights * plastic)
+        return Signs(float(wrong), float(size), 0.0, UNKNOWN)
 
     @staticmethod
     def shear(groups: Sequence[Group]) -> np.ndarray:

@@ -263,8 +263,10 @@ def _linearise(model, load, work):
     jacobian = model.rest + work.crossing + np.dot(scaled, work.projected.T)
     jacobian -= np.dot(onto * along, _along(work.projected, work.deviator).T)
     work.newton[:] = np.linalg.inv(jacobian)
-    work.numbers[LINEAR] = NEW_TANGENT
-    return bool(np.isfinite(work.newton.sum()))
+    # kept for an old one it would stop all steps to come
+    regular = bool(np.isfinite(work.newton.sum()))
+    work.numbers[LINEAR] = NEW_TANGENT if regular else NO_TANGENT
+    return regular
 
 
 @compiled(fastmath=True)

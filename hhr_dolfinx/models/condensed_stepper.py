@@ -9,7 +9,7 @@ from scipy.linalg import LinAlgError
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError
-from hhr_dolfinx.materials.update import Material, State, flow_of, kernel_of
+from hhr_dolfinx.materials.update import Material, State, check_flow, flow_of, kernel_of
 from hhr_dolfinx.models import condensed_arrays as codes
 from hhr_dolfinx.models import condensed_step as compiled_step
 from hhr_dolfinx.models.answer import Answer, GaussState
@@ -27,6 +27,8 @@ _WHY = {
     codes.CONTACT: "the contact forces were not found",
 }
 """What ended a step, in words."""
+ROUND_OFF = 1e-14
+"""Part of what the residual is made of that is round-off: of a correction that small there is no more to know."""
 
 
 class CondensedStepper:
@@ -42,6 +44,7 @@ class CondensedStepper:
         flow = model.flow
         sizes = model.modes, model.conditions, flow.points.size, flow.components
         self._work, self._elastic = Work.of(*sizes), Work.of(*sizes)
+        self._weights, self._said = np.abs(flow.tested), ""
 
     def learn(self, answer: Answer) -> None:
         """Take in a step that was solved before."""
@@ -64,6 +67,7 @@ class CondensedStepper:
             raise Diverged("the elastic contact problem has no solution")
         # without a correction, so that strain and forces are those of the elastic bodies
         load = load._replace(elastic=self._elastic.strain, forces=self._elastic.forces)
+        self._allow_round_off(load)
         starts = [extrapolated(trail, goal.time, model.modes)] if len(trail) > 1 else []
         spent = 0
         for start in [*starts, here.unknown[: model.modes]]:
@@ -73,11 +77,21 @@ class CondensedStepper:
             if code == codes.CONVERGED:
                 return self._answer(goal, load, material, spent)
         left = self._work.numbers[codes.MERIT] / max(float(np.linalg.norm(self._work.here)), 1e-300)
-        raise Diverged(f"{_WHY[code]}, with a residual of {left:.2g} of the correction after {spent} iterations")
+        why = self._complaint(material) if code == codes.NOT_FINITE else _WHY[code]
+        left_over = f", with a residual of {left:.2g} of the correction" if np.isfinite(left) else ""
+        raise Diverged(f"{why}{left_over} after {spent} iterations")
+
+    def _allow_round_off(self, load: StepLoad) -> None:
+        """Measure residuals by no less than round-off asks for, as where the first point is about to yield."""
+        terms = self._weights @ (np.abs(load.strain) + np.abs(load.elastic))
+        least = ROUND_OFF * float(np.linalg.norm(terms)) / self._settings.relative_force
+        numbers = self._work.numbers
+        numbers[codes.SIZE] = max(numbers[codes.SIZE], least)
 
     def _solve(self, load: StepLoad, material: Material) -> int:
         """One attempt from the correction in the work arrays; why it ended."""
         settings, work = self._settings, self._work
+        self._said = ""
         kernels = [kernel for group in material.groups if (kernel := kernel_of(group.law)) is not None]
         limits = settings.relative_force, settings.iterations
         try:
@@ -89,9 +103,26 @@ class CondensedStepper:
             while code == codes.EVALUATE:
                 self._evaluate(load, material)
                 code = compiled_step.advance(self._arrays, load, work, *limits)
-        except (ConvergenceError, LinAlgError):
+        except LinAlgError:
+            return codes.STALLED
+        except ConvergenceError as error:
+            self._said = str(error)
             return codes.NOT_FINITE
         return int(code)
+
+    def _complaint(self, material: Material) -> str:
+        """What is wrong with the flow that was tried last, in words."""
+        if self._said:
+            return self._said
+        work = self._work
+        for group, shear in zip(material.groups, self._arrays.shear, strict=True):
+            if group.law is not None:
+                own = group.indices
+                try:
+                    check_flow(group.law, work.amount[own], work.slope[own], work.trial[own], float(shear))
+                except ConvergenceError as error:
+                    return str(error)
+        return _WHY[codes.NOT_FINITE]
 
     def _evaluate(self, load: StepLoad, material: Material) -> None:
         """Flow by laws of which some are a user's own, in Python."""
@@ -101,8 +132,14 @@ class CondensedStepper:
             if group.law is None:
                 work.amount[own] = work.slope[own] = 0.0
                 continue
-            trial = work.trial[own].copy()
-            work.amount[own], work.slope[own] = flow_of(group.law, trial, load.cumulated[own], float(shear), load.dt)
+            trial, cumulated = work.trial[own].copy(), load.cumulated[own].copy()
+            # a law that wrote there would spoil the return, or a step before
+            trial.setflags(write=False)
+            cumulated.setflags(write=False)
+            amount, slope = flow_of(group.law, trial, cumulated, float(shear), load.dt)
+            if not amount.shape == slope.shape == trial.shape:
+                check_flow(group.law, amount, slope, trial, float(shear))
+            work.amount[own], work.slope[own] = amount, slope
 
     def _answer(self, goal: Goal, load: StepLoad, material: Material, iterations: int) -> Answer:
         """What was found."""

@@ -138,6 +138,9 @@ class Marching(Protocol):
     def gaps(self, theta: Theta) -> np.ndarray:
         """Gaps less what is known of the motion, (conditions,), which bound B x."""
 
+    def gaps_at(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """The same for the unknowns beside a given one: with the motion by its forces, where these are unknowns."""
+
     def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """What is out of balance at an unknown with stress and state, in the test space, and the size of it."""
 

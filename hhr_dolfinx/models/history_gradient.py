@@ -130,7 +130,7 @@ class _Step:
             point, before = self._beside(place, direction, change)
             there, theta, x = model.responding_at(point), model.amplitudes(point), self._answer.unknown
             update = self._updated(x, point, before)
-            return there.residual(x, update, theta)[0], there.gaps(theta)
+            return there.residual(x, update, theta)[0], there.gaps_at(x, theta)
 
         residual, gaps = self._difference(loaded, direction, length)
         dx, forces = self._linear.changed(residual, gaps, self._answer.active)

@@ -128,6 +128,10 @@ class ProjectedEquilibrium:
         """Gaps of the RID less the lift, (N_lambda_C,)."""
         return self.problem.gaps @ theta
 
+    def gaps_at(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """Those bounds, whatever the unknown, (conditions,)."""
+        return self.gaps(theta)
+
     def norms(self, residual: np.ndarray) -> np.ndarray:
         """Norm of a residual; modes span all bodies, (1,)."""
         return np.array([np.sqrt(residual @ residual)])

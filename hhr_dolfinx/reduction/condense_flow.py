@@ -24,6 +24,7 @@ from hhr_dolfinx.models.condensed_fields import CondensedFlowFields
 from hhr_dolfinx.models.condensed_flow import CondensedFlow
 from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
 from hhr_dolfinx.models.reconstruct import FlowFields, GappyField
+from hhr_dolfinx.parameters import is_number, is_whole
 from hhr_dolfinx.reduction.cubature import Cubature
 from hhr_dolfinx.reduction.elastic_response import ElasticResponse, elastic_response
 from hhr_dolfinx.reduction.flowing_domain import FlowingDomain, StrainAt, TrainingState
@@ -71,6 +72,16 @@ class CorrectionSettings:
     primal: float = 2e-3
     dual: float = 0.05
     trust: TrustLimits | None = field(default_factory=_limits)
+
+    def __post_init__(self) -> None:
+        """Refuse what leaves nothing, with ReductionError."""
+        for name in ("modes", "cubature", "stability"):
+            if not (is_number(getattr(self, name)) and 0 < getattr(self, name) < 1):
+                raise ReductionError(f"{name} = {getattr(self, name)!r} must be a fraction in (0, 1)")
+        for name, unbounded in (("most_modes", True), ("most_points", True), ("attempts", False)):
+            value = getattr(self, name)
+            if not (is_whole(value, 1) or (value is None and unbounded)):
+                raise ReductionError(f"{name} = {value!r} must be a whole number from 1" + ", or None" * unbounded)
 
 
 @dataclass(frozen=True)
@@ -126,6 +137,9 @@ def condense_flow(
     check_of_problem("snapshots", snapshots, problem)
     if not snapshots.histories:
         raise ReductionError("a reduced plastic correction is trained on histories: SnapshotSet.of_histories")
+    if not np.any(snapshots.cumulated):
+        # corrections are round-off then, not zero
+        raise ReductionError("no body flows in any training history: train at higher loads, or leave the laws out")
     if settings.trust is not None:
         warn_of_training(full, snapshots, held_out)
     log = StageLog()
@@ -239,13 +253,8 @@ def correction_modes(
     """Modes of corrections, (N, S), orthonormal in energy, (N, ell), and the energy norm of each state, (S,).
 
     Where moduli vary each part has modes of its own: a mode across parts would have no energy of its own.
-
-    Raises:
-        ReductionError: if nothing flows in training.
     """
     sizes = np.sqrt(np.maximum(np.einsum("ns,ns->s", corrections, problem.stiffness @ corrections), 0.0))
-    if not sizes.max(initial=0.0) > 0:
-        raise ReductionError("no body flows in any training history: train at higher loads, or leave the laws out")
     found = []
     for part in np.unique(elastic.parts):
         own = np.where((elastic.parts == part)[:, None], corrections, 0.0)
