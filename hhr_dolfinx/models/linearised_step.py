@@ -80,8 +80,14 @@ class LinearisedStepper:
         """The answer, or a better one where iterations by an old tangent crept to it."""
         if self._settings.search != "frozen" or found.iterations <= TIRED:
             return found
-        tight = {name: TIGHT for name in ("relative_stress", "floor_stress", "relative_force")}
-        newton = replace(self._settings, search="tangent", iterations=NEWTON, **tight)
+        newton = replace(
+            self._settings,
+            search="tangent",
+            iterations=NEWTON,
+            relative_stress=TIGHT,
+            floor_stress=TIGHT,
+            relative_force=TIGHT,
+        )
         try:
             after = _step(self._model, trail[-1:], goal, newton, self._memory, start=found)
         except (Diverged, ConvergenceError):
