@@ -5,6 +5,7 @@ import pickle
 import warnings
 
 import condensing
+import indentation
 import numpy as np
 import pytest
 from condensing import FINE, QUIET, TIGHT, WHOLE, apart, condensed, cycle, loaded, up, walled_tube
@@ -302,6 +303,24 @@ def test_one_history_is_enough_for_itself(tubes):
     full, histories, _ = tubes
     primal, dual = apart(condensed(full, histories[:1]).march(histories[0].path, QUIET), histories[0])
     assert primal < 1e-2 and dual < 1e-2
+
+
+def test_a_sphere_pressed_into_a_block_and_drawn_off():
+    """In space, with depth, yield stress, hardening and Young's modulus in between of what was trained."""
+    full = hhr.FullOrderModel(indentation.scene(6, "E"))
+
+    def path(*given):
+        return indentation.path(*given, loading=8, unloading=4)
+
+    corners = [(0.02, 120.0, 2e3, 62e3), (0.03, 120.0, 8e3, 78e3), (0.03, 280.0, 2e3, 62e3), (0.03, 280.0, 8e3, 78e3),
+               (0.03, 200.0, 5e3, 70e3)]  # fmt: skip
+    model = condensed(full, [full.march(path(*corner), indentation.MARCH) for corner in corners])
+    for given in ((0.026, 180.0, 4e3, 66e3), (0.022, 250.0, 6e3, 75e3)):
+        history, exact = model.march(path(*given), QUIET), full.march(path(*given), indentation.MARCH)
+        forces = np.array([[answer.outputs()["force"] for answer in item.answers] for item in (history, exact)])
+        assert forces[0] == pytest.approx(forces[1], abs=1e-2 * forces[1].max())
+        last = [item.answers[-1].outputs()["pole"] for item in (history, exact)]
+        assert last[0] == pytest.approx(last[1], rel=2e-2) and last[0] < -1e-4
 
 
 def test_bodies_that_hang_together_need_one_modulus():

@@ -29,6 +29,7 @@ def touch(model: StepModel, load: StepLoad, work: Work) -> bool:
     fewest = m + 1
     patience = PATIENCE
     local = np.empty(m)
+    wrong = np.empty(m, dtype=np.bool_)
     anew = False
     for _ in range(100 * m + 100):
         active = int(work.numbers[COUNT])
@@ -48,32 +49,18 @@ def touch(model: StepModel, load: StepLoad, work: Work) -> bool:
             value = local[a]
             for i in range(m):
                 found[i] += value * row[i]
-        through = 0.0
-        for i in range(m):
-            through = max(through, abs(slack[i]))
-        wrong = 0
-        for i in range(m):
-            if work.active[i]:
-                bad = work.forces[i] < -TOLERANCE * largest
-            else:
-                bad = found[i] < -TOLERANCE * through
-            if bad:
-                wrong += 1
-        if wrong == 0:
+        count = _mark(work, found, largest, wrong)
+        if count == 0:
             return bool(np.isfinite(largest))
-        if wrong < fewest:
-            fewest = wrong
+        if count < fewest:
+            fewest = count
             patience = PATIENCE
         else:
             patience -= 1
         switched = False
         for i in range(m):
-            if work.active[i]:
-                bad = work.forces[i] < -TOLERANCE * largest
-            else:
-                bad = found[i] < -TOLERANCE * through
             # a condition that depends on active ones is passed over
-            if bad and (patience > 0 or not switched) and _switch(model, work, i):
+            if wrong[i] and (patience > 0 or not switched) and _switch(model, work, i):
                 switched = True
         if not switched:
             if anew:
@@ -83,6 +70,22 @@ def touch(model: StepModel, load: StepLoad, work: Work) -> bool:
             work.active[:] = False
             work.numbers[COUNT] = 0
     return False
+
+
+@compiled()
+def _mark(work, found, largest, wrong):
+    """Mark the conditions that pull or overlap by more than round-off; how many there are."""
+    through = 0.0
+    for i in range(wrong.size):
+        through = max(through, abs(work.slack[i]))
+    count = 0
+    for i in range(wrong.size):
+        if work.active[i]:
+            wrong[i] = work.forces[i] < -TOLERANCE * largest
+        else:
+            wrong[i] = found[i] < -TOLERANCE * through
+        count += wrong[i]
+    return count
 
 
 @compiled()
