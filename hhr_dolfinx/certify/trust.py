@@ -148,7 +148,10 @@ def check_stability(stability: Stability, limits: TrustLimits) -> None:
         )
 
 
-def check_comparison(comparison: Comparison, limits: TrustLimits) -> None:
+OF_A_RID = "add RID layers, train on more points, or change the POD tolerance"
+
+
+def check_comparison(comparison: Comparison, limits: TrustLimits, remedy: str = OF_A_RID) -> None:
     """Raise UnstableModelError if the 95th percentile of an error is beyond its limit, and warn if it is doubtful.
 
     The worst point is named, and warned of if its force error is beyond a limit of its own.
@@ -162,8 +165,7 @@ def check_comparison(comparison: Comparison, limits: TrustLimits) -> None:
         reached = "there is no one answer" if math.isinf(values[worst]) else f"it is {values[worst]:.0%}"
         message = (
             f"the {name} error, on the whole mesh, is {_share(high)} at 95 % of {values.size} solutions compared; "
-            f"the worst is at {comparison.labels[worst]}, where {reached}: add RID layers, train on more points, or "
-            "change the POD tolerance"
+            f"the worst is at {comparison.labels[worst]}, where {reached}: {remedy}"
         )
         if high > refuse:
             raise UnstableModelError(message)

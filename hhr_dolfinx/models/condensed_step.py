@@ -54,7 +54,7 @@ LEAST_SHARE = 1 / 256
 """Smallest part of a Newton step that the line search tries."""
 DECREASE = 1e-4
 """Part of the decrease of |R| that the linear model promises which a step has to bring (Armijo)."""
-SLOW = 0.1
+SLOW = 0.3
 """An old J serves as long as |R| falls at least by this factor in each iteration."""
 
 
@@ -183,16 +183,16 @@ def _try(model, load, work):
         twice = 2 * model.shear[group]
         end = model.ends[group]
         for k in range(start, end):
-            mean = (strain[0, k] + strain[1, k] + strain[2, k]) / 3
-            for i in range(3):
-                deviator[i, k] = twice * (strain[i, k] - load.plastic[i, k] - mean)
-            work.trial[k] = deviator[0, k] ** 2 + deviator[1, k] ** 2 + deviator[2, k] ** 2
-        for i in range(3, components):
+            work.trial[k] = (strain[0, k] + strain[1, k] + strain[2, k]) / 3
+        for i in range(components):
             for k in range(start, end):
-                value = twice * (strain[i, k] - load.plastic[i, k])
-                deviator[i, k] = value
-                work.trial[k] += value * value
+                mean = work.trial[k] if i < 3 else 0.0
+                deviator[i, k] = twice * (strain[i, k] - load.plastic[i, k] - mean)
         start = end
+    work.trial[:] = 0.0
+    for i in range(components):
+        for k in range(points):
+            work.trial[k] += deviator[i, k] * deviator[i, k]
     for k in range(points):
         work.trial[k] = np.sqrt(1.5 * work.trial[k])
     return EVALUATE

@@ -70,7 +70,7 @@ class CorrectionSettings:
     most_points: int | None = None
     attempts: int = 4
     primal: float = 2e-3
-    dual: float = 0.05
+    dual: float = 0.06
     trust: TrustLimits | None = field(default_factory=_limits)
 
     def __post_init__(self) -> None:
@@ -240,7 +240,7 @@ def _compared(
     histories |= {f"held-out history {k}": history for k, history in enumerate(kept)}
     comparison, signs = compare_histories(full, model, histories, force_floor(full.problem, snapshots))
     if settings.trust is not None:
-        check_comparison(comparison, settings.trust)
+        check_comparison(comparison, settings.trust, "allow more modes and points, or train on more histories")
     paths = [history.path for history in snapshots.histories]
     known = [item for item in signs if item] or [[model.nothing_shown()]]
     trained = TrainedPaths.of(paths, full.parameters, known, largest_motion(full, snapshots))
