@@ -206,8 +206,11 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
         basis, sizes = correction_modes(full.problem, shared.corrections, elastic, settings)
     with log.stage("cubature"):
         kept = np.flatnonzero(sizes > NOTHING * sizes.max(initial=0.0))
-        states = [TrainingState.of(full, elastic, shared.answers[k], shared.corrections[:, k], sizes[k]) for k in kept]
-        domain = FlowingDomain.of(full, basis, states)
+        domain = FlowingDomain.of(full, basis, [shared.answers[k] for k in kept], sizes[kept])
+        there = StrainAt(full.equilibrium.operator, domain.points)
+        states = [
+            TrainingState.of(full, elastic, shared.answers[k], shared.corrections[:, k], sizes[k], there) for k in kept
+        ]
         cubature = domain.cubature(basis, states, settings)
         energy = domain.largest_energy(cubature)
     if energy > LARGEST_ENERGY:
@@ -325,7 +328,7 @@ def _online(
         pressed=np.array([problem.contact @ np.where(mask, elastic.forced, 0.0) for mask in masks]),
         gaps=problem.gaps - problem.contact @ elastic.given,
         energies=energies,
-        misfit=_shown(np.array([state.plastic[points].T.ravel() for state in states]), energies),
+        misfit=_shown(np.array([state.plastic[cubature.points[order]].T.ravel() for state in states]), energies),
     )
 
 

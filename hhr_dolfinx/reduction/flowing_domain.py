@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -29,14 +29,19 @@ ALIKE = 1e-4
 
 
 class TrainingState(NamedTuple):
-    """A training state over the energy norm of its correction: plastic strain, and strain ε_c of the correction."""
+    """A training state where anything flowed, over the energy norm of its correction.
+
+    Attributes:
+        plastic: plastic strain, (p, c).
+        strain: ε_c of the correction, (p, c).
+    """
 
     plastic: np.ndarray
     strain: np.ndarray
 
     @classmethod
     def of(
-        cls, full: Any, elastic: ElasticResponse, answer: Answer, correction: np.ndarray, size: float
+        cls, full: Any, elastic: ElasticResponse, answer: Answer, correction: np.ndarray, size: float, strain: StrainAt
     ) -> TrainingState:
         """Of a full answer; the correction moves contact forces, which strain too."""
         problem, equilibrium = full.problem, full.equilibrium.at(answer.parameter)
@@ -46,7 +51,7 @@ class TrainingState(NamedTuple):
         slack = problem.gaps @ theta - problem.contact @ free
         found = active_set(equilibrium.elastic.equalities, slack, slack < 0, pairs=full.pairs)
         change = correction - scale * (elastic.per_force @ (answer.multipliers - found.forces))
-        return cls(answer.state().state.plastic / size, equilibrium.strain_of(change) / size)
+        return cls(answer.state().state.plastic[strain.points] / size, strain.of(change) / size)
 
 
 @dataclass(frozen=True)
@@ -64,10 +69,12 @@ class FlowingDomain:
     deviators: np.ndarray
 
     @classmethod
-    def of(cls, full: Any, basis: np.ndarray, states: list[TrainingState]) -> FlowingDomain:
-        """Of training states."""
+    def of(cls, full: Any, basis: np.ndarray, answers: Sequence[Answer], sizes: np.ndarray) -> FlowingDomain:
+        """Of training answers with corrections of some energy norms."""
         equilibrium = full.equilibrium
-        largest = np.max([np.abs(state.plastic).max(axis=1) for state in states], axis=0)
+        largest = np.zeros(equilibrium.material.gauss_points)
+        for answer, size in zip(answers, sizes, strict=True):
+            largest = np.maximum(largest, np.abs(answer.state().state.plastic).max(axis=1) / size)
         points = np.flatnonzero(largest > FLOWED * largest.max())
         deviators = np.stack([deviator(equilibrium.strain_of(column)[points]) for column in basis.T], axis=2)
         elastic = equilibrium.material.moduli_at(full.problem.middle).elastic
@@ -75,7 +82,7 @@ class FlowingDomain:
 
     def cubature(self, basis: np.ndarray, states: list[TrainingState], settings: CorrectionSettings) -> Cubature:
         """Points and weights for the stress of the correction at training states, and loosely for energies."""
-        stressed = [state.plastic[self.points] - deviator(state.strain[self.points]) for state in states]
+        stressed = [state.plastic - deviator(state.strain) for state in states]
         few = _alike(np.array([state.ravel() for state in stressed]), ROWS // basis.shape[1])
         few = few.reshape(len(few), self.points.size, -1)
         pairs = np.triu_indices(basis.shape[1])
@@ -132,6 +139,9 @@ class StrainAt:
     Args:
         operator: of the whole mesh.
         points: numbers of the points.
+
+    Attributes:
+        points: as given.
     """
 
     def __init__(self, operator: StrainOperator, points: np.ndarray):
@@ -139,6 +149,7 @@ class StrainAt:
         cells, where = np.unique(points // per_cell, return_inverse=True)
         self._operator, self._dofs = operator.restricted(cells)
         self._places = where * per_cell + points % per_cell
+        self.points = points
 
     def of(self, column: np.ndarray) -> np.ndarray:
         """Of a field (N,), (n, c)."""
