@@ -25,6 +25,7 @@ from hhr_dolfinx.models.condensed_flow import CondensedFlow
 from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
 from hhr_dolfinx.models.reconstruct import FlowFields, GappyField
 from hhr_dolfinx.parameters import is_number, is_whole
+from hhr_dolfinx.reduction.correction_modes import correction_modes
 from hhr_dolfinx.reduction.cubature import Cubature
 from hhr_dolfinx.reduction.elastic_response import ElasticResponse, elastic_response
 from hhr_dolfinx.reduction.flowing_domain import FlowingDomain, StrainAt, TrainingState
@@ -203,7 +204,7 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
     """One model."""
     full, log, elastic = shared.full, shared.log, shared.elastic
     with log.stage("modes"):
-        basis, sizes = correction_modes(full.problem, shared.corrections, elastic, settings)
+        basis, sizes = correction_modes(full.problem, shared.corrections, elastic, settings.modes, settings.most_modes)
     with log.stage("cubature"):
         kept = np.flatnonzero(sizes > NOTHING * sizes.max(initial=0.0))
         domain = FlowingDomain.of(full, basis, [shared.answers[k] for k in kept], sizes[kept])
@@ -248,43 +249,6 @@ def _compared(
     known = [item for item in signs if item] or [[model.nothing_shown()]]
     trained = TrainedPaths.of(paths, full.parameters, known, largest_motion(full, snapshots))
     return (None if settings.trust is None else comparison), trained
-
-
-def correction_modes(
-    problem: ContactProblem, corrections: np.ndarray, elastic: ElasticResponse, settings: CorrectionSettings
-) -> tuple[np.ndarray, np.ndarray]:
-    """Modes of corrections, (N, S), orthonormal in energy, (N, ell), and the energy norm of each state, (S,).
-
-    Where moduli vary each part has modes of its own: a mode across parts would have no energy of its own.
-    """
-    sizes = np.sqrt(np.maximum(np.einsum("ns,ns->s", corrections, problem.stiffness @ corrections), 0.0))
-    found = []
-    for part in np.unique(elastic.parts):
-        own = np.where((elastic.parts == part)[:, None], corrections, 0.0)
-        found.append(_energy_modes(problem, own, settings.modes * np.linalg.norm(sizes)))
-    values = np.concatenate([value for _, value in found])
-    modes = np.concatenate([columns for columns, _ in found], axis=1)
-    order = np.argsort(-values)[: settings.most_modes]
-    return _orthonormal(problem, modes[:, order]), sizes
-
-
-def _energy_modes(problem: ContactProblem, columns: np.ndarray, left_out: float) -> tuple[np.ndarray, np.ndarray]:
-    """POD modes in energy that leave out a given norm, and their singular values."""
-    squares, weights = linalg.eigh(columns.T @ (problem.stiffness @ columns))
-    squares, weights = np.maximum(squares[::-1], 0.0), weights[:, ::-1]
-    rest = np.append(np.cumsum(squares[::-1])[::-1], 0.0)
-    noise = np.finfo(float).eps * len(squares) * (squares[0] if squares.size else 0.0)
-    count = min(int(np.argmax(rest <= left_out**2)), int((squares > noise).sum()))
-    values = np.sqrt(squares[:count])
-    return columns @ (weights[:, :count] / np.where(values > 0, values, 1.0)), values
-
-
-def _orthonormal(problem: ContactProblem, modes: np.ndarray) -> np.ndarray:
-    """The same span, orthonormal in energy to round-off."""
-    for _ in range(2):
-        lower = np.linalg.cholesky(modes.T @ (problem.stiffness @ modes))
-        modes = linalg.solve_triangular(lower, modes.T, lower=True).T
-    return np.ascontiguousarray(modes)
 
 
 def _online(
