@@ -244,7 +244,7 @@ def main() -> None:
         reduced = trained.build(checked=False)
         table.append({"method": "HHR", **compared(full, reduced, drawn, trained.held_out.histories)})
     rows, imprints = tabor(full)
-    calibration = calibrated(full, model, 100 if options.quick else 1000, options.seed)
+    calibration = calibrated(full, model, 50 if options.quick else 500, options.seed)
     sizes = {"N": problem.free.size, "N_lambda": len(problem.gaps), "modes": record.modes, "points": record.points,
              "candidates": record.candidates, "Gauss points": full.equilibrium.operator.gauss_points}  # fmt: skip
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6

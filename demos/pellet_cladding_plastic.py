@@ -28,6 +28,7 @@ from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.models.answer import Path
+from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 from hhr_dolfinx.study import cli, report
 from hhr_dolfinx.study.console import Table
 from hhr_dolfinx.study.paths import summarise_paths, try_path
@@ -100,6 +101,7 @@ def settings_of_gaps(options: argparse.Namespace, steps: int) -> hhr.StudySettin
         tests={gap: path(gap, steps) for gap in tests},
         held_out=[path(8.0, steps)],
         seed=options.seed,
+        correction=CorrectionSettings(modes=3e-4, cubature=1.5e-4),
     )
 
 

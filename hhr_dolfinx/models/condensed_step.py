@@ -54,7 +54,7 @@ LEAST_SHARE = 1 / 256
 """Smallest part of a Newton step that the line search tries."""
 DECREASE = 1e-4
 """Part of the decrease of |R| that the linear model promises which a step has to bring (Armijo)."""
-SLOW = 0.3
+SLOW = 0.1
 """An old J serves as long as |R| falls at least by this factor in each iteration."""
 
 

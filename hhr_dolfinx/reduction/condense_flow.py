@@ -23,6 +23,7 @@ from hhr_dolfinx.materials.update import Group
 from hhr_dolfinx.models.condensed_fields import CondensedFlowFields
 from hhr_dolfinx.models.condensed_flow import CondensedFlow
 from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
+from hhr_dolfinx.models.path import MarchSettings
 from hhr_dolfinx.models.reconstruct import FlowFields, GappyField
 from hhr_dolfinx.parameters import is_number, is_whole
 from hhr_dolfinx.reduction.correction_modes import correction_modes
@@ -227,6 +228,8 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
             elastic.given, problem.block_size, shared.fields.on(flow.points, flow.components), full.functionals,
         )  # fmt: skip
         model = CondensedFlowModel(flow, full.parameters, fields)
+    with log.stage("compilation"):  # once for an installation, not for each model
+        model.march(shared.snapshots.histories[0].path[:2], MarchSettings(outside="ignore"))
     with log.stage("validation"):
         comparison, trained = _compared(shared, model, settings)
     sizes_ = basis.shape[1], flow.points.size, domain.points.size
