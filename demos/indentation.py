@@ -9,10 +9,11 @@ cheap enough to find yield stress and hardening in curves with noise, by gradien
 Hertz's (1882), the deepest are fully plastic, where the mean pressure tends to three times the yield stress (Tabor
 1951; K. L. Johnson, Contact Mechanics, 1985, section 6.3).
 
-    python demos/indentation.py [--out DIR] [--quick] [--seed N] [--cells 25] [--hhr]
+    python demos/indentation.py [--out DIR] [--quick] [--seed N] [--cells 10 14] [--hhr]
 """
 
 import resource
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -33,7 +34,7 @@ RINGS = (0.5, 0.8, 1.1)
 """Distances from the pole in mm at which the rise of the surface is read off."""
 TRAINED = hhr.ParameterSpace(("depth", "sy", "H", "E"), (0.015, 100.0, 1e3, 60e3), (0.03, 300.0, 10e3, 80e3))
 """What is varied from path to path: the largest depth, and constants of the block."""
-CELLS, QUICK_CELLS, DEPTH, REPETITIONS = 25, 10, 0.03, 3
+CELLS, QUICK_CELLS, DEPTH, REPETITIONS = (10, 14, 19, 25), (10,), 0.03, 3
 NOISE, LEAST, CURVES, TRUE = 0.01, 0.02, 16, np.array([150.0, 6e3])
 """Readings of a curve are off by a hundredth of each, or of a fiftieth of the largest; sixteen curves are measured."""
 # the elastic operator has its factors and all columns of the contact already, and takes few more iterations than
@@ -41,7 +42,7 @@ NOISE, LEAST, CURVES, TRUE = 0.01, 0.02, 16, np.array([150.0, 6e3])
 MARCH = hhr.MarchSettings(search="elastic")
 
 
-def scene(cells: int = CELLS, young: float | str = BLOCK_E) -> hhr.Scene:
+def scene(cells: int = CELLS[2], young: float | str = BLOCK_E) -> hhr.Scene:
     """The scene in mm, MPa and N.
 
     Args:
@@ -131,21 +132,37 @@ def errors(full: hhr.FullOrderModel, exact: History, found: History) -> dict[str
     }
 
 
-def compared(full: hhr.FullOrderModel, model: Any, paths: list[Path], known: list[History]) -> dict[str, Any]:
-    """Errors of a model, 95th percentile and largest over paths, and seconds of its histories and of the full order."""
+def compared(full: hhr.FullOrderModel, model: Any, known: Sequence[History]) -> dict[str, Any]:
+    """Errors of a model, forces at 95 % of the paths too, and seconds of its histories and of the full order."""
+    paths = [history.path for history in known]
     found, seconds = zip(*(timed(partial(model.march, item), REPETITIONS) for item in paths), strict=True)
     rows = [errors(full, exact, history) for exact, history in zip(known, found, strict=True)]
     exact = float(np.median([timed(partial(full.march, item, MARCH))[1] for item in paths[:2]]))
     online = float(np.median(seconds))
     worst = {name: max(row[name] for row in rows) for name in rows[0]}
-    return {
-        "full s": exact,
-        "online ms": 1e3 * online,
-        "fom_best/online": exact / online,
-        "forces p95": float(np.percentile([row["forces"] for row in rows], 95)),
-        **worst,
-        "iterations": max(sum(history.iterations) for history in found),
-    }
+    forces = {"forces": float(np.percentile([row["forces"] for row in rows], 95)), "forces_max": worst["forces"]}
+    return {"fom_best": exact, "online": online, "ratio": exact / online} | worst | forces
+
+
+def measured_on(cells: int, options: Any) -> tuple[hhr.FullOrderModel, Any, dict[str, dict[str, Any]]]:
+    """Full order and condensed flow on one mesh, and a row of the table for each small model."""
+    drawn = tests(4 if options.quick else 8)
+    trained = hhr.train(scene(cells, "E"), training(), held_out=drawn, march=MARCH, progress=options.progress,
+                        folder=options.out / f"snapshots_{cells}")  # fmt: skip
+    full, model, known = trained.full_order, trained.condense(), trained.held_out.histories
+    sizes = {"N": full.problem.free.size, "N_lambda": len(full.problem.gaps)}
+    record = model.offline
+    own = {"modes": record.modes, "gauss_points": record.points}
+    offline = {**trained.log.times, **record.log.times}
+    rows = {"condensed": {**sizes, **own, **compared(full, model, known), "offline": offline}}
+    if options.hhr:
+        reduced = trained.build(checked=False)
+        own = {"modes": reduced.fields.basis.shape[1], "gauss_points": reduced.flow.points.size}
+        offline = {**trained.log.times, **reduced.offline.log.times}
+        rows["hhr"] = {**sizes, **own, **compared(full, reduced, known), "offline": offline}
+    for row in rows.values():
+        row["memory_gb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    return full, model, rows
 
 
 def curve(model: Any, constants: np.ndarray, depth: float = DEPTH, gradient: bool = False) -> tuple[np.ndarray, ...]:
@@ -227,34 +244,25 @@ def tabor(full: hhr.FullOrderModel) -> tuple[list[dict[str, Any]], list[dict[str
 
 
 def main() -> None:
-    """Train, compare with the full order, calibrate, compare with Tabor."""
+    """Train on meshes of growing fineness, compare with the full order; on the last calibrate, and look at Tabor."""
     parser = cli.demo_parser("indentation", __doc__)
-    parser.add_argument("--cells", type=int, help=f"cells of the block along a side ({CELLS}; {QUICK_CELLS} if quick)")
+    parser.add_argument("--cells", type=int, nargs="+", help="cells of the block along a side: 10 14 19 25, quick 10")
     parser.add_argument("--hhr", action="store_true", help="build and time the hyper-reduced model too")
     options = cli.parse_on_first_rank(parser)
-    cells = options.cells or (QUICK_CELLS if options.quick else CELLS)
-    drawn = tests(4 if options.quick else 8)
-    trained = hhr.train(scene(cells, "E"), training(), held_out=drawn, march=MARCH, progress=options.progress,
-                        folder=options.out / "snapshots")  # fmt: skip
-    full, model = trained.full_order, trained.condense()
-    record, problem = model.offline, full.problem
-    table = [{"method": f"condensed, {record.modes} modes, {record.points} points",
-              **compared(full, model, drawn, trained.held_out.histories)}]  # fmt: skip
-    if options.hhr:
-        reduced = trained.build(checked=False)
-        table.append({"method": "HHR", **compared(full, reduced, drawn, trained.held_out.histories)})
+    scaling: dict[str, list[dict[str, Any]]] = {}
+    for cells in options.cells or (QUICK_CELLS if options.quick else CELLS):
+        full, model, found = measured_on(cells, options)
+        for name, row in found.items():
+            scaling.setdefault(name, []).append(row)
     rows, imprints = tabor(full)
     calibration = calibrated(full, model, 50 if options.quick else 500, options.seed)
-    sizes = {"N": problem.free.size, "N_lambda": len(problem.gaps), "modes": record.modes, "points": record.points,
-             "candidates": record.candidates, "Gauss points": full.equilibrium.operator.gauss_points}  # fmt: skip
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
-    offline = {**trained.log.times, **record.log.times}
-    report.write_report({"scene": "indentation", "sizes": sizes, "models": table, "offline": offline,
-                         "memory_gb": memory, "calibration": calibration, "tabor": rows, "imprints": imprints},
-                        options.out)  # fmt: skip
-    report.print_rows("sizes", [sizes | {"memory GB": memory}], options.console)
-    report.print_rows("seconds offline", [offline], options.console)
-    report.print_rows("errors and times", table, options.console)
+    report.write_report({"scene": "indentation", **report.environment(), "calibration": calibration, "tabor": rows,
+                         "models": {name: {"scaling": table} for name, table in scaling.items()},
+                         "imprints": imprints}, options.out)  # fmt: skip
+    for name, table in scaling.items():
+        shown = [{key: value for key, value in row.items() if key != "offline"} for row in table]
+        report.print_rows(name, shown, options.console)
+        report.print_rows(f"seconds offline, {name}", [row["offline"] for row in table], options.console)
     report.print_rows("from curves with noise", [{"constant": name, **calibration[name]} for name in ("sy", "H")],
                       options.console)  # fmt: skip
     options.console.print(f"{calibration['samples']} histories and the fit took {calibration['seconds']:.0f} s")
