@@ -24,6 +24,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.compare import largest_errors
 from hhr_dolfinx.geometries import sphere_on_block as geometry
 from hhr_dolfinx.models.answer import History, Path
+from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 from hhr_dolfinx.study import cli, report
 from hhr_dolfinx.timing import timed
 
@@ -40,6 +41,7 @@ NOISE, LEAST, CURVES, TRUE = 0.01, 0.02, 16, np.array([150.0, 6e3])
 # the elastic operator has its factors and all columns of the contact already, and takes few more iterations than
 # tangents, which in space cost as much as ten iterations each
 MARCH = hhr.MarchSettings(search="elastic")
+CORRECTION = CorrectionSettings(modes=8e-3, cubature=4e-3)
 
 
 def scene(cells: int = CELLS[2], young: float | str = BLOCK_E) -> hhr.Scene:
@@ -149,7 +151,7 @@ def measured_on(cells: int, options: Any) -> tuple[hhr.FullOrderModel, Any, dict
     drawn = tests(4 if options.quick else 8)
     trained = hhr.train(scene(cells, "E"), training(), held_out=drawn, march=MARCH, progress=options.progress,
                         folder=options.out / f"snapshots_{cells}")  # fmt: skip
-    full, model, known = trained.full_order, trained.condense(), trained.held_out.histories
+    full, model, known = trained.full_order, trained.condense(CORRECTION), trained.held_out.histories
     sizes = {"N": full.problem.free.size, "N_lambda": len(full.problem.gaps)}
     record = model.offline
     own = {"modes": record.modes, "gauss_points": record.points}
