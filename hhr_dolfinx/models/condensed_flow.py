@@ -180,6 +180,8 @@ class CondensedEquilibrium:
         if last is not None and np.array_equal(last[0], compliances):
             return last[1]
         found = copy(middle)
+        # what is kept of the middle is that of its elasticity
+        vars(found).pop("step_model", None)
         found._last = None
         found.material = middle.material.moduli_at(point)
         found._set_elasticity(compliances)

@@ -10,7 +10,7 @@ from hhr_dolfinx.models.condensed_flow import CondensedEquilibrium, CondensedFlo
 from hhr_dolfinx.models.march import march
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.trained import Signs, TrainedPaths
+from hhr_dolfinx.trained import TrainedPaths
 
 
 class CondensedFlowModel(WithOutputs):
@@ -70,7 +70,3 @@ class CondensedFlowModel(WithOutputs):
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
         """Solve a history from rest, see :meth:`Model.march`."""
         return march(self.equilibrium, checked_path(self.parameters, path), settings)
-
-    def nothing_shown(self) -> Signs:
-        """Signs of a model at rest."""
-        return Signs(0.0, 0.0, 0.0)

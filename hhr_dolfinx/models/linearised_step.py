@@ -23,12 +23,8 @@ ROUND_OFF_STRAIN = 1e-13
 """A strain this small is round-off of displacements that strain nothing, as where a gap closes without stress."""
 PATIENCE = 5
 """A frozen tangent is kept for the next step if this one took no more iterations."""
-
-
 NEWTON = 15
 """Most iterations of Newton's method from an extrapolation: it takes four to eight, or takes turns for ever."""
-
-
 TIRED = 30
 """Iterations by an old tangent above which a step is gone on with by Newton's method: where a body creeps through a
 hold, they end with a stress that is right to 1e-5 and a displacement that was off by 2 %."""

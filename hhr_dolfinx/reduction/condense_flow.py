@@ -1,8 +1,8 @@
 """Condensed flow, offline: the elastic response, modes of the plastic correction, a cubature for it, and a check.
 
-Weights of the cubature are fitted to two kinds of integrals: what training states need, ∫ (G V)^T C ε_p, and loosely
-the energies ∫ (G V)^T C G V of the modes where anything flowed. With the first alone, modes of small energy were
-overestimated by up to 70 % in the tangent, whose sign then turns: steps stalled, or jumped. With both, none did.
+Weights of the cubature are fitted to two kinds of integrals: the stress of the correction at training states, see
+:mod:`hhr_dolfinx.models.condensed_step`, and loosely the energies ∫ (G V)^T C G V of the modes where anything flowed.
+With the first alone, modes of small energy were overestimated by up to 70 % in the tangent, whose sign then turns: steps stalled, or jumped. With both, none did.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from hhr_dolfinx.reduction.elastic_response import ElasticResponse, elastic_resp
 from hhr_dolfinx.reduction.flowing_domain import FlowingDomain, StrainAt, TrainingState
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import StageLog
-from hhr_dolfinx.trained import TrainedPaths
+from hhr_dolfinx.trained import Signs, TrainedPaths
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
@@ -213,7 +213,7 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
         states = [
             TrainingState.of(full, elastic, shared.answers[k], shared.corrections[:, k], sizes[k], there) for k in kept
         ]
-        cubature = domain.cubature(basis, states, settings)
+        cubature = domain.cubature(states, settings)
         energy = domain.largest_energy(cubature)
     if energy > LARGEST_ENERGY:
         raise UnstableModelError(
@@ -249,7 +249,7 @@ def _compared(
     if settings.trust is not None:
         check_comparison(comparison, settings.trust, "allow more modes and points, or train on more histories")
     paths = [history.path for history in snapshots.histories]
-    known = [item for item in signs if item] or [[model.nothing_shown()]]
+    known = [item for item in signs if item] or [[Signs(0.0, 0.0, 0.0)]]
     trained = TrainedPaths.of(paths, full.parameters, known, largest_motion(full, snapshots))
     return (None if settings.trust is None else comparison), trained
 

@@ -80,12 +80,12 @@ class FlowingDomain:
         elastic = equilibrium.material.moduli_at(full.problem.middle).elastic
         return cls(points, (equilibrium.operator.weights.ravel() * elastic[:, -1, -1])[points], deviators)
 
-    def cubature(self, basis: np.ndarray, states: list[TrainingState], settings: CorrectionSettings) -> Cubature:
+    def cubature(self, states: list[TrainingState], settings: CorrectionSettings) -> Cubature:
         """Points and weights for the stress of the correction at training states, and loosely for energies."""
         stressed = [state.plastic - deviator(state.strain) for state in states]
-        few = _alike(np.array([state.ravel() for state in stressed]), ROWS // basis.shape[1])
+        few = _alike(np.array([state.ravel() for state in stressed]), ROWS // self.deviators.shape[2])
         few = few.reshape(len(few), self.points.size, -1)
-        pairs = np.triu_indices(basis.shape[1])
+        pairs = np.triu_indices(self.deviators.shape[2])
 
         def needed() -> Iterator[np.ndarray]:
             for part in _chunks(self.points.size):
