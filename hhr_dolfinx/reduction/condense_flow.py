@@ -2,8 +2,8 @@
 
 Weights of the cubature are fitted to two kinds of integrals: the stress of the correction at training states, see
 :mod:`hhr_dolfinx.models.condensed_step`, and loosely the energies ∫ (G V)^T C G V of the modes where anything flowed.
-With the first alone, modes of small energy were overestimated by up to 70 % in the tangent, whose sign then turns: steps
-stalled, or jumped. With both, none did.
+With the first alone, modes of small energy were overestimated by up to 70 % in the tangent, whose sign then turns:
+steps stalled, or jumped. With both, none did.
 """
 
 from __future__ import annotations
