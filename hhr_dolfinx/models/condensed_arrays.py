@@ -8,9 +8,9 @@ import numpy as np
 
 EVALUATE, CONVERGED, STALLED, LIMIT, NOT_FINITE, CONTACT = range(6)
 """What :func:`advance` answers: evaluate the laws at the trial point, or why it stopped."""
-ITERATION, MERIT, SHARE, SIZE, COUNT, SWITCHED, PROJECTED, LINEAR, NUMBERS = range(9)
+ITERATION, MERIT, SHARE, SIZE, COUNT, SWITCHED, LINEAR, NUMBERS = range(8)
 """Places in ``Work.numbers``: laws evaluated, |R| at ``here``, part of the direction tried, largest |g| so far, active
-conditions, changes of the inverse, whether ``projected`` is there; whether J is none, an old one, or of ``here``."""
+conditions, changes of the inverse; whether J is none, an old one, or of ``here``."""
 NO_TANGENT, OLD_TANGENT, NEW_TANGENT = range(3)
 
 
@@ -27,10 +27,11 @@ class StepModel(NamedTuple):
         scale: factor of the strain of contact forces, (c n,); nothing where it is 1.
         schur: S, (m, m).
         moved: B V, (m, ell).
-        rest: Q, (ell, ell).
-        crossed: P, (ell, m).
+        modal: Q, (ell, ell).
+        coupled: P, (ell, m).
         ends: last point of each group and one, (G,).
         shear: of each group, (G,).
+        weight: norm of ``tested``.
     """
 
     per_mode: np.ndarray
@@ -39,10 +40,11 @@ class StepModel(NamedTuple):
     scale: np.ndarray
     schur: np.ndarray
     moved: np.ndarray
-    rest: np.ndarray
-    crossed: np.ndarray
+    modal: np.ndarray
+    coupled: np.ndarray
     ends: np.ndarray
     shear: np.ndarray
+    weight: float
 
 
 class StepLoad(NamedTuple):
@@ -50,7 +52,6 @@ class StepLoad(NamedTuple):
 
     Attributes:
         strain: strain without correction and contact forces, (c n,).
-        elastic: ε_e, (c n,).
         forces: λ_e, (m,).
         slack: slack without correction and contact forces, (m,).
         plastic: plastic strain before the step, (c, n).
@@ -59,7 +60,6 @@ class StepLoad(NamedTuple):
     """
 
     strain: np.ndarray
-    elastic: np.ndarray
     forces: np.ndarray
     slack: np.ndarray
     plastic: np.ndarray
@@ -76,9 +76,7 @@ class Work(NamedTuple):
         active: its statuses, (m,) bool.
         order: active conditions as they stand in ``inverse``, (m,).
         inverse: of S_AA in its upper left corner, (m, m).
-        linear_active: statuses of ``projected``, (m,) bool.
-        projected: E_A, (ell, c n).
-        crossing: P_A W, (ell, ell).
+        rows: E_X,A above, in this order, (m, c n).
         newton: inverse of -J, (ell, ell).
         strain: at ``there``, (c n,).
         deviator: of the trial stress, (c, n).
@@ -97,9 +95,7 @@ class Work(NamedTuple):
     active: np.ndarray
     order: np.ndarray
     inverse: np.ndarray
-    linear_active: np.ndarray
-    projected: np.ndarray
-    crossing: np.ndarray
+    rows: np.ndarray
     newton: np.ndarray
     strain: np.ndarray
     deviator: np.ndarray
@@ -116,8 +112,7 @@ class Work(NamedTuple):
         # not by shape: two sizes may be the same
         shapes: dict[str, Any] = dict.fromkeys(("here", "there", "direction", "residual", "left"), ell)
         shapes |= dict.fromkeys(("forces", "slack"), m) | dict.fromkeys(("trial", "amount", "slope"), n)
-        shapes |= dict.fromkeys(("deviator", "plastic"), (c, n)) | dict.fromkeys(("crossing", "newton"), (ell, ell))
-        shapes |= {"inverse": (m, m), "projected": (ell, c * n), "strain": c * n, "numbers": NUMBERS}
+        shapes |= dict.fromkeys(("deviator", "plastic"), (c, n)) | {"newton": (ell, ell)}
+        shapes |= {"inverse": (m, m), "rows": (m, c * n), "strain": c * n, "numbers": NUMBERS}
         arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
-        statuses = {name: np.zeros(m, dtype=bool) for name in ("active", "linear_active")}
-        return cls(**arrays, **statuses, order=np.zeros(m, dtype=np.int64))
+        return cls(**arrays, active=np.zeros(m, dtype=bool), order=np.zeros(m, dtype=np.int64))

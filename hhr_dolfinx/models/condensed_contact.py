@@ -133,6 +133,7 @@ def _join(model, work, condition, count):
         inverse[count, a] = -column[a] / pivot
     inverse[count, count] = 1 / pivot
     order[count] = condition
+    work.rows[count] = model.per_force[condition]
     return True
 
 
@@ -147,6 +148,7 @@ def _leave(work, condition, count):
     last = count - 1
     if place != last:
         order[place] = order[last]
+        work.rows[place] = work.rows[last]
         for a in range(count):
             inverse[place, a], inverse[last, a] = inverse[last, a], inverse[place, a]
         for a in range(count):

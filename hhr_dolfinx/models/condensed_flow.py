@@ -33,7 +33,6 @@ from hhr_dolfinx.models.condensed_arrays import StepModel
 from hhr_dolfinx.models.condensed_stepper import CondensedStepper
 from hhr_dolfinx.models.cubature_flow import UNKNOWN
 from hhr_dolfinx.models.path import MarchSettings
-from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs, TrainedPaths
 
@@ -85,15 +84,15 @@ class CondensedFlow:
         forced: strain of K^-1 F, (c n, 1 + T).
         given: strain of imposed displacements and of the rest that they strain, less strains without stress, likewise.
         moved: B V, (m, ell).
-        rest: Q of :mod:`models.condensed_step`, (ell, ell).
-        crossed: P there, (ell, m).
+        modal: Q of :mod:`models.condensed_step`, (ell, ell).
+        coupled: P there, (ell, m).
         mode_parts: part of the stiffness to which each mode belongs, where moduli vary, (ell,).
         schur: B K^-1 B^T of each part, (Q, m, m).
         pressed: B K^-1 F of each part, (Q, m, 1 + T).
         gaps: gaps less imposed displacements, (m, 1 + T).
         energies: square root of the weight times 2 μ of each point, component by component, (c n,).
-        misfit: modes of the plastic strain on Z that training showed, and how they are fitted to it; None where nothing
-            flowed.
+        shown: modes of the plastic strain on Z that training showed, orthonormal when multiplied by ``energies``, as
+            they are here, (k, c n).
     """
 
     points: np.ndarray
@@ -107,14 +106,14 @@ class CondensedFlow:
     forced: np.ndarray
     given: np.ndarray
     moved: np.ndarray
-    rest: np.ndarray
-    crossed: np.ndarray
+    modal: np.ndarray
+    coupled: np.ndarray
     mode_parts: np.ndarray
     schur: np.ndarray
     pressed: np.ndarray
     gaps: np.ndarray
     energies: np.ndarray
-    misfit: GappyField | None
+    shown: np.ndarray
 
     @property
     def components(self) -> int:
@@ -165,7 +164,7 @@ class CondensedEquilibrium:
         """Take what each part gives more than in the middle, (Q,)."""
         flow = self.flow
         self._scale = np.tile(compliances[flow.parts], flow.components)
-        self._crossed = compliances[flow.mode_parts][:, None] * flow.crossed
+        self._coupled = compliances[flow.mode_parts][:, None] * flow.coupled
         self._schur = np.tensordot(compliances, flow.schur, 1)
         self._equalities = SchurEqualities.symmetric(self._schur)
         self._free_slack = np.asfortranarray(flow.gaps - np.tensordot(compliances, flow.pressed, 1))
@@ -218,10 +217,8 @@ class CondensedEquilibrium:
     def residual(self, x: np.ndarray, gauss: Any, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """R for the plastic strain of ``gauss.state``, see :mod:`models.condensed_step`, and the size of g, (1,)."""
         correction, flow = x[: self.modes], self.flow
-        change = x.copy()
-        change[self.modes :] -= self.elastic_forces(theta)
-        stressed = gauss.state.plastic.T.ravel() - self._strain_of(change)
-        found = flow.tested @ stressed - flow.rest @ correction - self._crossed @ change[self.modes :]
+        found = flow.tested @ gauss.state.plastic.T.ravel() - flow.modal @ correction
+        found -= self._coupled @ (x[self.modes :] - self.elastic_forces(theta))
         return found, np.array([np.linalg.norm(correction)])
 
     def elastic_forces(self, theta: Theta) -> np.ndarray:
@@ -241,10 +238,10 @@ class CondensedEquilibrium:
 
         All conditions are kept, so that nothing overlaps where the model does not look.
         """
-        plastic, weights = answer.state().state.plastic.T.ravel(), self.flow.energies
-        fitted = 0.0 if self.flow.misfit is None else self.flow.misfit.everywhere(plastic)
-        wrong, size = np.linalg.norm(weights * (plastic - fitted)), np.linalg.norm(weights * plastic)
-        return Signs(float(wrong), float(size), 0.0, UNKNOWN)
+        plastic = self.flow.energies * answer.state().state.plastic.T.ravel()
+        size, known = float(plastic @ plastic), self.flow.shown @ plastic
+        # round-off of the difference, 1e-8 of the size, is far below what counts as new
+        return Signs(max(size - float(known @ known), 0.0) ** 0.5, size**0.5, 0.0, UNKNOWN)
 
     @staticmethod
     def shear(groups: Sequence[Group]) -> np.ndarray:
@@ -264,11 +261,11 @@ class CondensedEquilibrium:
         """Arrays of the compiled loop; moduli must be numbers."""
         flow = self.flow
         scale = self._scale if (self._scale != 1.0).any() else np.zeros(0)
-        elastic = scale, self._schur, flow.moved, flow.rest, self._crossed
+        elastic = scale, self._schur, flow.moved, flow.modal, self._coupled
         arrays = [np.ascontiguousarray(item) for item in (flow.per_mode, flow.tested, flow.per_force, *elastic)]
-        shear = self.shear(self.material.groups)
-        per_mode, tested, per_force, scale, schur, moved, rest, crossed = arrays
-        return StepModel(per_mode, tested, per_force, scale, schur, moved, rest, crossed, flow.ends, shear)
+        shear, weight = self.shear(self.material.groups), float(np.linalg.norm(flow.tested))
+        per_mode, tested, per_force, scale, schur, moved, modal, coupled = arrays
+        return StepModel(per_mode, tested, per_force, scale, schur, moved, modal, coupled, flow.ends, shear, weight)
 
 
 class _CondensedLinearisation:
@@ -286,18 +283,17 @@ class _CondensedLinearisation:
         shear = np.repeat(model.shear(model.material.groups), np.diff([0, *flow.ends]))
         slopes = (model.material.elastic - tangents) / (2 * shear)[:, None, None]
         self._tested = np.einsum("lin,nij->ljn", flow.tested.reshape(shape), slopes).reshape(model.modes, -1)
-        self._tested -= flow.tested
-        self._plain = flow.rest - self._tested @ flow.per_mode.T
+        self._plain = flow.modal - self._tested @ flow.per_mode.T
 
     def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """g and λ, and λ, of a small change of the residual and the free slack, with the statuses as they are.
 
-        Solves Q dg + P dλ = tested (dε_p/dε - 1) (E_p dg - E_X^T dλ) + residual and B V dg - S dλ = gaps where active,
+        Solves Q dg + P dλ = tested dε_p/dε (E_p dg - E_X^T dλ) + residual and B V dg - S dλ = gaps where active,
         dλ = 0 elsewhere.
         """
         model = self._model
         on = np.flatnonzero(active)
-        per_force = (self._tested * model._scale) @ model.flow.per_force[on].T + model._crossed[:, on]
+        per_force = (self._tested * model._scale) @ model.flow.per_force[on].T + model._coupled[:, on]
         size = model.modes
         matrix = np.zeros((size + on.size, size + on.size))
         matrix[:size, :size], matrix[:size, size:] = self._plain, per_force

@@ -2,20 +2,21 @@
 
 With the elastic response eliminated exactly (see :mod:`hhr_dolfinx.models.condensed_flow`), a step is
 
-    R(g) = ∫ (G V)^T C ε_p(ε) - g = 0,      ε = ε_e + ε_c,      ε_c = E_p g - E_X^T (λ(g) - λ_e),
+    ∫ (G V)^T C ε_p(ε) - g = 0,      ε = ε_e + ε_c,      ε_c = E_p g - E_X^T (λ(g) - λ_e),
 
 where λ(g) solves the contact problem with the slack s - B V g + S λ, and λ_e that without any correction, of strain
-ε_e. λ is piecewise linear and continuous in g, so that R is continuous and a line search on its norm has a meaning.
-What a few points Z integrate is the stress of the correction where anything flowed; the rest is known exactly:
+ε_e. λ is piecewise linear and continuous in g, so that the residual is continuous and a line search on its norm has a
+meaning. What a few points Z integrate is the stress of the correction where anything flowed, C (ε_p - dev ε_c); the
+rest is linear in g and λ, and known exactly. In sum over Z, with w for their weights, that is
 
-    R(g) = sum over Z of w (G V)^T 2 μ (ε_p - dev ε_c) - Q g - P (λ - λ_e),
-    Q = I - ∫ (G V)^T 2 μ dev G V,      P = ∫ (G V)^T 2 μ dev G K^-1 B^T      (over what flowed).
+    R(g) = sum of w (G V)^T 2 μ ε_p - Q g - P (λ - λ_e),
+    Q = I - (∫ - sum of w) (G V)^T 2 μ dev G V,      P = (∫ - sum of w) (G V)^T 2 μ dev G K^-1 B^T,
 
-Where a body creeps at its leisure ε_p follows dev ε, and the sum hardly changes with g: the exact Q keeps the tangent
-definite. A cubature of C ε_p alone, with g in the place of all else, has a tangent whose sign turns with the errors of
-its weights. On statuses A, with E_A = E_p - E_X,A^T W and W = S_AA^-1 (B V)_A, the derivative is
+so that Q and P hold what the cubature does wrong where ε_p follows dev ε, as where a body creeps at its leisure: the
+tangent stays definite there. With Q = I and P = 0 its sign turns with the errors of the weights. On statuses A, with
+E_A = E_p - E_X,A^T W and W = S_AA^-1 (B V)_A, the derivative is, a sum over the points that flow,
 
-    J = sum w (G V)^T 2 μ (dε_p/dε - 1) dev E_A - Q - P_A W.
+    J = sum of w (G V)^T 2 μ (dε_p/dε) dev E_A - Q - P_A W.
 
 Laws are evaluated between two calls of :func:`advance`, those of the package in the same compiled loop, those of a user
 in Python.
@@ -40,7 +41,6 @@ from hhr_dolfinx.models.condensed_arrays import (
     NO_TANGENT,
     NOT_FINITE,
     OLD_TANGENT,
-    PROJECTED,
     SHARE,
     SIZE,
     STALLED,
@@ -54,6 +54,8 @@ LEAST_SHARE = 1 / 256
 """Smallest part of a Newton step that the line search tries."""
 DECREASE = 1e-4
 """Part of the decrease of |R| that the linear model promises which a step has to bring (Armijo)."""
+ROUND_OFF = 1e-14
+"""Part of what the residual is made of that is round-off."""
 SLOW = 0.1
 """An old J serves as long as |R| falls at least by this factor in each iteration."""
 
@@ -116,6 +118,10 @@ def advance(model: StepModel, load: StepLoad, work: Work, tolerance: float, most
     numbers = work.numbers
     numbers[ITERATION] += 1
     first = numbers[MERIT] == np.inf
+    if first:
+        # of a correction as small as that, as where the first point is about to yield, there is no more to know
+        noise = ROUND_OFF * model.weight * np.sqrt(np.dot(work.strain, work.strain))
+        numbers[SIZE] = max(numbers[SIZE], noise / tolerance)
     if not _residual(model, load, work):
         # a correction too far off, where a law has no answer
         return NOT_FINITE if first else _nearer(model, load, work, most)
@@ -198,20 +204,15 @@ def _try(model, load, work):
     return EVALUATE
 
 
-@compiled(fastmath=True)
+@compiled()
 def _strain(model, load, work):
     """Strain at ``work.there`` under the forces there."""
-    strain = work.strain
-    strain[:] = 0.0
-    for a in range(int(work.numbers[COUNT])):
-        force = work.forces[work.order[a]]
-        row = model.per_force[work.order[a]]
-        for i in range(strain.size):
-            strain[i] -= force * row[i]
+    count = int(work.numbers[COUNT])
+    work.strain[:] = -np.dot(work.forces[work.order[:count]], work.rows[:count])
     if model.scale.size:
-        strain *= model.scale
-    strain += load.strain
-    strain += np.dot(work.there, model.per_mode)
+        work.strain[:] *= model.scale
+    work.strain[:] += load.strain
+    work.strain[:] += np.dot(work.there, model.per_mode)
 
 
 @compiled()
@@ -231,37 +232,22 @@ def _residual(model, load, work):
         for k in range(work.amount.size):
             along = 1.5 * work.amount[k] / work.trial[k] if work.amount[k] > 0 else 0.0
             work.plastic[i, k] = load.plastic[i, k] + along * work.deviator[i, k]
-    stressed = work.plastic.ravel() - work.strain + load.elastic
-    work.residual[:] = np.dot(model.tested, stressed) - np.dot(model.rest, work.there)
-    work.residual[:] -= np.dot(model.crossed, work.forces - load.forces)
+    work.residual[:] = np.dot(model.tested, work.plastic.ravel()) - np.dot(model.modal, work.there)
+    work.residual[:] -= np.dot(model.coupled, work.forces - load.forces)
     return bool(np.isfinite(work.residual.sum()))
 
 
 @compiled()
 def _linearise(model, load, work):
-    """The inverse of -J at ``work.here``, of which laws, strain and statuses are those; whether J is regular.
-
-    dε_p/dε = (1 - θ) P + 3/2 (3 μ dΔp/dq - (1 - θ)) s⊗s / q² with 1 - θ = 3 μ Δp / q and the deviatoric projector P.
-    """
-    _project(model, work)
-    components, points = load.plastic.shape
-    turned = np.zeros((components, points))
-    along = np.zeros(points)
-    start = 0
-    for group in range(model.ends.size):
-        stiff = 3 * model.shear[group]
-        end = model.ends[group]
-        for k in range(start, end):
-            if work.amount[k] > 0:
-                trial = work.trial[k]
-                turned[0, k] = stiff * work.amount[k] / trial
-                along[k] = 1.5 * (stiff * work.slope[k] - turned[0, k]) / (trial * trial)
-        start = end
-    turned[1:] = turned[0]
-    scaled = model.tested * (1 - turned.ravel())
-    onto = _along(model.tested, work.deviator)
-    jacobian = model.rest + work.crossing + np.dot(scaled, work.projected.T)
-    jacobian -= np.dot(onto * along, _along(work.projected, work.deviator).T)
+    """The inverse of -J at ``work.here``, of which laws, strain and statuses are those; whether J is regular."""
+    count = int(work.numbers[COUNT])
+    index = work.order[:count]
+    # W
+    moved = np.dot(np.ascontiguousarray(work.inverse[:count, :count]), model.moved[index])
+    jacobian = model.modal + np.dot(np.ascontiguousarray(model.coupled[:, index]), moved)
+    flowing = np.flatnonzero(work.amount > 0)
+    if flowing.size:
+        _soften(model, work, moved, flowing, jacobian)
     work.newton[:] = np.linalg.inv(jacobian)
     # kept for an old one it would stop all steps to come
     regular = bool(np.isfinite(work.newton.sum()))
@@ -269,34 +255,56 @@ def _linearise(model, load, work):
     return regular
 
 
+@compiled()
+def _soften(model, work, moved, flowing, jacobian):
+    """Take from -J what flows at some points, with E_A there.
+
+    dε_p/dε = (1 - θ) P + 3/2 (3 μ dΔp/dq - (1 - θ)) s⊗s / q² with 1 - θ = 3 μ Δp / q and the deviatoric projector P.
+    """
+    points = work.amount.size
+    components = work.deviator.shape[0]
+    pressed = _at(work.rows[: len(moved)], flowing, points)
+    if model.scale.size:
+        pressed *= _at(model.scale.reshape(1, -1), flowing, points)
+    strains = _at(model.per_mode, flowing, points)
+    strains -= np.dot(np.ascontiguousarray(moved.T).astype(np.float32), pressed)
+    tested = _at(model.tested, flowing, points)
+    deviator = _at(work.deviator.reshape(1, -1), flowing, points).reshape(components, -1)
+    turned = np.empty(flowing.size, dtype=np.float32)
+    along = np.empty(flowing.size, dtype=np.float32)
+    group = 0
+    for j in range(flowing.size):
+        k = flowing[j]
+        while k >= model.ends[group]:
+            group += 1
+        stiff = 3 * model.shear[group]
+        turned[j] = stiff * work.amount[k] / work.trial[k]
+        along[j] = 1.5 * (stiff * work.slope[k] - turned[j]) / (work.trial[k] * work.trial[k])
+    jacobian -= np.dot(_along(tested, deviator) * along, _along(strains, deviator).T)
+    for i in range(components):
+        tested[:, i * flowing.size : (i + 1) * flowing.size] *= turned
+    jacobian -= np.dot(tested, strains.T)
+
+
+@compiled()
+def _at(rows, chosen, points):
+    """Strains (k, c n) at some of n points, in single precision: what Newton's matrix is off by no answer sees."""
+    components = rows.shape[1] // points
+    found = np.empty((len(rows), components * chosen.size), dtype=np.float32)
+    for j in range(len(rows)):
+        for i in range(components):
+            for k in range(chosen.size):
+                found[j, i * chosen.size + k] = rows[j, i * points + chosen[k]]
+    return found
+
+
 @compiled(fastmath=True)
 def _along(rows, deviator):
     """Products of strains, (ell, c n), with a deviator at each point, (ell, n)."""
     components, points = deviator.shape
-    found = np.zeros((len(rows), points))
+    found = np.zeros((len(rows), points), dtype=np.float32)
     for j in range(len(rows)):
         for i in range(components):
             for k in range(points):
                 found[j, k] += rows[j, i * points + k] * deviator[i, k]
     return found
-
-
-@compiled()
-def _project(model, work):
-    """E_p - E_X,A^T S_AA^-1 (B V)_A for the statuses at hand."""
-    if work.numbers[PROJECTED] and not np.any(work.linear_active != work.active):
-        return
-    work.numbers[PROJECTED] = 1.0
-    work.linear_active[:] = work.active
-    count = int(work.numbers[COUNT])
-    if count == 0:
-        work.projected[:] = model.per_mode
-        work.crossing[:] = 0.0
-        return
-    index = work.order[:count]
-    weights = np.dot(np.ascontiguousarray(work.inverse[:count, :count]), model.moved[index])
-    work.crossing[:] = np.dot(model.crossed[:, index], weights)
-    taken = np.dot(weights.T, model.per_force[index])
-    if model.scale.size:
-        taken *= model.scale
-    work.projected[:] = model.per_mode - taken

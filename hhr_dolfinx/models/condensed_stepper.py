@@ -14,6 +14,7 @@ from hhr_dolfinx.models import condensed_arrays as codes
 from hhr_dolfinx.models import condensed_step as compiled_step
 from hhr_dolfinx.models.answer import Answer, GaussState
 from hhr_dolfinx.models.condensed_arrays import StepLoad, Work
+from hhr_dolfinx.models.condensed_contact import touch
 from hhr_dolfinx.models.equilibrium import Diverged, Goal, check_small, extrapolated
 from hhr_dolfinx.models.path import MarchSettings
 
@@ -27,8 +28,6 @@ _WHY = {
     codes.CONTACT: "the contact forces were not found",
 }
 """What ended a step, in words."""
-ROUND_OFF = 1e-14
-"""Part of what the residual is made of that is round-off: of a correction that small there is no more to know."""
 
 
 class CondensedStepper:
@@ -44,7 +43,7 @@ class CondensedStepper:
         flow = model.flow
         sizes = model.modes, model.conditions, flow.points.size, flow.components
         self._work, self._elastic = Work.of(*sizes), Work.of(*sizes)
-        self._weights, self._said = np.abs(flow.tested), ""
+        self._said = ""
 
     def learn(self, answer: Answer) -> None:
         """Take in a step that was solved before."""
@@ -61,13 +60,10 @@ class CondensedStepper:
         material = model.material.at(goal.parameter)
         theta, before = model.amplitudes(goal.parameter), here.state().state
         rest = np.ascontiguousarray(before.plastic.T), before.cumulated, goal.time - here.time
-        nothing = np.zeros(0)
-        load = StepLoad(model.free_strain @ theta, nothing, nothing, model.gaps(theta), *rest)
-        if compiled_step.begin(self._arrays, load, self._elastic) != codes.EVALUATE:
+        # without a correction, so that these are the forces of the elastic bodies
+        load = StepLoad(model.free_strain @ theta, self._elastic.forces, model.gaps(theta), *rest)
+        if not touch(self._arrays, load, self._elastic):
             raise Diverged("the elastic contact problem has no solution")
-        # without a correction, so that strain and forces are those of the elastic bodies
-        load = load._replace(elastic=self._elastic.strain, forces=self._elastic.forces)
-        self._allow_round_off(load)
         starts = [extrapolated(trail, goal.time, model.modes)] if len(trail) > 1 else []
         spent = 0
         for start in [*starts, here.unknown[: model.modes]]:
@@ -80,13 +76,6 @@ class CondensedStepper:
         why = self._complaint(material) if code == codes.NOT_FINITE else _WHY[code]
         left_over = f", with a residual of {left:.2g} of the correction" if np.isfinite(left) else ""
         raise Diverged(f"{why}{left_over} after {spent} iterations")
-
-    def _allow_round_off(self, load: StepLoad) -> None:
-        """Measure residuals by no less than round-off asks for, as where the first point is about to yield."""
-        terms = self._weights @ (np.abs(load.strain) + np.abs(load.elastic))
-        least = ROUND_OFF * float(np.linalg.norm(terms)) / self._settings.relative_force
-        numbers = self._work.numbers
-        numbers[codes.SIZE] = max(numbers[codes.SIZE], least)
 
     def _solve(self, load: StepLoad, material: Material) -> int:
         """One attempt from the correction in the work arrays; why it ended."""

@@ -67,7 +67,7 @@ def _checked_sizes(content: Content, arrays: dict[str, np.ndarray]) -> dict[str,
     """All sizes by name, if they agree, and no index lies outside of them."""
     space, flow, fields, trained = content[:4]
     components, gauss_points = 4 if fields.dimension == 2 else 6, fields.flow.gauss_points
-    missing = {"flow.misfit": flow.misfit, "fields.flow.cumulated": fields.flow.cumulated, "trained": trained}
+    missing = {"fields.flow.cumulated": fields.flow.cumulated, "trained": trained}
     left_out = tuple(f"{name}." for name, part in missing.items() if part is None)
     layout = {name: kind for name, kind in LAYOUT.items() if not name.startswith(left_out)}
     layout |= {f"flow.groups.{k}.indices": ("int", f"points of group {k}") for k in range(len(flow.groups))}
@@ -98,7 +98,6 @@ def _check_kinds(content: Content) -> None:
         and isinstance(trained, TrainedPaths | None)
         and isinstance(flow.groups, tuple)
         and all(isinstance(group, Group) and group.law is None for group in flow.groups)
-        and isinstance(flow.misfit, GappyField | None)
         and isinstance(fields.amplitudes, Amplitudes)
         and fields.amplitudes.nonaffine == ()
         and fields.functionals is None

@@ -271,7 +271,7 @@ def _online(
     components = equilibrium.operator.components
     strain = StrainAt(equilibrium.operator, points)
     everywhere = StrainAt(equilibrium.operator, domain.points)
-    per_mode, count = strain(basis), max(len(elastic.factors.moduli), 1)
+    per_mode, per_force, count = strain(basis), strain(elastic.per_force), max(len(elastic.factors.moduli), 1)
     rows = (points * components + np.arange(components)[:, None]).ravel()
     masks = [(elastic.parts == part)[:, None] for part in range(count)]
     energies = np.sqrt(np.tile(weights, components))
@@ -285,18 +285,18 @@ def _online(
         factors=elastic.factors,
         per_mode=per_mode,
         tested=tested,
-        per_force=strain(elastic.per_force),
+        per_force=per_force,
         forced=strain(elastic.forced).T,
         given=strain(elastic.given).T - equilibrium.eigenstrains.tocsr()[rows].toarray(),
         moved=problem.contact @ basis,
-        rest=np.eye(len(per_mode)) - work(basis),
-        crossed=work(elastic.per_force),
+        modal=np.eye(len(per_mode)) - work(basis) + tested @ per_mode.T,
+        coupled=work(elastic.per_force) - tested @ per_force.T,
         mode_parts=_parts_of_modes(basis, elastic),
         schur=np.array([_symmetric(problem.contact @ np.where(mask, elastic.per_force, 0.0)) for mask in masks]),
         pressed=np.array([problem.contact @ np.where(mask, elastic.forced, 0.0) for mask in masks]),
         gaps=problem.gaps - problem.contact @ elastic.given,
         energies=energies,
-        misfit=_shown(np.array([state.plastic[cubature.points[order]].T.ravel() for state in states]), energies),
+        shown=_shown(np.array([state.plastic[cubature.points[order]].T.ravel() for state in states]), energies),
     )
 
 
@@ -316,16 +316,13 @@ def _symmetric(matrix: np.ndarray) -> np.ndarray:
     return (matrix + matrix.T) / 2
 
 
-def _shown(states: np.ndarray, weights: np.ndarray) -> GappyField | None:
-    """Modes of states, (S, c n), in a norm with weights, each state of norm one, and how they are fitted."""
+def _shown(states: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Modes of states times weights, (S, c n) -> (k, c n), each state of norm one."""
     weighted = states * weights
     lengths = np.linalg.norm(weighted, axis=1)
     weighted = weighted[lengths > 0] / lengths[lengths > 0, None]
-    if not len(weighted):
-        return None
     _, values, ways = linalg.svd(weighted, full_matrices=False)
-    ways = ways[values > SHOWN * values[0]]
-    return GappyField((ways / weights).T, ways * weights)
+    return ways[values > SHOWN * values.max(initial=0.0)]
 
 
 def _by_body(groups: tuple[Group, ...], points: np.ndarray) -> tuple[tuple[Group, ...], np.ndarray]:
