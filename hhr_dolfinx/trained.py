@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -76,6 +77,8 @@ class TrainedRange:
 
     def complaint(self, point: np.ndarray) -> str:
         """What of a point, (P,), was never trained, in words; empty if nothing."""
+        if ((self.lower <= point) & (point <= self.upper)).all():
+            return ""
         outside = [
             f"{name} = {value:g} (trained {low:g} to {high:g})"
             for name, value, low, high in zip(self.names, point, self.lower, self.upper, strict=True)
@@ -159,16 +162,22 @@ class TrainedPaths:
             max(SMALL * length, max(sign.depth for signs in known for sign in signs)),
         )
 
+    @cached_property
+    def _paces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Smallest and largest rates that pass, and changes that are round-off, (P,) each."""
+        low = np.where(self.slowest > 0, self.slowest / PACE, self.slowest * PACE)
+        high = np.where(self.fastest > 0, self.fastest * PACE, self.fastest / PACE)
+        return low, high, 1e-9 * (self.parameters.upper - self.parameters.lower)
+
     def complaint(self, step: float, before: np.ndarray, after: np.ndarray) -> str:
         """What of a step, in seconds, between two parameters, (P,), was never trained; empty if nothing."""
         place = self.parameters.complaint(before) or self.parameters.complaint(after)
         if place:
             return place
-        rate = (after - before) / step
-        low = np.where(self.slowest > 0, self.slowest / PACE, self.slowest * PACE)
-        high = np.where(self.fastest > 0, self.fastest * PACE, self.fastest / PACE)
-        noise = 1e-9 * (self.parameters.upper - self.parameters.lower) / step
-        wrong = (rate < low - noise) | (rate > high + noise)
+        rate, (low, high, noise) = (after - before) / step, self._paces
+        wrong = (rate < low - noise / step) | (rate > high + noise / step)
+        if not wrong.any():
+            return ""
         return ", ".join(
             f"{name} changes by {value:g} per second (trained {slow:g} to {fast:g})"
             for name, value, slow, fast, bad in zip(

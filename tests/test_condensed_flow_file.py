@@ -112,7 +112,7 @@ def test_every_array_comes_back(kept, plain, varied):
 
 def test_the_table_has_a_line_for_every_array():
     """A field that is added must not be forgotten: what is no array is named here."""
-    others = {"flow.groups", "flow.per_cell", "flow.factors", "flow.misfit"}
+    others = {"flow.groups", "flow.per_cell", "flow.factors"}
     others |= {f"fields.{name}" for name in ("amplitudes", "factors", "dimension", "flow", "functionals")}
     parts = {"flow": CondensedFlow, "fields": CondensedFlowFields}
     names = {f"{part}.{item.name}" for part, kind in parts.items() for item in dataclasses.fields(kind)}
@@ -220,8 +220,8 @@ def test_what_could_not_be_read_is_not_written(plain, tmp_path):
     flow = plain.flow
     broken = [
         (with_law(plain, Careless()), "must be a frozen dataclass"),
-        (plain.changed(flow=dataclasses.replace(flow, rest=np.nan * flow.rest)), "not finite"),
-        (plain.changed(flow=dataclasses.replace(flow, rest=flow.rest[:, :-1])), "flow.rest has shape"),
+        (plain.changed(flow=dataclasses.replace(flow, modal=np.nan * flow.modal)), "not finite"),
+        (plain.changed(flow=dataclasses.replace(flow, modal=flow.modal[:, :-1])), "flow.modal has shape"),
     ]
     for model, why in broken:
         with pytest.raises(ModelFileError, match=f"cannot be kept.*{why}"):
@@ -275,14 +275,14 @@ REFUSED = {
     "per_force has shape": array("flow.per_force", lambda a: a[:, :-1]),
     "moved has shape .*m = 6": array("flow.per_force", lambda a: a[:-1]),
     "flow.moved has shape": array("flow.moved", lambda a: a[:, :-1]),
-    "flow.rest has shape": array("flow.rest", lambda a: a[0]),
-    "flow.crossed has shape": array("flow.crossed", lambda a: a[:, :-1]),
+    "flow.modal has shape": array("flow.modal", lambda a: a[0]),
+    "flow.coupled has shape": array("flow.coupled", lambda a: a[:, :-1]),
     "flow.schur has shape": array("flow.schur", lambda a: a[:, :-1]),
     "flow.pressed has shape": array("flow.pressed", lambda a: a[0]),
     "flow.gaps has shape": array("flow.gaps", lambda a: a[:, :-1]),
     "flow.energies has shape": array("flow.energies", lambda a: a[:-1]),
     "flow.energies has type int64": array("flow.energies", lambda a: a.astype(np.int64)),
-    "flow.misfit.fit has shape": array("flow.misfit.fit", lambda a: a[:-1]),
+    "flow.shown has shape": array("flow.shown", lambda a: a[:, :-1]),
     "fields.basis has shape": array("fields.basis", lambda a: a[:-1]),
     "fields.per_force has shape": array("fields.per_force", lambda a: a[:, :-1]),
     "stress.modes has shape": array("fields.flow.stress.modes", lambda a: a[:-1]),
@@ -332,11 +332,11 @@ REFUSED = {
     "poisson = 0.5 are no": part("flow", "groups", 0, "poisson", value=text(0.5)),
     "poisson = 'E' are no": part("flow", "groups", 0, "poisson", value=text("E")),
     "other kinds": part("flow", "groups", 0, "law", value=text("Plasticity")),
-    "its parts are of other kinds": part("flow", "misfit", value=text(3)),
+    "its parts are of other kinds": part("flow", "groups", value=text(3)),
     "parts are of other kinds": part("trained", value=text(True)),
     "of other kinds than": part("fields", "flow", "stress", value=text(None)),
-    "arrays .'flow.rest'. are missing": both(part("flow", "rest", value=text(1.0)), dropped("flow.rest")),
-    "the array 'flow.rest' is missing": dropped("flow.rest"),
+    "arrays .'flow.modal'. are missing": both(part("flow", "modal", value=text(1.0)), dropped("flow.modal")),
+    "the array 'flow.modal' is missing": dropped("flow.modal"),
     "flow.forced'. are missing": dropped("flow.forced"),
     "'more'. are unknown": lambda header, arrays: arrays.update(more=np.zeros(1)),
     "'fields.given'|missing": lambda header, arrays: arrays.update({"fields.given": arrays["fields.forced"]}),

@@ -56,7 +56,7 @@ DECREASE = 1e-4
 """Part of the decrease of |R| that the linear model promises which a step has to bring (Armijo)."""
 ROUND_OFF = 1e-14
 """Part of what the residual is made of that is round-off."""
-SLOW = 0.1
+SLOW = 0.35
 """An old J serves as long as |R| falls at least by this factor in each iteration."""
 
 
@@ -130,6 +130,8 @@ def advance(model: StepModel, load: StepLoad, work: Work, tolerance: float, most
     if not (solved or first or merit <= (1 - DECREASE * numbers[SHARE]) * numbers[MERIT]):
         return _nearer(model, load, work, most)
     slow = merit > SLOW * numbers[MERIT]
+    if not first:
+        _learn(work)
     work.here[:] = work.there
     work.left[:] = work.residual
     numbers[MERIT] = merit
@@ -138,11 +140,21 @@ def advance(model: StepModel, load: StepLoad, work: Work, tolerance: float, most
     if numbers[ITERATION] >= most:
         return LIMIT
     if numbers[LINEAR] == NO_TANGENT or (slow and not first):
-        if not _linearise(model, load, work):
+        if not linearise(model, work):
             return STALLED
     else:
         numbers[LINEAR] = OLD_TANGENT
     return _go(model, load, work)
+
+
+@compiled()
+def _learn(work):
+    """Make the inverse of -J true of the step just taken (Broyden 1965, the first of his updates)."""
+    step = work.there - work.here
+    answered = np.dot(work.newton, work.left - work.residual)
+    along = np.dot(step, answered)
+    if abs(along) > 0.1 * np.dot(step, step):
+        work.newton[:] += np.outer(step - answered, np.dot(step, work.newton)) / along
 
 
 @compiled()
@@ -238,7 +250,7 @@ def _residual(model, load, work):
 
 
 @compiled()
-def _linearise(model, load, work):
+def linearise(model: StepModel, work: Work) -> bool:
     """The inverse of -J at ``work.here``, of which laws, strain and statuses are those; whether J is regular."""
     count = int(work.numbers[COUNT])
     index = work.order[:count]

@@ -71,7 +71,7 @@ class CondensedStepper:
             code = self._solve(load, material)
             spent += int(self._work.numbers[codes.ITERATION])
             if code == codes.CONVERGED:
-                return self._answer(goal, load, material, spent)
+                return self._answer(goal, load, spent)
         left = self._work.numbers[codes.MERIT] / max(float(np.linalg.norm(self._work.here)), 1e-300)
         why = self._complaint(material) if code == codes.NOT_FINITE else _WHY[code]
         left_over = f", with a residual of {left:.2g} of the correction" if np.isfinite(left) else ""
@@ -130,13 +130,13 @@ class CondensedStepper:
                 check_flow(group.law, amount, slope, trial, float(shear))
             work.amount[own], work.slope[own] = amount, slope
 
-    def _answer(self, goal: Goal, load: StepLoad, material: Material, iterations: int) -> Answer:
+    def _answer(self, goal: Goal, load: StepLoad, iterations: int) -> Answer:
         """What was found."""
         model, work = self._model, self._work
         self._work.numbers[codes.SIZE] = max(work.numbers[codes.SIZE], np.linalg.norm(work.here))
         plastic, strain = work.plastic.T.copy(), work.strain.reshape(work.plastic.shape).T
         check_small(strain)
-        stress = np.einsum("nij,nj->ni", material.elastic, strain - plastic)
+        stress = np.einsum("nij,nj->ni", model.material.elastic, strain - plastic)
         gauss = GaussState(stress, State(plastic, load.cumulated + work.amount))
         forces = work.forces.copy()
         unknown = np.concatenate([work.here, forces])

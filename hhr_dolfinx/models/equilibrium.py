@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
+from math import prod
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
@@ -182,17 +183,17 @@ class Equilibrium(Marching, Protocol):
 
 def extrapolated(trail: Sequence[Answer], time: float, count: int | None = None) -> np.ndarray:
     """The polynomial through the (first ``count``) unknowns of some answers, at a later time."""
-    times = np.array([answer.time for answer in trail])
     x = np.zeros_like(trail[0].unknown[:count])
-    for k, answer in enumerate(trail):
-        others = np.delete(times, k)
-        x += np.prod((time - others) / (times[k] - others)) * answer.unknown[:count]
+    for answer in trail:
+        # Lagrange's polynomials
+        others = [other.time for other in trail if other is not answer]
+        x += prod((time - other) / (answer.time - other) for other in others) * answer.unknown[:count]
     return x
 
 
 def check_small(strain: np.ndarray) -> None:
     """Raise Diverged for strains (points, c) of a runaway: beyond its limit load a body is in balance to round-off."""
-    sizes = np.abs(strain).max(axis=1)
+    sizes = np.abs(strain)
     if sizes.max() > MOST_STRAIN:
         why = f"a strain of {sizes.max():.3g} is no small strain: the load is more than is borne"
-        raise Diverged(why, int(sizes.argmax()))
+        raise Diverged(why, int(sizes.max(axis=1).argmax()))
