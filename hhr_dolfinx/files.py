@@ -36,6 +36,8 @@ from hhr_dolfinx.errors import FileContentError, FileError, HHRError
 MOST_BYTES = 16 * 2**30
 """Size beyond which a file is not read: a sparse file may claim any size and take no room on the disk."""
 
+MAPPED = 2**20
+"""Bytes from which on arrays may be left on the disk: less is not worth a page of memory and a mapping."""
 _CHUNK = 2**20  # bytes read at once; our directories of a few dozen members take some kilobytes
 
 _LEFTOVER = re.compile(r".+\.[0-9a-f]{16}\.part")
@@ -125,11 +127,16 @@ def write_arrays(
 
 
 def read_arrays(
-    path: str | Path, kind: str, version: int, others: Mapping[str, int] = MappingProxyType({})
+    path: str | Path, kind: str, version: int, others: Mapping[str, int] = MappingProxyType({}), *, mapped: bool = False
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and arrays of a file written by :func:`write_arrays`; memory stays near the size of the file.
 
-    ``others`` are further formats that it may have, with their versions.
+    Args:
+        path: of the file.
+        kind, version: its format.
+        others: further formats that it may have, with their versions.
+        mapped: leave arrays of a megabyte and more on the disk, from where they are read again whenever memory is
+            short; they may begin at any byte. The file can be replaced meanwhile, but must not be written into.
 
     Raises:
         FileNotFoundError: if there is no such file; the caller knows what that means.
@@ -140,7 +147,7 @@ def read_arrays(
         os.stat(path)  # says why, where is_file would only say no
         if not path.is_file():
             raise _Damage("it is no regular file")
-        arrays = _members(path)
+        arrays = _members(path, MAPPED if mapped else MOST_BYTES + 1)
         text = arrays.pop("header", None)
         if text is None or text.dtype.kind != "U" or text.ndim:
             raise _Damage("it has no header")
@@ -293,8 +300,8 @@ class _Pieces(io.FileIO):
         return super().read(size)
 
 
-def _members(path: Path) -> dict[str, np.ndarray]:
-    """Arrays of an uncompressed archive by name."""
+def _members(path: Path, mapped: int) -> dict[str, np.ndarray]:
+    """Arrays of an uncompressed archive by name, those of so many bytes and more left on the disk."""
     arrays = {}
     with _Pieces(path) as file, zipfile.ZipFile(file) as archive:
         size, infos = os.fstat(file.fileno()).st_size, archive.infolist()
@@ -311,14 +318,24 @@ def _members(path: Path) -> dict[str, np.ndarray]:
             if name in arrays:
                 raise _Damage(f"{name} is there twice")
             with archive.open(info) as stream:
-                arrays[name] = _array(cast(io.BufferedIOBase, stream), info)
+                where = (path, _start(path, info)) if info.file_size >= mapped else None
+                arrays[name] = _array(cast(io.BufferedIOBase, stream), info, where)
     return arrays
 
 
-def _array(stream: io.BufferedIOBase, info: zipfile.ZipInfo) -> np.ndarray:
+def _start(path: Path, info: zipfile.ZipInfo) -> int:
+    """First byte of a member: its own header may be longer than that in the directory."""
+    with open(path, "rb") as file:
+        file.seek(info.header_offset + 26)
+        name, extra = (int.from_bytes(file.read(2), "little") for _ in range(2))
+    return info.header_offset + 30 + name + extra
+
+
+def _array(stream: io.BufferedIOBase, info: zipfile.ZipInfo, where: tuple[Path, int] | None) -> np.ndarray:
     """One array, whose description must match its size before anything is allocated.
 
-    The description is compared with the one form in which numpy writes it, rather than evaluated.
+    The description is compared with the one form in which numpy writes it, rather than evaluated. An array that is left
+    on the disk lies in a file, from a byte on.
     """
     start = stream.read(10)
     description = stream.read(int.from_bytes(start[8:], "little"))
@@ -330,7 +347,19 @@ def _array(stream: io.BufferedIOBase, info: zipfile.ZipInfo) -> np.ndarray:
     count = math.prod(shape)
     if count * dtype.itemsize != info.file_size - len(start) - len(description):
         raise _Damage(f"{info.file_size} bytes of {info.filename} do not hold shape {shape}")
-    flat = np.empty(count, dtype)
+    if where is None:
+        flat = np.empty(count, dtype)
+        _fill(flat, stream, info)
+    else:
+        file, start_of_member = where
+        # copies on writing: an answer is no way to change a file
+        on_disk = np.memmap(file, dtype, "c", start_of_member + len(start) + len(description), (count,))
+        flat = np.asarray(on_disk)
+    return flat.reshape(shape[::-1]).T if match[2] == b"True" else flat.reshape(shape)
+
+
+def _fill(flat: np.ndarray, stream: io.BufferedIOBase, info: zipfile.ZipInfo) -> None:
+    """Read the rest of a member into an array."""
     raw = memoryview(flat.view(np.uint8)) if flat.nbytes else memoryview(b"")
     filled = 0
     while filled < len(raw):
@@ -339,7 +368,6 @@ def _array(stream: io.BufferedIOBase, info: zipfile.ZipInfo) -> np.ndarray:
             raise _Damage(f"{info.filename} ends early")
         filled += read
     stream.read(1)  # at the end zipfile compares its own checksum
-    return flat.reshape(shape[::-1]).T if match[2] == b"True" else flat.reshape(shape)
 
 
 def _contiguous(array: np.ndarray) -> bool:

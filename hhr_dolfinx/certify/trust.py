@@ -184,7 +184,7 @@ def warn_of_training(full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | 
             "no training solution has contact: the model knows nothing of contact forces. Check gaps, normals and "
             "loads, or train where bodies touch"
         )
-    if flows and full.equilibrium.material.flows and not np.any(snapshots.cumulated):
+    if flows and full.equilibrium.material.flows and not snapshots.flowed:
         _warn(
             "no body flows in any training history though some could: tangents under flow were not checked, and a "
             "history that flows is outside what was trained. Train at higher loads, or leave the laws out"

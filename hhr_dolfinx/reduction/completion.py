@@ -49,7 +49,7 @@ class Completion:
         rays, scale = spanning_rays(snapshots.forces, IN_THE_CONE), _gap_scale(problem, snapshots)
         if snapshots.stress is None or snapshots.cumulated is None:
             return cls(rays, scale)
-        flowed = pod(snapshots.cumulated, PLASTIC_STRAIN)[0] if np.any(snapshots.cumulated) else None
+        flowed = pod(snapshots.cumulated, PLASTIC_STRAIN)[0] if snapshots.flowed else None
         return cls(rays, scale, pod(snapshots.stress, STRESS)[0], flowed)
 
     def reconstruction(

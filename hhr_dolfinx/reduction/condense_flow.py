@@ -9,6 +9,7 @@ steps stalled, or jumped. With both, none did.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +31,7 @@ from hhr_dolfinx.parameters import is_number, is_whole
 from hhr_dolfinx.reduction.correction_modes import correction_modes
 from hhr_dolfinx.reduction.cubature import Cubature
 from hhr_dolfinx.reduction.elastic_response import ElasticResponse, elastic_response
-from hhr_dolfinx.reduction.flowing_domain import FlowingDomain, StrainAt, TrainingState
+from hhr_dolfinx.reduction.flowing_domain import FlowingDomain, StrainAt
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import Signs, TrainedPaths
@@ -42,6 +43,8 @@ SHOWN = 1e-3
 """Part of the norm of plastic strains that is no news at the door."""
 STRESS, PLASTIC_STRAIN = 1e-9, 1e-6
 """Part of the squared training fields that the modes for stress and for cumulated plastic strain leave out."""
+CHUNK = 20_000
+"""Values of each field that are stacked at once."""
 NOTHING = 1e-8
 """Energy of a correction, relative to the largest, below which it is round-off of the elastic solution."""
 LARGEST_ENERGY = 1.2
@@ -140,7 +143,7 @@ def condense_flow(
     check_of_problem("snapshots", snapshots, problem)
     if not snapshots.histories:
         raise ReductionError("a reduced plastic correction is trained on histories: SnapshotSet.of_histories")
-    if not np.any(snapshots.cumulated):
+    if not snapshots.flowed:
         # corrections are round-off then, not zero
         raise ReductionError("no body flows in any training history: train at higher loads, or leave the laws out")
     if settings.trust is not None:
@@ -210,11 +213,10 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
     with log.stage("cubature"):
         kept = np.flatnonzero(sizes > NOTHING * sizes.max(initial=0.0))
         domain = FlowingDomain.of(full, basis, [shared.answers[k] for k in kept], sizes[kept])
-        there = StrainAt(full.equilibrium.operator, domain.points)
-        states = [
-            TrainingState.of(full, elastic, shared.answers[k], shared.corrections[:, k], sizes[k], there) for k in kept
-        ]
-        cubature = domain.cubature(states, settings)
+        answers = [shared.answers[k] for k in kept]
+        stressed = domain.stressed(full, elastic, answers, shared.corrections[:, kept], sizes[kept])
+        cubature = domain.cubature(stressed, settings)
+        del stressed
         energy = domain.largest_energy(cubature)
     if energy > LARGEST_ENERGY:
         raise UnstableModelError(
@@ -222,7 +224,7 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
             "may turn their sign: allow more points (most_points), or a smaller stability"
         )
     with log.stage("online_arrays"):
-        flow = _online(full, elastic, basis, domain, cubature, states)
+        flow = _online(full, elastic, basis, domain, cubature, answers)
         problem = full.problem
         fields = CondensedFlowFields(
             problem.amplitudes, elastic.factors, elastic.parts, basis, elastic.per_force, elastic.forced,
@@ -261,7 +263,7 @@ def _online(
     basis: np.ndarray,
     domain: FlowingDomain,
     cubature: Cubature,
-    states: list[TrainingState],
+    answers: Sequence[Answer],
 ) -> CondensedFlow:
     """Everything that a step needs, on the points of the cubature."""
     equilibrium, problem = full.equilibrium, full.problem
@@ -296,7 +298,7 @@ def _online(
         pressed=np.array([problem.contact @ np.where(mask, elastic.forced, 0.0) for mask in masks]),
         gaps=problem.gaps - problem.contact @ elastic.given,
         energies=energies,
-        shown=_shown(np.array([state.plastic[cubature.points[order]].T.ravel() for state in states]), energies),
+        shown=_shown(np.array([answer.state().state.plastic[points].T.ravel() for answer in answers]), energies),
     )
 
 
@@ -347,9 +349,9 @@ class _FieldModes:
     @classmethod
     def of(cls, snapshots: SnapshotSet) -> _FieldModes:
         """Of training histories."""
-        assert snapshots.stress is not None and snapshots.cumulated is not None
-        flowed = _modes(snapshots.cumulated, PLASTIC_STRAIN) if np.any(snapshots.cumulated) else None
-        return cls(_modes(snapshots.stress, STRESS), flowed)
+        stress = [state.stress.ravel() for state in snapshots.states]
+        cumulated = [state.state.cumulated for state in snapshots.states]
+        return cls(_modes(stress, STRESS), _modes(cumulated, PLASTIC_STRAIN) if snapshots.flowed else None)
 
     def on(self, points: np.ndarray, components: int) -> FlowFields:
         """How fields are completed from some points."""
@@ -358,10 +360,16 @@ class _FieldModes:
         return FlowFields(points, GappyField.fitted(self.stress, values), flowed, len(self.stress) // components)
 
 
-def _modes(columns: np.ndarray, tolerance: float) -> np.ndarray:
-    """POD modes that leave out a part of the squared sum, by the method of snapshots: fields are long."""
-    squares, ways = linalg.eigh(columns.T @ columns)
+def _modes(fields: Sequence[np.ndarray], tolerance: float) -> np.ndarray:
+    """POD modes that leave out a part of the squared sum, by the method of snapshots, of fields too long to stack."""
+    size = fields[0].size
+    parts = [slice(start, min(start + CHUNK, size)) for start in range(0, size, CHUNK)]
+    stacked = (np.stack([field[part] for field in fields]) for part in parts)
+    squares, ways = linalg.eigh(sum(block @ block.T for block in stacked))
     squares, ways = np.maximum(squares[::-1], 0.0), ways[:, ::-1]
     rest = np.append(np.cumsum(squares[::-1])[::-1], 0.0)
     count = max(int(np.argmax(rest < max(tolerance, 1e-14) * rest[0])), 1)
-    return columns @ (ways[:, :count] / np.sqrt(squares[:count]))
+    modes = np.empty((size, count))
+    for part in parts:
+        modes[part] = np.stack([field[part] for field in fields], axis=1) @ (ways[:, :count] / np.sqrt(squares[:count]))
+    return modes

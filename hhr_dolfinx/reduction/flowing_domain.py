@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import linalg
@@ -28,30 +28,17 @@ ALIKE = 1e-4
 """Part of the norm of training states that their compression leaves out."""
 
 
-class TrainingState(NamedTuple):
-    """A training state where anything flowed, over the energy norm of its correction.
-
-    Attributes:
-        plastic: plastic strain, (p, c).
-        strain: ε_c of the correction, (p, c).
-    """
-
-    plastic: np.ndarray
-    strain: np.ndarray
-
-    @classmethod
-    def of(
-        cls, full: Any, elastic: ElasticResponse, answer: Answer, correction: np.ndarray, size: float, strain: StrainAt
-    ) -> TrainingState:
-        """Of a full answer; the correction moves contact forces, which strain too."""
-        problem, equilibrium = full.problem, full.equilibrium.at(answer.parameter)
-        theta = problem.amplitudes(answer.parameter)
-        scale = elastic.factors.compliances(answer.parameter)[elastic.parts]
-        free = scale * (elastic.forced @ theta) + elastic.given @ theta - problem.lifts @ theta
-        slack = problem.gaps @ theta - problem.contact @ free
-        found = active_set(equilibrium.elastic.equalities, slack, slack < 0, pairs=full.pairs)
-        change = correction - scale * (elastic.per_force @ (answer.multipliers - found.forces))
-        return cls(answer.state().state.plastic[strain.points] / size, strain.of(change) / size)
+def correction_strain(
+    full: Any, elastic: ElasticResponse, answer: Answer, correction: np.ndarray, strain: StrainAt
+) -> np.ndarray:
+    """Strain ε_c of the correction of a full answer, (p, c): it moves contact forces, which strain too."""
+    problem, equilibrium = full.problem, full.equilibrium.at(answer.parameter)
+    theta = problem.amplitudes(answer.parameter)
+    scale = elastic.factors.compliances(answer.parameter)[elastic.parts]
+    free = scale * (elastic.forced @ theta) + elastic.given @ theta - problem.lifts @ theta
+    slack = problem.gaps @ theta - problem.contact @ free
+    found = active_set(equilibrium.elastic.equalities, slack, slack < 0, pairs=full.pairs)
+    return strain.of(correction - scale * (elastic.per_force @ (answer.multipliers - found.forces)))
 
 
 @dataclass(frozen=True)
@@ -80,10 +67,26 @@ class FlowingDomain:
         elastic = equilibrium.material.moduli_at(full.problem.middle).elastic
         return cls(points, (equilibrium.operator.weights.ravel() * elastic[:, -1, -1])[points], deviators)
 
-    def cubature(self, states: list[TrainingState], settings: CorrectionSettings) -> Cubature:
-        """Points and weights for the stress of the correction at training states, and loosely for energies."""
-        stressed = [state.plastic - deviator(state.strain) for state in states]
-        few = _alike(np.array([state.ravel() for state in stressed]), ROWS // self.deviators.shape[2])
+    def stressed(
+        self,
+        full: Any,
+        elastic: ElasticResponse,
+        answers: Sequence[Answer],
+        corrections: np.ndarray,
+        sizes: np.ndarray,
+    ) -> np.ndarray:
+        """ε_p - dev ε_c at training states, over the energy norms of their corrections, (S, p c)."""
+        there = StrainAt(full.equilibrium.operator, self.points)
+        found = np.empty((len(answers), self.deviators[:, :, 0].size))
+        for k, (answer, correction) in enumerate(zip(answers, corrections.T, strict=True)):
+            plastic = answer.state().state.plastic[self.points]
+            strain = correction_strain(full, elastic, answer, correction, there)
+            found[k] = (plastic - deviator(strain)).ravel() / sizes[k]
+        return found
+
+    def cubature(self, stressed: np.ndarray, settings: CorrectionSettings) -> Cubature:
+        """Points and weights for :meth:`stressed` states, (S, p c), and loosely for energies of the modes."""
+        few = _alike(stressed, ROWS // self.deviators.shape[2])
         few = few.reshape(len(few), self.points.size, -1)
         pairs = np.triu_indices(self.deviators.shape[2])
 

@@ -171,10 +171,9 @@ class FlowDeim(_Truncated):
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
         """See :class:`Nodes`; none where nothing flowed in training."""
-        cumulated = snapshots.cumulated
-        if cumulated is None or not np.any(cumulated):
+        if snapshots.cumulated is None or not snapshots.flowed:
             return np.zeros(0, dtype=np.int64)
-        return _nodes_of_values(problem, cumulated, self.tolerance)
+        return _nodes_of_values(problem, snapshots.cumulated, self.tolerance)
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from hhr_dolfinx import ranks
 from hhr_dolfinx.certify.accuracy import round_off_force
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.models.answer import Answer, History, Path
+from hhr_dolfinx.models.answer import Answer, GaussState, History, Path
 from hhr_dolfinx.models.condensed import KnownStatuses
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings
 
@@ -37,8 +38,7 @@ class SnapshotSet:
         displacements: homogeneous parts U0, that is displacements less their lift, (N, S).
         forces: contact forces, (N_lambda, S).
         active: statuses, (N_lambda, S) bool.
-        stress: at all Gauss points, (points * components, S); None where nothing flows.
-        cumulated: cumulated plastic strain, (points, S); None where nothing flows.
+        states: stress and state at all Gauss points, one for each column; empty where nothing flows.
         histories: whose steps the columns are; empty for answers at single parameters.
     """
 
@@ -46,21 +46,17 @@ class SnapshotSet:
     displacements: np.ndarray
     forces: np.ndarray
     active: np.ndarray
-    stress: np.ndarray | None = None
-    cumulated: np.ndarray | None = None
+    states: tuple[GaussState, ...] = ()
     histories: tuple[History, ...] = ()
 
     @classmethod
     def of_answers(cls, answers: Sequence[Answer], histories: Sequence[History] = ()) -> SnapshotSet:
         """Answers of a full model side by side."""
         names = ("unknown", "multipliers", "active")
-        parts: list[Any] = [np.stack([getattr(answer, name) for answer in answers], axis=1) for name in names]
-        if answers[0].gauss is not None:
-            states = [answer.state() for answer in answers]
-            parts.append(np.stack([state.stress.ravel() for state in states], axis=1))
-            parts.append(np.stack([state.state.cumulated for state in states], axis=1))
-        columns = SnapshotSet(np.array([answer.parameter for answer in answers]), *parts)
-        return replace(columns, histories=tuple(histories))
+        unknown, forces, active = (np.stack([getattr(answer, name) for answer in answers], axis=1) for name in names)
+        states = () if answers[0].gauss is None else tuple(answer.state() for answer in answers)
+        points = np.array([answer.parameter for answer in answers])
+        return SnapshotSet(points, unknown, forces, active, states, tuple(histories))
 
     @classmethod
     def of_histories(cls, histories: Iterable[History]) -> SnapshotSet:
@@ -83,8 +79,25 @@ class SnapshotSet:
 
     def take(self, columns: Any) -> SnapshotSet:
         """Some of the columns, possibly several times, as answers at single parameters."""
-        parts: list[Any] = [None if part is None else part[:, columns] for part in self._columns()]
-        return SnapshotSet(self.points[columns], *parts)
+        unknown, forces, active = (part[:, columns] for part in self._columns())
+        chosen = np.arange(len(self.points))[columns]
+        states = tuple(self.states[k] for k in chosen) if self.states else ()
+        return SnapshotSet(self.points[columns], unknown, forces, active, states)
+
+    @property
+    def flowed(self) -> bool:
+        """Whether any body flowed in any answer."""
+        return any(state.state.cumulated.any() for state in self.states)
+
+    @cached_property
+    def stress(self) -> np.ndarray | None:
+        """At all Gauss points side by side, (points * components, S); None where nothing flows."""
+        return np.stack([state.stress.ravel() for state in self.states], axis=1) if self.states else None
+
+    @cached_property
+    def cumulated(self) -> np.ndarray | None:
+        """Cumulated plastic strain side by side, (points, S); None where nothing flows."""
+        return np.stack([state.state.cumulated for state in self.states], axis=1) if self.states else None
 
     def known_statuses(self, conditions: Any = slice(None)) -> KnownStatuses:
         """The statuses of some conditions as starting points for further queries."""
@@ -96,8 +109,8 @@ class SnapshotSet:
             return bool(np.any(self.forces))
         return bool(np.linalg.norm(self.forces, axis=0).max() > round_off_force(problem, self))
 
-    def _columns(self) -> tuple[np.ndarray | None, ...]:
-        return self.displacements, self.forces, self.active, self.stress, self.cumulated
+    def _columns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return self.displacements, self.forces, self.active
 
 
 def compute_snapshots(
@@ -170,7 +183,7 @@ def _histories(
             yield full.march(path, settings)
         else:
             kept = store.steps(path, settings)
-            yield full.march(path, settings, known=kept.load(), keep=kept.save)
+            yield kept.on_disk(full.march(path, settings, known=kept.load(), keep=kept.save))
 
 
 def spread_snapshots(
@@ -198,7 +211,7 @@ def spread_snapshots(
     if not _are_paths(queries):
         parts = [part for part in comm.allgather(own) if part is not None]
         columns: list[Any] = [
-            np.concatenate(item, axis=1) for item in zip(*(part._columns()[:3] for part in parts), strict=True)
+            np.concatenate(item, axis=1) for item in zip(*(part._columns() for part in parts), strict=True)
         ]
         return SnapshotSet(queries, *columns)
     # an answer knows its model, which belongs to one rank

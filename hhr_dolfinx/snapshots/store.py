@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import warnings
-from dataclasses import astuple, fields
+from dataclasses import astuple, fields, replace
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,9 +21,9 @@ from hhr_dolfinx.certify.accuracy import contact_residuals, slack_residuals
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import FileContentError, SnapshotFileWarning
-from hhr_dolfinx.files import check_layout, clear_leftovers, make_folder, read_arrays, write_arrays
+from hhr_dolfinx.files import MAPPED, check_layout, clear_leftovers, make_folder, read_arrays, write_arrays
 from hhr_dolfinx.materials.elasticity import lame_parameters
-from hhr_dolfinx.models.answer import Answer, GaussState
+from hhr_dolfinx.models.answer import Answer, GaussState, History
 from hhr_dolfinx.models.answer import Path as History_path
 from hhr_dolfinx.models.path import MarchSettings, checked_path
 from hhr_dolfinx.version import __version__
@@ -123,7 +123,7 @@ class SnapshotStore:
         """The answer to a question, see :meth:`_residual`."""
         path = self._path(question)
         try:
-            header, arrays = read_arrays(path, FORMAT, VERSION)
+            header, arrays = read_arrays(path, FORMAT, VERSION, mapped=True)
             if header != self._header(question):
                 raise FileContentError(f"{path} belongs to another problem or parameter")
             check_layout(arrays, self._layout(), self._sizes)
@@ -221,6 +221,15 @@ class KeptSteps:
             forces = 0.0 if equilibrium is None else max(forces, equilibrium.signs(answer).size)
         self._count = len(answers)
         return answers
+
+    def on_disk(self, history: History) -> History:
+        """A history all of whose steps are kept; large ones are left on the disk and give their memory back."""
+        gauss = history.answers[-1].gauss if history.answers else None
+        if gauss is None or gauss.stress.nbytes < MAPPED:
+            return history
+        found, answers = self._store.found, self.load()
+        self._store.found = found
+        return replace(history, answers=answers) if len(answers) == len(history.answers) else history
 
     def save(self, answer: Answer) -> None:
         """Keep the next step.
