@@ -1,6 +1,7 @@
 """What a store of snapshots needs of a problem, without a mesh: light to import for processes that are killed."""
 
 import json
+import mmap
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
@@ -64,3 +65,10 @@ def rewrite_signed(path, change):
     header["sha256"] = files._checksum(header, arrays)
     with open(path, "wb") as file:
         np.savez(file, header=np.array(json.dumps(header)), **arrays)
+
+
+def on_disk(array):
+    """Whether an array lies in a file and not in memory of its own."""
+    while isinstance(array, np.ndarray):
+        array = array.base
+    return isinstance(array, mmap.mmap)

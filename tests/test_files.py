@@ -18,13 +18,14 @@ from types import SimpleNamespace
 import numpy as np
 import pellet_cladding as demo
 import pytest
-from bare import BareFull, answer, bare_problem, rewrite_signed
+from bare import BareFull, answer, bare_problem, on_disk, rewrite_signed
 from mpi4py import MPI
 from rich.console import Console
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import files
-from hhr_dolfinx.errors import FileError, ParameterError, SnapshotFileWarning
+from hhr_dolfinx.errors import FileContentError, FileError, ParameterError, SnapshotFileWarning
+from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.online.batch import Answers
 from hhr_dolfinx.study import cli
 from hhr_dolfinx.study.console import make_console
@@ -482,3 +483,38 @@ def test_an_unknown_word_for_outside_is_refused_inside_too(small_reduction):
         hhr.answer_points(small_reduction, inside, outside="Refuse")
     with pytest.raises(ParameterError, match="outside = 'Refuse' is unknown"):
         small_reduction.solve(inside[0], outside="Refuse")
+
+
+# ---------------------------------------------------------------- arrays left on the disk
+
+
+def test_arrays_on_the_disk_are_those_in_memory(tmp_path, monkeypatch):
+    """Both orders in memory, names of all lengths, so that arrays begin at any byte; small ones are read."""
+    rng = np.random.default_rng(0)
+    given = {"x" * k: rng.standard_normal((k, 3)) for k in range(1, 12)}
+    given |= {"turned": np.asfortranarray(rng.standard_normal((7, 5))), "few": np.arange(2), "flags": np.ones(9, bool)}
+    write_arrays(tmp_path / "a.npz", {"format": "a", "version": 1}, given)
+    monkeypatch.setattr(files, "MAPPED", 150)
+    header, found = read_arrays(tmp_path / "a.npz", "a", 1, mapped=True)
+    assert header["version"] == 1 and found.keys() == given.keys()
+    for name, array in given.items():
+        assert np.array_equal(found[name], array) and found[name].flags.f_contiguous == array.flags.f_contiguous
+    left = {name for name, array in found.items() if on_disk(array)}
+    assert {"x" * 11, "turned"} <= left and not {"few", "flags"} & left
+    assert not any(on_disk(array) for array in read_arrays(tmp_path / "a.npz", "a", 1)[1].values())
+
+
+@pytest.mark.parametrize("place", [0.3, 0.6, 0.9, None])
+def test_damage_is_found_in_arrays_on_the_disk(place, tmp_path, monkeypatch):
+    """A byte that changed, or an end that is missing."""
+    path = tmp_path / "a.npz"
+    write_arrays(path, {"format": "a", "version": 1}, {"values": np.arange(1000.0)})
+    monkeypatch.setattr(files, "MAPPED", 150)
+    content = bytearray(path.read_bytes())
+    if place is None:
+        content = content[: len(content) // 2]
+    else:
+        content[int(place * len(content))] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(FileContentError):
+        read_arrays(path, "a", 1, mapped=True)

@@ -13,17 +13,19 @@ import numpy as np
 import pellet_cladding
 import pellet_cladding_plastic as demo
 import pytest
-from bare import BareFull, bare_problem
+from bare import BareFull, bare_problem, on_disk
 from scenes import pressed_block
 from scipy.sparse import csc_matrix
 from toy_law import Bingham
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx import files
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.errors import ConvergenceError, SnapshotFileWarning
 from hhr_dolfinx.materials.laws import Norton
 from hhr_dolfinx.materials.update import Group
 from hhr_dolfinx.models import march
+from hhr_dolfinx.snapshots import store as store_of_snapshots
 from hhr_dolfinx.snapshots.store import _digest_of
 
 TESTS = Path(__file__).parent
@@ -106,6 +108,26 @@ def test_a_history_goes_on_behind_its_last_file(error, full, whole, solved, tmp_
     again, store = computed(full, tmp_path)
     assert solved["steps"] == 0 and store.found == flowing.STEPS and bits(again) == bits(history)
     assert again.iterations == history.iterations and again.signs == history.signs
+
+
+def test_large_histories_stay_on_the_disk(full, whole, solved, tmp_path, monkeypatch):
+    """Solved, resumed and read: the same bits, which lie in the files and take no memory of their own."""
+    for module in (files, store_of_snapshots):
+        monkeypatch.setattr(module, "MAPPED", 1)
+    with monkeypatch.context() as patch:
+        ends_after(patch, 3, KeyboardInterrupt())["path"] = tmp_path
+        with pytest.raises(KeyboardInterrupt):
+            computed(full, tmp_path)
+    for found in (3, flowing.STEPS):
+        history, store = computed(full, tmp_path)
+        assert store.found == found and bits(history) == bits(whole) and history.iterations == whole.iterations
+        assert [answer.time for answer in history.answers] == [time for time, _ in PATH[1:]]
+        arrays = [array for answer in history.answers for array in (answer.gauss.stress, *answer.gauss.state)]
+        assert all(on_disk(array) for array in arrays)
+    assert solved["steps"] == flowing.STEPS + 1, "the interrupted step and no other is solved twice"
+    # whoever writes into an answer changes neither the file nor what is read of it next
+    history.answers[0].gauss.stress[:] = 0.0
+    assert bits(computed(full, tmp_path)[0]) == bits(whole)
 
 
 def test_kept_tangents_stay_behind_and_answers_agree(full, tmp_path, monkeypatch):
