@@ -45,7 +45,15 @@ def contact_arrays(schur):
     """A step of nothing but contact."""
     size, nothing = len(schur), np.zeros
     shapes = nothing((2, 4)), nothing((2, 4)), nothing((size, 4)), nothing(0), np.ascontiguousarray(schur)
-    rest = nothing((size, 2)), nothing((2, 2)), nothing((2, size)), np.array([1]), np.ones(1), 1.0
+    rest = (
+        nothing((size, 2)),
+        nothing((2, 2)),
+        nothing((2, size)),
+        np.array([1]),
+        np.ones(1),
+        1.0,
+        nothing((2, 4), np.float32),
+    )
     return StepModel(*shapes, *rest), Work.of(2, size, 1, 4)
 
 

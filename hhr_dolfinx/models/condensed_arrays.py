@@ -32,6 +32,7 @@ class StepModel(NamedTuple):
         ends: last point of each group and one, (G,).
         shear: of each group, (G,).
         weight: norm of ``tested``.
+        single: ``per_mode`` in single precision, for Newton's matrix.
     """
 
     per_mode: np.ndarray
@@ -45,6 +46,7 @@ class StepModel(NamedTuple):
     ends: np.ndarray
     shear: np.ndarray
     weight: float
+    single: np.ndarray
 
 
 class StepLoad(NamedTuple):

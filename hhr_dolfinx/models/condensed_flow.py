@@ -265,7 +265,8 @@ class CondensedEquilibrium:
         arrays = [np.ascontiguousarray(item) for item in (flow.per_mode, flow.tested, flow.per_force, *elastic)]
         shear, weight = self.shear(self.material.groups), float(np.linalg.norm(flow.tested))
         per_mode, tested, per_force, scale, schur, moved, modal, coupled = arrays
-        return StepModel(per_mode, tested, per_force, scale, schur, moved, modal, coupled, flow.ends, shear, weight)
+        bodies = flow.ends, shear, weight, per_mode.astype(np.float32)
+        return StepModel(per_mode, tested, per_force, scale, schur, moved, modal, coupled, *bodies)
 
 
 class _CondensedLinearisation:

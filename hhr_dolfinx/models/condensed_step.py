@@ -251,15 +251,22 @@ def _residual(model, load, work):
 
 @compiled()
 def linearise(model: StepModel, work: Work) -> bool:
-    """The inverse of -J at ``work.here``, of which laws, strain and statuses are those; whether J is regular."""
+    """The inverse of -J at ``work.here``, of which laws, strain and statuses are those; whether J is regular.
+
+    What flows is taken in single precision: what J is off by is seen in the number of iterations, if at all.
+    """
     count = int(work.numbers[COUNT])
     index = work.order[:count]
     # W
     moved = np.dot(np.ascontiguousarray(work.inverse[:count, :count]), model.moved[index])
     jacobian = model.modal + np.dot(np.ascontiguousarray(model.coupled[:, index]), moved)
-    flowing = np.flatnonzero(work.amount > 0)
-    if flowing.size:
-        _soften(model, work, moved, flowing, jacobian)
+    if np.any(work.amount > 0):
+        flowing = _flowing(model, work)
+        jacobian -= np.dot(flowing, model.single.T)
+        if model.scale.size:
+            flowing *= model.scale.astype(np.float32)
+        pressed = np.dot(flowing, work.rows[:count].astype(np.float32).T)
+        jacobian += np.dot(pressed, moved.astype(np.float32))
     work.newton[:] = np.linalg.inv(jacobian)
     # kept for an old one it would stop all steps to come
     regular = bool(np.isfinite(work.newton.sum()))
@@ -267,56 +274,36 @@ def linearise(model: StepModel, work: Work) -> bool:
     return regular
 
 
-@compiled()
-def _soften(model, work, moved, flowing, jacobian):
-    """Take from -J what flows at some points, with E_A there.
+@compiled(fastmath=True)
+def _flowing(model, work):
+    """w (G V)^T 2 μ dε_p/dε, (ell, c n).
 
     dε_p/dε = (1 - θ) P + 3/2 (3 μ dΔp/dq - (1 - θ)) s⊗s / q² with 1 - θ = 3 μ Δp / q and the deviatoric projector P.
     """
-    points = work.amount.size
-    components = work.deviator.shape[0]
-    pressed = _at(work.rows[: len(moved)], flowing, points)
-    if model.scale.size:
-        pressed *= _at(model.scale.reshape(1, -1), flowing, points)
-    strains = _at(model.per_mode, flowing, points)
-    strains -= np.dot(np.ascontiguousarray(moved.T).astype(np.float32), pressed)
-    tested = _at(model.tested, flowing, points)
-    deviator = _at(work.deviator.reshape(1, -1), flowing, points).reshape(components, -1)
-    turned = np.empty(flowing.size, dtype=np.float32)
-    along = np.empty(flowing.size, dtype=np.float32)
-    group = 0
-    for j in range(flowing.size):
-        k = flowing[j]
-        while k >= model.ends[group]:
-            group += 1
+    components, points = work.deviator.shape
+    turned = np.zeros(points)
+    along = np.zeros(points)
+    start = 0
+    for group in range(model.ends.size):
         stiff = 3 * model.shear[group]
-        turned[j] = stiff * work.amount[k] / work.trial[k]
-        along[j] = 1.5 * (stiff * work.slope[k] - turned[j]) / (work.trial[k] * work.trial[k])
-    jacobian -= np.dot(_along(tested, deviator) * along, _along(strains, deviator).T)
-    for i in range(components):
-        tested[:, i * flowing.size : (i + 1) * flowing.size] *= turned
-    jacobian -= np.dot(tested, strains.T)
-
-
-@compiled()
-def _at(rows, chosen, points):
-    """Strains (k, c n) at some of n points, in single precision: what Newton's matrix is off by no answer sees."""
-    components = rows.shape[1] // points
-    found = np.empty((len(rows), components * chosen.size), dtype=np.float32)
-    for j in range(len(rows)):
-        for i in range(components):
-            for k in range(chosen.size):
-                found[j, i * chosen.size + k] = rows[j, i * points + chosen[k]]
-    return found
-
-
-@compiled(fastmath=True)
-def _along(rows, deviator):
-    """Products of strains, (ell, c n), with a deviator at each point, (ell, n)."""
-    components, points = deviator.shape
-    found = np.zeros((len(rows), points), dtype=np.float32)
-    for j in range(len(rows)):
+        end = model.ends[group]
+        for k in range(start, end):
+            if work.amount[k] > 0:
+                trial = work.trial[k]
+                turned[k] = stiff * work.amount[k] / trial
+                along[k] = 1.5 * (stiff * work.slope[k] - turned[k]) / (trial * trial)
+        start = end
+    found = np.empty(model.tested.shape, dtype=np.float32)
+    onto = np.empty(points)
+    for j in range(len(found)):
+        onto[:] = 0.0
         for i in range(components):
             for k in range(points):
-                found[j, k] += rows[j, i * points + k] * deviator[i, k]
+                onto[k] += model.tested[j, i * points + k] * work.deviator[i, k]
+        for k in range(points):
+            onto[k] *= along[k]
+        for i in range(components):
+            for k in range(points):
+                place = i * points + k
+                found[j, place] = model.tested[j, place] * turned[k] + onto[k] * work.deviator[i, k]
     return found
