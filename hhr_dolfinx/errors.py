@@ -37,6 +37,10 @@ class UnstableModelError(HHRError):
     """A stability constant says that the model must not be trusted."""
 
 
+class BoundError(HHRError):
+    """A hypothesis of a bound fails: nothing is proved here."""
+
+
 class ConvergenceError(HHRError):
     """The statuses did not settle; no solution is handed out."""
 

@@ -22,6 +22,7 @@ from hhr_dolfinx.geometries import block
 from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.materials.update import Material
 from hhr_dolfinx.models.cubature_flow import CubatureFlow
+from hhr_dolfinx.models.error_bound import Estimate
 from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.online import model_file
 
@@ -219,7 +220,7 @@ def test_more_than_ten_partial_pressures_keep_their_order(pellet_reduction, tmp_
         wide = {name: getattr(part, name) for name in ("loads", "gaps", "lifts") if hasattr(part, name)}
         return replace(part, **{name: array[:, :37] for name, array in wide.items()}, **changed)
 
-    fields = cut(model.fields, amplitudes=amplitudes)
+    fields = cut(model.fields, amplitudes=amplitudes, bound=None)
     changed = hhr.ReducedModel(cut(model.problem), model.parameters, fields, known=model.known)
     hhr.save_model(tmp_path / "lines.npz", changed)
     stored = hhr.load_model(tmp_path / "lines.npz")
@@ -234,6 +235,7 @@ def test_the_table_has_a_line_for_every_field(pellet_reduction, flowing_reductio
         "reduced": pellet_reduction.problem,
         "fields": pellet_reduction.fields,
         "amplitudes": pellet_reduction.fields.amplitudes,
+        "bound": pellet_reduction.fields.bound,
         "known": pellet_reduction.known,
         "trained": trained.parameters,
         "paths": trained,
@@ -246,7 +248,7 @@ def test_the_table_has_a_line_for_every_field(pellet_reduction, flowing_reductio
     named = {name.removesuffix(".rows") for name in model_file.LAYOUT if not name.endswith((".columns", ".values"))}
     # what is written in other ways: values as a kind and numbers, sizes, names of parameters, points by their group
     others = {"amplitudes.nonaffine", "flow.law", "flow.size", "fields.dimension", "trained.names", "paths.parameters"}
-    others |= {"flow.operator", "flow.material", "flow.indices", "fields.amplitudes", "fields.flow"}
+    others |= {"flow.operator", "flow.material", "flow.indices", "fields.amplitudes", "fields.flow", "fields.bound"}
     others |= {"cubature.material", "cubature.indices", "cubature.law"}
     # the parts of a stiffness that varies are a tree of their own
     left_behind = {"fields.stress_of", "fields.indicator", "reduced.terms", "reduced.reshaped", "fields.functionals"}
@@ -427,9 +429,9 @@ def test_what_could_not_be_read_is_not_written(hertz_reduction, tmp_path):
 
 def test_an_indicator_stays_behind_and_is_warned_of(hertz_reduction, tmp_path):
     model = hertz_reduction
-    fields = replace(model.fields, indicator=lambda answer: 0.5)
+    fields = replace(model.fields, indicator=lambda answer: 0.5, bound=None)
     estimating = hhr.ReducedModel(model.problem, model.parameters, fields, model.trained, known=model.known)
-    assert estimating.solve(0.3).estimate() == 0.5
+    assert estimating.solve(0.3).estimate() == Estimate.indicated(0.5)
     with pytest.warns(ModelFileWarning, match="indicator stays behind"):
         hhr.save_model(tmp_path / "model.npz", estimating)
     assert hhr.load_model(tmp_path / "model.npz").solve(0.3).estimate() is None

@@ -16,6 +16,7 @@ from hhr_dolfinx.trained import Signs
 
 if TYPE_CHECKING:
     from hhr_dolfinx.materials.update import State
+    from hhr_dolfinx.models.error_bound import Estimate
     from hhr_dolfinx.models.functionals import Outputs
     from hhr_dolfinx.models.gradient import Gradient
 
@@ -38,8 +39,8 @@ class Fields(Protocol):
     def plastic_strain(self, answer: Answer) -> np.ndarray:
         """Cumulated plastic strain, (Gauss points,)."""
 
-    def estimate(self, answer: Answer) -> float | None:
-        """Estimate of the error, None where the model has none."""
+    def estimate(self, answer: Answer) -> Estimate | None:
+        """What is known of the error, None where nothing is."""
 
 
 class ElasticFields:
@@ -53,7 +54,7 @@ class ElasticFields:
         """None."""
         return np.zeros(0)
 
-    def estimate(self, answer: Answer) -> float | None:
+    def estimate(self, answer: Answer) -> Estimate | None:
         """None is known."""
         return None
 
@@ -130,8 +131,8 @@ class Answer(NamedTuple):
             raise HHRError("nothing flows in this model, so that its answers have no state: give a body a law")
         return self.gauss
 
-    def estimate(self) -> float | None:
-        """Estimate of the error of this answer; None of a model that has no indicator."""
+    def estimate(self) -> Estimate | None:
+        """What is known of the error of this answer: a bound, or what an indicator says; None where nothing is."""
         return self.fields.estimate(self)
 
     def outputs(self) -> Outputs:

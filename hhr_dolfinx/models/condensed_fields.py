@@ -15,6 +15,7 @@ from hhr_dolfinx.models.condensed_flow import PartFactors
 from hhr_dolfinx.models.reconstruct import FlowFields
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.error_bound import Estimate
     from hhr_dolfinx.models.functionals import Functionals
 
 
@@ -66,7 +67,7 @@ class CondensedFlowFields:
         """Cumulated plastic strain at all Gauss points."""
         return self.flow.plastic_strain_everywhere(answer.state().state.cumulated)
 
-    def estimate(self, answer: Answer) -> float | None:
+    def estimate(self, answer: Answer) -> Estimate | None:
         """None is known."""
         return None
 

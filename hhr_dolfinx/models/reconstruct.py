@@ -15,6 +15,7 @@ from scipy.sparse import csc_matrix
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.errors import ConvergenceError, HHRError
 from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.error_bound import ErrorBound, Estimate
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals import Functionals
@@ -102,6 +103,7 @@ class Reconstruction:
         flow: what completes stress and plastic strain where bodies flow.
         stress_of: stress of a displacement where nothing flows; None for a model from a file, which has no mesh.
         indicator: estimates the error of an answer; None for none.
+        bound: bounds the error of an answer; None where its hypotheses fail.
         reshaped_contact: gaps and B V beside each other where they change with the shape of the bodies; else None.
         functionals: outputs of the scene; None where it has none.
     """
@@ -118,6 +120,7 @@ class Reconstruction:
     flow: FlowFields | None = None
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     indicator: Callable[[Answer], float] | None = None
+    bound: ErrorBound | None = None
     functionals: Functionals | ReshapedFunctionals | None = None
     reshaped_contact: Interpolant | None = None
 
@@ -156,12 +159,16 @@ class Reconstruction:
         """Contact forces on all conditions, (N_lambda,): the model's own inside the RID, (1.70)-(1.71) outside.
 
         Non-negative combinations of training forces are fitted to the forces inside the RID, and penalised outside
-        where the reconstructed gap is open; inside, forces at open gaps are 0 already.
+        where the reconstructed gap is open; inside, forces at open gaps are 0 already. Where S is known, forces that
+        more than close their gap are left out there.
         """
         if not answer.converged:
             return np.full(len(self.gaps), np.nan)
         forces = self.force_snapshots @ self._fitted(answer).weights
         forces[self.A_lambda] = answer.multipliers
+        if self.bound is not None:
+            forces = self.bound.closed(forces, self.amplitudes(answer.parameter))
+            forces[self.A_lambda] = answer.multipliers
         return forces
 
     def _fitted(self, answer: Answer) -> _Fit:
@@ -206,6 +213,8 @@ class Reconstruction:
         weights = solve_triangular(triangle, orthogonal.T @ right + turned)
         forces = self.force_snapshots[:, used] @ weights
         forces[self.A_lambda] = gradient.multipliers
+        if self.bound is not None:
+            forces[self.forces(answer) == 0.0] = 0.0
         return forces
 
     @cached_property
@@ -261,6 +270,10 @@ class Reconstruction:
             return np.zeros(0)
         return self.flow.plastic_strain_everywhere(answer.gauss.state.cumulated)
 
-    def estimate(self, answer: Answer) -> float | None:
-        """What the indicator says; None without one."""
-        return None if self.indicator is None else self.indicator(answer)
+    def estimate(self, answer: Answer) -> Estimate | None:
+        """The bound, or what the indicator says; None without either, or without an answer."""
+        if self.bound is None or not answer.converged:
+            return None if self.indicator is None else Estimate.indicated(self.indicator(answer))
+        theta = self.amplitudes(answer.parameter)
+        slack = self.gaps @ theta - self.contact_basis @ answer.unknown
+        return self.bound.of(answer.unknown, np.maximum(self.forces(answer), 0.0), slack, theta)

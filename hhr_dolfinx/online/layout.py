@@ -8,10 +8,10 @@ import numpy as np
 
 from hhr_dolfinx.parameters import ParameterSpace
 
-FORMAT, VERSION = "hhr_dolfinx reduced model", 8
+FORMAT, VERSION = "hhr_dolfinx reduced model", 9
 CONDENSED, CONDENSED_VERSION = "hhr_dolfinx condensed model", 1
 """Format of files of interpolated condensation, see ``varying_file``."""
-CONDENSED_FLOW, CONDENSED_FLOW_VERSION = "hhr_dolfinx condensed flow model", 1
+CONDENSED_FLOW, CONDENSED_FLOW_VERSION = "hhr_dolfinx condensed flow model", 2
 """Format of files of condensed flow, see ``condensed_flow_file``."""
 VALUES = ("amplitudes", "laws", "outputs")
 """Lists of values in the header, see ``values``."""
@@ -39,6 +39,11 @@ LAYOUT = {
     "fields.A_lambda": ("int", "m"),
     "fields.force_snapshots": ("float", "N_lambda", "force snapshots"),
     "fields.gap_scale": ("float", "N_lambda"),
+    "bound.free_slack": ("float", "N_lambda", "terms"),
+    "bound.schur": ("float", "N_lambda", "N_lambda"),
+    "bound.lower": ("float", "N_lambda", "N_lambda"),
+    "bound.residual": ("float", "bound rows", "bound columns"),
+    "bound.energy": ("float", "field columns", "field columns"),
     "amplitudes.constant": ("float", "affine terms"),
     "amplitudes.slopes": ("float", "affine terms", "P"),
     "known.points": ("float", "S", "P"),

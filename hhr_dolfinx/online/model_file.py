@@ -26,6 +26,7 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.files import check_layout, read_arrays, write_arrays
 from hhr_dolfinx.models.condensed import KnownStatuses
+from hhr_dolfinx.models.error_bound import ErrorBound
 from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
@@ -193,6 +194,7 @@ def _layout(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
     flows, trained = part_of_flow(names), "trained.lower" in names
     parts = {"reduced", "fields", "amplitudes", *((flows, "completion") if flows else ("known",))}
     parts |= {"trained", *(("paths",) if flows else ())} if trained else set()
+    parts |= {"bound"} if "bound.schur" in names else set()
     return {name: kind for name, kind in LAYOUT.items() if name.split(".")[0] in parts}
 
 
@@ -202,6 +204,8 @@ def _taken_apart(model: ReducedModel) -> dict[str, Any]:
     values = {f"{part}.{name}": item for part, value in parts.items() for name, item in vars(value).items()}
     if model.known is not None:
         values |= {"known.points": model.known.points, "known.active": model.known.active}
+    if model.fields.bound is not None:
+        values |= {f"bound.{name}": item for name, item in vars(model.fields.bound).items()}
     if model.trained is not None:
         range_ = getattr(model.trained, "parameters", model.trained)
         values |= {f"trained.{name}": item for name, item in vars(range_).items()}
@@ -236,6 +240,12 @@ def _checked(header: dict, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
         if array.size and not (array.min() >= 0 and array.max() < size):
             raise FileContentError(f"{name} has indices outside 0 .. {size - 1}")
     _check_contact(content)
+    if "bound.schur" in arrays:
+        known = sizes["terms"] + sizes["ell"]
+        if (sizes["field columns"], sizes["bound columns"]) != (known, known + sizes["N_lambda"]):
+            raise FileContentError(
+                f"its bounds are not those of {known} terms and modes, and {sizes['N_lambda']} forces"
+            )
     return content
 
 
@@ -288,6 +298,8 @@ def _model(content: Content) -> ReducedModel:
     kind = part_of_flow(content.arrays)
     flow, completion = flow_of(parts[kind], parts["completion"], content) if kind else (None, None)
     fields = Reconstruction(theta, **parts["fields"], dimension=content.dimension, flow=completion)
+    if "bound" in parts:
+        fields = replace(fields, bound=ErrorBound(**parts["bound"]))
     if content.outputs:
         from hhr_dolfinx.models.functionals import Functionals
 

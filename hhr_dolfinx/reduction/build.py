@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhr_dolfinx.certify.accuracy import force_floor
+from hhr_dolfinx.certify.bounds import check_hypotheses, error_bound
 from hhr_dolfinx.certify.compare import Comparison, compare_histories, compare_points, largest_motion
 from hhr_dolfinx.certify.constants import FullConstants, Stability, assess
 from hhr_dolfinx.certify.trust import (
@@ -22,7 +23,8 @@ from hhr_dolfinx.certify.trust import (
     warn_of_training,
 )
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.errors import BoundError, ReductionError
+from hhr_dolfinx.models.error_bound import ErrorBound
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
@@ -239,6 +241,8 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
         fields = replace(fields, stress_of=full.stress_of, functionals=_functionals(full, basis))
         if recipe.indicator is not None:
             fields = replace(fields, indicator=recipe.indicator.prepared(problem, basis, sets))
+    if recipe.bound and recipe.indicator is None:
+        fields = replace(fields, bound=_bound_of(full, basis, log))
     known = shared.snapshots.known_statuses(sets.A_lambda) if flow is None else None
     with log.stage("online_arrays"):
         range_ = TrainedRange.of(shared.snapshots.points, problem.parameters) if flow is None else None
@@ -270,6 +274,17 @@ def _flow_of(shared: _Offline, basis: np.ndarray, sets: IndexSets, layers: int) 
     with shared.log.stage("cubature"):
         how = tangents, step.tolerance, step.stiffness
         return cubature_flow(equilibrium, basis, sets, shared.snapshots, *how)[0]
+
+
+def _bound_of(full: Any, basis: np.ndarray, log: StageLog) -> ErrorBound | None:
+    """Bounds of errors; None where they are not proved, with the reason in the log."""
+    try:
+        check_hypotheses(full)
+        with log.stage("bound"):
+            return error_bound(full, basis)
+    except BoundError as error:
+        log.skip("bound", str(error))
+        return None
 
 
 def _functionals(full: Any, basis: np.ndarray) -> Any:

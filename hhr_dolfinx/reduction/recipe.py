@@ -293,7 +293,8 @@ class Recipe:
         enrichment: how the basis is enriched; None for not at all.
         trust: what the trust check refuses or warns of; None leaves it out, to measure a model as it is.
         tangents: how tangents are checked where bodies flow; None for not at all.
-        indicator: what estimates the error of each answer; None for none.
+        indicator: what estimates the error of each answer in the place of a bound; None for none.
+        bound: whether answers have a bound of their error, where its hypotheses hold.
         cubature: how few weighted Gauss points stand for those of the RID where bodies flow; None takes all of them.
     """
 
@@ -305,6 +306,7 @@ class Recipe:
     tangents: Tangents | None = Tangents()
     indicator: Indicator | None = None
     cubature: CubatureStep | None = None
+    bound: bool = True
 
     def __post_init__(self) -> None:
         if not isinstance(self.nodes, tuple | list) or not self.nodes:
@@ -323,7 +325,7 @@ class Recipe:
             "trust": TrustLimits | None,
             "tangents": Tangents | None,
         }
-        kinds["cubature"] = CubatureStep | None
+        kinds |= {"cubature": CubatureStep | None, "bound": bool}
         for name, kind in kinds.items():
             if not isinstance(getattr(self, name), kind):
                 raise ReductionError(f"{name} = {getattr(self, name)!r} of a recipe must be {kind}")

@@ -1,0 +1,99 @@
+"""Bounds of errors, offline: what :class:`hhr_dolfinx.models.error_bound.ErrorBound` needs, once per reduced model."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import linalg
+from scipy.linalg import solve_triangular
+from scipy.sparse import csr_matrix
+
+from hhr_dolfinx.errors import BoundError
+from hhr_dolfinx.models.error_bound import ErrorBound
+
+ROUND_OFF = 1e-13
+"""Part of a column that is round-off of those before it."""
+SYMMETRIC = 1e-10
+"""Largest entry of K - K^T over the largest of K."""
+
+
+def error_bound(full: Any, basis: np.ndarray) -> ErrorBound:
+    """Bounds for answers with a basis, (N, ell), of a full model on one rank whose stiffness is constant.
+
+    Raises:
+        BoundError: with the hypothesis that fails.
+    """
+    problem = full.problem
+    check_hypotheses(full)
+    loads = full.factors.solve_columns(problem.loads)
+    schur = (full.schur + full.schur.T) / 2
+    try:
+        lower = linalg.cholesky(schur, lower=True)
+    except linalg.LinAlgError:
+        raise BoundError("rows of B are dependent, so that forces are not unique: there is no bound on them") from None
+    whole = np.hstack([problem.lifts.toarray(), basis])
+    return ErrorBound(
+        free_slack=np.asfortranarray(problem.gaps - problem.contact @ loads),
+        schur=schur,
+        lower=lower,
+        residual=_residual_coordinates(problem, full.per_force, lower, np.hstack([loads, -basis])),
+        energy=whole.T @ (problem.stiffness @ whole),
+    )
+
+
+def check_hypotheses(full: Any) -> None:
+    """Refuse what the bounds are not proved for.
+
+    Raises:
+        BoundError: with the hypothesis that fails.
+    """
+    problem = full.problem
+    if full.equilibrium is not None:
+        raise BoundError("bodies flow, and the bounds are those of elastic ones: histories have signs, see the door")
+    if problem.varies:
+        raise BoundError("the stiffness depends on parameters, and the bounds are those of a constant one")
+    skew, size = abs(problem.stiffness - problem.stiffness.T).max(), abs(problem.stiffness).max()
+    if skew > SYMMETRIC * size:
+        raise BoundError(f"K is not symmetric, by {skew / size:.1e} of its entries: it has no energy")
+
+
+def _residual_coordinates(problem: Any, per_force: np.ndarray, lower: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """R with |columns y - X λ|_K = |R (y, λ)|, where X = K^-1 B^T and X^T K X = S = L L^T.
+
+    Directions X L^-T are orthonormal in energy, and what lies along them is L^-1 B times a field.
+    """
+    along, left = np.zeros((len(lower), columns.shape[1])), columns
+    for _ in range(2):
+        more = solve_triangular(lower, problem.contact @ left, lower=True)
+        along += more
+        left = left - per_force @ solve_triangular(lower, more, lower=True, trans="T")
+    sizes = np.sqrt(np.maximum(np.einsum("nk,nk->k", columns, problem.stiffness @ columns), 0.0))
+    rest = energy_coordinates(problem.stiffness, left, ROUND_OFF * sizes)
+    return np.asfortranarray(np.block([[along, -lower.T], [rest, np.zeros((len(rest), len(lower)))]]))
+
+
+def energy_coordinates(stiffness: csr_matrix, columns: np.ndarray, least: np.ndarray) -> np.ndarray:
+    """R with |columns z|_K = |R z| for all z, (r, k), by Gram and Schmidt, twice.
+
+    Unlike a factor of the Gram matrix it is right to round-off of the columns where these are dependent.
+
+    Args:
+        stiffness: K, (N, N).
+        columns: (N, k).
+        least: energy norm up to which what is left of each column is round-off, (k,).
+    """
+    directions, pushed = (np.empty(columns.shape, order="F") for _ in range(2))
+    coordinates, rank = np.zeros((columns.shape[1],) * 2, order="F"), 0
+    for k, left in enumerate(columns.T):
+        for _ in range(2):
+            along = pushed[:, :rank].T @ left
+            coordinates[:rank, k] += along
+            left = left - directions[:, :rank] @ along
+        push = stiffness @ left
+        length = float(np.sqrt(max(left @ push, 0.0)))
+        if length > least[k]:
+            directions[:, rank], pushed[:, rank] = left / length, push / length
+            coordinates[rank, k] = length
+            rank += 1
+    return coordinates[:rank]
