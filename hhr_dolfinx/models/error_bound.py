@@ -19,11 +19,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import solve, solve_triangular
 
 from hhr_dolfinx.amplitudes import Theta
 
-ROUND_OFF = 1e-12
+ROUND_OFF = 1e-10
 """Part of an answer that is round-off of the exact one too: nothing is known to be nearer."""
 
 
@@ -75,10 +75,7 @@ class ErrorBound:
     energy: np.ndarray
 
     def closed(self, forces: np.ndarray, theta: Theta) -> np.ndarray:
-        """Forces without those where the bodies would be apart by more than the force itself closes, (m,).
-
-        What is left is nearer to the solution, and the bound much nearer to the error.
-        """
+        """Forces without those where the bodies would be apart by more than the force itself closes, (m,)."""
         slack = self.free_slack @ theta + self.schur @ forces
         return np.where(self.schur.diagonal() * forces < slack, 0.0, forces)
 
@@ -93,22 +90,33 @@ class ErrorBound:
         """
         terms = self.free_slack.shape[1]
         free, pushed = self.free_slack @ theta, self.schur @ forces
-        # any other forces may stand in the proof, and those that more than close a gap cost much there
-        closed = np.where(self.schur.diagonal() * forces < free + pushed, 0.0, forces)
-        less = self.schur @ closed
-        nearer = self._off(free + less, closed)
-        between = math.sqrt(max((forces - closed) @ (pushed - less), 0.0))
-        own = np.concatenate([unknown, closed])
+        # any forces may stand in the proof, so that better ones make the bound sharp, and the distance to them is known
+        better = self._improved(forces, free, pushed)
+        less = self.schur @ better
+        nearer = self._off(free + less, better)
+        between = math.sqrt(max((forces - better) @ (pushed - less), 0.0))
+        own = np.concatenate([unknown, better])
         unbalanced = float(np.linalg.norm(self.residual[:, :terms] @ theta + self.residual[:, terms:] @ own))
         moved = self.energy[:, :terms] @ theta + self.energy[:, terms:] @ unknown
         sizes = (
             math.sqrt(max(moved[:terms][theta.terms] @ theta.values + moved[terms:] @ unknown, 0.0)),
             math.sqrt(max(forces @ pushed, 0.0)),
         )
-        dual = min(self._off(free + pushed, forces), nearer + between) + ROUND_OFF * sizes[1]
-        root = math.sqrt(unbalanced**2 + 4 * nearer * self._off(slack, closed))
-        primal = min(unbalanced + nearer, (unbalanced + root) / 2) + ROUND_OFF * sizes[0]
+        noise = ROUND_OFF * (sizes[1] + math.sqrt(max(better @ less, 0.0)))
+        dual = min(self._off(free + pushed, forces), nearer + between) + noise
+        root = math.sqrt(unbalanced**2 + 4 * nearer * self._off(slack, better))
+        primal = min(unbalanced + nearer, (unbalanced + root) / 2) + ROUND_OFF * sizes[0] + noise
         return Estimate("bound", primal, dual, relative(primal, sizes[0]), relative(dual, sizes[1]))
+
+    def _improved(self, forces: np.ndarray, free: np.ndarray, pushed: np.ndarray) -> np.ndarray:
+        """Forces that close the gaps where given ones say that bodies touch, (m,)."""
+        touching = np.flatnonzero(
+            (self.schur.diagonal() * forces >= free + pushed) & ((forces > 0) | (free + pushed < 0))
+        )
+        found = np.zeros_like(forces)
+        block = self.schur[np.ix_(touching, touching)]
+        found[touching] = np.maximum(solve(block, -free[touching], assume_a="pos", check_finite=False), 0.0)
+        return found
 
     def _off(self, slack: np.ndarray, forces: np.ndarray) -> float:
         """|r|_{S^-1} of a slack and forces."""
