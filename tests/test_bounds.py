@@ -9,7 +9,7 @@ from test_plastic import tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.bounds import energy_coordinates, error_bound
-from hhr_dolfinx.errors import BoundError
+from hhr_dolfinx.errors import BoundError, ParameterError
 
 
 def errors_of(full, model, points):
@@ -125,3 +125,51 @@ def test_what_is_not_proved_is_refused(hertz):
 def test_the_log_says_why_there_is_none(hertz, hertz_snapshots):
     left_out = dataclasses.replace(hhr.Recipe().as_it_is(), bound=False)
     assert hhr.build(hertz, hertz_snapshots, left_out).solve(0.3).estimate() is None
+
+
+# ---------------------------------------------------------------- the way back to the full model
+
+
+def test_no_answer_is_off_by_more_than_is_allowed(hertz, hertz_snapshots):
+    """Three snapshots are too few for much of the box; the full model answers there and nowhere else."""
+    poor = hhr.build(hertz, hertz_snapshots.take([3, 15, 28]), hhr.Recipe().as_it_is())
+    model, points = hhr.FallbackModel(poor, hertz, 0.01), hertz.parameters.random(60, 4)
+    primal, dual = [], []
+    for point in points:
+        found, exact = model.solve(point), hertz.solve(point)
+        moved, pushed = found.displacement() - exact.displacement(), found.forces() - exact.forces()
+        field, forces = exact.displacement(), exact.forces()
+        primal.append(moved @ (hertz.problem.stiffness @ moved) / (field @ (hertz.problem.stiffness @ field)))
+        dual.append(pushed @ hertz.schur @ pushed / (forces @ hertz.schur @ forces))
+    assert np.sqrt(max(primal)) <= 0.01 and np.sqrt(max(dual)) <= 0.01
+    assert model.asked == 60 and 0.1 < model.share < 0.9
+    off = [point for point in points if max(poor.solve(point, outside="ignore").estimate()[3:]) > 0.01]
+    assert np.array_equal([answer.parameter for answer in model.learned], off)
+
+
+def test_what_was_learned_makes_the_model_better(hertz, hertz_snapshots):
+    poor = hertz_snapshots.take([3, 15, 28])
+    model = hhr.FallbackModel(hhr.build(hertz, poor, hhr.Recipe().as_it_is()), hertz, 0.01)
+    answers, points = model.solve_many(hertz.parameters.random(40, 4)), hertz.parameters.random(40, 5)
+    assert len(answers) == 40 and model.learned
+    known = hhr.SnapshotSet.of_answers([*(hertz.solve(point) for point in poor.points), *model.learned])
+    better = hhr.FallbackModel(hhr.build(hertz, known, hhr.Recipe().as_it_is()), hertz, 0.01)
+    better.solve_many(points)
+    assert better.share < 0.5 * model.share
+
+
+def test_outside_the_training_and_other_mistakes(hertz, hertz_snapshots, hertz_reduction):
+    half = hhr.build(hertz, hertz_snapshots.take(slice(0, 12)), hhr.Recipe().as_it_is())
+    model = hhr.FallbackModel(half, hertz, 1e6)
+    model.solve(0.44)
+    assert model.share == 0, "the bound is what counts"
+    model.solve(0.44, outside="refuse")
+    assert model.share == 0.5 and model.learned[0].parameter == [0.44]
+    bare = hertz_reduction.changed(fields=dataclasses.replace(hertz_reduction.fields, bound=None))
+    with pytest.raises(BoundError, match="have no bound"):
+        hhr.FallbackModel(bare, hertz)
+    for tolerance in (0.0, -1.0, np.nan, "1 %", None):
+        with pytest.raises(ParameterError, match="must be a positive number"):
+            hhr.FallbackModel(hertz_reduction, hertz, tolerance)
+    with pytest.raises(ParameterError, match="outside"):
+        model.solve(0.7)

@@ -272,7 +272,9 @@ class Reconstruction:
 
     def estimate(self, answer: Answer) -> Estimate | None:
         """The bound, or what the indicator says; None without either, or without an answer."""
-        if self.bound is None or not answer.converged:
+        if not answer.converged:
+            return None
+        if self.bound is None:
             return None if self.indicator is None else Estimate.indicated(self.indicator(answer))
         theta = self.amplitudes(answer.parameter)
         slack = self.gaps @ theta - self.contact_basis @ answer.unknown
