@@ -3,7 +3,7 @@
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: demo pellet nonmatching plastic sphere materials rod press calibrate indent patch extreme recipes lint test slow setup
+.PHONY: demo pellet nonmatching plastic sphere materials rod press calibrate certified indent patch extreme recipes lint test slow setup
 
 demo: setup
 	.venv/bin/python demos/hertz_half_discs.py
@@ -31,6 +31,9 @@ press: setup
 
 calibrate: setup
 	.venv/bin/python demos/calibrate.py
+
+certified: setup
+	.venv/bin/python demos/certified.py
 
 indent: setup
 	.venv/bin/python demos/indentation.py

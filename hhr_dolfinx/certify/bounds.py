@@ -53,6 +53,8 @@ def check_hypotheses(full: Any) -> None:
         raise BoundError("bodies flow, and the bounds are those of elastic ones: histories have signs, see the door")
     if problem.varies:
         raise BoundError("the stiffness depends on parameters, and the bounds are those of a constant one")
+    if len(full.per_force) != problem.free.size:
+        raise BoundError("ranks share the factors of K, and the bounds need whole columns: build on MPI.COMM_SELF")
     skew, size = abs(problem.stiffness - problem.stiffness.T).max(), abs(problem.stiffness).max()
     if skew > SYMMETRIC * size:
         raise BoundError(f"K is not symmetric, by {skew / size:.1e} of its entries: it has no energy")
