@@ -20,6 +20,7 @@ import json
 import math
 import os
 import re
+import resource
 import secrets
 import stat
 import zipfile
@@ -135,8 +136,8 @@ def read_arrays(
         path: of the file.
         kind, version: its format.
         others: further formats that it may have, with their versions.
-        mapped: leave arrays of a megabyte and more on the disk, from where they are read again whenever memory is
-            short; they may begin at any byte. The file can be replaced meanwhile, but must not be written into.
+        mapped: leave arrays of a megabyte and more on the disk, as long as half of the descriptors allowed are free;
+            they may begin at any byte. The file can be replaced meanwhile, but must not be written into.
 
     Raises:
         FileNotFoundError: if there is no such file; the caller knows what that means.
@@ -302,8 +303,10 @@ class _Pieces(io.FileIO):
 
 def _members(path: Path, mapped: int) -> dict[str, np.ndarray]:
     """Arrays of an uncompressed archive by name, those of so many bytes and more left on the disk."""
-    arrays = {}
+    arrays, whole = {}, None
     with _Pieces(path) as file, zipfile.ZipFile(file) as archive:
+        if len(os.listdir("/dev/fd")) >= resource.getrlimit(resource.RLIMIT_NOFILE)[0] // 2:
+            mapped = MOST_BYTES + 1
         size, infos = os.fstat(file.fileno()).st_size, archive.infolist()
         if size > MOST_BYTES:
             raise _Damage(f"its {size} bytes are more than {MOST_BYTES}")
@@ -318,24 +321,27 @@ def _members(path: Path, mapped: int) -> dict[str, np.ndarray]:
             if name in arrays:
                 raise _Damage(f"{name} is there twice")
             with archive.open(info) as stream:
-                where = (path, _start(path, info)) if info.file_size >= mapped else None
-                arrays[name] = _array(cast(io.BufferedIOBase, stream), info, where)
+                member = None
+                if info.file_size >= mapped:
+                    # copies on writing: an answer is no way to change a file
+                    whole = np.asarray(np.memmap(path, np.uint8, "c")) if whole is None else whole
+                    member = _bytes_of(whole, info)
+                arrays[name] = _array(cast(io.BufferedIOBase, stream), info, member)
     return arrays
 
 
-def _start(path: Path, info: zipfile.ZipInfo) -> int:
-    """First byte of a member: its own header may be longer than that in the directory."""
-    with open(path, "rb") as file:
-        file.seek(info.header_offset + 26)
-        name, extra = (int.from_bytes(file.read(2), "little") for _ in range(2))
-    return info.header_offset + 30 + name + extra
+def _bytes_of(whole: np.ndarray, info: zipfile.ZipInfo) -> np.ndarray:
+    """Bytes of a member: its own header may be longer than that in the directory."""
+    header = whole[info.header_offset : info.header_offset + 30]
+    start = info.header_offset + 30 + sum(int.from_bytes(header[k : k + 2].tobytes(), "little") for k in (26, 28))
+    return whole[start : start + info.file_size]
 
 
-def _array(stream: io.BufferedIOBase, info: zipfile.ZipInfo, where: tuple[Path, int] | None) -> np.ndarray:
+def _array(stream: io.BufferedIOBase, info: zipfile.ZipInfo, member: np.ndarray | None) -> np.ndarray:
     """One array, whose description must match its size before anything is allocated.
 
-    The description is compared with the one form in which numpy writes it, rather than evaluated. An array that is left
-    on the disk lies in a file, from a byte on.
+    The description is compared with the one form in which numpy writes it, rather than evaluated. Of an array that is
+    left on the disk the bytes of its member are given, (bytes,).
     """
     start = stream.read(10)
     description = stream.read(int.from_bytes(start[8:], "little"))
@@ -347,14 +353,9 @@ def _array(stream: io.BufferedIOBase, info: zipfile.ZipInfo, where: tuple[Path, 
     count = math.prod(shape)
     if count * dtype.itemsize != info.file_size - len(start) - len(description):
         raise _Damage(f"{info.file_size} bytes of {info.filename} do not hold shape {shape}")
-    if where is None:
-        flat = np.empty(count, dtype)
+    flat = np.empty(count, dtype) if member is None else member[len(start) + len(description) :].view(dtype)
+    if member is None:
         _fill(flat, stream, info)
-    else:
-        file, start_of_member = where
-        # copies on writing: an answer is no way to change a file
-        on_disk = np.memmap(file, dtype, "c", start_of_member + len(start) + len(description), (count,))
-        flat = np.asarray(on_disk)
     return flat.reshape(shape[::-1]).T if match[2] == b"True" else flat.reshape(shape)
 
 

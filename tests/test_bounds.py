@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import hertz_half_discs as demo
 import numpy as np
 import pytest
 from scenes import pressed_pair
@@ -9,7 +10,9 @@ from test_plastic import tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.bounds import energy_coordinates, error_bound
-from hhr_dolfinx.errors import BoundError, ParameterError
+from hhr_dolfinx.errors import BoundError, ModelFileError, ParameterError, ReductionError
+from hhr_dolfinx.files import read_arrays, write_arrays
+from hhr_dolfinx.online.layout import FORMAT, VERSION
 
 
 def errors_of(full, model, points):
@@ -171,5 +174,51 @@ def test_outside_the_training_and_other_mistakes(hertz, hertz_snapshots, hertz_r
     for tolerance in (0.0, -1.0, np.nan, "1 %", None):
         with pytest.raises(ParameterError, match="must be a positive number"):
             hhr.FallbackModel(hertz_reduction, hertz, tolerance)
+    asked = model.asked
     with pytest.raises(ParameterError, match="outside"):
         model.solve(0.7)
+    assert model.asked == asked
+
+
+def test_the_full_model_must_be_that_of_the_scene(hertz, hertz_reduction):
+    """Of another mesh, stiffness or box, or no full model at all."""
+    softer = dataclasses.replace(
+        demo.scene(), bodies=tuple(dataclasses.replace(b, young=14.0) for b in demo.scene().bodies)
+    )
+    wider = dataclasses.replace(demo.scene(), parameters=hhr.ParameterSpace(("mu",), (0.1,), (0.45,)))
+    others = {"another scene": softer, "has the parameters": wider}
+    for why, scene in others.items():
+        with pytest.raises(ReductionError, match=why):
+            hhr.FallbackModel(hertz_reduction, hhr.FullOrderModel(scene))
+    for full in (None, hertz_reduction, hhr.FallbackModel(hertz_reduction, hertz)):
+        with pytest.raises(ReductionError, match="is no full model"):
+            hhr.FallbackModel(hertz_reduction, full)
+    with pytest.raises(BoundError, match="have no bound"):
+        hhr.FallbackModel(None, hertz)
+
+
+def test_bodies_that_move_far_and_deform_little():
+    """The relative bound is over the energy of the deformation, of which a rigid motion has none."""
+    bodies, box = ((2.0, 0.3), (1.0, 0.2)), {"push": (1.0, 1.0 + 1e-6), "gap": (1.0, 1.0 + 1e-9)}
+    full = hhr.FullOrderModel(pressed_pair("plane_strain", bodies, {**box, "slide": (0.0, 1e-7), "load": (0.0, 1e-7)}))
+    snapshots = hhr.compute_snapshots(full, hhr.Sobol(3).points(full.parameters))
+    model, stiffness = hhr.build(full, snapshots, hhr.Recipe().as_it_is()), full.problem.stiffness
+    far = np.zeros(full.problem.free.size)
+    far[full.problem.block_size - 1 :: full.problem.block_size] = np.where(full.problem.points[:, -1] > 1, -1.0, 0.0)
+    for point in full.parameters.random(20, 6):
+        exact, answer = full.solve(point), model.solve(point, outside="ignore")
+        moved, field = answer.displacement() - exact.displacement(), exact.displacement() - far
+        error, size = (np.sqrt(value @ (stiffness @ value)) for value in (moved, field))
+        assert error <= answer.estimate().primal_relative * size * (1 + 1e-6) + 1e-14
+
+
+@pytest.mark.parametrize("name", ["lower", "residual", "schur"])
+def test_arrays_of_a_bound_that_cannot_be(name, hertz_reduction, tmp_path):
+    """Signed anew after a change: a factor that is none, or coordinates of fewer conditions."""
+    hhr.save_model(tmp_path / "model.npz", hertz_reduction)
+    header, arrays = read_arrays(tmp_path / "model.npz", FORMAT, VERSION)
+    changes = {"lower": lambda a: 2 * a, "residual": lambda a: a[:3], "schur": lambda a: 0 * a}
+    arrays[f"bound.{name}"] = changes[name](arrays[f"bound.{name}"])
+    write_arrays(tmp_path / "other.npz", header, arrays)
+    with pytest.raises(ModelFileError, match="bound"):
+        hhr.load_model(tmp_path / "other.npz")

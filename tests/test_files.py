@@ -504,6 +504,25 @@ def test_arrays_on_the_disk_are_those_in_memory(tmp_path, monkeypatch):
     assert not any(on_disk(array) for array in read_arrays(tmp_path / "a.npz", "a", 1)[1].values())
 
 
+def test_descriptors_are_left_for_others(tmp_path, monkeypatch):
+    """One for each file on the disk, up to half of those allowed; what comes then is read into memory."""
+    monkeypatch.setattr(files, "MAPPED", 150)
+    arrays = {name: np.arange(100.0) for name in "abc"}
+    for k in range(80):
+        write_arrays(tmp_path / f"{k}.npz", {"format": "a", "version": 1}, arrays)
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    used = len(os.listdir("/proc/self/fd"))
+    try:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (2 * (used + 40), limits[1]))
+        kept = [read_arrays(tmp_path / f"{k}.npz", "a", 1, mapped=True)[1] for k in range(80)]
+        assert len(os.listdir("/proc/self/fd")) <= used + 42
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+    on_files = [all(on_disk(array) for array in found.values()) for found in kept]
+    assert all(on_files[:30]) and not any(on_files[45:])
+    assert all(np.array_equal(found["b"], arrays["b"]) for found in kept)
+
+
 @pytest.mark.parametrize("place", [0.3, 0.6, 0.9, None])
 def test_damage_is_found_in_arrays_on_the_disk(place, tmp_path, monkeypatch):
     """A byte that changed, or an end that is missing."""

@@ -33,12 +33,13 @@ def error_bound(full: Any, basis: np.ndarray) -> ErrorBound:
     except linalg.LinAlgError:
         raise BoundError("rows of B are dependent, so that forces are not unique: there is no bound on them") from None
     whole = np.hstack([problem.lifts.toarray(), basis])
+    lengths = _energies(problem.stiffness, whole)
     return ErrorBound(
         free_slack=np.asfortranarray(problem.gaps - problem.contact @ loads),
         schur=schur,
         lower=lower,
         residual=_residual_coordinates(problem, full.per_force, lower, np.hstack([loads, -basis])),
-        energy=whole.T @ (problem.stiffness @ whole),
+        energy=np.asfortranarray(energy_coordinates(problem.stiffness, whole, ROUND_OFF * lengths)),
     )
 
 
@@ -70,9 +71,14 @@ def _residual_coordinates(problem: Any, per_force: np.ndarray, lower: np.ndarray
         more = solve_triangular(lower, problem.contact @ left, lower=True)
         along += more
         left = left - per_force @ solve_triangular(lower, more, lower=True, trans="T")
-    sizes = np.sqrt(np.maximum(np.einsum("nk,nk->k", columns, problem.stiffness @ columns), 0.0))
+    sizes = _energies(problem.stiffness, columns)
     rest = energy_coordinates(problem.stiffness, left, ROUND_OFF * sizes)
     return np.asfortranarray(np.block([[along, -lower.T], [rest, np.zeros((len(rest), len(lower)))]]))
+
+
+def _energies(stiffness: csr_matrix, columns: np.ndarray) -> np.ndarray:
+    """Energy norm of each column, (k,)."""
+    return np.sqrt(np.maximum(np.einsum("nk,nk->k", columns, stiffness @ columns), 0.0))
 
 
 def energy_coordinates(stiffness: csr_matrix, columns: np.ndarray, least: np.ndarray) -> np.ndarray:

@@ -65,7 +65,8 @@ class ErrorBound:
         lower: its Cholesky factor, (m, m).
         residual: maps θ, γ and λ one behind another, (1 + T + ell + m,), to coordinates in which the Euclidean norm is
             |ρ|_{K^-1}, (r, 1 + T + ell + m).
-        energy: products in energy of the lifts and the modes, (1 + T + ell, 1 + T + ell).
+        energy: maps θ and γ likewise to coordinates in which it is the energy norm of the displacement,
+            (r', 1 + T + ell).
     """
 
     free_slack: np.ndarray
@@ -98,10 +99,7 @@ class ErrorBound:
         own = np.concatenate([unknown, better])
         unbalanced = float(np.linalg.norm(self.residual[:, :terms] @ theta + self.residual[:, terms:] @ own))
         moved = self.energy[:, :terms] @ theta + self.energy[:, terms:] @ unknown
-        sizes = (
-            math.sqrt(max(moved[:terms][theta.terms] @ theta.values + moved[terms:] @ unknown, 0.0)),
-            math.sqrt(max(forces @ pushed, 0.0)),
-        )
+        sizes = float(np.linalg.norm(moved)), math.sqrt(max(forces @ pushed, 0.0))
         noise = ROUND_OFF * (sizes[1] + math.sqrt(max(better @ less, 0.0)))
         dual = min(self._off(free + pushed, forces), nearer + between) + noise
         root = math.sqrt(unbalanced**2 + 4 * nearer * self._off(slack, better))

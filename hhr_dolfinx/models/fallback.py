@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from hhr_dolfinx.errors import BoundError, OutsideTrainingError, ParameterError
+import numpy as np
+
+from hhr_dolfinx.errors import BoundError, OutsideTrainingError, ParameterError, ReductionError
 from hhr_dolfinx.models.answer import Answer, Model, WithOutputs
 from hhr_dolfinx.parameters import ParameterSpace, is_number
+
+ALIKE = 1e-9
+"""Relative difference of gaps and S up to which two models are of one scene: of round-off."""
 
 
 class FallbackModel(WithOutputs):
@@ -26,16 +31,16 @@ class FallbackModel(WithOutputs):
 
     Raises:
         BoundError: for a reduced model whose answers have no bound.
-        ParameterError: for a tolerance that is no positive number, or models of other boxes.
+        ParameterError: for a tolerance that is no positive number.
+        ReductionError: for what is no full model, or that of another scene.
     """
 
     def __init__(self, reduced: Any, full: Model, tolerance: float = 0.01):
         if not (is_number(tolerance) and tolerance > 0):
             raise ParameterError(f"tolerance = {tolerance!r} must be a positive number, such as 0.01")
-        if getattr(reduced.fields, "bound", None) is None:
+        if getattr(getattr(reduced, "fields", None), "bound", None) is None:
             raise BoundError("answers of this reduced model have no bound, and nothing says when to ask the full one")
-        if reduced.parameters.names != full.parameters.names:  # type: ignore[attr-defined]
-            raise ParameterError("the reduced and the full model have other parameters: they are of two scenes")
+        _check_alike(reduced, full)
         self._reduced, self._full, self.tolerance = reduced, full, float(tolerance)
         self.parameters: ParameterSpace = reduced.parameters
         self.asked, self.learned = 0, list[Answer]()
@@ -59,18 +64,32 @@ class FallbackModel(WithOutputs):
         A bound says more than the door: what lies outside the training is asked of the full model only if it is
         refused there, or where its bound is too large. ``start`` holds for the reduced model.
         """
-        self.asked += 1
         try:
             answer = self._reduced.solve(mu, start=start, raise_on_failure=False, outside=outside, gradient=gradient)
         except OutsideTrainingError:
             answer = None
         if answer is not None and (estimate := answer.estimate()) is not None:
             if max(estimate.primal_relative, estimate.dual_relative) <= self.tolerance:
+                self.asked += 1
                 return answer
         exact = self._full.solve(mu, raise_on_failure=raise_on_failure, gradient=gradient)
-        self.learned.append(exact)
+        self.asked += 1
+        if exact.converged:
+            self.learned.append(exact)
         return exact
 
     def solve_many(self, points: Any, **how: Any) -> list[Answer]:
         """Answer many parameters, (n, P), one by one, see :meth:`solve`; they are of two models."""
         return [self.solve(point, **how) for point in self.parameters.points(points)]
+
+
+def _check_alike(reduced: Any, full: Any) -> None:
+    """Raise ReductionError for what is no full model, or that of another scene: box, gaps and S are compared."""
+    if not (hasattr(full, "problem") and hasattr(full, "schur")):
+        raise ReductionError(f"{full!r} is no full model, whose answers are exact: give FullOrderModel(scene)")
+    one, other = reduced.parameters, full.parameters
+    if [*one.names, *one.lower, *one.upper] != [*other.names, *other.lower, *other.upper]:
+        raise ReductionError(f"the reduced model has the parameters {one}, and the full one {other}")
+    for mine, exact in ((reduced.fields.gaps, full.problem.gaps), (reduced.fields.bound.schur, full.schur)):
+        if mine.shape != exact.shape or np.abs(mine - exact).max() > ALIKE * np.abs(exact).max():
+            raise ReductionError("the full model is that of another scene or mesh: its gaps or its stiffness differ")

@@ -43,7 +43,7 @@ LAYOUT = {
     "bound.schur": ("float", "N_lambda", "N_lambda"),
     "bound.lower": ("float", "N_lambda", "N_lambda"),
     "bound.residual": ("float", "bound rows", "bound columns"),
-    "bound.energy": ("float", "field columns", "field columns"),
+    "bound.energy": ("float", "field rows", "field columns"),
     "amplitudes.constant": ("float", "affine terms"),
     "amplitudes.slopes": ("float", "affine terms", "P"),
     "known.points": ("float", "S", "P"),

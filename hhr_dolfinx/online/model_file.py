@@ -241,11 +241,7 @@ def _checked(header: dict, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
             raise FileContentError(f"{name} has indices outside 0 .. {size - 1}")
     _check_contact(content)
     if "bound.schur" in arrays:
-        known = sizes["terms"] + sizes["ell"]
-        if (sizes["field columns"], sizes["bound columns"]) != (known, known + sizes["N_lambda"]):
-            raise FileContentError(
-                f"its bounds are not those of {known} terms and modes, and {sizes['N_lambda']} forces"
-            )
+        _check_bound(arrays, sizes)
     return content
 
 
@@ -274,6 +270,17 @@ def _check_contact(content: Content) -> None:
         raise FileContentError("the trained range ends below its start")
     affine = arrays["amplitudes.constant"], arrays["amplitudes.slopes"]
     check_amplitudes(*affine, content.amplitudes, content.space, sizes["terms"])
+
+
+def _check_bound(arrays: Mapping[str, np.ndarray], sizes: Mapping[str, int]) -> None:
+    """Sizes that are sums of others, and a factor of S that is one."""
+    known, forces = sizes["terms"] + sizes["ell"], sizes["N_lambda"]
+    if (sizes["field columns"], sizes["bound columns"]) != (known, known + forces) or sizes["bound rows"] < forces:
+        raise FileContentError(f"its bound is not one of {known} terms and modes and {forces} forces")
+    schur, lower = arrays["bound.schur"], arrays["bound.lower"]
+    off = np.abs(lower @ lower.T - schur).max() / np.abs(schur).max(initial=1e-300)
+    if not (off <= 1e-10 and (lower.diagonal() > 0).all() and not np.triu(lower, 1).any()):
+        raise FileContentError("the factor of S in its bound is none")
 
 
 def _model(content: Content) -> ReducedModel:
