@@ -184,18 +184,16 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
             continue
         check_of_problem(name, solutions, full.problem)
         if full.equilibrium is None:
-            if solutions.cumulated is not None:
+            if solutions.states:
                 raise ReductionError(f"bodies of {name} flow, and none of the model do: they belong to another scene")
             continue
         if not solutions.histories:
             raise ReductionError(f"{name} of a scene whose bodies flow must be histories: SnapshotSet.of_histories")
-        if solutions.cumulated is None:
+        if not solutions.states:
             raise ReductionError(f"bodies of the model flow, and none of {name} do: they belong to another scene")
         size = full.equilibrium.material.gauss_points
-        if len(solutions.cumulated) != size:
-            raise ReductionError(
-                f"{name} have {len(solutions.cumulated)} Gauss points, the model {size}: they belong to another mesh"
-            )
+        if (given := len(solutions.states[0].state.cumulated)) != size:
+            raise ReductionError(f"{name} have {given} Gauss points, the model {size}: they belong to another mesh")
 
 
 def _basis_of(step, problem, snapshots) -> np.ndarray:
