@@ -25,7 +25,7 @@ def error_bound(full: Any, basis: np.ndarray) -> ErrorBound:
         BoundError: with the hypothesis that fails.
     """
     problem = full.problem
-    check_hypotheses(full)
+    _check_hypotheses(full)
     loads = full.factors.solve_columns(problem.loads)
     schur = (full.schur + full.schur.T) / 2
     try:
@@ -43,7 +43,7 @@ def error_bound(full: Any, basis: np.ndarray) -> ErrorBound:
     )
 
 
-def check_hypotheses(full: Any) -> None:
+def _check_hypotheses(full: Any) -> None:
     """Refuse what the bounds are not proved for.
 
     Raises:

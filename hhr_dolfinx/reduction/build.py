@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhr_dolfinx.certify.accuracy import force_floor
-from hhr_dolfinx.certify.bounds import check_hypotheses, error_bound
+from hhr_dolfinx.certify.bounds import error_bound
 from hhr_dolfinx.certify.compare import Comparison, compare_histories, compare_points, largest_motion
 from hhr_dolfinx.certify.constants import FullConstants, Stability, assess
 from hhr_dolfinx.certify.trust import (
@@ -277,7 +277,6 @@ def _flow_of(shared: _Offline, basis: np.ndarray, sets: IndexSets, layers: int) 
 def _bound_of(full: Any, basis: np.ndarray, log: StageLog) -> ErrorBound | None:
     """Bounds of errors; None where they are not proved, with the reason in the log."""
     try:
-        check_hypotheses(full)
         with log.stage("bound"):
             return error_bound(full, basis)
     except BoundError as error:
