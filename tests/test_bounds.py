@@ -61,7 +61,8 @@ def test_a_bound_of_any_field_and_forces(hertz):
         exact, theta = hertz.solve(point), problem.theta(point)
         forces = np.maximum(exact.forces() * rng.uniform(0.5, 1.5), rng.uniform(-1, 0.2, exact.forces().size))
         unknown = 1e-3 * rng.standard_normal(6)
-        found = bound.of(unknown, forces, problem.gaps @ theta - problem.contact @ (basis @ unknown), theta)
+        slack = problem.gaps @ theta - problem.contact @ (basis @ unknown)
+        found = bound.at(point[None], theta).of(unknown[None], forces[None], slack[None])[0]
         moved, pushed = basis @ unknown - exact.unknown, forces - exact.forces()
         assert np.sqrt(moved @ (problem.stiffness @ moved)) <= found.primal
         assert np.sqrt(pushed @ hertz.schur @ pushed) <= found.dual

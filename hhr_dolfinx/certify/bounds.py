@@ -25,7 +25,9 @@ def error_bound(full: Any, basis: np.ndarray) -> ErrorBound:
         BoundError: with the hypothesis that fails.
     """
     problem = full.problem
-    _check_hypotheses(full)
+    check_hypotheses(full)
+    if problem.varies:
+        raise BoundError("the stiffness depends on parameters, and these bounds are those of a constant one")
     loads = full.factors.solve_columns(problem.loads)
     schur = (full.schur + full.schur.T) / 2
     try:
@@ -43,7 +45,7 @@ def error_bound(full: Any, basis: np.ndarray) -> ErrorBound:
     )
 
 
-def _check_hypotheses(full: Any) -> None:
+def check_hypotheses(full: Any) -> None:
     """Refuse what the bounds are not proved for.
 
     Raises:
@@ -52,8 +54,6 @@ def _check_hypotheses(full: Any) -> None:
     problem = full.problem
     if full.equilibrium is not None:
         raise BoundError("bodies flow, and the bounds are those of elastic ones: histories have signs, see the door")
-    if problem.varies:
-        raise BoundError("the stiffness depends on parameters, and the bounds are those of a constant one")
     if len(full.per_force) != problem.free.size:
         raise BoundError("ranks share the factors of K, and the bounds need whole columns: build on MPI.COMM_SELF")
     skew, size = abs(problem.stiffness - problem.stiffness.T).max(), abs(problem.stiffness).max()

@@ -15,13 +15,17 @@ has the proof in full. Theorems 3 to 8 of the thesis bound the same errors throu
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
-from scipy.linalg import solve, solve_triangular
 
 from hhr_dolfinx.amplitudes import Theta
+from hhr_dolfinx.models.contact_response import ContactResponse, Outside
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.gradient import Gradient
 
 ROUND_OFF = 1e-10
 """Part of an answer that is round-off of the exact one too: nothing is known to be nearer."""
@@ -56,6 +60,136 @@ EXACT = Estimate("bound", 0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
+class Estimates:
+    """Estimates of many answers; ``estimates[k]`` is the :class:`Estimate` of one.
+
+    Attributes:
+        kind: see there.
+        primal, dual, primal_relative, dual_relative: see there, (n,) each; NaN without an answer.
+    """
+
+    kind: str
+    primal: np.ndarray
+    dual: np.ndarray
+    primal_relative: np.ndarray
+    dual_relative: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.primal)
+
+    def __getitem__(self, k: int) -> Estimate:
+        """That of one answer."""
+        numbers = (self.primal, self.dual, self.primal_relative, self.dual_relative)
+        return Estimate(self.kind, *(float(values[k]) for values in numbers))
+
+    @classmethod
+    def of(cls, found: list[Estimate | None]) -> Estimates | None:
+        """Of estimates found one by one; None where there are none."""
+        kinds = {estimate.kind for estimate in found if estimate is not None}
+        if not kinds:
+            return None
+        rows = [(np.nan,) * 4 if estimate is None else estimate[1:] for estimate in found]
+        return cls(" and ".join(sorted(kinds)), *np.array(rows, dtype=float).T)
+
+
+class Given(NamedTuple):
+    """What is bounded (n answers, m conditions).
+
+    Attributes:
+        forces: not negative, (n, m).
+        slack: of the fields, (n, m).
+        free: slack of the fields in equilibrium with no forces, (n, m).
+    """
+
+    forces: np.ndarray
+    slack: np.ndarray
+    free: np.ndarray
+
+
+def bounded(
+    given: Given,
+    response: ContactResponse,
+    fields: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]],
+    inexact: float = ROUND_OFF,
+) -> tuple[np.ndarray, ...]:
+    """Bounds of displacements and forces, and the sizes that these have, (n,) each.
+
+    Any forces may stand in the proof, so that better ones make the bound sharp; the distance to them is known.
+
+    Args:
+        given: what is bounded.
+        response: S.
+        fields: maps forces, (n, m), to |ρ|_{K^-1}, to the energy norm of the field, and to that of the field in
+            equilibrium with them, as far as this is only known up to ``inexact``, (n,) each.
+        inexact: relative error of S and of the free slack, in the order of energies.
+    """
+    forces, slack, free = given
+    pushed = forces @ response.schur
+    better, less, left = response.improved(forces, free, pushed)
+    unbalanced, size, balanced = fields(better)
+    nearer = response.off(left, better)
+    between, own, other = (
+        np.sqrt(np.maximum(np.einsum("nm,nm->n", *pair), 0.0))
+        for pair in ((forces - better, pushed - less), (forces, pushed), (better, less))
+    )
+    noise, primal, dual = inexact * (own + other + balanced), unbalanced, between
+    # mostly the better forces are exact, and nothing is left to compare
+    if nearer.any():
+        dual = np.minimum(response.off(free + pushed, forces), nearer + between)
+        root = np.sqrt(unbalanced**2 + 4 * nearer * response.off(slack, better))
+        primal = np.minimum(unbalanced + nearer, (unbalanced + root) / 2)
+    return primal + ROUND_OFF * size + noise, dual + noise, size, own
+
+
+class BoundThere(Protocol):
+    """A bound at the parameters of n answers (m conditions, ell modes)."""
+
+    def completed(self, own: np.ndarray, outside: Any) -> np.ndarray:
+        """Forces on all conditions, (n, m), from those on some of them, (n, k): the others close their gaps.
+
+        Args:
+            own: forces of the conditions inside.
+            outside: what :meth:`Bound.prepared` returned.
+        """
+
+    def force_changes(self, forces: np.ndarray, outside: Any, gradient: Gradient, changes: np.ndarray) -> np.ndarray:
+        """Derivatives of all forces of one answer, (m, P), while the statuses stay.
+
+        Args:
+            forces: completed ones, (m,).
+            outside: see :meth:`completed`.
+            gradient: derivatives of the forces inside among them.
+            changes: those of θ, (1 + T, P).
+        """
+
+    def of(self, unknown: np.ndarray, forces: np.ndarray, slack: np.ndarray) -> Estimates:
+        """Bounds of fields and of forces.
+
+        Args:
+            unknown: γ, (n, ell).
+            forces: not negative, (n, m).
+            slack: of the fields, (n, m).
+        """
+
+
+class Bound(Protocol):
+    """What bounds the errors of the answers of a model."""
+
+    @property
+    def schur(self) -> np.ndarray:
+        """S, in the middle of the box where it varies, (m, m)."""
+
+    def prepared(self, inside: np.ndarray) -> Any:
+        """What completes forces of the conditions ``inside``."""
+
+    def at(self, points: np.ndarray, theta: Any) -> BoundThere:
+        """At the parameters of some answers, (n, P).
+
+        ``theta`` are θ of each, (n, 1 + T), sparse or not; a :class:`~hhr_dolfinx.amplitudes.Theta` for one.
+        """
+
+
+@dataclass(frozen=True)
 class ErrorBound:
     """Arrays of the bounds where the stiffness is constant (m conditions, 1 + T terms, ell modes).
 
@@ -75,55 +209,67 @@ class ErrorBound:
     residual: np.ndarray
     energy: np.ndarray
 
-    def closed(self, forces: np.ndarray, theta: Theta) -> np.ndarray:
-        """Forces without those where the bodies would be apart by more than the force itself closes, (m,)."""
-        slack = self.free_slack @ theta + self.schur @ forces
-        return np.where(self.schur.diagonal() * forces < slack, 0.0, forces)
+    @property
+    def response(self) -> ContactResponse:
+        """S."""
+        return ContactResponse(self.schur, self.lower)
 
-    def of(self, unknown: np.ndarray, forces: np.ndarray, slack: np.ndarray, theta: Theta) -> Estimate:
-        """Bounds of a field and of forces.
+    def prepared(self, inside: np.ndarray) -> Outside:
+        """See :class:`Bound`."""
+        return self.response.outside(inside)
 
-        Args:
-            unknown: γ, (ell,).
-            forces: not negative, (m,).
-            slack: of the field, (m,).
-            theta: θ.
-        """
-        terms = self.free_slack.shape[1]
-        free, pushed = self.free_slack @ theta, self.schur @ forces
-        # any forces may stand in the proof, so that better ones make the bound sharp, and the distance to them is known
-        better = self._improved(forces, free, pushed)
-        less = self.schur @ better
-        nearer = self._off(free + less, better)
-        between = math.sqrt(max((forces - better) @ (pushed - less), 0.0))
-        own = np.concatenate([unknown, better])
-        unbalanced = float(np.linalg.norm(self.residual[:, :terms] @ theta + self.residual[:, terms:] @ own))
-        moved = self.energy[:, :terms] @ theta + self.energy[:, terms:] @ unknown
-        sizes = float(np.linalg.norm(moved)), math.sqrt(max(forces @ pushed, 0.0))
-        noise = ROUND_OFF * (sizes[1] + math.sqrt(max(better @ less, 0.0)))
-        dual = min(self._off(free + pushed, forces), nearer + between) + noise
-        root = math.sqrt(unbalanced**2 + 4 * nearer * self._off(slack, better))
-        primal = min(unbalanced + nearer, (unbalanced + root) / 2) + ROUND_OFF * sizes[0] + noise
-        return Estimate("bound", primal, dual, relative(primal, sizes[0]), relative(dual, sizes[1]))
-
-    def _improved(self, forces: np.ndarray, free: np.ndarray, pushed: np.ndarray) -> np.ndarray:
-        """Forces that close the gaps where given ones say that bodies touch, (m,)."""
-        touching = np.flatnonzero(
-            (self.schur.diagonal() * forces >= free + pushed) & ((forces > 0) | (free + pushed < 0))
-        )
-        found = np.zeros_like(forces)
-        block = self.schur[np.ix_(touching, touching)]
-        found[touching] = np.maximum(solve(block, -free[touching], assume_a="pos", check_finite=False), 0.0)
-        return found
-
-    def _off(self, slack: np.ndarray, forces: np.ndarray) -> float:
-        """|r|_{S^-1} of a slack and forces."""
-        left = np.where((forces > 0) | (slack < 0), slack, 0.0)
-        return float(np.linalg.norm(solve_triangular(self.lower, left, lower=True, check_finite=False)))
+    def at(self, points: np.ndarray, theta: Any) -> ConstantThere:
+        """See :class:`Bound`."""
+        return ConstantThere(self, theta, driven(self.free_slack, theta))
 
 
-def relative(error: float, size: float) -> float:
-    """Error over the least size of what is exact, that of what was found less the error."""
-    if error == 0:
-        return 0.0
-    return float(error / (size - error)) if error < size else float("inf")
+class ConstantThere(NamedTuple):
+    """See :class:`BoundThere`.
+
+    Attributes:
+        owner: the arrays.
+        theta: θ of each answer.
+        free: slack without forces, (n, m).
+    """
+
+    owner: ErrorBound
+    theta: Any
+    free: np.ndarray
+
+    def completed(self, own: np.ndarray, outside: Outside) -> np.ndarray:
+        """See :class:`BoundThere`."""
+        return outside.completed(own, self.free)
+
+    def force_changes(
+        self, forces: np.ndarray, outside: Outside, gradient: Gradient, changes: np.ndarray
+    ) -> np.ndarray:
+        """See :class:`BoundThere`."""
+        return outside.changes(forces, gradient.multipliers, self.owner.free_slack @ changes)
+
+    def of(self, unknown: np.ndarray, forces: np.ndarray, slack: np.ndarray) -> Estimates:
+        """See :class:`BoundThere`."""
+        residual, energy, terms = self.owner.residual, self.owner.energy, self.owner.free_slack.shape[1]
+        known = terms + unknown.shape[1]
+        unbalanced = driven(residual[:, :terms], self.theta) + unknown @ residual[:, terms:known].T
+        moved = driven(energy[:, :terms], self.theta) + unknown @ energy[:, terms:].T
+
+        def fields(better: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            # forces lie along the first directions only, see certify.bounds
+            left, m = unbalanced.copy(), better.shape[1]
+            left[:, :m] += better @ residual[:m, known:].T
+            return np.linalg.norm(left, axis=1), np.linalg.norm(moved, axis=1), np.zeros(len(left))
+
+        primal, dual, *sizes = bounded(Given(forces, slack, self.free), self.owner.response, fields)
+        return Estimates("bound", primal, dual, relative(primal, sizes[0]), relative(dual, sizes[1]))
+
+
+def driven(matrix: np.ndarray, theta: Any) -> np.ndarray:
+    """Columns of a matrix, (k, 1 + T), for θ of each answer, (n, 1 + T) or one Theta: (n, k)."""
+    return (matrix @ theta)[None] if isinstance(theta, Theta) else np.asarray(theta @ matrix.T)
+
+
+def relative(error: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Errors over the least size of what is exact, that of what was found less the error, (n,)."""
+    least = np.maximum(size - error, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(error == 0, 0.0, error / least)

@@ -21,9 +21,11 @@ from hhr_dolfinx.models.interpolation import Interpolant
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Scalar
+    from hhr_dolfinx.models.error_bound import Estimate
     from hhr_dolfinx.models.functionals import Functionals
     from hhr_dolfinx.models.shaped_functionals import ReshapedFunctionals
     from hhr_dolfinx.models.varying import Elimination
+    from hhr_dolfinx.models.varying_bound import VaryingBound
 
 
 @dataclass(frozen=True)
@@ -279,6 +281,7 @@ class InterpolatedFields(ElasticFields):
         dimension: components of the displacement at a node.
         stress_of: stress of a displacement at a parameter; None where there is no mesh.
         functionals: outputs of the scene; None where it has none.
+        bound: bounds the error of an answer; None where its hypotheses fail.
     """
 
     amplitudes: Amplitudes
@@ -288,11 +291,22 @@ class InterpolatedFields(ElasticFields):
     dimension: int
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     functionals: Functionals | ReshapedFunctionals | None = None
+    bound: VaryingBound | None = None
 
     def __reduce__(self) -> tuple:
         """Copy and pickle by the arrays: a mesh belongs to one process."""
         given = self.amplitudes, self.basis, self.lifts, self.galerkin, self.dimension
-        return InterpolatedFields, (*given, None, self.functionals)
+        return InterpolatedFields, (*given, None, self.functionals, self.bound)
+
+    def estimate(self, answer: Answer) -> Estimate | None:
+        """The bound; None without one, or without an answer."""
+        if self.bound is None or not answer.converged:
+            return None
+        point, forces = answer.parameter, np.maximum(answer.multipliers, 0.0)
+        gamma, theta = self.galerkin(point).unknown(forces), self.amplitudes(point)
+        problem = self.bound.problem_at(point)
+        slack = problem.gaps @ theta - problem.contact_trial @ gamma
+        return self.bound.at(point[None], theta).of(gamma[None], forces[None], slack[None])[0]
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """V gamma and the lift, (N,)."""

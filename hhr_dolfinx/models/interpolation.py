@@ -141,6 +141,8 @@ def grow(
     box: tuple[np.ndarray, np.ndarray, np.ndarray],
     tolerance: float,
     budget: int,
+    *,
+    compressed: bool = True,
 ) -> GrownGrid:
     """Interpolate a function, one term after another, until the surplus of what would come next is small.
 
@@ -150,6 +152,7 @@ def grow(
         box: axes, lower and upper ends, (d,) each.
         tolerance: wished surplus.
         budget: most evaluations.
+        compressed: keep only the directions of the values that the tolerance asks for, not all of them.
     """
     axes, lower, upper = box
     nodes = np.array(leja_points())
@@ -183,7 +186,7 @@ def grow(
             elif _admissible(after, order) and len(order) < budget:
                 try_term(after)
     values = np.stack(surpluses, axis=1)
-    modes, weights = _compressed(values, tolerance * 0.1)
+    modes, weights = _compressed(values, tolerance * 0.1) if compressed else (values, np.eye(len(order)))
     grown = Interpolant(
         axes, lower, upper, np.array(order, dtype=np.int64).reshape(len(order), axes.size), modes, weights
     )

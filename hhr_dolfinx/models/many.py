@@ -14,6 +14,7 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.models.answer import Answer, Fields
+from hhr_dolfinx.models.error_bound import Estimates
 from hhr_dolfinx.parameters import ParameterSpace
 
 if TYPE_CHECKING:
@@ -68,6 +69,12 @@ class ManyAnswers:
         status, iterations = [answer.status for answer in answers], np.array([answer.iterations for answer in answers])
         return cls(points, unknown, forces, active, status, iterations, fields)
 
+    def estimates(self) -> Estimates | None:
+        """What is known of the errors, as :meth:`Answer.estimate`; None where nothing is."""
+        quick = getattr(self.fields, "estimates", None)
+        found = None if quick is None else quick(self)
+        return Estimates.of([answer.estimate() for answer in self]) if found is None else found
+
     def outputs(self) -> dict[str, np.ndarray]:
         """Outputs of the scene by name, (n,) each; NaN without an answer.
 
@@ -96,7 +103,7 @@ def condensed_answers(model: CondensedModel, points: np.ndarray, **how: Any) -> 
     """Answers of a condensed model to checked points, (n, P)."""
     response, schur, per_force = model.responses
     m, n = len(schur), len(points)
-    theta, active = _amplitudes_at(model.amplitudes, points), nearest_statuses(model.known, points)
+    theta, active = amplitudes_at(model.amplitudes, points), nearest_statuses(model.known, points)
     forces, iterations, left = _settled(schur, np.asarray(theta @ response[:m].T), active)
     unknown, status = np.empty((n, len(response) - m)), [Status.CONVERGED] * n
     for first in range(0, n, BLOCK):
@@ -116,7 +123,7 @@ def nearest_statuses(known: KnownStatuses, points: np.ndarray) -> np.ndarray:
     return known.active[(offsets - points @ directions.T).argmin(axis=1)]
 
 
-def _amplitudes_at(amplitudes: Amplitudes, points: np.ndarray) -> np.ndarray | csr_matrix:
+def amplitudes_at(amplitudes: Amplitudes, points: np.ndarray) -> np.ndarray | csr_matrix:
     """θ at every point, (n, 1 + T); sparse where most terms may be zero."""
     if not amplitudes.nonaffine:
         return amplitudes.constant + points @ amplitudes.slopes.T

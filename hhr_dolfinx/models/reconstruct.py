@@ -13,14 +13,19 @@ from scipy.optimize import nnls
 from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, HHRError
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.models.error_bound import ErrorBound, Estimate
+from hhr_dolfinx.models.error_bound import Bound, BoundThere, ErrorBound, Estimate, Estimates, driven
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals import Functionals
     from hhr_dolfinx.models.interpolation import Interpolant
+    from hhr_dolfinx.models.many import ManyAnswers
     from hhr_dolfinx.models.shaped_functionals import ReshapedFunctionals
+
+TOGETHER = 1024
+"""Answers that are bounded at once, so that what is made on the way stays small."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +101,8 @@ class Reconstruction:
         contact_basis: B V, (N_lambda, ell).
         gaps: D as terms of θ, (N_lambda, 1 + T).
         A_lambda: contact conditions of the RID.
-        force_snapshots: columns of S_lambda whose cone holds all of them, (N_lambda, S').
+        force_snapshots: columns of S_lambda whose cone holds all of them, (N_lambda, S'); None where S, which the bound
+            knows, completes forces in their place.
         gap_scale: length by which the gap of each condition is measured, so that (1.70) does not depend on units,
             (N_lambda,).
         dimension: components of the displacement at a node.
@@ -114,13 +120,13 @@ class Reconstruction:
     contact_basis: np.ndarray
     gaps: np.ndarray
     A_lambda: np.ndarray
-    force_snapshots: np.ndarray
+    force_snapshots: np.ndarray | None
     gap_scale: np.ndarray
     dimension: int
     flow: FlowFields | None = None
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     indicator: Callable[[Answer], float] | None = None
-    bound: ErrorBound | None = None
+    bound: Bound | None = None
     functionals: Functionals | ReshapedFunctionals | None = None
     reshaped_contact: Interpolant | None = None
 
@@ -140,8 +146,15 @@ class Reconstruction:
     @cached_property
     def _parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Conditions outside the RID, and the snapshots cut into what is fitted and what is penalised there."""
+        assert self.force_snapshots is not None
         outside = np.setdiff1d(np.arange(len(self.gaps)), self.A_lambda)
         return outside, self.force_snapshots[self.A_lambda], self.force_snapshots[outside]
+
+    @cached_property
+    def _outside(self) -> Any:
+        """What completes forces by S."""
+        assert self.bound is not None
+        return self.bound.prepared(self.A_lambda)
 
     def __reduce__(self) -> tuple:
         """Copy and pickle by the arrays: a mesh, on which stress needs to be computed, belongs to one process."""
@@ -156,20 +169,24 @@ class Reconstruction:
         return field
 
     def forces(self, answer: Answer) -> np.ndarray:
-        """Contact forces on all conditions, (N_lambda,): the model's own inside the RID, (1.70)-(1.71) outside.
+        """Contact forces on all conditions, (N_lambda,): the model's own inside the RID.
 
-        Non-negative combinations of training forces are fitted to the forces inside the RID, and penalised outside
-        where the reconstructed gap is open; inside, forces at open gaps are 0 already. Where S is known, forces that
-        more than close their gap are left out there.
+        Where S is known those outside close the gaps that are left, a small contact problem. Else it is (1.70)-(1.71):
+        non-negative combinations of training forces are fitted to the forces inside the RID, and penalised outside
+        where the reconstructed gap is open; inside, forces at open gaps are 0 already.
         """
         if not answer.converged:
             return np.full(len(self.gaps), np.nan)
+        if self.force_snapshots is None:
+            return self._bound_at(answer).completed(answer.multipliers[None], self._outside)[0]
         forces = self.force_snapshots @ self._fitted(answer).weights
         forces[self.A_lambda] = answer.multipliers
-        if self.bound is not None:
-            forces = self.bound.closed(forces, self.amplitudes(answer.parameter))
-            forces[self.A_lambda] = answer.multipliers
         return forces
+
+    def _bound_at(self, answer: Answer) -> BoundThere:
+        """The bound at the parameter of an answer."""
+        assert self.bound is not None
+        return self.bound.at(answer.parameter[None], self.amplitudes(answer.parameter))
 
     def _fitted(self, answer: Answer) -> _Fit:
         """The fit of (1.70)."""
@@ -192,8 +209,12 @@ class Reconstruction:
         The weights solve a least-squares problem whose matrix M changes with the open gaps: M^T M w' = M'^T (t - M w)
         + M^T (t' - M' w).
         """
-        gradient, (outside, _, penalised) = answer.gradient, self._parts
+        gradient = answer.gradient
         assert gradient is not None
+        if self.force_snapshots is None:
+            there, own = self._bound_at(answer), answer.multipliers[None]
+            return there.force_changes(there.completed(own, self._outside)[0], self._outside, gradient, changes)
+        outside, _, penalised = self._parts
         fit = self._fitted(answer)
         used = np.flatnonzero(fit.weights)
         gaps, contact = self.contact_at(answer.parameter)
@@ -213,8 +234,6 @@ class Reconstruction:
         weights = solve_triangular(triangle, orthogonal.T @ right + turned)
         forces = self.force_snapshots[:, used] @ weights
         forces[self.A_lambda] = gradient.multipliers
-        if self.bound is not None:
-            forces[self.forces(answer) == 0.0] = 0.0
         return forces
 
     @cached_property
@@ -276,6 +295,29 @@ class Reconstruction:
             return None
         if self.bound is None:
             return None if self.indicator is None else Estimate.indicated(self.indicator(answer))
-        theta = self.amplitudes(answer.parameter)
-        slack = self.gaps @ theta - self.contact_basis @ answer.unknown
-        return self.bound.of(answer.unknown, np.maximum(self.forces(answer), 0.0), slack, theta)
+        there = self._bound_at(answer)
+        if self.force_snapshots is None:
+            forces = there.completed(answer.multipliers[None], self._outside)
+        else:
+            forces = np.maximum(self.forces(answer), 0.0)[None]
+        gaps, contact = self.contact_at(answer.parameter)
+        slack = gaps @ self.amplitudes(answer.parameter) - contact @ answer.unknown
+        return there.of(answer.unknown[None], forces, slack[None])[0]
+
+    def estimates(self, many: ManyAnswers) -> Estimates | None:
+        """The bounds of many answers at once; None where they are made one by one."""
+        from hhr_dolfinx.models.many import amplitudes_at
+
+        if not isinstance(self.bound, ErrorBound) or self.force_snapshots is not None:
+            return None
+        solved = np.flatnonzero([status is Status.CONVERGED for status in many.status])
+        numbers = np.full((4, len(many)), np.nan)
+        for first in range(0, solved.size, TOGETHER):
+            rows = solved[first : first + TOGETHER]
+            theta = amplitudes_at(self.amplitudes, many.points[rows])
+            there = self.bound.at(many.points[rows], theta)
+            forces = there.completed(many.multipliers[rows], self._outside)
+            slack = driven(self.gaps, theta) - many.unknown[rows] @ self.contact_basis.T
+            found = there.of(many.unknown[rows], forces, slack)
+            numbers[:, rows] = found.primal, found.dual, found.primal_relative, found.dual_relative
+        return Estimates("bound", *numbers)

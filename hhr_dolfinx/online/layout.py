@@ -8,11 +8,13 @@ import numpy as np
 
 from hhr_dolfinx.parameters import ParameterSpace
 
-FORMAT, VERSION = "hhr_dolfinx reduced model", 9
-CONDENSED, CONDENSED_VERSION = "hhr_dolfinx condensed model", 1
+FORMAT, VERSION = "hhr_dolfinx reduced model", 10
+CONDENSED, CONDENSED_VERSION = "hhr_dolfinx condensed model", 2
 """Format of files of interpolated condensation, see ``varying_file``."""
 CONDENSED_FLOW, CONDENSED_FLOW_VERSION = "hhr_dolfinx condensed flow model", 2
 """Format of files of condensed flow, see ``condensed_flow_file``."""
+CONE = "fields.force_snapshots"
+"""What a file leaves out of a model whose bound completes forces."""
 VALUES = ("amplitudes", "laws", "outputs")
 """Lists of values in the header, see ``values``."""
 

@@ -36,6 +36,7 @@ from hhr_dolfinx.online.layout import (
     CONDENSED_FLOW,
     CONDENSED_FLOW_VERSION,
     CONDENSED_VERSION,
+    CONE,
     FORMAT,
     INDICES,
     LAYOUT,
@@ -164,6 +165,8 @@ def _reduced_of(
     with refused_if_damaged(path):
         model = _model(_checked(header, arrays, kinds))
         if varying is None:
+            if model.fields.force_snapshots is None and model.fields.bound is None:
+                raise FileContentError("neither training forces nor a bound say what forces outside the RID are")
             return model
         from hhr_dolfinx.online.varying_file import with_varying_parts
 
@@ -195,16 +198,19 @@ def _layout(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
     parts = {"reduced", "fields", "amplitudes", *((flows, "completion") if flows else ("known",))}
     parts |= {"trained", *(("paths",) if flows else ())} if trained else set()
     parts |= {"bound"} if "bound.schur" in names else set()
-    return {name: kind for name, kind in LAYOUT.items() if name.split(".")[0] in parts}
+    left_out = {CONE} - set(names)
+    return {name: kind for name, kind in LAYOUT.items() if name.split(".")[0] in parts and name not in left_out}
 
 
 def _taken_apart(model: ReducedModel) -> dict[str, Any]:
     """Everything that the table may ask for, by name."""
     parts = {"reduced": model.problem, "fields": model.fields, "amplitudes": model.fields.amplitudes}
     values = {f"{part}.{name}": item for part, value in parts.items() for name, item in vars(value).items()}
+    if model.fields.force_snapshots is None:
+        del values[CONE]
     if model.known is not None:
         values |= {"known.points": model.known.points, "known.active": model.known.active}
-    if model.fields.bound is not None:
+    if isinstance(model.fields.bound, ErrorBound):
         values |= {f"bound.{name}": item for name, item in vars(model.fields.bound).items()}
     if model.trained is not None:
         range_ = getattr(model.trained, "parameters", model.trained)
@@ -304,7 +310,8 @@ def _model(content: Content) -> ReducedModel:
             trained = TrainedPaths(range_, steps=steps, **parts["paths"])
     kind = part_of_flow(content.arrays)
     flow, completion = flow_of(parts[kind], parts["completion"], content) if kind else (None, None)
-    fields = Reconstruction(theta, **parts["fields"], dimension=content.dimension, flow=completion)
+    given = {"force_snapshots": None} | parts["fields"]
+    fields = Reconstruction(theta, **given, dimension=content.dimension, flow=completion)
     if "bound" in parts:
         fields = replace(fields, bound=ErrorBound(**parts["bound"]))
     if content.outputs:

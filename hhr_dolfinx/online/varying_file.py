@@ -18,6 +18,7 @@ from hhr_dolfinx.formulas import Formula, Modulus, Scalar, check_over_box
 from hhr_dolfinx.models.block_elimination import BlockReduction
 from hhr_dolfinx.models.cells import CellRule
 from hhr_dolfinx.models.condensed import KnownStatuses
+from hhr_dolfinx.models.error_bound import ErrorBound
 from hhr_dolfinx.models.functional_kinds import KINDS as FUNCTIONALS
 from hhr_dolfinx.models.functionals import Functionals
 from hhr_dolfinx.models.interpolated import Compliance, Compliances, InterpolatedFields, PrimalModes
@@ -31,6 +32,7 @@ from hhr_dolfinx.models.shaped import FixedCells, RidAssembly, RidBody, RidShape
 from hhr_dolfinx.models.shaped_functionals import ReshapedFunctionals, Zone
 from hhr_dolfinx.models.starts import LinearStarts
 from hhr_dolfinx.models.varying import VaryingModel
+from hhr_dolfinx.models.varying_bound import PartEnergy, VaryingBound
 from hhr_dolfinx.online.layout import CONDENSED, CONDENSED_VERSION
 from hhr_dolfinx.online.tree import put_together, taken_apart
 from hhr_dolfinx.pairings.mortar import Mortar
@@ -46,7 +48,7 @@ KINDS = (
     Interpolant, KnownStatuses, LinearStarts, Modulus, ParameterSpace, PrimalModes, ReducedProblem, ReducedTerms,
     ReshapedReduction, Scalar, Functionals, *FUNCTIONALS, FixedCells, RidAssembly, RidBody, RidShape, Shape, CellRule,
     ContactPatch, SurfacePatch, Mortar, NodeToNode, NodeToSurface, DoublePass, Obstacle,
-    MovingCells, ReshapedFunctionals, Zone,
+    MovingCells, ReshapedFunctionals, Zone, VaryingBound, PartEnergy,
 )  # fmt: skip
 """Classes that may come out of a file."""
 
@@ -115,6 +117,7 @@ def varying_parts(model: ReducedModel) -> tuple[dict[str, Any], dict[str, np.nda
         "compliances": model.compliances,
         "known": model.known,
         "contact": model.fields.reshaped_contact,
+        "bound": None if isinstance(model.fields.bound, ErrorBound) else model.fields.bound,
         "outputs": None if problem.reshaped is None else model.fields.functionals,
     }
     if model.flow is not None:
@@ -132,7 +135,7 @@ def with_varying_parts(
         FileContentError: for a tree that is none, or does not suit the model.
     """
     kinds = by_name([*KINDS, *known])
-    names = {"terms", "reshaped", "compliances", "known", "contact", "outputs"}
+    names = {"terms", "reshaped", "compliances", "known", "contact", "bound", "outputs"}
     flowing = {"young"} if model.flow is not None else set()
     if not isinstance(tree, dict) or tree.keys() != names | flowing:
         raise FileContentError("what varies in the model is no tree")
@@ -145,18 +148,21 @@ def with_varying_parts(
         and isinstance(parts["compliances"], Compliances | None)
         and isinstance(parts["known"], KnownStatuses)
         and isinstance(parts["contact"], Interpolant | None)
+        and isinstance(parts["bound"], VaryingBound | None)
         and isinstance(parts["outputs"], ReshapedFunctionals | None)
     )
     if not fits:
         raise FileContentError("what varies in the model is of other kinds")
+    if parts["bound"] is None and model.fields.force_snapshots is None:
+        raise FileContentError("neither training forces nor a bound say what forces outside the RID are")
     try:
         problem = replace(model.problem, terms=parts["terms"], reshaped=parts["reshaped"])
         outputs = {} if parts["outputs"] is None else {"functionals": parts["outputs"]}
-        fields = replace(model.fields, reshaped_contact=parts["contact"], **outputs)
+        fields = replace(model.fields, reshaped_contact=parts["contact"], bound=parts["bound"], **outputs)
         given = {"compliances": parts["compliances"], "known": parts["known"]}
         whole = model.changed(problem=problem, fields=fields, **given)
         middle = np.mean([model.parameters.lower, model.parameters.upper], axis=0)
-        whole.solve(middle, outside="ignore", raise_on_failure=False)
+        whole.solve(middle, outside="ignore", raise_on_failure=False).estimate()
     except (IndexError, TypeError, ValueError, AttributeError) as error:
         raise FileContentError(f"what varies does not suit the model: {error}") from error
     return whole

@@ -5,7 +5,7 @@ Stages that a scene does not need are left out and listed with the reason.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from hhr_dolfinx.certify.trust import (
 )
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError, ReductionError
-from hhr_dolfinx.models.error_bound import ErrorBound
+from hhr_dolfinx.models.error_bound import Bound
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
@@ -88,6 +88,7 @@ class _Offline:
         completion: of the answers.
         states: tangents at training states and the stiffness they make.
         log: told of every stage.
+        interpolated: what bounds between parameters need, filled by the first attempt.
     """
 
     full: Any
@@ -101,6 +102,7 @@ class _Offline:
     completion: Completion
     states: list[tuple[np.ndarray, Any]]
     log: StageLog
+    interpolated: list = field(default_factory=list)
 
 
 def usual_recipe(full: Any) -> Recipe:
@@ -234,13 +236,12 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
         check_solvable(stability)
         if recipe.trust is not None:
             check_stability(stability, recipe.trust)
+    bound = _bound_of(shared, basis)
     with log.stage("reconstruction"):
-        fields = shared.completion.reconstruction(problem, basis, sets, flow)
-        fields = replace(fields, stress_of=full.stress_of, functionals=_functionals(full, basis))
+        fields = shared.completion.reconstruction(problem, basis, sets, flow, cone=recipe.cone or bound is None)
+        fields = replace(fields, bound=bound, stress_of=full.stress_of, functionals=_functionals(full, basis))
         if recipe.indicator is not None:
             fields = replace(fields, indicator=recipe.indicator.prepared(problem, basis, sets))
-    if recipe.bound and recipe.indicator is None:
-        fields = replace(fields, bound=_bound_of(full, basis, log))
     known = shared.snapshots.known_statuses(sets.A_lambda) if flow is None else None
     with log.stage("online_arrays"):
         range_ = TrainedRange.of(shared.snapshots.points, problem.parameters) if flow is None else None
@@ -274,11 +275,18 @@ def _flow_of(shared: _Offline, basis: np.ndarray, sets: IndexSets, layers: int) 
         return cubature_flow(equilibrium, basis, sets, shared.snapshots, *how)[0]
 
 
-def _bound_of(full: Any, basis: np.ndarray, log: StageLog) -> ErrorBound | None:
-    """Bounds of errors; None where they are not proved, with the reason in the log."""
+def _bound_of(shared: _Offline, basis: np.ndarray) -> Bound | None:
+    """Bounds of errors; None where they were not asked for, or are not proved, with the reason in the log."""
+    full, recipe, log = shared.full, shared.recipe, shared.log
+    if not recipe.bound or recipe.indicator is not None:
+        return None
     try:
         with log.stage("bound"):
-            return error_bound(full, basis)
+            if full.equilibrium is not None or not full.problem.varies:
+                return error_bound(full, basis)
+            from hhr_dolfinx.reduction.varying_bound import varying_bound
+
+            return varying_bound(full, basis, shared.interpolated)
     except BoundError as error:
         log.skip("bound", str(error))
         return None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,12 +34,12 @@ class Completion:
     """What completes answers, as far as it depends on training alone, computed once for all attempts.
 
     Attributes:
-        force_snapshots: forces whose cone holds all of training, see (1.70), (N_lambda, S').
+        forces: of training, (N_lambda, S).
         gap_scale: length by which gaps are measured, (N_lambda,).
         stress, plastic_strain: POD modes of the fields of Gauss points; None where nothing flows, or flowed.
     """
 
-    force_snapshots: np.ndarray
+    forces: np.ndarray
     gap_scale: np.ndarray
     stress: np.ndarray | None = None
     plastic_strain: np.ndarray | None = None
@@ -46,11 +47,16 @@ class Completion:
     @classmethod
     def of(cls, problem: ContactProblem, snapshots: SnapshotSet) -> Completion:
         """Of training answers."""
-        rays, scale = spanning_rays(snapshots.forces, IN_THE_CONE), _gap_scale(problem, snapshots)
+        scale = _gap_scale(problem, snapshots)
         if snapshots.stress is None or snapshots.cumulated is None:
-            return cls(rays, scale)
+            return cls(snapshots.forces, scale)
         flowed = pod(snapshots.cumulated, PLASTIC_STRAIN)[0] if snapshots.flowed else None
-        return cls(rays, scale, pod(snapshots.stress, STRESS)[0], flowed)
+        return cls(snapshots.forces, scale, pod(snapshots.stress, STRESS)[0], flowed)
+
+    @cached_property
+    def rays(self) -> np.ndarray:
+        """Training forces whose cone holds all of them, see (1.70), (N_lambda, S')."""
+        return spanning_rays(self.forces, IN_THE_CONE)
 
     def reconstruction(
         self,
@@ -58,8 +64,10 @@ class Completion:
         basis: np.ndarray,
         sets: IndexSets,
         flow: ReducedFlow | CubatureFlow | None = None,
+        *,
+        cone: bool = True,
     ) -> Reconstruction:
-        """What one reduced model hands out fields with."""
+        """What one reduced model hands out fields with; without the ``cone`` of (1.70) a bound completes forces."""
         return Reconstruction(
             amplitudes=problem.amplitudes,
             basis=basis,
@@ -67,7 +75,7 @@ class Completion:
             contact_basis=csr_matrix(problem.contact) @ basis,
             gaps=problem.gaps,
             A_lambda=sets.A_lambda,
-            force_snapshots=self.force_snapshots,
+            force_snapshots=self.rays if cone else None,
             gap_scale=self.gap_scale,
             dimension=problem.block_size,
             flow=None if flow is None else self._flow_fields(flow),

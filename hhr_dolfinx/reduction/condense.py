@@ -6,31 +6,30 @@ Each part of a scene that hangs together is solved for by itself, at parameters 
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix, hstack
 
 from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.certify.compare import Comparison, compare_points
 from hhr_dolfinx.certify.trust import TrustLimits, check_comparison
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.errors import ReductionError, StabilityWarning
-from hhr_dolfinx.linear.sparse import FreeCholesky
+from hhr_dolfinx.errors import BoundError, ReductionError, StabilityWarning
 from hhr_dolfinx.models.block_elimination import BlockReduction
 from hhr_dolfinx.models.interpolated import Compliances, InterpolatedFields
-from hhr_dolfinx.models.interpolation import GrownGrid
 from hhr_dolfinx.models.reshaped import ReshapedReduction
 from hhr_dolfinx.models.starts import LinearStarts
 from hhr_dolfinx.models.varying import VaryingModel
-from hhr_dolfinx.reduction.interpolate import DEFAULT_GRID, GridSettings, Part, compliance_of, dependence, grown
+from hhr_dolfinx.reduction.components import Solver, components_of, interpolated_compliances
+from hhr_dolfinx.reduction.interpolate import DEFAULT_GRID, GridSettings
 from hhr_dolfinx.reduction.interpolate_reduced import interpolated_problem
 from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.recipe import Pod
 from hhr_dolfinx.reduction.shaped_outputs import reshaped_functionals
 from hhr_dolfinx.reduction.starts import linear_starts
+from hhr_dolfinx.reduction.varying_bound import varying_bound
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import StageLog
@@ -41,14 +40,6 @@ FIELD_TOLERANCE = 1e-13
 """Part of the squared sum of displacements that the basis of the fields may leave out."""
 FORCE_TOLERANCE, FIELD_NODES, TINY = 1e-9, 8, 1e-300
 """Part of the squared forces that the fields of a shape may leave out, and at how many shapes they are solved for."""
-
-
-@dataclass(frozen=True)
-class Component:
-    """What of a scene hangs together: its dofs that are free, as a mask, (N,), and what acts on it."""
-
-    dofs: np.ndarray
-    part: Part
 
 
 @dataclass(frozen=True)
@@ -75,6 +66,8 @@ def condense(
     snapshots: SnapshotSet,
     settings: GridSettings = DEFAULT_GRID,
     held_out: SnapshotSet | None = None,
+    *,
+    bound: bool = True,
 ) -> VaryingModel:
     """Build a model that keeps all contact conditions and interpolates what is behind them.
 
@@ -83,6 +76,7 @@ def condense(
         snapshots: answers whose displacements span the fields; the contact forces do not need them.
         settings: how far the sparse grids grow.
         held_out: answers the model is compared with.
+        bound: whether answers have a bound of their error, or an estimate where none is proved.
 
     Raises:
         ReductionError: for a scene whose stiffness is constant, or that flows.
@@ -99,9 +93,9 @@ def condense(
     problem.require_whole()
     check_of_problem("snapshots", snapshots, problem)
     log = StageLog()
-    solvers = [_Solver(full, component) for component in components_of(problem)]
+    solvers = [Solver(full, component) for component in components_of(problem)]
     with log.stage("compliances"):
-        compliances, grids = interpolated_compliances(problem, solvers, settings)
+        compliances, grids, _ = interpolated_compliances(problem, solvers, settings)
     worst = max((grid.surplus for grid in grids), default=0.0)
     if worst > settings.tolerance:
         warnings.warn(
@@ -116,6 +110,8 @@ def condense(
     with log.stage("fields"):
         seen = [] if problem.reshaped is None else _fields_seen(compliances, solvers, known)
         fields = _fields(full, np.column_stack([snapshots.displacements, *seen]), settings)
+    if bound:
+        fields = _bounded(full, fields, log)
     model = VaryingModel(full.parameters, compliances, known, fields, problem.contact_pairs)
     comparison = None
     if held_out is not None:
@@ -149,6 +145,16 @@ def _fields(full: Any, displacements: np.ndarray, settings: GridSettings) -> Int
     return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest)
 
 
+def _bounded(full: Any, fields: InterpolatedFields, log: StageLog) -> InterpolatedFields:
+    """Fields with a bound; as they are where there is none, with the reason in the log."""
+    try:
+        with log.stage("bound"):
+            return replace(fields, bound=varying_bound(full, fields.basis))
+    except BoundError as error:
+        log.skip("bound", str(error))
+        return fields
+
+
 def _of_energy(basis: np.ndarray, problem: ContactProblem) -> np.ndarray:
     """Modes of the same span, orthonormal in the energy of the middle of the box.
 
@@ -159,53 +165,7 @@ def _of_energy(basis: np.ndarray, problem: ContactProblem) -> np.ndarray:
     return basis @ (ways[:, kept] / np.sqrt(energies[kept]))
 
 
-def components_of(problem: ContactProblem) -> list[Component]:
-    """What hangs together in a scene, as far as it touches anything."""
-    found = []
-    shape_axes = () if problem.reshaped is None else problem.reshaped.axes
-    lifts = sum((abs(term) for term in problem.lift_terms), abs(problem.stiffness) @ abs(problem.lifts))
-    for body in problem.bodies:
-        dofs = np.zeros(problem.free.size, dtype=bool)
-        dofs[body] = problem.free[body]
-        conditions = np.flatnonzero(np.diff(problem.contact[:, dofs].indptr))
-        if not conditions.size:
-            continue
-        moduli = [
-            modulus
-            for modulus, term in zip(problem.moduli, problem.stiffness_terms, strict=False)
-            if term[body].count_nonzero()
-        ]
-        factor, axes = dependence(moduli, shape_axes, problem.parameters.names)
-        forced, lifted = (_acting(columns, dofs) for columns in (problem.external, lifts))
-        found.append(Component(dofs, Part(conditions, forced, lifted, factor, axes)))
-    return found
-
-
-def _acting(columns: csc_matrix, dofs: np.ndarray) -> np.ndarray:
-    """Columns with entries on some dofs."""
-    return np.flatnonzero(np.diff(csc_matrix(columns[dofs]).indptr))
-
-
-def interpolated_compliances(
-    problem: ContactProblem, solvers: list[_Solver], settings: GridSettings
-) -> tuple[Compliances, list[GrownGrid]]:
-    """Solve for and interpolate all that contact needs of a full model; on one rank."""
-    parts, grids = [], []
-    for solver in solvers:
-        part = solver.component.part
-        grid, modes = grown(solver, problem.parameters, part.axes, settings)
-        parts.append(compliance_of(part, grid, modes, None))
-        grids.append(grid)
-    reshaped = None
-    if problem.reshaped is not None:
-        axes = np.array(problem.reshaped.axes, dtype=np.int64)
-        grid, _ = grown(lambda point: {"gaps": problem.at(point).gaps}, problem.parameters, axes, settings)
-        grids.append(grid)
-        reshaped = grid.interpolant
-    return Compliances(tuple(parts), problem.amplitudes, problem.gaps, reshaped), grids
-
-
-def _fields_seen(compliances: Compliances, solvers: list[_Solver], known: LinearStarts) -> list[np.ndarray]:
+def _fields_seen(compliances: Compliances, solvers: list[Solver], known: LinearStarts) -> list[np.ndarray]:
     """Displacements at some shapes under forces as they occur, (N, k) each: few snapshots do not span them."""
     forces = np.maximum(known.margins, 0.0).T
     forces = pod(forces / np.maximum(np.linalg.norm(forces, axis=0), TINY), FORCE_TOLERANCE)[0]
@@ -216,47 +176,3 @@ def _fields_seen(compliances: Compliances, solvers: list[_Solver], known: Linear
             point[part.interpolant.axes] = node
             found.append(solver.fields_at(point, forces))
     return found
-
-
-class _Solver:
-    """Solves for what one component leaves of itself; its factors take the values of each point.
-
-    Args:
-        full: the full model, on one rank.
-        component: of its scene.
-    """
-
-    def __init__(self, full: Any, component: Component):
-        self.problem, self.component, self._full = full.problem, component, full
-        self._factors: FreeCholesky | None = None
-
-    def __call__(self, point: np.ndarray) -> dict[str, np.ndarray]:
-        """S_c, (m_c, m_c), and B K^-1 F above B K^-1 K lift, (T, m_c), for the factor 1."""
-        problem, factors = self._factored(point)
-        part = self.component.part
-        rows, factor = csr_matrix(problem.contact[part.conditions]), part.factor_at(point)
-        per_force = factors.solve_columns(rows.T)
-        schur = rows @ per_force
-        # K^-1 is symmetric: no solve for the loads, of which there may be more than conditions
-        forced = problem.external[:, part.forced].T @ per_force
-        lifted = (problem.own_stiffness @ problem.lifts[:, part.lifted]).T @ per_force
-        return {"schur": factor * (schur + schur.T) / 2, "columns": np.vstack([factor * forced, lifted])}
-
-    def fields_at(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """Displacements under contact forces, (m, k), and under each load, (N, k + T)."""
-        problem, factors = self._factored(point)
-        part = self.component.part
-        pushed = csc_matrix(problem.contact[part.conditions].T @ forces[part.conditions])
-        loads = problem.loads[:, np.union1d(part.forced, part.lifted)]
-        return factors.solve_columns(hstack([pushed, loads], format="csc"))
-
-    def _factored(self, point: np.ndarray) -> tuple[ContactProblem, FreeCholesky]:
-        """The problem at a point, and its factors."""
-        problem = self.problem.at(point)
-        if self._factors is None:
-            full = self._full
-            how = slice(0, problem.free.size), full.scene.name, full.block_ordering, full.comm
-            self._factors = FreeCholesky(problem.own_stiffness, self.component.dofs, *how)
-        else:
-            self._factors.refactor(problem.own_stiffness)
-        return problem, self._factors

@@ -22,10 +22,13 @@ class GridSettings:
     Attributes:
         tolerance: wished error of S and of the free slack, relative to their size.
         budget: most solutions for each part of a scene that hangs together.
+        compressed: whether directions are left out that the tolerance does not ask for; what is proved of an
+            interpolation needs them.
     """
 
     tolerance: float = 1e-5
     budget: int = 200
+    compressed: bool = True
 
     def __post_init__(self) -> None:
         if not is_number(self.tolerance) or not 0 < self.tolerance < 1 or not is_whole(self.budget, 1):
@@ -105,7 +108,8 @@ def grown(
         ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes.values())])
         return max((float(np.linalg.norm(values[a:b])) for a, b in pairwise(ends)), default=0.0)
 
-    grid = grow(joined, scale, (axes, lower[axes], upper[axes]), settings.tolerance, settings.budget)
+    grid = grow(joined, scale, (axes, lower[axes], upper[axes]), settings.tolerance, settings.budget,
+                compressed=settings.compressed)  # fmt: skip
     modes, first, parts = grid.interpolant.modes, 0, {}
     for name, shape in shapes.items():
         size = int(np.prod(shape))
@@ -122,7 +126,7 @@ def _stacked(parts: Mapping[str, np.ndarray], like: np.ndarray) -> np.ndarray:
 
 
 def compliance_of(part: Part, grid: GrownGrid, modes: dict[str, np.ndarray], unknowns: np.ndarray | None) -> Compliance:
-    """A part from the modes of ``schur`` (m, m), ``columns`` (T, m), and of ``pushed`` (n, m) and ``free`` (T, n)."""
+    """A part from modes of ``schur`` (m, m), ``columns`` (T, m), and of ``pushed`` (n, m) and ``free`` (T, n)."""
     rank = len(grid.interpolant.weights)
     schur = np.asfortranarray(modes["schur"].reshape(-1, rank))
     interpolant: Interpolant = replace(grid.interpolant, modes=schur)

@@ -1,0 +1,167 @@
+"""Bounds of errors where the stiffness or the shape depends on parameters: what they need is interpolated.
+
+With f = loads θ - B^T λ the field in equilibrium with forces λ is K^-1 f, and what bounds need of it has the size of
+the contact surface: S, the slack, and its energy f^T K^-1 f. All are blocks of one matrix P^T K^-1 P, P = (loads, B^T),
+which condensation interpolates between few parameters (:mod:`hhr_dolfinx.models.interpolated`). A reduced field V γ
+is off by
+
+    |V γ - K^-1 f|_K^2 = γ^T V^T K V γ - 2 γ^T V^T f + f^T K^-1 f,
+
+whose first terms are small matrices. Its root resolves what is above the root of the error of the interpolation.
+docs/bounds.md says where that error is proved; elsewhere the estimate is called one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import cholesky
+
+from hhr_dolfinx.models.contact_response import ContactResponse
+from hhr_dolfinx.models.error_bound import Estimates, Given, bounded, relative
+from hhr_dolfinx.models.interpolated import Compliances, InterpolatedElimination
+from hhr_dolfinx.models.projected import ReducedProblem
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.gradient import Gradient
+    from hhr_dolfinx.models.reshaped import InterpolatedProblem
+
+ROUND_OFF = 1e-13
+"""Part of an energy that is round-off of the sums it is made of."""
+
+
+@dataclass(frozen=True)
+class PartEnergy:
+    """Energies of one part of a scene for the factor 1, along the modes of its compliance.
+
+    Attributes:
+        work: modes of P^T K^-1 P, where P are the terms forced and, behind them, K lift of those lifted, (r, T, T).
+        lifted: modes of lift^T K lift, (r, T_L, T_L).
+    """
+
+    work: np.ndarray
+    lifted: np.ndarray
+
+
+@dataclass(frozen=True)
+class VaryingBound:
+    """See :class:`hhr_dolfinx.models.error_bound.Bound` (m conditions, ell modes).
+
+    Attributes:
+        compliances: S and the free slack of all conditions.
+        energies: of its parts.
+        whole: V^T K V, V^T loads and all else of the reduced basis on the whole mesh.
+        inexact: relative error of what is interpolated, in the order of energies.
+        proved: whether that is more than what was observed.
+        middle: of the box, (P,).
+    """
+
+    compliances: Compliances
+    energies: tuple[PartEnergy, ...]
+    whole: ReducedProblem | InterpolatedProblem
+    inexact: float
+    proved: bool
+    middle: np.ndarray
+
+    @property
+    def schur(self) -> np.ndarray:
+        """S in the middle of the box."""
+        return self.compliances(self.middle).schur
+
+    def prepared(self, inside: np.ndarray) -> np.ndarray:
+        """See :class:`Bound`: S is not known yet."""
+        return inside
+
+    def at(self, points: np.ndarray, theta: Any) -> VaryingThere:
+        """See :class:`Bound`; for one answer."""
+        found = self.compliances(points[0])
+        return VaryingThere(self, found, ContactResponse(found.schur, cholesky(found.schur, lower=True)))
+
+    def problem_at(self, point: np.ndarray) -> ReducedProblem:
+        """The reduced problem of the whole mesh at a point, whose stiffness is constant."""
+        if not isinstance(self.whole, ReducedProblem):
+            return self.whole(point)
+        return self.whole if self.whole.terms is None else self.whole.weighted(self.whole.terms.weights(point))
+
+
+class _Energies(NamedTuple):
+    """Energies of a field in equilibrium.
+
+    Attributes:
+        moved: of what is free to move, f^T K^-1 f.
+        size: of all of it, the lift with it.
+        scale: of the sums that make them, of which part is round-off.
+    """
+
+    moved: float
+    size: float
+    scale: float
+
+
+class VaryingThere(NamedTuple):
+    """See :class:`hhr_dolfinx.models.error_bound.BoundThere`; of one answer.
+
+    Attributes:
+        owner: what is interpolated.
+        found: S and the free slack at the point.
+        response: S with its factor.
+    """
+
+    owner: VaryingBound
+    found: InterpolatedElimination
+    response: ContactResponse
+
+    def completed(self, own: np.ndarray, outside: np.ndarray) -> np.ndarray:
+        """See :class:`BoundThere`."""
+        return self.response.outside(outside).completed(own, self.found.free_slack[None])
+
+    def force_changes(
+        self, forces: np.ndarray, outside: np.ndarray, gradient: Gradient, changes: np.ndarray
+    ) -> np.ndarray:
+        """See :class:`BoundThere`."""
+        fixed, _ = self.found.at_fixed_forces(forces, np.zeros(0))
+        return self.response.outside(outside).changes(forces, gradient.multipliers, fixed)
+
+    def of(self, unknown: np.ndarray, forces: np.ndarray, slack: np.ndarray) -> Estimates:
+        """See :class:`BoundThere`."""
+        gamma, found, inexact = unknown[0], self.found, self.owner.inexact
+        problem = self.owner.problem_at(found.point)
+        own, loads = float(gamma @ problem.stiffness @ gamma), problem.loads @ found.theta
+
+        def fields(better: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            pulled = float(gamma @ (loads - better[0] @ problem.contact_trial))
+            energies = self._energies(better[0])
+            noise = inexact * energies.moved + ROUND_OFF * (own + 2 * abs(pulled) + energies.scale)
+            left = max(own - 2 * pulled + energies.moved, 0.0) + noise
+            norms = np.sqrt([[left], [energies.size], [energies.moved]])
+            return norms[0], norms[1], norms[2]
+
+        given = Given(forces, slack, found.free_slack[None])
+        primal, dual, size, pushed = bounded(given, self.response, fields, inexact)
+        kind = "bound" if self.owner.proved else "estimate"
+        return Estimates(kind, primal, dual, relative(primal, size), relative(dual, pushed))
+
+    def _energies(self, forces: np.ndarray) -> _Energies:
+        """Of the field in equilibrium with forces, (m,)."""
+        found, theta = self.found, self.found.theta
+        owner, driven, held, lifted = found.owner, 0.0, 0.0, 0.0
+        for part, energy, (along, compliance) in zip(owner.parts, self.owner.energies, found.along, strict=True):
+            count, weights = part.forced.size, theta[part.terms]
+            # of a lift L forces feel -K L, and K is as much larger as K^-1 is smaller
+            weights = np.append(weights[:count] * math.sqrt(compliance), -weights[count:] / math.sqrt(compliance))
+            used = np.flatnonzero(weights)
+            work = np.tensordot(along, energy.work[:, used[:, None], used], 1)
+            driven += float(weights[used] @ work @ weights[used])
+            if (lifts := used >= count).any():
+                pulling = np.where(lifts, -weights[used], 0.0)
+                moved = part.columns[part.forced.size :] @ along @ forces[part.where]
+                held += float(pulling @ work @ weights[used]) - float(theta[part.lifted] @ moved)
+                own = weights[count:]
+                lifted += float(own @ np.tensordot(along, energy.lifted, 1) @ own)
+        closed = owner.gaps_at(found.point) @ theta - found.free_slack
+        pulled, pushed = float(closed @ forces), float(forces @ found.schur @ forces)
+        moved = max(driven - 2 * pulled + pushed, 0.0)
+        return _Energies(moved, max(moved + 2 * held + lifted, 0.0), driven + 2 * abs(pulled) + pushed)

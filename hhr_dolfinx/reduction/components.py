@@ -1,0 +1,125 @@
+"""What of a scene hangs together, solved for by itself: what it leaves of itself once it is eliminated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csc_matrix, csr_matrix, hstack
+
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.formulas import Modulus
+from hhr_dolfinx.linear.sparse import FreeCholesky
+from hhr_dolfinx.models.interpolated import Compliances
+from hhr_dolfinx.models.interpolation import GrownGrid
+from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of, dependence, grown
+
+
+@dataclass(frozen=True)
+class Component:
+    """What of a scene hangs together.
+
+    Attributes:
+        dofs: its dofs that are free, as a mask, (N,).
+        body: numbers of all of its dofs.
+        part: what acts on it.
+        moduli: of the parts of its stiffness, where these depend on parameters.
+    """
+
+    dofs: np.ndarray
+    body: np.ndarray
+    part: Part
+    moduli: list[Modulus]
+
+
+def components_of(problem: ContactProblem) -> list[Component]:
+    """What hangs together in a scene, as far as it touches anything."""
+    found = []
+    shape_axes = () if problem.reshaped is None else problem.reshaped.axes
+    lifts = sum((abs(term) for term in problem.lift_terms), abs(problem.stiffness) @ abs(problem.lifts))
+    for body in problem.bodies:
+        dofs = np.zeros(problem.free.size, dtype=bool)
+        dofs[body] = problem.free[body]
+        conditions = np.flatnonzero(np.diff(problem.contact[:, dofs].indptr))
+        if not conditions.size:
+            continue
+        moduli = [
+            modulus
+            for modulus, term in zip(problem.moduli, problem.stiffness_terms, strict=False)
+            if term[body].count_nonzero()
+        ]
+        factor, axes = dependence(moduli, shape_axes, problem.parameters.names)
+        forced, lifted = (_acting(columns, dofs) for columns in (problem.external, lifts))
+        found.append(Component(dofs, body, Part(conditions, forced, lifted, factor, axes), moduli))
+    return found
+
+
+def _acting(columns: csc_matrix, dofs: np.ndarray) -> np.ndarray:
+    """Columns with entries on some dofs."""
+    return np.flatnonzero(np.diff(csc_matrix(columns[dofs]).indptr))
+
+
+def interpolated_compliances(
+    problem: ContactProblem, solvers: Sequence[Solver], settings: GridSettings
+) -> tuple[Compliances, list[GrownGrid], list[dict[str, np.ndarray]]]:
+    """Solve for and interpolate all that contact needs of a full model, on one rank, and the modes of each part."""
+    parts, grids, others = [], [], []
+    for solver in solvers:
+        part = solver.component.part
+        grid, modes = grown(solver, problem.parameters, part.axes, settings)
+        parts.append(compliance_of(part, grid, modes, None))
+        grids.append(grid)
+        others.append(modes)
+    reshaped = None
+    if problem.reshaped is not None:
+        axes = np.array(problem.reshaped.axes, dtype=np.int64)
+        grid, _ = grown(lambda point: {"gaps": problem.at(point).gaps}, problem.parameters, axes, settings)
+        grids.append(grid)
+        reshaped = grid.interpolant
+    return Compliances(tuple(parts), problem.amplitudes, problem.gaps, reshaped), grids, others
+
+
+class Solver:
+    """Solves for what one component leaves of itself; its factors take the values of each point.
+
+    Args:
+        full: the full model, on one rank.
+        component: of its scene.
+    """
+
+    def __init__(self, full: Any, component: Component):
+        self.problem, self.component, self._full = full.problem, component, full
+        self._factors: FreeCholesky | None = None
+
+    def __call__(self, point: np.ndarray) -> dict[str, np.ndarray]:
+        """S_c, (m_c, m_c), and B K^-1 F above B K^-1 K lift, (T, m_c), for the factor 1."""
+        problem, factors = self.factored(point)
+        part = self.component.part
+        rows, factor = csr_matrix(problem.contact[part.conditions]), part.factor_at(point)
+        per_force = factors.solve_columns(rows.T)
+        schur = rows @ per_force
+        # K^-1 is symmetric: no solve for the loads, of which there may be more than conditions
+        forced = problem.external[:, part.forced].T @ per_force
+        lifted = (problem.own_stiffness @ problem.lifts[:, part.lifted]).T @ per_force
+        return {"schur": factor * (schur + schur.T) / 2, "columns": np.vstack([factor * forced, lifted])}
+
+    def fields_at(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
+        """Displacements under contact forces, (m, k), and under each load, (N, k + T)."""
+        problem, factors = self.factored(point)
+        part = self.component.part
+        pushed = csc_matrix(problem.contact[part.conditions].T @ forces[part.conditions])
+        loads = problem.loads[:, np.union1d(part.forced, part.lifted)]
+        return factors.solve_columns(hstack([pushed, loads], format="csc"))
+
+    def factored(self, point: np.ndarray) -> tuple[ContactProblem, FreeCholesky]:
+        """The problem at a point, and its factors."""
+        problem = self.problem.at(point)
+        if self._factors is None:
+            full = self._full
+            how = slice(0, problem.free.size), full.scene.name, full.block_ordering, full.comm
+            self._factors = FreeCholesky(problem.own_stiffness, self.component.dofs, *how)
+        else:
+            self._factors.refactor(problem.own_stiffness)
+        return problem, self._factors

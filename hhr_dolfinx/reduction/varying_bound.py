@@ -1,0 +1,118 @@
+"""Bounds of errors where the stiffness or the shape depends on parameters, offline."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csc_matrix, csr_matrix, hstack
+
+from hhr_dolfinx.certify.bounds import check_hypotheses
+from hhr_dolfinx.certify.interpolation import proved_error
+from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
+from hhr_dolfinx.errors import BoundError
+from hhr_dolfinx.models.interpolated import Compliances
+from hhr_dolfinx.models.projected import ReducedProblem
+from hhr_dolfinx.models.reshaped import InterpolatedProblem
+from hhr_dolfinx.models.varying_bound import ROUND_OFF, PartEnergy, VaryingBound
+from hhr_dolfinx.reduction.components import Component, Solver, components_of, interpolated_compliances
+from hhr_dolfinx.reduction.interpolate import GridSettings
+from hhr_dolfinx.reduction.interpolate_reduced import interpolated_problem
+from hhr_dolfinx.reduction.projection import project
+
+STIFFNESS_GRID, SHAPE_GRID = GridSettings(1e-9, 200, compressed=False), GridSettings(1e-7, 150)
+"""How far S and its energies are interpolated: displacements are resolved up to the root of it. A shape is assembled
+and factored anew at each of its nodes."""
+OBSERVED = 10.0
+"""Errors are at most so many times the last surplus, where nothing is proved; the greatest seen was a half of it."""
+
+
+def varying_bound(full: Any, basis: np.ndarray, shared: list | None = None) -> VaryingBound:
+    """Bounds for answers with a basis, (N, ell), of a full model on one rank whose stiffness depends on parameters.
+
+    Args:
+        full: the full model.
+        basis: V.
+        shared: what does not depend on the basis, kept between calls; it is filled by the first.
+
+    Raises:
+        BoundError: with the hypothesis that fails.
+    """
+    check_hypotheses(full)
+    problem: ContactProblem = full.problem
+    if not shared:
+        found = _interpolated(full)
+        if shared is not None:
+            shared.append(found)
+    else:
+        found = shared[0]
+    compliances, energies, inexact, proved = found
+    return VaryingBound(compliances, energies, _whole(problem, basis), inexact, proved, problem.middle)
+
+
+def _interpolated(full: Any) -> tuple[Compliances, tuple[PartEnergy, ...], float, bool]:
+    """What does not depend on a basis."""
+    problem: ContactProblem = full.problem
+    components = components_of(problem)
+    held = sum(int(component.dofs.sum()) for component in components)
+    if held < int(np.count_nonzero(problem.free)):
+        raise BoundError("a body that nothing can touch has no part in S: leave it out of the scene")
+    settings = STIFFNESS_GRID if problem.reshaped is None else SHAPE_GRID
+    compliances, grids, modes = interpolated_compliances(
+        problem, [EnergySolver(full, component) for component in components], settings
+    )
+    energies = tuple(
+        PartEnergy(*(np.ascontiguousarray(np.moveaxis(part[name], 2, 0)) for name in ("work", "lifted")))
+        for part in modes
+    )
+    observed = OBSERVED * max((max(grid.surplus, settings.tolerance) for grid in grids), default=0.0)
+    errors = [
+        _proved(component, grid.interpolant, problem.middle) for component, grid in zip(components, grids, strict=False)
+    ]
+    known = [error for error in errors if error is not None]
+    proved = len(known) == len(errors) and problem.reshaped is None
+    return compliances, energies, max([ROUND_OFF, *known, *([] if proved else [observed])]), proved
+
+
+def _proved(component: Component, interpolant: Any, middle: np.ndarray) -> float | None:
+    """What interpolation leaves of a part, None where that is not proved: a lift moves with K, not with K^-1."""
+    part = component.part
+    if part.lifted.size and part.axes.size:
+        return None
+    return proved_error(interpolant, component.moduli, part.factor, middle)
+
+
+def _whole(problem: ContactProblem, basis: np.ndarray) -> ReducedProblem | InterpolatedProblem:
+    """Galerkin's projection on the whole mesh, all conditions among its rows."""
+    every, conditions = np.flatnonzero(problem.free), np.arange(len(problem.gaps))
+    cells = np.arange(len(problem.cell_nodes))
+    sets = IndexSets(cells, every, conditions, every, every, np.zeros(0, dtype=np.int64))
+    if problem.reshaped is None:
+        return project(problem, basis, sets)
+    return interpolated_problem(problem, basis, sets, SHAPE_GRID)
+
+
+class EnergySolver(Solver):
+    """Solves for energies beside what one component leaves of itself."""
+
+    def __call__(self, point: np.ndarray) -> dict[str, np.ndarray]:
+        """See :class:`Solver`, with the arrays of :class:`PartEnergy`."""
+        problem, factors = self.factored(point)
+        part, body = self.component.part, self.component.body
+        rows, factor = csr_matrix(problem.contact[part.conditions]), part.factor_at(point)
+        lifts = csc_matrix(problem.lifts[:, part.lifted])
+        pulls = csc_matrix(problem.own_stiffness @ lifts)
+        loads = csc_matrix(hstack([problem.external[:, part.forced], pulls]))
+        solved = factors.solve_columns(csc_matrix(hstack([rows.T, loads])))
+        per_force, per_load = solved[:, : len(part.conditions)], solved[:, len(part.conditions) :]
+        schur = rows @ per_force
+        # loads move a body the more the softer it is, lifts by themselves
+        scales = np.append(np.full(part.forced.size, factor**0.5), np.full(part.lifted.size, factor**-0.5))
+        work = scales[:, None] * (loads.T @ per_load) * scales
+        own = lifts[body]
+        return {
+            "schur": factor * (schur + schur.T) / 2,
+            "columns": (factor**0.5 * scales)[:, None] * (loads.T @ per_force),
+            "work": (work + work.T) / 2,
+            "lifted": (own.T @ pulls[body]).toarray() / factor,
+        }

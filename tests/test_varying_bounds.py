@@ -1,0 +1,208 @@
+"""Bounds where the stiffness or the shape depends on parameters: none is exceeded, all are near, what is proved is."""
+
+import dataclasses
+import pickle
+
+import numpy as np
+import pytest
+from scenes import pressed_pair
+from scipy.linalg import eigvalsh
+from test_shapes import BODIES as SHAPED_BODIES
+from test_shapes import CROWNED, SPACE
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import ModelFileError
+from hhr_dolfinx.files import read_arrays, write_arrays
+from hhr_dolfinx.online.layout import FORMAT, VERSION
+from hhr_dolfinx.reduction.varying_bound import EnergySolver, varying_bound
+
+ALL = {"E1": (1.0, 6.0), "nu1": (0.1, 0.42), "E2": (2.0, 9.0), "nu2": (0.1, 0.42)}
+MADE = {
+    # factors alone are exact; the upper body is moved by lifts, whose part of the interpolation is not proved
+    "factors": (pressed_pair, "plane_strain", (("E1", 0.3), ("E2", 0.25)), ("E1", "E2"), "bound"),
+    "lower": (pressed_pair, "axisymmetric", (("E1", "nu1"), ("E2", 0.25)), ("E1", "nu1", "E2"), "bound"),
+    "both": (pressed_pair, "solid", (("E1", "nu1"), ("E2", "nu2")), tuple(ALL), "estimate"),
+}
+
+
+def trained(name, **others):
+    """A scene, few answers of it, and a model."""
+    make, hypothesis, bodies, names, kind = MADE[name]
+    scene = make(hypothesis, bodies, {key: ALL[key] for key in names}, cells=3, **others)
+    training = hhr.train(scene, hhr.Sobol(16))
+    few = training.snapshots.take(np.arange(6))
+    return training, hhr.build(training.full_order, few, hhr.Recipe().as_it_is()), kind
+
+
+@pytest.fixture(scope="module", params=sorted(MADE))
+def varying(request):
+    return trained(request.param)
+
+
+@pytest.fixture(scope="module")
+def shaped():
+    """A crown and a height of the lower body, its modulus, and meshes that do not match."""
+    scene = pressed_pair("plane_stress", SHAPED_BODIES, SPACE, shapes=(CROWNED,), cells=3, matching=False)
+    training = hhr.train(scene, hhr.Sobol(8))
+    return training, hhr.build(training.full_order, training.snapshots, hhr.Recipe().as_it_is())
+
+
+def schur_at(full, point):
+    """S of the full model at a point, by dense algebra, and the problem there."""
+    problem = full.problem.at(point)
+    free = problem.free
+    rows = problem.contact[:, free].toarray()
+    return rows @ np.linalg.solve(problem.stiffness[free][:, free].toarray(), rows.T), problem
+
+
+def compared(full, model, points):
+    """Bounds and errors, absolute and relative, of displacement and forces."""
+    rows, kinds = [], set()
+    for point in points:
+        schur, problem = schur_at(full, point)
+        exact, answer = full.solve(point), model.solve(point, outside="ignore")
+        estimate = answer.estimate()
+        kinds.add(estimate.kind)
+        field, forces = exact.displacement(), exact.forces()
+        moved, pushed = answer.displacement() - field, answer.forces() - forces
+        norms = [moved @ (problem.stiffness @ moved), pushed @ schur @ pushed,
+                 field @ (problem.stiffness @ field), forces @ schur @ forces]  # fmt: skip
+        rows.append([*estimate[1:5], *np.sqrt(np.maximum(norms, 0.0))])
+    return kinds, np.array(rows).T
+
+
+def check(full, model, points, most):
+    """No error exceeds its bound, in the median it is near where an error is more than what can be resolved."""
+    kinds, (primal, dual, primal_relative, dual_relative, moved, pushed, field, forces) = compared(full, model, points)
+    assert (moved <= primal).all() and (pushed <= dual).all()
+    assert (moved <= primal_relative * field * (1 + 1e-9)).all()
+    assert (pushed <= dual_relative * forces * (1 + 1e-9) + 1e-14).all()
+    off = (moved > 1e-3 * field) & (pushed > 1e-3 * forces)
+    assert off.sum() > 10
+    assert np.median(primal[off] / moved[off]) < most > np.median(dual[off] / pushed[off])
+    return kinds
+
+
+def test_no_error_exceeds_its_bound(varying):
+    """Imposed motions, sliding, loads and gaps are parameters as well; measured: medians of 1.00 to 1.05."""
+    training, model, kind = varying
+    full = training.full_order
+    assert check(full, model, full.parameters.random(30, 3), 1.2) == {kind}
+
+
+def test_shapes_have_estimates(shaped):
+    """Nothing is proved of an interpolation between shapes, and so it is not called a bound."""
+    training, model = shaped
+    full = training.full_order
+    assert check(full, model, full.parameters.random(20, 4), 1.2) == {"estimate"}
+
+
+def test_what_is_proved_of_the_interpolation_holds():
+    """Δ of all that condensation interpolates lies between -ε and ε times it, in the order of energies."""
+    training, model, _ = trained("lower")
+    full, bound = training.full_order, model.fields.bound
+    assert bound.proved and 1e-13 < bound.inexact < 1e-7
+    for point in full.parameters.random(5, 0):
+        schur, _ = schur_at(full, point)
+        off = eigvalsh(bound.compliances(point).schur - schur, schur)
+        assert np.abs(off).max() <= bound.inexact + 1e-11
+
+
+def test_an_energy_is_that_of_the_field_in_equilibrium(varying):
+    training, model, _ = varying
+    full, bound = training.full_order, model.fields.bound
+    rng = np.random.default_rng(0)
+    for point in full.parameters.random(3, 5):
+        _, problem = schur_at(full, point)
+        forces = rng.uniform(0, 1e-2, len(problem.gaps))
+        there = bound.at(point[None], bound.compliances.amplitudes(point))
+        found = there._energies(forces)
+        theta, free = problem.theta(point), problem.free
+        pulled = problem.loads @ theta - problem.contact.T @ forces
+        field = np.zeros(free.size)
+        field[free] = np.linalg.solve(problem.stiffness[free][:, free].toarray(), pulled[free])
+        whole = field + problem.lifts @ theta
+        assert found.moved == pytest.approx(field @ (problem.stiffness @ field), rel=1e-7)
+        assert found.size == pytest.approx(whole @ (problem.stiffness @ whole), rel=1e-7)
+
+
+def test_forces_outside_the_domain_close_their_gaps(varying):
+    """They are better than those of the cone of training, and their derivatives those of differences."""
+    training, model, _ = varying
+    full = training.full_order
+    cone = hhr.build(
+        full, training.snapshots.take(np.arange(6)), dataclasses.replace(hhr.Recipe().as_it_is(), cone=True)
+    )
+    off = {True: [], False: []}
+    for point in full.parameters.random(20, 6):
+        exact = full.solve(point).forces()
+        for item in (model, cone):
+            found = item.solve(point, outside="ignore").forces()
+            off[item is cone].append(np.linalg.norm(found - exact) / max(np.linalg.norm(exact), 1e-6))
+    assert np.mean(off[False]) <= 1.05 * np.mean(off[True])
+    assert model.fields.force_snapshots is None and cone.fields.force_snapshots is not None
+
+
+def test_many_estimates_are_those_of_each(varying, tmp_path):
+    training, model, kind = varying
+    points = training.full_order.parameters.random(4, 7)
+    found = model.solve_many(points, outside="ignore").estimates()
+    assert found.kind == kind and len(found) == 4
+    hhr.save_model(tmp_path / "model.npz", model)
+    for other in (hhr.load_model(tmp_path / "model.npz"), pickle.loads(pickle.dumps(model))):
+        for k, point in enumerate(points):
+            alone = other.solve(point, outside="ignore").estimate()
+            assert np.allclose(alone[1:5], found[k][1:5], rtol=1e-6, atol=1e-12)
+
+
+def test_a_damaged_bound_is_no_model(tmp_path):
+    _, model, _ = trained("factors")
+    hhr.save_model(tmp_path / "model.npz", model)
+    header, arrays = read_arrays(tmp_path / "model.npz", FORMAT, VERSION)
+    header["varying"]["bound"] = {"value": None}
+    write_arrays(tmp_path / "model.npz", header, arrays)
+    with pytest.raises(ModelFileError, match="forces outside"):
+        hhr.load_model(tmp_path / "model.npz")
+
+
+def test_the_bound_is_made_once_for_all_attempts(monkeypatch):
+    """Solutions between parameters do not depend on the basis."""
+    calls = []
+    solve = EnergySolver.__call__
+    monkeypatch.setattr(EnergySolver, "__call__", lambda self, point: calls.append(0) or solve(self, point))
+    training, model, _ = trained("lower")
+    spent, kept = len(calls), []
+    assert spent > 5
+    for _ in range(2):
+        varying_bound(training.full_order, model.fields.basis, kept)
+    assert len(calls) == 2 * spent
+
+
+def test_a_model_that_falls_back_is_never_off(varying):
+    training, model, _ = varying
+    full = training.full_order
+    safe = hhr.FallbackModel(model, full, 0.01)
+    for point in full.parameters.random(15, 8):
+        _, problem = schur_at(full, point)
+        moved, exact = safe.solve(point).displacement(), full.solve(point).displacement()
+        off, size = (value @ (problem.stiffness @ value) for value in (moved - exact, exact))
+        assert np.sqrt(off / size) <= 0.01
+
+
+def test_outputs_of_forces_have_derivatives(varying):
+    """Through forces outside the domain that close their gaps, along every parameter."""
+    training, _, _ = varying
+    up = np.eye(training.full_order.problem.block_size)[-1]
+    pushed = hhr.ContactForce("force", 0, direction=tuple(up))
+    scene = dataclasses.replace(training.full_order.scene, outputs=(pushed,))
+    full = hhr.FullOrderModel(scene)
+    narrow = dataclasses.replace(hhr.Recipe().as_it_is(), nodes=(hhr.Deim(),), domain=hhr.Rid(0, 0))
+    small = hhr.build(full, training.snapshots.take(np.arange(6)), narrow)
+    assert small.fields.A_lambda.size < len(full.problem.gaps)
+    point, space = full.parameters.random(1, 9)[0], full.parameters
+    found = small.outputs(point, gradient=True, outside="ignore")
+    for place, size in enumerate(np.subtract(space.upper, space.lower)):
+        step = np.eye(point.size)[place] * size * 1e-6
+        ends = [small.outputs(point + sign * step, outside="ignore")["force"] for sign in (-1, 1)]
+        slope = (ends[1] - ends[0]) / 2e-6
+        assert abs(slope - found.gradient["force"][place] * size) < 1e-5 * abs(found["force"])
