@@ -39,7 +39,7 @@ def error_bound(full: Any, basis: np.ndarray) -> ErrorBound:
     return ErrorBound(
         free_slack=np.asfortranarray(problem.gaps - problem.contact @ loads),
         schur=schur,
-        lower=lower,
+        lower=np.asfortranarray(lower),
         residual=_residual_coordinates(problem, full.per_force, lower, np.hstack([loads, -basis])),
         energy=np.asfortranarray(energy_coordinates(problem.stiffness, whole, ROUND_OFF * lengths)),
     )

@@ -33,7 +33,7 @@ def proved_error(
     """
     if interpolant.axes.size == 0:
         return 0.0
-    if interpolant.axes.size > 1 or len(moduli) > 2:
+    if interpolant.axes.size > 1 or not 0 < len(moduli) < 3:
         return None
     axis = int(interpolant.axes[0])
 

@@ -95,8 +95,8 @@ class ContactResponse:
         touching = (self.schur.diagonal() * forces >= slack) & ((forces > 0) | (slack < 0))
         found = np.zeros(forces.shape)
         for rows, index in _alike(touching):
-            factor = LapackCholesky(self.schur[np.ix_(index, index)])
-            found[np.ix_(rows, index)] = factor.solve(-free[np.ix_(rows, index)].T).T
+            factor = LapackCholesky(self.schur.take(index, axis=0).take(index, axis=1).T)
+            found[rows[:, None], index] = factor.solve(-free[rows[:, None], index].T).T
         pulling = found < 0
         found[pulling] = 0.0
         less = found @ self.schur

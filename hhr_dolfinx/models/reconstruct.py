@@ -295,13 +295,14 @@ class Reconstruction:
             return None
         if self.bound is None:
             return None if self.indicator is None else Estimate.indicated(self.indicator(answer))
-        there = self._bound_at(answer)
+        theta = self.amplitudes(answer.parameter)
+        there = self.bound.at(answer.parameter[None], theta)
         if self.force_snapshots is None:
             forces = there.completed(answer.multipliers[None], self._outside)
         else:
             forces = np.maximum(self.forces(answer), 0.0)[None]
         gaps, contact = self.contact_at(answer.parameter)
-        slack = gaps @ self.amplitudes(answer.parameter) - contact @ answer.unknown
+        slack = gaps @ theta - contact @ answer.unknown
         return there.of(answer.unknown[None], forces, slack[None])[0]
 
     def estimates(self, many: ManyAnswers) -> Estimates | None:
