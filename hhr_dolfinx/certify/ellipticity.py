@@ -120,9 +120,10 @@ class _Kept:
 
 def _solver(matrix: csr_matrix, gram: csr_matrix | None) -> Any:
     """A solver of SLEPc for one eigenvalue of a symmetric pencil."""
+    from petsc4py import PETSc
     from slepc4py import SLEPc
 
-    solver = SLEPc.EPS().create(_petsc(matrix).comm)
+    solver = SLEPc.EPS().create(PETSc.COMM_SELF)
     solver.setOptionsPrefix("hhr_ellipticity_")
     if gram is None:
         solver.setOperators(_petsc(matrix))
