@@ -37,7 +37,7 @@ class Printed(NamedTuple):
 
 THESIS = {
     "half-discs": Printed(
-        hhr.Recipe.thesis(1e-8),
+        hhr.Recipe.thesis(5e-9),
         1.0,
         {"M_a": 37.03, "alpha": 11.11, "alpha_prime": 0.005, "beta_HR": 0.54, "modes": 9, "contacts": 8},
         {"3": (71.5, 7.9, 732.7), "4": (3.0, 2.8, 3.3), "5": (5.0, 3.9, 9.1), "6": (3.6, 1.9, 18.2),
