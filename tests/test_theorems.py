@@ -181,6 +181,18 @@ def test_formulas_of_the_thesis(hertz, pellet):
         Ellipticity.of_materials([hhr.Body(1, "E1", 0.3)])
 
 
+def test_formulas_are_constants_in_the_norm_of_the_strain(hertz):
+    """Its Gram matrix is the stiffness of E = 1 and nu = 0: pencils both ways, each through factors that are there."""
+    bodies = tuple(dataclasses.replace(body, young=1.0, poisson=0.0) for body in hertz.scene.bodies)
+    strain = hhr.FullOrderModel(dataclasses.replace(hertz.scene, bodies=bodies))
+    free = np.flatnonzero(hertz.problem.free)
+    own, gram = (full.problem.stiffness[free][:, free] for full in (hertz, strain))
+    solves = [ellipticity.on_dofs(full.factors.solve, free, hertz.problem.free.size) for full in (hertz, strain)]
+    moduli = Ellipticity.of_materials(hertz.scene.bodies)
+    assert moduli.coercivity <= smallest_eigenvalue(own, solves[0], gram) * (1 + 1e-9)
+    assert moduli.continuity >= 1 / smallest_eigenvalue(gram, solves[1], own) * (1 - 1e-9)
+
+
 def test_lemma_1(pellet):
     """With all functions of the RID in the place of modes, and the interface imposed, the full answer comes out."""
     full, model = pellet
