@@ -1,10 +1,13 @@
 """The thesis' theorems: right sides are no less than left ones, constants are those of LAPACK, hypotheses are asked."""
 
+import argparse
 import dataclasses
 
+import hertz_half_discs as hertz_demo
 import numpy as np
 import pellet_cladding as pellet_demo
 import pytest
+from parts import thesis_bounds
 from scenes import pressed_pair
 from scipy import linalg
 from test_plastic import tube
@@ -202,6 +205,22 @@ def test_lemma_1(pellet):
         exact = full.solve(point)
         found = imposed.solve(exact.unknown, full.problem.theta(point))
         assert found == pytest.approx(exact.unknown[domain.sets.A], abs=1e-9 * np.abs(exact.unknown).max())
+
+
+def test_figures_of_the_thesis(tmp_path):
+    """The half-discs in its size: theorems 4, 5 and 8 as printed are as near as it says; no bound is exceeded."""
+    options = argparse.Namespace(out=tmp_path, progress=lambda name: lambda items: items)
+    training = hhr.train(hertz_demo.scene(), [31])
+    rows, constants = thesis_bounds.thesis_bounds(
+        "half-discs", training, training.full_order.parameters.random(30, 1), options
+    )
+    assert (constants["modes"], constants["contacts"]) == (9, 8)
+    printed = {row["theorem"]: row for row in rows if row["way"] == "as printed"}
+    for name in ("4", "5", "8"):
+        assert printed[name]["mean"] == pytest.approx(printed[name]["thesis mean"], rel=0.5)
+    assert not any(row["exceeded"] for row in rows if row["way"] != "as printed")
+    assert all(row["no bound"] for row in printed.values()) and (tmp_path / "theorems_half-discs.png").exists()
+    assert [row["theorem"] for row in thesis_bounds.shown(rows)] == list(THEOREMS)
 
 
 # ---------------------------------------------------------------- hypotheses

@@ -1,9 +1,13 @@
 """The thesis' own bounds beside its figures 2.3 to 2.6 and 2.8 to 2.11, for ``certified.py``.
 
-Models are those of section 2.6: the half-discs with DEIM of the displacements, the pellet with DEIM of displacements
-and forces and an FE function for each contact, in the thesis' sizes (9 functions and 8 contacts, 70 and 34). Right sides are evaluated in three ways: as the thesis does it, with
-moduli for constants, (2.143) and (2.144), and infima over all of the reduced space, of which it has no proof; with the
-sharpest constants of the proofs in the same Euclidean norms; and with those in energy and L2 norms.
+Models are those of section 2.6: the half-discs with DEIM of the displacements (9 functions, 8 contacts, as there), the
+pellet with DEIM of displacements and forces and an FE function for each contact (68 and 33; 70 and 34 there). Right
+sides are evaluated in three ways: as the thesis does it, with moduli for constants, (2.143) and (2.144), and infima
+over all of the reduced space, of which it has no proof; with the sharpest constants of the proofs in the same Euclidean
+norms; and with those in energy and L2 norms.
+
+What to see: the last two are never exceeded. As printed the effectivities are those of the thesis where they depend on
+displacements of the RID, and theorem 6, with alpha in the place of alpha', is exceeded.
 """
 
 from argparse import Namespace
@@ -127,7 +131,9 @@ def shown(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
         line |= {"as printed, mean": first["mean"]}
         line |= {f"{way}, median": None if row["no bound"] and way != "as printed" else row["median"]
                  for way, row in ways.items()}  # fmt: skip
-        table.append({**line, "exceeded": sum(row["exceeded"] for row in ways.values())})
+        exceeded = {name: row["exceeded"] for name, row in ways.items()}
+        line |= {"as printed, exceeded": exceeded.pop("as printed"), "bounds exceeded": sum(exceeded.values())}
+        table.append(line)
     return table
 
 

@@ -38,7 +38,7 @@ class ImposedInterface:
         """From modes cut off outside A, (|A|, ell)."""
         sets = domain.sets
         space = Directions.spanned(test, lambda columns: domain.inner @ columns)
-        contact = problem.contact[sets.A_lambda][:, sets.A] @ space.vectors
+        contact = domain.acting.T @ space.vectors
         pairs = Pairs.of(problem.contact_pairs[sets.A_lambda])
         return cls(problem, domain, space, contact, SchurEqualities.of(contact @ contact.T), pairs)
 
@@ -53,7 +53,7 @@ class ImposedInterface:
         lift[sets.A] = 0.0
         loads = (self.problem.loads @ theta)[sets.A] - self.domain.rows @ lift
         free = self.space.vectors.T @ loads
-        gaps = self.problem.gaps[sets.A_lambda] @ theta - self.problem.contact[sets.A_lambda] @ lift
+        gaps = self.problem.gaps[sets.A_lambda] @ theta - self.domain.contact @ lift
         slack = gaps - self.contact @ free
         found = active_set(self.equalities, slack, slack < 0, pairs=self.pairs)
         if found.status.name != "CONVERGED":

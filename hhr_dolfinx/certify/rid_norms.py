@@ -58,12 +58,14 @@ class Domain:
         stiffness: K, symmetric, (N, N).
         free: dofs that are not imposed, (N,) bool.
         sets: of the RID.
+        contact: B[A_lambda], (N_lambda_C, N).
         factor: makes factors of K on some dofs, given as a mask (N,).
     """
 
     stiffness: csr_matrix
     free: np.ndarray
     sets: IndexSets
+    contact: csr_matrix
     factor: Callable[[np.ndarray], FreeCholesky]
 
     @classmethod
@@ -77,7 +79,7 @@ class Domain:
             rows = slice(0, problem.free.size)
             return FreeCholesky(problem.stiffness, mask, rows, name, full.block_ordering, PETSc.COMM_SELF)
 
-        return cls(problem.stiffness, problem.free, sets, factor)
+        return cls(problem.stiffness, problem.free, sets, problem.contact[sets.A_lambda], factor)
 
     @cached_property
     def rows(self) -> csr_matrix:
@@ -88,6 +90,11 @@ class Domain:
     def inner(self) -> csr_matrix:
         """K[A, A], (|A|, |A|)."""
         return self.rows[:, self.sets.A]
+
+    @cached_property
+    def acting(self) -> csr_matrix:
+        """How contact forces of the RID act on A, B[A_lambda, A]^T, (|A|, N_lambda_C)."""
+        return csr_matrix(self.contact[:, self.sets.A].T)
 
     @cached_property
     def support(self) -> np.ndarray:

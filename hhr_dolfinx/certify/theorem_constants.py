@@ -16,7 +16,6 @@ from scipy import linalg
 from hhr_dolfinx.certify.constants import Constants
 from hhr_dolfinx.certify.ellipticity import Ellipticity
 from hhr_dolfinx.certify.rid_norms import Directions, Norms
-from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import BoundError, ReductionError
 from hhr_dolfinx.models.projected import ReducedProblem
 
@@ -70,7 +69,7 @@ def sharp_constants(norms: Norms, spaces: Spaces, inf_sup: Constants) -> dict[st
     return found
 
 
-def refused(problem: ContactProblem, norms: Norms, sharp: dict[str, Ellipticity]) -> dict[str, str]:
+def refused(norms: Norms, sharp: dict[str, Ellipticity]) -> dict[str, str]:
     """The hypothesis that fails, by theorem."""
     reasons = {
         "3": "beta_HR of (2.38) is not positive: some contact force of the RID moves no mode",
@@ -79,8 +78,7 @@ def refused(problem: ContactProblem, norms: Norms, sharp: dict[str, Ellipticity]
         "6": "alpha' of (2.46) is not positive, or no mode leaves all gaps as they are",
     }
     found = {name: why for name, why in reasons.items() if name not in sharp}
-    sets = norms.domain.sets
-    reached = int((problem.contact[sets.A_lambda][:, sets.I].getnnz(axis=1) > 0).sum())
+    reached = int((norms.domain.contact[:, norms.domain.sets.I].getnnz(axis=1) > 0).sum())
     if reached:
         found["8"] = f"(H2), (2.101), fails: {reached} contact conditions of the RID act on its interface"
     return found

@@ -20,13 +20,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from hhr_dolfinx.certify.ellipticity import Ellipticity
 from hhr_dolfinx.certify.imposed_interface import ImposedInterface
-from hhr_dolfinx.certify.rid_norms import Directions, Domain, EnergyNorms, EuclideanNorms, Norms
+from hhr_dolfinx.certify.rid_norms import Directions, Domain, EnergyNorms, EuclideanNorms, Norms, root
 from hhr_dolfinx.certify.theorem_constants import (
     OVER_ALL,
     Spaces,
@@ -36,7 +37,7 @@ from hhr_dolfinx.certify.theorem_constants import (
     refused,
     sharp_constants,
 )
-from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
+from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import BoundError, ParameterError
 from hhr_dolfinx.models.answer import Answer
 
@@ -70,7 +71,6 @@ class ThesisBounds:
         problem: the full problem.
         norms: in which both sides are taken.
         basis: V, (N, ell).
-        sets: of the RID.
         imposed: the reduced problem under (H).
         constants: of each theorem that can be evaluated: M_a, and alpha or what stands in its place.
         near: spaces of the infima on Omega_A and on the whole domain.
@@ -80,7 +80,6 @@ class ThesisBounds:
     problem: ContactProblem
     norms: Norms
     basis: np.ndarray
-    sets: IndexSets
     imposed: ImposedInterface
     constants: dict[str, Ellipticity]
     near: tuple[Directions, Directions]
@@ -120,7 +119,7 @@ class ThesisBounds:
         spaces = Spaces.of(norms, model.problem, record.basis)
         near = spaces.test_kernel, spaces.trial_kernel
         used = sharp = sharp_constants(norms, spaces, getattr(record.stability, norm))
-        failed = refused(problem, norms, sharp)
+        failed = refused(norms, sharp)
         if constants is not None:
             used = given_constants(sharp, constants, record.stability.sigma_min if as_printed else None)
             failed = beyond(used, sharp) | failed
@@ -128,7 +127,7 @@ class ThesisBounds:
             near = spaces.test, Directions.spanned(record.basis, norms.whole)
             failed = {name: OVER_ALL for name in ("4", "4 kernel", "5", "6")} | failed
         imposed = ImposedInterface.of(problem, norms.domain, record.basis[record.sets.A])
-        return cls(problem, norms, record.basis, record.sets, imposed, used, near, failed)
+        return cls(problem, norms, record.basis, imposed, used, near, failed)
 
     def bound(self, theorem: str, answer: Answer, exact: Answer) -> Sides:
         """Both sides of a theorem whose hypotheses hold.
@@ -146,83 +145,110 @@ class ThesisBounds:
             raise BoundError(f"theorem {theorem!r} is none of {', '.join(THEOREMS)}")
         if theorem in self.refused:
             raise BoundError(f"theorem {theorem}: {self.refused[theorem]}")
-        return self._sides(theorem, *self._errors(answer, exact))
+        return self._pair(answer, exact).sides(theorem)
 
     def bounds(self, answer: Answer, exact: Answer) -> dict[str, Sides]:
         """Both sides of all theorems whose hypotheses hold, see :meth:`bound`."""
-        errors = self._errors(answer, exact)
-        return {name: self._sides(name, *errors) for name in THEOREMS if name not in self.refused}
+        pair = self._pair(answer, exact)
+        return {name: pair.sides(name) for name in THEOREMS if name not in self.refused}
 
     def sides(self, answer: Answer, exact: Answer) -> dict[str, Sides]:
         """Both sides of all theorems that can be evaluated, also of those refused: numbers of which nothing is said."""
-        errors = self._errors(answer, exact)
-        return {name: self._sides(name, *errors) for name in THEOREMS if name in self.constants}
+        pair = self._pair(answer, exact)
+        return {name: pair.sides(name) for name in THEOREMS if name in self.constants}
 
-    def _errors(self, answer: Answer, exact: Answer) -> tuple[Answer, Answer, np.ndarray]:
-        """The answers and the difference of their displacements, (N,)."""
+    def _pair(self, answer: Answer, exact: Answer) -> _Pair:
+        """The answers, which must be to one parameter."""
         if not np.allclose(answer.parameter, exact.parameter, rtol=1e-12, atol=0):
             raise ParameterError(f"answers to {answer.parameter} and to {exact.parameter}: give those to one parameter")
         for name, found in (("the reduced model", answer), ("the full model", exact)):
             if not found.converged:
                 raise BoundError(f"{name} has no answer at {found.parameter}: the theorems are on solutions")
-        return answer, exact, exact.unknown - self.basis @ answer.unknown
+        return _Pair(self, answer, exact)
 
-    def _sides(self, theorem: str, answer: Answer, exact: Answer, error: np.ndarray) -> Sides:
-        """Both sides of one theorem."""
-        size = self.norms.on_domain(exact.unknown) if theorem != "6" else self._whole(exact.unknown)
+
+@dataclass(frozen=True)
+class _Pair:
+    """A reduced answer and the full one; what several theorems need is computed once."""
+
+    bounds: ThesisBounds
+    answer: Answer
+    exact: Answer
+
+    def sides(self, theorem: str) -> Sides:
+        """Both sides of a theorem; the right one with round-off of the answer."""
+        constants = self.bounds.constants[theorem]
+        ratio = constants.continuity / constants.coercivity
+        near, near_whole = self.bounds.near
         if theorem == "3":
-            found = self._forces(answer, exact, error)
-        elif theorem in ("4", "4 kernel"):
-            found = self._imposed(theorem, exact)
-        elif theorem == "6":
-            factor = 1 + self._ratio("6")
-            found = Sides(self._whole(error), factor * self.near[1].distance(error))
-        else:
-            found = self._inside(theorem, answer, error)
-        scale = self._ratio("3") if theorem == "3" else 1.0
-        return Sides(found.left, found.right + ROUND_OFF * scale * size)
-
-    def _forces(self, answer: Answer, exact: Answer, error: np.ndarray) -> Sides:
-        """(2.70)."""
-        forces = exact.multipliers[self.sets.A_lambda] - answer.multipliers
-        return Sides(self.norms.of_forces(forces), self._ratio("3") * self.norms.on_domain(error))
-
-    def _imposed(self, theorem: str, exact: Answer) -> Sides:
-        """(2.73), (2.74); what is left of the displacement lies in V^0."""
-        theta = self.problem.theta(exact.parameter)
-        left = exact.unknown[self.sets.A] - self.imposed.solve(exact.unknown, theta)
-        factor = self._ratio(theorem) + (0.0 if theorem == "4" else 1.0)
-        return Sides(self._norm_inside(left), factor * self.near[0].distance(left))
-
-    def _inside(self, theorem: str, answer: Answer, error: np.ndarray) -> Sides:
-        """(2.80), (2.116)."""
-        lift = error.copy()
-        lift[self.sets.A] = 0.0
-        between = self.norms.on_domain(lift)
-        factor = 1 + self._ratio(theorem)
+            return Sides(self._forces, ratio * (self._moved + ROUND_OFF * self._size))
+        if theorem == "6":
+            return Sides(self._whole(self._error), (1 + ratio) * near_whole.distance(self._error) + self._noise)
+        if theorem == "8":
+            right = self._residual / constants.coercivity + (1 + ratio) * self._lifted
+            return Sides(self._moved, right + ROUND_OFF * self._size)
         if theorem == "5":
-            right = factor * (self.near[0].distance(error[self.sets.A]) + between)
-        else:
-            constants = self.constants["8"]
-            right = self.norms.of_residual(self._residual(answer)) / constants.coercivity + factor * between
-        return Sides(self.norms.on_domain(error), right)
+            right = (1 + ratio) * (near.distance(self._error[self._inside]) + self._lifted)
+            return Sides(self._moved, right + ROUND_OFF * self._size)
+        factor = ratio if theorem == "4" else 1 + ratio
+        left = root(self._imposed @ self.bounds.norms.inside(self._imposed))
+        return Sides(left, factor * near.distance(self._imposed) + ROUND_OFF * self._size)
 
-    def _residual(self, answer: Answer) -> np.ndarray:
-        """(2.91) on functions of V^0, (|A|,)."""
-        problem, sets = self.problem, self.sets
-        loads = (problem.loads @ problem.theta(answer.parameter))[sets.A]
-        inner = self.norms.domain.rows @ (self.basis @ answer.unknown)
-        return loads - inner - problem.contact[sets.A_lambda][:, sets.A].T @ answer.multipliers
+    @property
+    def _inside(self) -> np.ndarray:
+        """A."""
+        return self.bounds.norms.domain.sets.A
 
-    def _ratio(self, theorem: str) -> float:
-        constants = self.constants[theorem]
-        return constants.continuity / constants.coercivity
+    @cached_property
+    def _error(self) -> np.ndarray:
+        """u - u_HR, (N,)."""
+        return self.exact.unknown - self.bounds.basis @ self.answer.unknown
 
-    def _norm_inside(self, field: np.ndarray) -> float:
-        return math.sqrt(max(float(field @ self.norms.inside(field)), 0.0))
+    @cached_property
+    def _moved(self) -> float:
+        """|u - u_HR| on Omega_A."""
+        return self.bounds.norms.on_domain(self._error)
+
+    @cached_property
+    def _size(self) -> float:
+        """|u| on Omega_A."""
+        return self.bounds.norms.on_domain(self.exact.unknown)
+
+    @cached_property
+    def _lifted(self) -> float:
+        """|r - r'| on Omega_A."""
+        lift = self._error.copy()
+        lift[self._inside] = 0.0
+        return self.bounds.norms.on_domain(lift)
+
+    @cached_property
+    def _forces(self) -> float:
+        """|lambda - lambda_HR| on A_lambda."""
+        forces = self.exact.multipliers[self.bounds.norms.domain.sets.A_lambda] - self.answer.multipliers
+        return self.bounds.norms.of_forces(forces)
+
+    @cached_property
+    def _imposed(self) -> np.ndarray:
+        """u - u_HR^H, which vanishes on the interface, (|A|,)."""
+        theta = self.bounds.problem.theta(self.exact.parameter)
+        return self.exact.unknown[self._inside] - self.bounds.imposed.solve(self.exact.unknown, theta)
+
+    @cached_property
+    def _residual(self) -> float:
+        """Norm of (2.91) on functions of V^0."""
+        problem, domain = self.bounds.problem, self.bounds.norms.domain
+        loads = (problem.loads @ problem.theta(self.answer.parameter))[self._inside]
+        inner = domain.rows @ (self.bounds.basis @ self.answer.unknown)
+        return self.bounds.norms.of_residual(loads - inner - domain.acting @ self.answer.multipliers)
 
     def _whole(self, field: np.ndarray) -> float:
-        return math.sqrt(max(float(field @ self.norms.whole(field)), 0.0))
+        """Norm of a field, (N,), on the whole domain."""
+        return root(field @ self.bounds.norms.whole(field))
+
+    @property
+    def _noise(self) -> float:
+        """Round-off of u on the whole domain."""
+        return ROUND_OFF * self._whole(self.exact.unknown)
 
 
 def _norms(name: str, domain: Domain, problem: ContactProblem) -> Norms:
