@@ -123,6 +123,18 @@ def test_constants_of_the_full_model_are_those_of_lapack(hertz):
     assert found.coercivity <= values[0] * (1 + 1e-13) and found.continuity >= values[-1] * (1 - 1e-13)
 
 
+def test_constants_where_the_stiffness_depends_on_parameters():
+    """Those of the middle of the box, whatever was solved before, and factors are left as they are asked for."""
+    full = hhr.FullOrderModel(pressed_pair("plane_strain", (("E1", 0.3), (2.0, 0.3)), {"E1": (1.0, 2.0)}, cells=3))
+    points = full.parameters.random(2, 1)
+    before = [full.solve(point).multipliers for point in points]
+    free = np.flatnonzero(full.problem.free)
+    values = linalg.eigvalsh(full.problem.stiffness[free][:, free].toarray())
+    found = Ellipticity.of(full)
+    assert (found.coercivity, found.continuity) == pytest.approx((values[0], values[-1]), rel=1e-8)
+    assert [full.solve(point).multipliers for point in points] == [pytest.approx(each, rel=1e-9) for each in before]
+
+
 def test_coercivity_in_a_norm_of_its_own(hertz):
     """A pencil: K beside the Gram matrix of the L2 norm, through the factors of K."""
     free = np.flatnonzero(hertz.problem.free)

@@ -180,8 +180,8 @@ def on_dofs(solve: Callable[[np.ndarray], np.ndarray], dofs: np.ndarray, size: i
 
 def _moduli(body: Any) -> tuple[float, float]:
     """(2.143) and (2.144) of a body."""
-    young, poisson = body.young, body.poisson
-    if body.grading is not None or not isinstance(young, Real) or not isinstance(poisson, Real):
+    if body.grading is not None or not isinstance(body.young, Real) or not isinstance(body.poisson, Real):
         raise BoundError(f"moduli of body {body.tag} depend on parameters or on the place: (2.143) takes numbers")
-    shear = 0.5 * float(young) / (1 + float(poisson))
-    return 2 * (float(young) * float(poisson) / ((1 + poisson) * (1 - 2 * poisson)) + shear), 2 * shear
+    young, poisson = float(body.young), float(body.poisson)
+    shear = 0.5 * young / (1 + poisson)
+    return 2 * (young * poisson / ((1 + poisson) * (1 - 2 * poisson)) + shear), 2 * shear
