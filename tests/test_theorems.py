@@ -18,6 +18,7 @@ from hhr_dolfinx.certify.constants import FullConstants
 from hhr_dolfinx.certify.ellipticity import Ellipticity, largest_eigenvalue, smallest_eigenvalue
 from hhr_dolfinx.certify.imposed_interface import ImposedInterface
 from hhr_dolfinx.certify.rid_norms import Directions, Domain, EnergyNorms, EuclideanNorms
+from hhr_dolfinx.certify.theorem_constants import Spaces, refused, sharp_constants
 from hhr_dolfinx.certify.theorems import THEOREMS, ThesisBounds
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import BoundError, ParameterError, ReductionError
@@ -298,6 +299,19 @@ def test_inf_sup_constants_that_are_zero(hertz, hertz_reduction):
     assert bounds.refused.keys() == {"3", "6"}
     assert "beta_HR" in bounds.refused["3"] and "alpha'" in bounds.refused["6"]
     assert bounds.sides(hertz_reduction.solve(0.3), hertz.solve(0.3)).keys() == {"4", "4 kernel", "5", "8"}
+
+
+def test_no_mode_leaves_the_gaps_as_they_are(hertz, hertz_reduction):
+    """As many contacts as modes: kernels are empty, and constants on them are none."""
+    domain = Domain.of(hertz, hertz_reduction.offline.sets)
+    norms, basis = EuclideanNorms(domain), hertz_reduction.offline.basis
+    square = dataclasses.replace(hertz_reduction.problem, contact_test=np.eye(8), contact_trial=np.eye(8))
+    spaces = Spaces.of(norms, square, basis)
+    assert spaces.test_kernel.vectors.shape == (domain.sets.A.size, 0)
+    assert spaces.trial_kernel.distance(hertz.solve(0.3).unknown) > 0
+    constants = dataclasses.replace(hertz_reduction.offline.stability.euclidean, alpha_prime=None)
+    found = refused(norms, sharp_constants(norms, spaces, constants))
+    assert found.keys() == {"4 kernel", "5", "6"} and "not defined" in found["5"]
 
 
 def test_models_and_answers_that_the_theorems_are_not_on(hertz, hertz_reduction, tmp_path):
