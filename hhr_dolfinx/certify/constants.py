@@ -11,10 +11,11 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy import linalg
-from scipy.sparse import csr_matrix, identity
+from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem, IndexSets
 from hhr_dolfinx.errors import NotSolvableError
@@ -92,14 +93,20 @@ class FullConstants:
     energy: float
 
     @classmethod
-    def of(cls, problem: ContactProblem, schur: np.ndarray) -> FullConstants:
-        """Constants of a problem with S = B K^-1 B^T, (N_lambda, N_lambda).
+    def of(cls, full: Any) -> FullConstants:
+        """Constants of a full model, found once and kept as long as it lives.
 
         B is sparse and as large as the mesh: SLEPc finds its smallest singular value. S is dense: LAPACK.
         """
-        root = np.sqrt(problem.contact_areas)
-        whole = root[:, None] * schur * root
-        return cls(smallest_singular_value(problem.contact), math.sqrt(max(float(linalg.eigvalsh(whole)[0]), 0.0)))
+        if full not in _KNOWN:
+            problem, root = full.problem, np.sqrt(full.problem.contact_areas)
+            whole = root[:, None] * full.schur * root
+            energy = math.sqrt(max(float(linalg.eigvalsh(whole)[0]), 0.0))
+            _KNOWN[full] = cls(smallest_singular_value(problem.contact), energy)
+        return _KNOWN[full]
+
+
+_KNOWN: WeakKeyDictionary[Any, FullConstants] = WeakKeyDictionary()
 
 
 def smallest_singular_value(rows: csr_matrix) -> float:
@@ -165,8 +172,10 @@ def assess(
     """Compute all constants of a reduced model."""
     smallest, largest = row_range(reduced.contact_test)
     low, high = singular_range(reduced.stiffness)
-    whole_low, whole_high = singular_range(basis.T @ (problem.stiffness @ basis))
-    pressure = 1.0 / problem.contact_areas[sets.A_lambda]
+    whole = basis.T @ (problem.stiffness @ basis)
+    whole_low, whole_high = singular_range(whole)
+    test, pressure = basis[sets.A], 1.0 / problem.contact_areas[sets.A_lambda]
+    energies = test.T @ (problem.stiffness[sets.A][:, sets.A] @ test), whole
     return Stability(
         kappa_B=problem.condition_number(smallest, largest),
         kappa_B_2=problem.condition_number(*row_range(reduced.contact_trial)),
@@ -176,8 +185,8 @@ def assess(
         cond_K=high / low if low > 0 else math.inf,
         cond_whole=whole_high / whole_low if whole_low > 0 else math.inf,
         norm_K=high,
-        euclidean=_constants(identity(problem.free.size, format="csr"), None, (basis, sets, reduced), full.euclidean),
-        energy=_constants(problem.stiffness, pressure, (basis, sets, reduced), full.energy),
+        euclidean=_constants(reduced, (test.T @ test, basis.T @ basis), None, full.euclidean),
+        energy=_constants(reduced, energies, pressure, full.energy),
     )
 
 
@@ -194,12 +203,11 @@ def _contact_definite(reduced: ReducedProblem) -> float:
     return float(linalg.eigvalsh((schur + schur.T) / 2)[0] / size) if size > 0 else math.nan
 
 
-def _constants(gram: Any, dual_gram: np.ndarray | None, model: tuple, beta_h: float) -> Constants:
-    """Constants of a reduced model for the norm of ``gram`` on displacements, cut off outside A or whole."""
-    basis, sets, reduced = model
-    test = basis[sets.A]
-    test_gram = test.T @ (gram[sets.A][:, sets.A] @ test)
-    trial_gram = basis.T @ (gram @ basis)
+def _constants(
+    reduced: ReducedProblem, grams: tuple[np.ndarray, np.ndarray], dual_gram: np.ndarray | None, beta_h: float
+) -> Constants:
+    """Constants for the Gram matrices of modes cut off outside A and of whole modes, (ell, ell) each."""
+    test_gram, trial_gram = grams
     return Constants(
         beta_h,
         inf_sup(reduced.contact_test, test_gram, dual_gram),

@@ -152,7 +152,7 @@ def build(
         touching = full.problem.touching()
         nodes = np.unique(np.concatenate([_nodes_of(step, full.problem, snapshots, basis) for step in recipe.nodes]))
     with log.stage("full_constants"):
-        constants = FullConstants.of(full.problem, full.schur)
+        constants = FullConstants.of(full)
     with log.stage("reconstruction"):
         completion = Completion.of(full.problem, snapshots)
     states = []
