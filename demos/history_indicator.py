@@ -13,7 +13,7 @@ error is more than three times the worst trained one. Where rates and ranges tel
 
 import warnings
 from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from scipy.stats import spearmanr
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import force_floor, relative_error
 from hhr_dolfinx.certify.compare import largest_errors
-from hhr_dolfinx.errors import OutsideTrainingWarning
+from hhr_dolfinx.errors import OutsideTrainingWarning, UnstableModelError
 from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 from hhr_dolfinx.study import cli, report
@@ -34,9 +34,7 @@ from hhr_dolfinx.timing import timed
 
 GAPS, HELD_OUT = (5.0, 15.0), 8.0
 """Initial gaps in um that are trained, and the one that is held out."""
-ERRORS = ("displacement", "forces", "stress", "plastic_strain")
-OFF = 3.0
-"""Factor over the worst error of trained paths above which a path must not be silent."""
+ERRORS = ("displacement", "forces", "stress", "stress_rr", "plastic_strain")
 LARGEST = ("displacement", "forces")
 
 
@@ -55,11 +53,19 @@ def trainings(options: Namespace, steps: int) -> Iterator[tuple[str, Training]]:
         yield name, hhr.train(pellet.scene(**mesh), paths, held_out=held_out, **how)
 
 
-def models(training: Training) -> Iterator[tuple[str, Any]]:
-    """The small models."""
-    yield "HHR", training.build(pellet.recipe())
-    yield "HHR, cubature", training.build(pellet.recipe(cubature=True))
-    yield "condensed flow", training.condense(CorrectionSettings(modes=3e-4, cubature=1.5e-4))
+def models(training: Training, options: Namespace) -> Iterator[tuple[str, Any]]:
+    """The small models that are not refused."""
+    correction = CorrectionSettings(modes=3e-4, cubature=1.5e-4, attempts=1 if options.quick else 4)
+    makers: dict[str, Callable[[], Any]] = {
+        "HHR": lambda: training.build(pellet.recipe()),
+        "HHR, cubature": lambda: training.build(pellet.recipe(cubature=True)),
+        "condensed flow": lambda: training.condense(correction),
+    }
+    for name, make in makers.items():
+        try:
+            yield name, make()
+        except UnstableModelError as error:
+            options.console.print(f"{name} is refused: {error}")
 
 
 def errors(full: Any, found: Answer, exact: Answer, floor: float) -> list[float]:
@@ -67,7 +73,8 @@ def errors(full: Any, found: Answer, exact: Answer, floor: float) -> list[float]
     return [
         relative_error(found.displacement(), exact.displacement(), full.problem.mass),
         relative_error(found.forces(), exact.forces(), floor=floor),
-        relative_error(found.stress(), exact.stress()),
+        relative_error(found.stress().ravel(), exact.stress().ravel()),
+        relative_error(found.stress()[:, 0], exact.stress()[:, 0]),
         relative_error(found.plastic_strain(), exact.plastic_strain()),
     ]
 
@@ -105,7 +112,7 @@ def measured(training: Training, name: str, options: Namespace) -> Iterator[dict
     counts = (2, 8) if options.quick else (5, 20)
     drawn = list(path_cases(pellet.history, options.seed, *counts))
     known += [(case.name.split()[0], full.march(case.path)) for case in options.progress(f"{name}, exact")(drawn)]
-    for method, model in models(training):
+    for method, model in models(training, options):
         for kind, exact in options.progress(f"{name}, {method}")(known):
             row = row_of(full, model, exact.path, exact, floor)
             yield {"training": name, "model": method, "kind": kind, **row}

@@ -238,10 +238,12 @@ class CondensedEquilibrium:
 
         All conditions are kept, so that nothing overlaps where the model does not look.
         """
-        plastic = self.flow.energies * answer.state().state.plastic.T.ravel()
+        gauss = answer.state()
+        plastic = self.flow.energies * gauss.state.plastic.T.ravel()
         size, known = float(plastic @ plastic), self.flow.shown @ plastic
         # round-off of the difference, 1e-8 of the size, is far below what counts as new
-        return Signs(max(size - float(known @ known), 0.0) ** 0.5, size**0.5, 0.0, UNKNOWN)
+        misfit = self.fields.flow.misfit(gauss.stress)
+        return Signs(max(size - float(known @ known), 0.0) ** 0.5, size**0.5, 0.0, UNKNOWN, misfit)
 
     @staticmethod
     def shear(groups: Sequence[Group]) -> np.ndarray:

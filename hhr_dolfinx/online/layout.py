@@ -8,10 +8,10 @@ import numpy as np
 
 from hhr_dolfinx.parameters import ParameterSpace
 
-FORMAT, VERSION = "hhr_dolfinx reduced model", 9
+FORMAT, VERSION = "hhr_dolfinx reduced model", 10
 CONDENSED, CONDENSED_VERSION = "hhr_dolfinx condensed model", 1
 """Format of files of interpolated condensation, see ``varying_file``."""
-CONDENSED_FLOW, CONDENSED_FLOW_VERSION = "hhr_dolfinx condensed flow model", 2
+CONDENSED_FLOW, CONDENSED_FLOW_VERSION = "hhr_dolfinx condensed flow model", 3
 """Format of files of condensed flow, see ``condensed_flow_file``."""
 VALUES = ("amplitudes", "laws", "outputs")
 """Lists of values in the header, see ``values``."""
@@ -56,6 +56,7 @@ LAYOUT = {
     "paths.imbalance": ("float",),
     "paths.share": ("float",),
     "paths.depth": ("float",),
+    "paths.misfit": ("float",),
     "flow.gradients": ("float", "cells", "per cell", "components", "dofs of a cell"),
     "flow.weights": ("float", "cells", "per cell"),
     "flow.dofs": ("int", "cells", "dofs of a cell"),
