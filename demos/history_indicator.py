@@ -35,6 +35,7 @@ from hhr_dolfinx.timing import timed
 GAPS, HELD_OUT = (5.0, 15.0), 8.0
 """Initial gaps in um that are trained, and the one that is held out."""
 ERRORS = ("displacement", "forces", "stress", "stress_rr", "plastic_strain")
+SHOWN = ("displacement", "forces", "stress")
 LARGEST = ("displacement", "forces")
 
 
@@ -44,13 +45,16 @@ def there_and_back(gap: float, steps: int) -> Path:
     return pellet.history(np.arange(2 * steps + 1) / steps, np.append(shares, shares[-2::-1]), gap)
 
 
-def trainings(options: Namespace, steps: int) -> Iterator[tuple[str, Training]]:
-    """The scene, trained on one leg and on two."""
+def built(options: Namespace) -> hhr.Scene:
+    """The scene, coarse if it has to be quick."""
     mesh = {**pellet.QUICK_MESH, "cladding_axial_cells": 15, "cladding_radial_cells": 3} if options.quick else {}
-    for name, path in (("one way", pellet.path), ("there and back", there_and_back)):
-        paths, held_out = [path(gap, steps) for gap in GAPS], [path(HELD_OUT, steps)]
-        how = {"folder": options.out / "snapshots", "comm": MPI.COMM_SELF, "progress": options.progress}
-        yield name, hhr.train(pellet.scene(**mesh), paths, held_out=held_out, **how)
+    return pellet.scene(**mesh)
+
+
+def solved(scene: hhr.Scene, paths: list[Path], held_out: list[Path], options: Namespace) -> Training:
+    """Full histories, each step of which is kept: what was killed goes on."""
+    how = {"folder": options.out / "snapshots", "comm": MPI.COMM_SELF, "progress": options.progress}
+    return hhr.train(scene, paths, held_out=held_out, **how)
 
 
 def models(training: Training, options: Namespace) -> Iterator[tuple[str, Any]]:
@@ -87,35 +91,32 @@ def followed(model: Any, path: Path) -> tuple[History, list[str]]:
     return history, [str(item.message) for item in caught if issubclass(item.category, OutsideTrainingWarning)]
 
 
-def row_of(full: Any, model: Any, path: Path, exact: History, floor: float) -> dict[str, Any]:
+def row_of(full: Any, model: Any, exact: History, floor: float) -> dict[str, Any]:
     """What one model did on a path: estimates and errors of its steps, the largest ones, warnings by what saw it."""
-    history, said = followed(model, path)
+    (history, said), march = timed(lambda: followed(model, exact.path))
     estimates, seconds = timed(lambda: [answer.estimate().primal_relative for answer in history.answers])
     steps = [errors(full, *pair, floor) for pair in zip(history.answers, exact.answers, strict=True)]
-    path_said = any("is outside what was trained" in message for message in said)
+    by_path = any("is outside what was trained" in message for message in said)
     return {
         "estimates": estimates,
         "errors": steps,
-        "largest": dict(zip(LARGEST, largest_errors(full, history, exact, floor), strict=True)),
-        "warned": bool(said),
-        "by its path": path_said,
-        "by its signs": len(said) > path_said,
-        "seconds": seconds / len(estimates),
+        "largest": dict(zip(ERRORS, np.max(steps, axis=0).tolist(), strict=True)),
+        "of the history": dict(zip(LARGEST, largest_errors(full, history, exact, floor), strict=True)),
+        "by its path": by_path,
+        "by its signs": len(said) > by_path,
+        "step": march / len(estimates),
+        "estimate": seconds / len(estimates),
     }
 
 
-def measured(training: Training, name: str, options: Namespace) -> Iterator[dict[str, Any]]:
-    """Each model of a training on each path."""
-    full = training.full_order
-    floor = force_floor(full.problem, training.snapshots)
-    known = [("trained", item) for item in training.snapshots.histories]
-    counts = (2, 8) if options.quick else (5, 20)
-    drawn = list(path_cases(pellet.history, options.seed, *counts))
-    known += [(case.name.split()[0], full.march(case.path)) for case in options.progress(f"{name}, exact")(drawn)]
+def measured(name: str, training: Training, asked: dict[str, History], options: Namespace) -> Iterator[dict[str, Any]]:
+    """Each model of a training on what is known of it, and on each path that is asked."""
+    floor = force_floor(training.full_order.problem, training.snapshots)
+    known = [("known", item) for item in (*training.snapshots.histories, *training.held_out.histories)]
+    known += [(label.split()[0], item) for label, item in asked.items()]
     for method, model in models(training, options):
         for kind, exact in options.progress(f"{name}, {method}")(known):
-            row = row_of(full, model, exact.path, exact, floor)
-            yield {"training": name, "model": method, "kind": kind, **row}
+            yield {"training": name, "model": method, "kind": kind, **row_of(training.full_order, model, exact, floor)}
 
 
 def ranks(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -127,21 +128,23 @@ def ranks(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
         row: dict[str, Any] = {"training": training, "model": model, "steps": len(estimates)}
         for name, column in zip(ERRORS, wrong.T, strict=True):
             row[name] = float(spearmanr(estimates, column).statistic)
-        found.append(row | {"estimate, s": float(np.median([item["seconds"] for item in own]))})
+        found.append(row | {what: float(np.median([item[what] for item in own])) for what in ("step", "estimate")})
     return found
 
 
 def warnings_of(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """For each model and kind of path: errors over the worst trained ones, and which warning saw the path."""
+    """For each model and kind of path: errors over the worst known ones, and which warning saw the path."""
     found = []
     for training, model, kind, own in grouped(rows, "training", "model", "kind"):
-        trained = [row for row in rows if (row["training"], row["model"], row["kind"]) == (training, model, "trained")]
-        worst = {name: max(row["largest"][name] for row in trained) for name in LARGEST}
-        off = [max(row["largest"][name] / worst[name] for name in LARGEST) for row in own]
-        row: dict[str, Any] = {"training": training, "model": model, "kind": kind, "paths": len(own), "error": max(off)}
+        known = [row for row in rows if (row["training"], row["model"], row["kind"]) == (training, model, "known")]
+        row: dict[str, Any] = {"training": training, "model": model, "kind": kind, "paths": len(own)}
         row |= {said: sum(item[said] for item in own) for said in ("by its path", "by its signs")}
-        silent = [value for value, item in zip(off, own, strict=True) if not item["warned"]]
-        found.append(row | {"silent error": max(silent, default=0.0)})
+        silent = [item for item in own if not (item["by its path"] or item["by its signs"])]
+        for name in SHOWN:
+            worst = max(item["largest"][name] for item in known)
+            for which, some in (("", own), (", silent", silent)):
+                row[f"{name}{which}"] = max((item["largest"][name] / worst for item in some), default=0.0)
+        found.append(row)
     return found
 
 
@@ -157,13 +160,17 @@ def grouped(rows: list[dict[str, Any]], *keys: str) -> Iterator[tuple[Any, ...]]
 def main() -> None:
     """Train, follow paths, compare; print both tables and write ``report.json``."""
     options = cli.parse_on_first_rank(cli.demo_parser("history_indicator", __doc__))
-    rows = []
-    for name, training in trainings(options, 10 if options.quick else 40):
-        rows += measured(training, name, options)
+    scene, steps, rows = built(options), 10 if options.quick else 40, []
+    cases = list(path_cases(pellet.history, options.seed, *((2, 8) if options.quick else (4, 12))))
+    exact = solved(scene, [case.path for case in cases], [], options).snapshots.histories
+    asked = {case.name: history for case, history in zip(cases, exact, strict=True)}
+    for name, path in (("one way", pellet.path), ("there and back", there_and_back)):
+        training = solved(scene, [path(gap, steps) for gap in GAPS], [path(HELD_OUT, steps)], options)
+        rows += measured(name, training, asked, options)
     found = {"ranks": ranks(rows), "warnings": warnings_of(rows)}
     report.write_report({**found, "paths": rows, **report.environment()}, options.out)
-    report.print_rows("rank correlation of estimates and errors of steps", found["ranks"], options.console)
-    report.print_rows("paths: error over the worst trained one, and what warned", found["warnings"], options.console)
+    report.print_rows("rank correlation of estimates and errors of steps, and seconds", found["ranks"], options.console)
+    report.print_rows("largest errors over the worst known ones, and what warned", found["warnings"], options.console)
 
 
 if __name__ == "__main__":

@@ -104,8 +104,9 @@ class Signs(NamedTuple):
         size: norm of what these forces are made of.
         depth: deepest violation of a gap anywhere on the contact surface, in the unit of length, 0 if none.
         what: which imbalance that is, in words; on a cubature it is one of plastic strains, not of forces.
-        misfit: part of the stress where laws are evaluated that no mode of training explains, where these are points
-            of a cubature; 0 of other models, whose imbalance tells as well and costs less.
+        misfit: what no mode of training explains of the stress at the points of a cubature, in the unit of stress; 0 of
+            other models, whose imbalance tells as well.
+        stress: norm of this stress.
     """
 
     imbalance: float
@@ -113,6 +114,7 @@ class Signs(NamedTuple):
     depth: float
     what: str = "the forces on the reduced domain are out of balance"
     misfit: float = 0.0
+    stress: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -126,7 +128,7 @@ class TrainedPaths:
         imbalance: largest imbalance of the known histories, solved by the reduced model, in the unit of force.
         share: the largest one over the largest size in the history up to then.
         depth: largest depth of the known histories, or what counts as none.
-        misfit: largest misfit of the stress to its modes in the known histories, or what counts as none.
+        misfit: largest misfit of the stress to its modes in the known histories, or what counts as none, in its unit.
     """
 
     parameters: TrainedRange
@@ -168,7 +170,7 @@ class TrainedPaths:
             max(SMALL * size, max(sign.imbalance for signs in known for sign in signs)),
             max(SMALL, max(float(share.max()) for share in shares)),
             max(SMALL * length, max(sign.depth for signs in known for sign in signs)),
-            max(UNEXPLAINED, max(sign.misfit for signs in known for sign in signs)),
+            max(max(UNEXPLAINED * sign.stress, sign.misfit) for signs in known for sign in signs),
         )
 
     @cached_property
@@ -249,8 +251,8 @@ class Watch:
         if not signs.misfit <= FACTOR * self._trained.misfit:
             self._say(
                 "misfit",
-                f"{place}the modes of training do not explain {signs.misfit:.2g} of the stress, "
-                f"in training {self._trained.misfit:.2g} at most",
+                f"{place}the stress differs from combinations of trained ones by {signs.misfit:.2g}, "
+                f"in training by {self._trained.misfit:.2g} at most",
             )
 
     def _say(self, kind, message):

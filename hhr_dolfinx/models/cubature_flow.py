@@ -121,8 +121,8 @@ class CubatureEquilibrium(ProjectedEquilibrium):
         fitted = 0.0 if known is None else known.modes[self.points] @ (known.fit @ flowed)
         depth = (self.fields.contact_basis @ answer.unknown - self.fields.gaps @ theta).max()
         wrong, size = float(np.linalg.norm(flowed - fitted)), float(np.linalg.norm(flowed))
-        misfit = 0.0 if flow is None else flow.misfit(gauss.stress)
-        return Signs(wrong, size, max(float(depth), 0.0), UNKNOWN, misfit)
+        left = (0.0, 0.0) if flow is None else flow.unexplained(gauss.stress)
+        return Signs(wrong, size, max(float(depth), 0.0), UNKNOWN, *left)
 
     def tangent(self, tangents: np.ndarray) -> np.ndarray:
         """Projected consistent tangent, (ell, ell); points where it is elastic are passed over."""

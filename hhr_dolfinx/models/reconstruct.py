@@ -84,18 +84,23 @@ class FlowFields:
         shown = shown.reshape(self.points.size * components, -1)
         return shown.T @ shown
 
-    def misfit(self, inside: np.ndarray) -> float:
-        """Part of the stress where laws are evaluated, (points, components), that no mode of training explains.
+    def unexplained(self, inside: np.ndarray) -> tuple[float, float]:
+        """|σ - Φ fit σ| and |σ| of the stress where laws are evaluated, (points, components), in the unit of stress.
 
-        |σ - Φ fit σ| / |σ| there, from 0 to 1; 0 of a body without stress. It follows the error of a step, see
-        docs/bounds.md: the modes hold what training showed, the laws say what this history did. Half of the digits are
-        lost in the difference, so that nothing below 1e-8 is told apart.
+        Half of the digits are lost in the difference, so that nothing below 1e-8 of the stress is told apart.
         """
         stress = inside.ravel()
         amplitudes, size = self.stress.fit @ stress, float(stress @ stress)
-        if size == 0:
-            return 0.0
-        return math.sqrt(max(size - float(amplitudes @ (self._products @ amplitudes)), 0.0) / size)
+        return math.sqrt(max(size - float(amplitudes @ (self._products @ amplitudes)), 0.0)), math.sqrt(size)
+
+    def misfit(self, inside: np.ndarray) -> float:
+        """Part of the stress where laws are evaluated that no mode of training explains, from 0 to 1.
+
+        It follows the error of a step, see docs/bounds.md: the modes hold what training showed, the laws say what this
+        history did. 0 of bodies without stress.
+        """
+        left, size = self.unexplained(inside)
+        return left / size if size > 0 else 0.0
 
 
 class _Fit(NamedTuple):
