@@ -30,6 +30,9 @@ stayed below 1.2 times its imbalance, and 40 outside, with errors of the displac
 SMALL = 1e-3
 """Part of the forces, or of the gaps and motions, that is small whatever training showed: where a model reproduces its
 training to round-off, any other answer would seem far outside."""
+UNEXPLAINED = 0.01
+"""Part of the stress that counts as explained by its modes whatever training showed: what they leave out of states that
+were trained is far less than of any other state, and stress at Gauss points is seldom known better."""
 
 
 def check_outside(outside: Any) -> None:
@@ -101,12 +104,17 @@ class Signs(NamedTuple):
         size: norm of what these forces are made of.
         depth: deepest violation of a gap anywhere on the contact surface, in the unit of length, 0 if none.
         what: which imbalance that is, in words; on a cubature it is one of plastic strains, not of forces.
+        misfit: what no mode of training explains of the stress at the points of a cubature, in the unit of stress; 0 of
+            other models, whose imbalance tells as well.
+        stress: norm of this stress.
     """
 
     imbalance: float
     size: float
     depth: float
     what: str = "the forces on the reduced domain are out of balance"
+    misfit: float = 0.0
+    stress: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -120,6 +128,7 @@ class TrainedPaths:
         imbalance: largest imbalance of the known histories, solved by the reduced model, in the unit of force.
         share: the largest one over the largest size in the history up to then.
         depth: largest depth of the known histories, or what counts as none.
+        misfit: largest misfit of the stress to its modes in the known histories, or what counts as none, in its unit.
     """
 
     parameters: TrainedRange
@@ -129,6 +138,7 @@ class TrainedPaths:
     imbalance: float
     share: float
     depth: float
+    misfit: float
 
     @classmethod
     def of(
@@ -160,6 +170,7 @@ class TrainedPaths:
             max(SMALL * size, max(sign.imbalance for signs in known for sign in signs)),
             max(SMALL, max(float(share.max()) for share in shares)),
             max(SMALL * length, max(sign.depth for signs in known for sign in signs)),
+            max(max(UNEXPLAINED * sign.stress, sign.misfit) for signs in known for sign in signs),
         )
 
     @cached_property
@@ -236,6 +247,12 @@ class Watch:
                 "depth",
                 f"{place}the bodies overlap by {signs.depth:.2g} where the reduced domain does not look, "
                 f"in training by {self._trained.depth:.2g} at most",
+            )
+        if not signs.misfit <= FACTOR * self._trained.misfit:
+            self._say(
+                "misfit",
+                f"{place}the stress differs from combinations of trained ones by {signs.misfit:.2g}, "
+                f"in training by {self._trained.misfit:.2g} at most",
             )
 
     def _say(self, kind, message):

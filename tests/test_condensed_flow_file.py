@@ -359,6 +359,7 @@ REFUSED = {
     "it was trained on": part("trained", "parameters", "names", value={"items": [text("P1")] * 5}),
     "trained steps take": part("trained", "steps", value={"items": [text(2.0), text(1.0)]}),
     "the imbalance, its share": part("trained", "share", value=text("much")),
+    "the misfit of the training": part("trained", "misfit", value=text(-1.0)),
     "header has the keys": header(more=1),
     "must be lists": header(outputs={}),
     "its tree must hold": header(tree=[]),

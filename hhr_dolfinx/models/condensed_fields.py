@@ -12,10 +12,10 @@ from scipy.sparse import csr_matrix, diags
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.condensed_flow import PartFactors
+from hhr_dolfinx.models.error_bound import Estimate
 from hhr_dolfinx.models.reconstruct import FlowFields
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.error_bound import Estimate
     from hhr_dolfinx.models.functionals import Functionals
 
 
@@ -68,8 +68,10 @@ class CondensedFlowFields:
         return self.flow.plastic_strain_everywhere(answer.state().state.cumulated)
 
     def estimate(self, answer: Answer) -> Estimate | None:
-        """None is known."""
-        return None
+        """What an indicator says, see :meth:`FlowFields.misfit`; None without an answer."""
+        if not answer.converged:
+            return None
+        return Estimate.indicated(self.flow.misfit(answer.state().stress))
 
     @cached_property
     def _measures(self) -> tuple[np.ndarray, ...]:

@@ -234,14 +234,16 @@ class CondensedEquilibrium:
         return found.forces
 
     def signs(self, answer: Answer) -> Signs:
-        """Plastic strain on Z that is no combination of what training showed there, in the units of g; no overlap.
+        """Plastic strain and stress on Z that are no combination of what training showed there; no overlap.
 
         All conditions are kept, so that nothing overlaps where the model does not look.
         """
-        plastic = self.flow.energies * answer.state().state.plastic.T.ravel()
+        gauss = answer.state()
+        plastic = self.flow.energies * gauss.state.plastic.T.ravel()
         size, known = float(plastic @ plastic), self.flow.shown @ plastic
         # round-off of the difference, 1e-8 of the size, is far below what counts as new
-        return Signs(max(size - float(known @ known), 0.0) ** 0.5, size**0.5, 0.0, UNKNOWN)
+        new = max(size - float(known @ known), 0.0) ** 0.5
+        return Signs(new, size**0.5, 0.0, UNKNOWN, *self.fields.flow.unexplained(gauss.stress))
 
     @staticmethod
     def shear(groups: Sequence[Group]) -> np.ndarray:

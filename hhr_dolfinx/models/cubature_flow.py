@@ -115,12 +115,14 @@ class CubatureEquilibrium(ProjectedEquilibrium):
         There are no dofs of A here on which forces could be out of balance; but flow that was never trained, whose
         integral the weights do not know, is no combination of the trained one.
         """
-        theta, flowed, flow = self.amplitudes(answer.parameter), answer.state().state.cumulated, self.fields.flow
+        theta, gauss, flow = self.amplitudes(answer.parameter), answer.state(), self.fields.flow
+        flowed = gauss.state.cumulated
         known = None if flow is None else flow.cumulated
         fitted = 0.0 if known is None else known.modes[self.points] @ (known.fit @ flowed)
         depth = (self.fields.contact_basis @ answer.unknown - self.fields.gaps @ theta).max()
         wrong, size = float(np.linalg.norm(flowed - fitted)), float(np.linalg.norm(flowed))
-        return Signs(wrong, size, max(float(depth), 0.0), UNKNOWN)
+        left = (0.0, 0.0) if flow is None else flow.unexplained(gauss.stress)
+        return Signs(wrong, size, max(float(depth), 0.0), UNKNOWN, *left)
 
     def tangent(self, tangents: np.ndarray) -> np.ndarray:
         """Projected consistent tangent, (ell, ell); points where it is elastic are passed over."""

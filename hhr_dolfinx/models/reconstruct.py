@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -50,7 +51,7 @@ class GappyField:
         return self.modes @ (self.fit @ inside)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FlowFields:
     """What completes stress and plastic strain of bodies that flow.
 
@@ -79,6 +80,32 @@ class FlowFields:
             field = np.maximum(self.cumulated.everywhere(inside), 0.0)
         field[self.points] = inside
         return field
+
+    @cached_property
+    def _products(self) -> np.ndarray:
+        """Products of the modes of the stress on the values where laws are evaluated, (modes, modes)."""
+        components = len(self.stress.modes) // self.gauss_points
+        shown = self.stress.modes.reshape(self.gauss_points, components, -1)[self.points]
+        shown = shown.reshape(self.points.size * components, -1)
+        return shown.T @ shown
+
+    def unexplained(self, inside: np.ndarray) -> tuple[float, float]:
+        """|σ - Φ fit σ| and |σ| of the stress where laws are evaluated, (points, components), in the unit of stress.
+
+        Half of the digits are lost in the difference, so that nothing below 1e-8 of the stress is told apart.
+        """
+        stress = inside.ravel()
+        amplitudes, size = self.stress.fit @ stress, float(stress @ stress)
+        return math.sqrt(max(size - float(amplitudes @ (self._products @ amplitudes)), 0.0)), math.sqrt(size)
+
+    def misfit(self, inside: np.ndarray) -> float:
+        """Part of the stress where laws are evaluated that no mode of training explains, from 0 to 1.
+
+        It follows the error of a step, see docs/bounds.md: the modes hold what training showed, the laws say what this
+        history did. 0 of bodies without stress.
+        """
+        left, size = self.unexplained(inside)
+        return left / size if size > 0 else 0.0
 
 
 class _Fit(NamedTuple):
@@ -290,11 +317,11 @@ class Reconstruction:
         return self.flow.plastic_strain_everywhere(answer.gauss.state.cumulated)
 
     def estimate(self, answer: Answer) -> Estimate | None:
-        """The bound, or what the indicator says; None without either, or without an answer."""
+        """The bound, or what an indicator says: one of the recipe, or that of bodies that flow; None without either."""
         if not answer.converged:
             return None
         if self.bound is None:
-            return None if self.indicator is None else Estimate.indicated(self.indicator(answer))
+            return self._indicated(answer)
         theta = self.amplitudes(answer.parameter)
         there = self.bound.at(answer.parameter[None], theta)
         if self.force_snapshots is None:
@@ -322,3 +349,11 @@ class Reconstruction:
             found = there.of(many.unknown[rows], forces, slack)
             numbers[:, rows] = found.primal, found.dual, found.primal_relative, found.dual_relative
         return Estimates("bound", *numbers)
+
+    def _indicated(self, answer: Answer) -> Estimate | None:
+        """What an indicator says: a user's own, or that of bodies that flow."""
+        if self.indicator is not None:
+            return Estimate.indicated(self.indicator(answer))
+        if answer.gauss is None or self.flow is None:
+            return None
+        return Estimate.indicated(self.flow.misfit(answer.gauss.stress))

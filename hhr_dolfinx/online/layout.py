@@ -11,7 +11,7 @@ from hhr_dolfinx.parameters import ParameterSpace
 FORMAT, VERSION = "hhr_dolfinx reduced model", 10
 CONDENSED, CONDENSED_VERSION = "hhr_dolfinx condensed model", 2
 """Format of files of interpolated condensation, see ``varying_file``."""
-CONDENSED_FLOW, CONDENSED_FLOW_VERSION = "hhr_dolfinx condensed flow model", 2
+CONDENSED_FLOW, CONDENSED_FLOW_VERSION = "hhr_dolfinx condensed flow model", 3
 """Format of files of condensed flow, see ``condensed_flow_file``."""
 CONE = "fields.force_snapshots"
 """What a file leaves out of a model whose bound completes forces."""
@@ -58,6 +58,7 @@ LAYOUT = {
     "paths.imbalance": ("float",),
     "paths.share": ("float",),
     "paths.depth": ("float",),
+    "paths.misfit": ("float",),
     "flow.gradients": ("float", "cells", "per cell", "components", "dofs of a cell"),
     "flow.weights": ("float", "cells", "per cell"),
     "flow.dofs": ("int", "cells", "dofs of a cell"),

@@ -1,0 +1,187 @@
+"""The indicator of histories: what it measures, that it ranks, what it costs, and that it survives a file."""
+
+import dataclasses
+import pickle
+import time
+import warnings
+
+import condensing
+import flowing
+import numpy as np
+import pellet_cladding_plastic as demo
+import pytest
+from scipy.stats import spearmanr
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.certify.accuracy import relative_error
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.errors import OutsideTrainingError, OutsideTrainingWarning
+from hhr_dolfinx.models.error_bound import Estimate
+from hhr_dolfinx.models.reconstruct import FlowFields, GappyField
+from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+from hhr_dolfinx.study.training import Training
+from hhr_dolfinx.trained import Signs, TrainedPaths, Watch
+
+STEPS = 12
+SHARES = np.arange(STEPS + 1) / STEPS
+MESH = {"radial_cells": 8, "axial_cells": 12, "cladding_radial_cells": 3, "cladding_axial_cells": 10}
+
+
+def there_and_back(gap):
+    """Rates of this path hold those of a hold and of any slower path: ranges and rates cannot tell."""
+    return demo.history(np.arange(2 * STEPS + 1) / STEPS, np.append(SHARES, SHARES[-2::-1]), gap)
+
+
+def paths():
+    """By name: inside, and what was never trained."""
+    yield "inside", there_and_back(9.0)
+    yield "up", demo.history(SHARES, SHARES, 12.0)
+    again = np.concatenate([SHARES, SHARES[-2:5:-1], SHARES[6:]])
+    yield "loaded again", demo.history(np.arange(again.size) / STEPS, again, 10.0)
+    held = np.append(SHARES, np.ones(6))
+    for seconds in (1.0, 10.0):
+        yield f"held for {seconds:g} s", demo.history(np.append(SHARES, 1 + seconds * np.arange(1, 7) / 6), held, 10.0)
+    for factor in (10.0, 0.1):
+        yield f"{factor:g} times slower", demo.history(factor * SHARES, SHARES, 10.0)
+    for height in (0.6, 1.3):
+        yield f"height {height}", demo.history(SHARES, SHARES, 10.0, height)
+
+
+@pytest.fixture(scope="module")
+def trained():
+    """The pellet, loaded and unloaded at two gaps."""
+    full = hhr.FullOrderModel(demo.scene(**MESH))
+    known = [full.march(there_and_back(gap)) for gap in (5.0, 15.0)]
+    held_out = [full.march(there_and_back(8.0))]
+    return Training(full, *(hhr.SnapshotSet.of_histories(item) for item in (known, held_out)), None)
+
+
+@pytest.fixture(scope="module", params=["HHR", "condensed flow"])
+def model(request, trained):
+    if request.param == "condensed flow":
+        return trained.condense(CorrectionSettings(modes=1e-3, cubature=5e-4, attempts=1, trust=None))
+    return trained.build(demo.recipe(3e-9), checked=False)
+
+
+@pytest.fixture(scope="module")
+def exact(trained):
+    """Full histories of the paths, by name, trained ones among them."""
+    full, known = trained.full_order, trained.snapshots.histories
+    solved = {name: full.march(path) for name, path in paths()}
+    return {f"trained {k}": history for k, history in enumerate(known)} | solved
+
+
+@pytest.fixture(scope="module")
+def small():
+    """A reduced model in a second or two, with an answer."""
+    model = flowing.flowing_reduction(flowing.flowing_full())
+    return model, model.march(demo.path(9.0, flowing.STEPS)).answers[-1]
+
+
+def test_it_ranks_the_steps_of_histories(trained, model, exact):
+    estimates, errors = [], []
+    for history in exact.values():
+        found = model.march(history.path, hhr.MarchSettings(outside="ignore"))
+        estimates += [answer.estimate().primal_relative for answer in found.answers]
+        errors += [
+            [relative_error(here.displacement(), there.displacement(), trained.full_order.problem.mass),
+             relative_error(here.stress().ravel(), there.stress().ravel())]
+            for here, there in zip(found.answers, history.answers, strict=True)
+        ]  # fmt: skip
+    for column in np.transpose(errors):
+        assert spearmanr(estimates, column).statistic >= 0.8
+
+
+def by_least_squares(field, inside):
+    """|σ - Φ c| / |σ| with the best c."""
+    modes = field.stress.modes.reshape(field.gauss_points, inside.shape[1], -1)[field.points]
+    modes, stress = modes.reshape(inside.size, -1), inside.ravel()
+    fitted = modes @ np.linalg.lstsq(modes, stress, rcond=None)[0]
+    return np.linalg.norm(stress - fitted) / np.linalg.norm(stress)
+
+
+def test_it_is_the_misfit_of_the_stress_to_its_modes(small):
+    reduced, answer = small
+    stress = answer.state().stress
+    expected = by_least_squares(reduced.fields.flow, stress)
+    assert answer.estimate() == Estimate.indicated(pytest.approx(expected, rel=1e-4, abs=1e-8))
+    noise = np.random.default_rng(0).normal(size=stress.shape) * np.abs(stress).max()
+    spoiled = answer._replace(gauss=answer.gauss._replace(stress=stress + noise))
+    expected = by_least_squares(reduced.fields.flow, stress + noise)
+    assert spoiled.estimate().primal_relative == pytest.approx(expected, rel=1e-10) and expected > 0.1
+
+
+def test_it_has_no_unit_and_no_preferred_sign(small):
+    reduced, answer = small
+    stress, misfit = answer.state().stress, reduced.fields.flow.misfit
+    assert misfit(-1e6 * stress) == pytest.approx(misfit(stress), rel=1e-6)
+    assert misfit(0.0 * stress) == 0.0
+
+
+def test_without_modes_nothing_is_explained():
+    nothing = GappyField(np.zeros((8, 0)), np.zeros((0, 4)))
+    assert FlowFields(np.array([1]), nothing, None, 2).misfit(np.ones((1, 4))) == 1.0
+
+
+def test_an_indicator_of_the_user_comes_first(small):
+    reduced, answer = small
+    fields = dataclasses.replace(reduced.fields, indicator=lambda answer: 0.5)
+    assert answer._replace(fields=fields).estimate() == Estimate.indicated(0.5)
+
+
+def test_no_answer_has_no_estimate(small):
+    failed = small[1]._replace(status=Status.DIVERGED)
+    assert failed.estimate() is None
+
+
+def test_it_survives_copies_and_files(small, tmp_path):
+    for number, (reduced, path) in enumerate(
+        [(small[0], demo.path(9.0, flowing.STEPS)), (condensing.pellet()[2], condensing.loaded(9.0))]
+    ):
+        expected = [answer.estimate() for answer in reduced.march(path, condensing.QUIET).answers]
+        hhr.save_model(tmp_path / f"{number}.npz", reduced)
+        for again in (hhr.load_model(tmp_path / f"{number}.npz"), pickle.loads(pickle.dumps(reduced))):
+            assert [answer.estimate() for answer in again.march(path, condensing.QUIET).answers] == expected
+
+
+def test_it_costs_less_than_a_step():
+    model = condensing.pellet()[2]
+    path = condensing.loaded(9.0)
+    model.march(path).answers[-1].estimate()
+
+    def seconds(task):
+        start = time.perf_counter()
+        task()
+        return time.perf_counter() - start
+
+    history = model.march(path)
+    march = min(seconds(lambda: model.march(path)) for _ in range(3))
+    estimates = min(seconds(lambda: [answer.estimate() for answer in history.answers]) for _ in range(3))
+    assert estimates < 0.3 * march
+
+
+def test_the_door_of_few_points_sees_stress_that_was_never_trained():
+    """Ranges and rates widened, and plastic strain that counts as known: the stress alone still tells."""
+    model = condensing.pellet()[2]
+    inside, aside = condensing.loaded(9.0), condensing.loaded(9.0, height=1.4)
+    trained = model.trained
+    rates = {"slowest": np.full(3, -1e9), "fastest": np.full(3, 1e9), "imbalance": 1e9, "share": 1e9}
+    range_ = dataclasses.replace(trained.parameters, lower=np.full(3, -1e9), upper=np.full(3, 1e9))
+    wide = model.changed(trained=dataclasses.replace(trained, parameters=range_, **rates))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", OutsideTrainingWarning)
+        wide.march(inside)
+    with pytest.warns(OutsideTrainingWarning, match="the stress differs from combinations of trained ones"):
+        wide.march(aside)
+
+
+def test_a_small_misfit_is_none():
+    """Where training is reproduced to round-off any other answer would seem far outside."""
+    space = hhr.ParameterSpace(("load",), (0.0,), (1.0,))
+    path = [(0.0, np.zeros(1)), (1.0, np.ones(1))]
+    trained = TrainedPaths.of([path], space, [[Signs(0.0, 1.0, 0.0, "", 1e-12, 50.0)]], 1.0)
+    assert trained.misfit == 0.5
+    watch = Watch(trained, "refuse")
+    watch.after(1, 1.0, Signs(0.0, 1.0, 0.0, "", 1.4, 50.0))
+    with pytest.raises(OutsideTrainingError, match=r"by 1\.6, in training by 0\.5 at most"):
+        watch.after(1, 1.0, Signs(0.0, 1.0, 0.0, "", 1.6, 50.0))
