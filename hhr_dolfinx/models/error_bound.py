@@ -15,6 +15,7 @@ has the proof in full. Theorems 3 to 8 of the thesis bound the same errors throu
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -27,6 +28,10 @@ ROUND_OFF = 1e-10
 """Part of an answer that is round-off of the exact one too: nothing is known to be nearer."""
 
 
+NO_OUTPUTS: Mapping[str, float] = {}
+"""Of what has no outputs, or no bounds of them."""
+
+
 class Estimate(NamedTuple):
     """What is known of the error of an answer.
 
@@ -37,6 +42,8 @@ class Estimate(NamedTuple):
             Both are infinite of an indicator, which knows no units.
         primal_relative, dual_relative: over the least that the exact answer can have in these norms; infinite where a
             bound is larger than the answer itself.
+        outputs: bounds of the errors of the outputs of the scene, by name; those of which nothing is known are left
+            out, see :mod:`hhr_dolfinx.models.output_bound`.
     """
 
     kind: str
@@ -44,6 +51,7 @@ class Estimate(NamedTuple):
     dual: float
     primal_relative: float
     dual_relative: float
+    outputs: Mapping[str, float] = NO_OUTPUTS
 
     @classmethod
     def indicated(cls, value: float) -> Estimate:
@@ -79,6 +87,12 @@ class ErrorBound:
         """Forces without those where the bodies would be apart by more than the force itself closes, (m,)."""
         slack = self.free_slack @ theta + self.schur @ forces
         return np.where(self.schur.diagonal() * forces < slack, 0.0, forces)
+
+    def improved(self, forces: np.ndarray, theta: Theta) -> tuple[np.ndarray, float]:
+        """Forces that close the gaps where given ones, (m,), do, and how far they are off at most, in the S norm."""
+        free = self.free_slack @ theta
+        better = self._improved(forces, free, self.schur @ forces)
+        return better, self._off(free + self.schur @ better, better)
 
     def of(self, unknown: np.ndarray, forces: np.ndarray, slack: np.ndarray, theta: Theta) -> Estimate:
         """Bounds of a field and of forces.

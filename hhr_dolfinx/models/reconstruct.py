@@ -20,6 +20,7 @@ from hhr_dolfinx.models.error_bound import ErrorBound, Estimate
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals import Functionals
     from hhr_dolfinx.models.interpolation import Interpolant
+    from hhr_dolfinx.models.output_bound import OutputBound
     from hhr_dolfinx.models.shaped_functionals import ReshapedFunctionals
 
 
@@ -106,6 +107,7 @@ class Reconstruction:
         bound: bounds the error of an answer; None where its hypotheses fail.
         reshaped_contact: gaps and B V beside each other where they change with the shape of the bodies; else None.
         functionals: outputs of the scene; None where it has none.
+        output_bound: bounds the errors of outputs, beside ``bound``; None without either.
     """
 
     amplitudes: Amplitudes
@@ -123,6 +125,7 @@ class Reconstruction:
     bound: ErrorBound | None = None
     functionals: Functionals | ReshapedFunctionals | None = None
     reshaped_contact: Interpolant | None = None
+    output_bound: OutputBound | None = None
 
     def contact_at(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gaps, (N_lambda, 1 + T), and B V, (N_lambda, ell), at a point."""
@@ -278,4 +281,8 @@ class Reconstruction:
             return None if self.indicator is None else Estimate.indicated(self.indicator(answer))
         theta = self.amplitudes(answer.parameter)
         slack = self.gaps @ theta - self.contact_basis @ answer.unknown
-        return self.bound.of(answer.unknown, np.maximum(self.forces(answer), 0.0), slack, theta)
+        forces = self.forces(answer)
+        found = self.bound.of(answer.unknown, np.maximum(forces, 0.0), slack, theta)
+        if self.output_bound is None:
+            return found
+        return found._replace(outputs=self.output_bound.errors(self, answer, forces, found))

@@ -241,6 +241,11 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
             fields = replace(fields, indicator=recipe.indicator.prepared(problem, basis, sets))
     if recipe.bound and recipe.indicator is None:
         fields = replace(fields, bound=_bound_of(full, basis, log))
+        if fields.bound is not None and full.functionals is not None:
+            from hhr_dolfinx.certify.output_bounds import output_bound
+
+            with log.stage("bound"):
+                fields = replace(fields, output_bound=output_bound(full, fields.bound, basis))
     known = shared.snapshots.known_statuses(sets.A_lambda) if flow is None else None
     with log.stage("online_arrays"):
         range_ = TrainedRange.of(shared.snapshots.points, problem.parameters) if flow is None else None
