@@ -17,14 +17,15 @@ from hhr_dolfinx.models.output_bound import UNKNOWN, OutputBound, is_read_nearer
 def output_bound(full: Any, bound: ErrorBound, basis: np.ndarray) -> OutputBound:
     """Bounds of the outputs of answers with a basis, (N, ell), of a full model with outputs that has a bound."""
     problem, items = full.problem, full.functionals.items
-    size = problem.free.size
-    per_condition = solve_triangular(bound.lower, np.eye(len(bound.lower)), lower=True).T
-    rows = csr_matrix(vstack([csr_matrix((0, size)), *(item.matrix(size) for item in items if is_read_nearer(item))]))
+    size, m = problem.free.size, len(bound.lower)
+    per_condition = solve_triangular(bound.lower, np.eye(m), lower=True).T
+    nearer = [item.matrix(size) for item in items if is_read_nearer(item, m)]
+    rows = csr_matrix(vstack([csr_matrix((0, size)), *nearer]))
     loads = full.factors.solve_columns(problem.loads)
     free, pressed = rows @ loads + (rows @ problem.lifts).toarray(), rows @ full.per_force
     steepness, first, directions = np.full((len(items), 2), UNKNOWN), 0, None
     for number, item in enumerate(items):
-        if is_read_nearer(item):
+        if is_read_nearer(item, m):
             own = -pressed[first : first + item.count] @ per_condition
             first += item.count
             if not item.affine:

@@ -89,10 +89,14 @@ class ErrorBound:
         return np.where(self.schur.diagonal() * forces < slack, 0.0, forces)
 
     def improved(self, forces: np.ndarray, theta: Theta) -> tuple[np.ndarray, float]:
-        """Forces that close the gaps where given ones, (m,), do, and how far they are off at most, in the S norm."""
-        free = self.free_slack @ theta
-        better = self._improved(forces, free, self.schur @ forces)
-        return better, self._off(free + self.schur @ better, better)
+        """Given forces, (m,), or those that close the gaps where they do; and their error in the S norm at most.
+
+        Those of both of which the error is less.
+        """
+        free, pushed = self.free_slack @ theta, self.schur @ forces
+        better = self._improved(forces, free, pushed)
+        off, given = self._off(free + self.schur @ better, better), self._off(free + pushed, forces)
+        return (better, off) if off <= given else (forces, given)
 
     def of(self, unknown: np.ndarray, forces: np.ndarray, slack: np.ndarray, theta: Theta) -> Estimate:
         """Bounds of a field and of forces.

@@ -32,8 +32,8 @@ from hhr_dolfinx.models.functionals import Functional, Functionals, State
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
 
-MOST_ROWS = 512
-"""Rows of an output up to which it is read at the field that is nearer, too."""
+MOST_ENTRIES = 2_000_000
+"""Rows of an output times contact conditions up to which it is read at the field that is nearer, too: 16 MB."""
 UNKNOWN = -1.0
 """In the place of a Lipschitz constant that is none, or that is not needed."""
 
@@ -69,9 +69,9 @@ class OutputErrors(Mapping[str, float]):
         return dict, (self._values,)
 
 
-def is_read_nearer(item: Functional) -> bool:
-    """Whether an output is read at the field that is nearer, too."""
-    return item.affine or item.count <= MOST_ROWS
+def is_read_nearer(item: Functional, conditions: int) -> bool:
+    """Whether an output is read at the field that is nearer, too, given the number of contact conditions."""
+    return item.affine or item.count * conditions <= MOST_ENTRIES
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class OutputBound:
 
     def fits(self, functionals: Any) -> bool:
         """Whether these may be bounds of some outputs: sizes, and constants that are not negative."""
-        rows = sum(item.count for item in functionals.items if is_read_nearer(item))
+        rows = sum(item.count for item in functionals.items if is_read_nearer(item, self.pressed.shape[1]))
         known = (self.steepness >= 0) | (self.steepness == UNKNOWN)
         return self.steepness.shape == (len(functionals.items), 2) and bool(known.all()) and len(self.free) == rows
 
@@ -122,7 +122,7 @@ class OutputBound:
         for item, place, (per_energy, per_force) in zip(
             functionals.items, functionals.places, self.steepness.tolist(), strict=True
         ):
-            if not is_read_nearer(item):
+            if not is_read_nearer(item, better.size):
                 if per_energy != UNKNOWN:
                     found[item.name] = per_energy * estimate.primal + per_force * estimate.dual
                 continue
