@@ -241,7 +241,7 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
             fields = replace(fields, indicator=recipe.indicator.prepared(problem, basis, sets))
     if recipe.bound and recipe.indicator is None:
         fields = replace(fields, bound=_bound_of(full, basis, log))
-        if fields.bound is not None and full.functionals is not None:
+        if isinstance(fields.bound, ErrorBound) and full.functionals is not None:
             from hhr_dolfinx.certify.output_bounds import output_bound
 
             with log.stage("bound"):
