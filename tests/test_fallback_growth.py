@@ -42,12 +42,11 @@ def worst_error(full, model, points):
 
 
 def test_no_answer_is_off_by_more_than_allowed_and_fewer_fall_back(pellet):
-    """From nine snapshots of the pellet, 200 random points: the share falls from one rebuild to the next."""
+    """From nine snapshots of the pellet, 200 random points. Measured: 60, 2, 0 and 0 % of each 50 fall back."""
     full, model = pellet.full_order, pellet.safe_model(0.01, grow=10, recipe=POOR, checked=False)
     before = len(model.reduced.problem.stiffness)
     worst, fallen = worst_error(full, model, full.parameters.random(200, 0))
     shares = [part.mean() for part in np.array_split(fallen, 4)]
-    print(worst, shares, model.growth, before, len(model.reduced.problem.stiffness))
     assert worst <= 0.01 and model.asked == 200 and model.fallen == fallen.sum()
     assert shares[0] > 0.5 and shares[-1] < 0.5 * shares[0]
     assert [step.learned for step in model.growth] == list(range(10, len(model.learned) + 1, 10))
@@ -125,7 +124,7 @@ def test_a_model_without_bounds_cannot_be_safe(pellet):
 
 def test_batches_report_how_many_fell_back(pellet, tmp_path, capsys):
     model, points = (
-        pellet.safe_model(0.02, grow=None, recipe=POOR, checked=False),
+        pellet.safe_model(0.05, grow=None, recipe=POOR, checked=False),
         pellet.full_order.parameters.random(8, 3),
     )
     table = np.vstack([points, [1e9, 1.0]])
@@ -133,7 +132,7 @@ def test_batches_report_how_many_fell_back(pellet, tmp_path, capsys):
     assert list(answers.estimates) == [f"bound of {name}" for name in ("displacement", "forces", "peak [MPa]", "area")]
     assert 0 < answers.fell_back.sum() == model.fallen < 8 and not answers.fell_back[8]
     errors = np.max([answers.estimates[f"bound of {name}"][:8] for name in ("displacement", "forces")], axis=0)
-    assert (errors <= 0.02).all() and (errors[answers.fell_back[:8]] == 0).all()
+    assert (errors <= 0.05).all() and (errors[answers.fell_back[:8]] == 0).all()
     reduced = ~answers.fell_back[:8]
     assert (answers.estimates["bound of peak [MPa]"][:8][reduced] > 0).all()
     assert np.isnan(answers.estimates["bound of area"][:8][reduced]).all()

@@ -60,42 +60,34 @@ def pellet():
 
 @pytest.fixture(scope="module")
 def poor(pellet):
-    """Of a sixth of the training."""
-    return hhr.build(pellet.full_order, pellet.snapshots.take(slice(None, None, 6)), POOR)
-
-
-def told(ratios):
-    return {
-        name: (len(row), np.round(np.percentile(row, [50, 95, 100]), 3)) for name, row in ratios.items() if len(row)
-    }
+    """Of a seventh of the training."""
+    return hhr.build(pellet.full_order, pellet.snapshots.take(slice(None, None, 7)), POOR)
 
 
 def test_outputs_of_the_pellet(pellet, poor):
-    """Those read at the nearer field are bounded by their error, in the median."""
+    """Measured: 1.000 in the median, 1.000 at 95 %, 1.006 at most, of a usual and of a poor model."""
     full = pellet.full_order
     for model in (pellet.build(checked=False), poor):
         ratios = check(full, model, full.parameters.random(60, 0))
-        print(told(ratios))
         assert set(ratios) == {output.name for output in full.scene.outputs} - JUMPS
-        for name in ("radial", "lift", "torque", "gap", "u_r", "energy", "swelling", "peak"):
-            assert ratios[name].size == 0 or np.median(ratios[name]) < 1.5, name
+        for name, row in ratios.items():
+            assert len(row) > 50 and np.median(row) < 1.01 and np.percentile(row, 95) < 2, name
 
 
 def test_outputs_read_at_the_nearer_field_or_bounded_by_energies(pellet, poor, monkeypatch):
-    """Von Mises' stress of a whole body has too many rows; both ways are bounds, and the first is nearer."""
+    """Von Mises' stress of a large body has too many rows. Measured medians: 14 and 5, and 122 of a part of a body."""
     full, points = pellet.full_order, pellet.full_order.parameters.random(20, 1)
     ways = {}
     for most in (0, 10**12):
         monkeypatch.setattr(output_bound, "MOST_ENTRIES", most)
-        model = hhr.build(full, pellet.snapshots.take(slice(None, None, 6)), POOR)
+        model = hhr.build(full, pellet.snapshots.take(slice(None, None, 7)), POOR)
         ways[most] = check(full, model, points)
-    print({most: told(ratios) for most, ratios in ways.items()})
     for name in ("largest", "mean", "below", "peak"):
-        assert np.median(ways[10**12][name]) < 2 and np.median(ways[0][name]) >= np.median(ways[10**12][name]), name
+        assert np.median(ways[10**12][name]) < 1.01 and np.median(ways[0][name]) >= np.median(ways[10**12][name]), name
 
 
 def test_outputs_of_the_half_discs():
-    """Few snapshots, and one mesh of the demo."""
+    """Of three snapshots; all 31 leave errors of round-off, which are bounded too."""
     scene = hertz_demo.scene(arc_segments=28, flat_segments=7)
     lower, upper = (body.tag for body in scene.bodies)
     full = hhr.FullOrderModel(with_outputs(scene, lower, upper, 2))
@@ -103,7 +95,6 @@ def test_outputs_of_the_half_discs():
     for some in ([3, 15, 28], slice(None)):
         model = hhr.build(full, snapshots.take(some), POOR)
         ratios = check(full, model, full.parameters.random(60, 2))
-        print(told(ratios))
         assert set(ratios) == {"peak", "force", "largest", "mean", "energy", "moved"}
 
 
@@ -115,9 +106,8 @@ def test_outputs_of_pairs_of_blocks(hypothesis):
     full = hhr.FullOrderModel(scene)
     model = hhr.build(full, hhr.compute_snapshots(full, hhr.Sobol(4).points(full.parameters)), POOR)
     ratios = check(full, model, full.parameters.random(40, 3))
-    print(told(ratios))
     for name in ("force", "energy", "moved", "peak"):
-        assert len(ratios[name]) > 20 and np.median(ratios[name]) < 2, name
+        assert len(ratios[name]) > 20 and np.percentile(ratios[name], 95) < 1.1, name
 
 
 def test_constants_are_those_of_directions_that_attain_them(pellet):
@@ -161,17 +151,17 @@ def test_outputs_are_evaluated_when_they_are_read(pellet, poor, monkeypatch):
     monkeypatch.setattr(
         type(poor.fields), "measured", lambda *given: asked.append(1) or pytest.fail("nobody reads an output")
     )
-    assert poor.solve((100.0, 3.0)).estimate().dual > 0 and not asked
+    assert poor.solve((100.0, 3.0), outside="ignore").estimate().dual > 0 and not asked
 
 
 def test_bounds_are_kept_in_files_and_pickles(poor, tmp_path):
     hhr.save_model(tmp_path / "model.npz", poor)
     stored = hhr.load_model(tmp_path / "model.npz")
     for point in poor.parameters.random(3, 5):
-        found = poor.solve(point).estimate()
-        assert len(found.outputs) == 11 and stored.solve(point).estimate() == found
+        found = poor.solve(point, outside="ignore").estimate()
+        assert len(found.outputs) == 11 and stored.solve(point, outside="ignore").estimate() == found
         assert pickle.loads(pickle.dumps(found)) == found and "radial" in repr(found)
-        assert pickle.loads(pickle.dumps(poor)).solve(point).estimate() == found
+        assert pickle.loads(pickle.dumps(poor)).solve(point, outside="ignore").estimate() == found
 
 
 @pytest.mark.parametrize("name", ["steepness", "free", "pressed", None])
