@@ -40,9 +40,13 @@ def safe_model(
 def joined(snapshots: SnapshotSet, answers: Sequence[Answer]) -> SnapshotSet:
     """Snapshots at single parameters, and further answers of the full model behind them."""
     more = SnapshotSet.of_answers(answers)
-    names = ("displacements", "forces", "active")
-    columns = (np.hstack([getattr(part, name) for part in (snapshots, more)]) for name in names)
-    return SnapshotSet(np.vstack([snapshots.points, more.points]), *columns)
+    both = snapshots, more
+    return SnapshotSet(
+        np.vstack([part.points for part in both]),
+        np.hstack([part.displacements for part in both]),
+        np.hstack([part.forces for part in both]),
+        np.hstack([part.active for part in both]),
+    )
 
 
 def fallback_report(model: ReducedModel, full: Any, points: np.ndarray) -> dict[str, float]:
