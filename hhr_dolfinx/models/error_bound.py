@@ -17,19 +17,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve, solve_triangular
 
 from hhr_dolfinx.amplitudes import Theta
+from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
 
 ROUND_OFF = 1e-10
 """Part of an answer that is round-off of the exact one too: nothing is known to be nearer."""
 
 
-ROUNDS = 6
-"""Times that gaps are closed, after which statuses have settled but for rare cases."""
 NO_OUTPUTS: Mapping[str, float] = {}
 """Of what has no outputs, or no bounds of them."""
 
@@ -91,19 +91,19 @@ class ErrorBound:
         return np.where(self.schur.diagonal() * forces < slack, 0.0, forces)
 
     def improved(self, forces: np.ndarray, theta: Theta) -> tuple[np.ndarray, float]:
-        """Forces that close the gaps, from given ones, (m,), in a few rounds; and their error in the S norm at most."""
+        """Forces whose gaps are closed, from the statuses of given ones, (m,); and their error in the S norm at most.
+
+        Where these statuses do not settle, the given ones.
+        """
         free = self.free_slack @ theta
-        tried, pushed = forces, self.schur @ forces
-        best = forces, self._off(free + pushed, forces)
-        for _ in range(ROUNDS):
-            tried = self._improved(tried, free, pushed)
-            pushed = self.schur @ tried
-            off = self._off(free + pushed, tried)
-            if off < best[1]:
-                best = tried, off
-            if off <= ROUND_OFF * math.sqrt(max(tried @ pushed, 0.0)):
-                break
-        return best
+        slack = free + self.schur @ forces
+        given = forces, self._off(slack, forces)
+        touching = (self.schur.diagonal() * forces >= slack) & ((forces > 0) | (slack < 0))
+        found = active_set(SchurEqualities.symmetric(self.schur), free, touching)
+        if found.status is not Status.CONVERGED:
+            return given
+        better = np.maximum(found.forces, 0.0)
+        return min(given, (better, self._off(free + self.schur @ better, better)), key=itemgetter(1))
 
     def of(self, unknown: np.ndarray, forces: np.ndarray, slack: np.ndarray, theta: Theta) -> Estimate:
         """Bounds of a field and of forces.

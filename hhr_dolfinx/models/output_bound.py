@@ -32,8 +32,8 @@ from hhr_dolfinx.models.functionals import Functional, Functionals, State
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
 
-MOST_ENTRIES = 2_000_000
-"""Rows of an output times contact conditions up to which it is read at the field that is nearer, too: 16 MB."""
+MOST_ENTRIES = 4_000_000
+"""Rows of an output times contact conditions up to which it is read at the field that is nearer, too: 32 MB."""
 UNKNOWN = -1.0
 """In the place of a Lipschitz constant that is none, or that is not needed."""
 
@@ -109,6 +109,7 @@ class OutputBound:
         return OutputErrors(lambda: self._evaluated(fields, answer, forces, estimate))
 
     def _evaluated(self, fields: Any, answer: Answer, forces: np.ndarray, estimate: Estimate) -> dict[str, float]:
+        """Bounds by name."""
         bound: ErrorBound = fields.bound
         functionals: Functionals = fields.functionals
         given = fields.amplitudes(answer.parameter)
@@ -117,32 +118,46 @@ class OutputBound:
         better, off = bound.improved(np.maximum(forces, 0.0), given)
         size = math.sqrt(max(better @ (bound.schur @ better), 0.0))
         own, free = fields.measured(answer, theta), self.free @ theta
-        near, nothing, first = free - self.pressed @ better, np.zeros_like(better), 0
+        near, nothing = free - self.pressed @ better, np.zeros_like(better)
+        rows = self._rows(functionals)
+
+        def state(pushed: np.ndarray, moved: np.ndarray) -> State:
+            return State(pushed, moved, answer.parameter, theta, answer.stress)
+
+        affine = [(k, state(better, near[rows[k]])) for k, item in enumerate(functionals.items) if item.affine]
+        slopes = self._slopes(functionals, affine, rows, bound.lower)
         found = {}
-        for item, place, (per_energy, per_force) in zip(
-            functionals.items, functionals.places, self.steepness.tolist(), strict=True
-        ):
-            if not is_read_nearer(item, better.size):
+        for k, (item, place) in enumerate(zip(functionals.items, functionals.places, strict=True)):
+            per_energy, per_force = self.steepness[k].tolist()
+            if k not in rows:
                 if per_energy != UNKNOWN:
                     found[item.name] = per_energy * estimate.primal + per_force * estimate.dual
                 continue
-            rows, first = slice(first, first + item.count), first + item.count
-            if per_force == UNKNOWN and not item.affine:
+            steep = slopes.get(k, per_force)
+            if steep == UNKNOWN:
                 continue
-            here, there, start = (
-                State(pushed, moved, answer.parameter, theta, answer.stress)
-                for pushed, moved in ((forces, own[place]), (better, near[rows]), (nothing, free[rows]))
-            )
-            steep = self._slope(item, there, rows, bound.lower) if item.affine else per_force
-            value, better_value = item.value(here), item.value(there)
-            sizes = abs(value) + abs(better_value) + abs(item.value(start)) + steep * size
-            found[item.name] = abs(value - better_value) + steep * off + ROUND_OFF * sizes
+            value, nearer = item.value(state(forces, own[place])), item.value(state(better, near[rows[k]]))
+            sizes = abs(value) + abs(nearer) + abs(item.value(state(nothing, free[rows[k]]))) + steep * size
+            found[item.name] = abs(value - nearer) + steep * off + ROUND_OFF * sizes
         return found
 
-    def _slope(self, item: Functional, state: State, rows: slice, lower: np.ndarray) -> float:
-        """Lipschitz constant of an affine output as a function of forces, in the S norm."""
-        slopes = item.slopes(state)
-        along = np.zeros(len(lower))
-        np.add.at(along, slopes.conditions, slopes.forces)
-        along -= self.pressed[rows].T @ slopes.measured
-        return float(np.linalg.norm(solve_triangular(lower, along, lower=True, check_finite=False)))
+    def _rows(self, functionals: Functionals) -> dict[int, slice]:
+        """Rows of each output that is read at the nearer field, among those of all of them, by its place."""
+        rows, first = {}, 0
+        for k, item in enumerate(functionals.items):
+            if is_read_nearer(item, self.pressed.shape[1]):
+                rows[k] = slice(first, first + item.count)
+                first += item.count
+        return rows
+
+    def _slopes(
+        self, functionals: Functionals, affine: list[tuple[int, State]], rows: dict[int, slice], lower: np.ndarray
+    ) -> dict[int, float]:
+        """Lipschitz constants of affine outputs at some states, as functions of forces, in the S norm, by place."""
+        along = np.zeros((len(lower), len(affine)))
+        for column, (k, state) in zip(along.T, affine, strict=True):
+            slopes = functionals.items[k].slopes(state)
+            np.add.at(column, slopes.conditions, slopes.forces)
+            column -= self.pressed[rows[k]].T @ slopes.measured
+        sizes = np.linalg.norm(solve_triangular(lower, along, lower=True, check_finite=False), axis=0)
+        return {k: float(size) for (k, _), size in zip(affine, sizes, strict=True)}
