@@ -2,8 +2,8 @@
 
 Any forces λ' >= 0 and the field u' in equilibrium with them are off by |λ' - Λ|_S = |u' - U|_K <= ε, see
 :mod:`hhr_dolfinx.models.error_bound`; λ' are those of the contact problem on S, solved from the statuses of the answer,
-so that ε is round-off. As u' - U = -K^-1 B^T (λ' - Λ), an output J is a function of forces alone there, and with J', its
-value at (u', λ'),
+so that ε is round-off. As u' - U = -K^-1 B^T (λ' - Λ), an output J is a function of forces alone there, and with J',
+its value at (u', λ'),
 
     |J - J(U, Λ)| <= |J - J'| + L ε,       L a Lipschitz constant of J' as a function of λ' in the S norm.
 
