@@ -303,10 +303,11 @@ def _heads_of(model: ReducedModel | FallbackModel) -> list[str]:
 def _estimate_heads(model: ReducedModel | FallbackModel) -> list[str]:
     """Heads of the columns of estimates; none where nothing is estimated, or nothing but steps of histories."""
     fields = _reduced(model).fields
-    if fields.bound is not None:
-        outputs = [] if fields.output_bound is None else _heads_of(model)
-        return [f"bound of {name}" for name in ("displacement", "forces", *outputs)]
-    return [] if fields.indicator is None else ["indicator of displacement", "indicator of forces"]
+    # fields of models that keep all contact conditions, or of a rival, know of no estimates
+    bound, of_outputs, indicator = (getattr(fields, name, None) for name in ("bound", "output_bound", "indicator"))
+    if bound is not None:
+        return [f"bound of {name}" for name in ("displacement", "forces", *(_heads_of(model) if of_outputs else []))]
+    return [] if indicator is None else ["indicator of displacement", "indicator of forces"]
 
 
 def _estimates(model: ReducedModel | FallbackModel, estimate: Estimate | None, count: int) -> list[float]:
