@@ -74,7 +74,7 @@ def compared(training: Training, model: Any, points: np.ndarray) -> dict[str, np
         norms = [np.sqrt(max(value, 0.0)) for value in (
             moved @ (stiffness @ moved), pushed @ schur @ pushed, field @ (stiffness @ field), forces @ schur @ forces,
         )]  # fmt: skip
-        rows.append([*estimate[1:], *norms, np.linalg.norm(pushed)])
+        rows.append([*estimate[1:5], *norms, np.linalg.norm(pushed)])
     names = ("primal_bound", "dual_bound", "primal_relative", "dual_relative", "primal", "dual", "field", "forces",
              "euclid")  # fmt: skip
     return dict(zip(names, np.array(rows).T, strict=True))

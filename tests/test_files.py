@@ -330,7 +330,7 @@ def test_every_answer_has_all_columns_and_a_bad_one_names_its_column(table, smal
     with open(tmp_path / "answers.csv", newline="") as file:
         header, *rows = csv.reader(file)
     assert bad == 5 and len(rows) == 7
-    assert {len(row) for row in rows} == {len(header)} == {5 + len(small_reduction.fields.gaps)}
+    assert {len(row) for row in rows} == {len(header)} == {7 + len(small_reduction.fields.gaps)}
     assert [row[2] == "ok" for row in rows] == [True, False, False, False, False, True, False]
     assert all(not any(row[3:]) for row in rows if row[2] != "ok")
     assert rows[2][2] == "h1 = 'nine' is no number" and rows[4][2] == "h1 is empty"
@@ -415,7 +415,8 @@ def test_answers_without_a_table_are_written_as_numbers(small_reduction, tmp_pat
     assert hhr.write_answers(tmp_path / "answers.csv", space, answers) == 1
     with open(tmp_path / "answers.csv", newline="") as file:
         header, one, two = csv.reader(file)
-    assert header[:6] == ["P1", "h1", "status", "largest_displacement", "total_force", "force_0"]
+    bounds = ["bound of displacement", "bound of forces"]
+    assert header[:8] == ["P1", "h1", "status", "largest_displacement", "total_force", *bounds, "force_0"]
     assert one[:3] == ["170.0", "3.2", "ok"] and two[0] == "nan" and not any(two[3:])
     assert float(one[4]) == pytest.approx(answers.forces[0].sum(), rel=1e-11)  # 12 digits are written
 

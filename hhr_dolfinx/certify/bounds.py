@@ -35,7 +35,7 @@ def error_bound(full: Any, basis: np.ndarray) -> ErrorBound:
     except linalg.LinAlgError:
         raise BoundError("rows of B are dependent, so that forces are not unique: there is no bound on them") from None
     whole = np.hstack([problem.lifts.toarray(), basis])
-    lengths = _energies(problem.stiffness, whole)
+    lengths = energies(problem.stiffness, whole)
     return ErrorBound(
         free_slack=np.asfortranarray(problem.gaps - problem.contact @ loads),
         schur=schur,
@@ -71,18 +71,23 @@ def _residual_coordinates(problem: Any, per_force: np.ndarray, lower: np.ndarray
         more = solve_triangular(lower, problem.contact @ left, lower=True)
         along += more
         left = left - per_force @ solve_triangular(lower, more, lower=True, trans="T")
-    sizes = _energies(problem.stiffness, columns)
+    sizes = energies(problem.stiffness, columns)
     rest = energy_coordinates(problem.stiffness, left, ROUND_OFF * sizes)
     return np.asfortranarray(np.block([[along, -lower.T], [rest, np.zeros((len(rest), len(lower)))]]))
 
 
-def _energies(stiffness: csr_matrix, columns: np.ndarray) -> np.ndarray:
+def energies(stiffness: csr_matrix, columns: np.ndarray) -> np.ndarray:
     """Energy norm of each column, (k,)."""
     return np.sqrt(np.maximum(np.einsum("nk,nk->k", columns, stiffness @ columns), 0.0))
 
 
 def energy_coordinates(stiffness: csr_matrix, columns: np.ndarray, least: np.ndarray) -> np.ndarray:
-    """R with |columns z|_K = |R z| for all z, (r, k), by Gram and Schmidt, twice.
+    """R with |columns z|_K = |R z| for all z, (r, k), see :func:`energy_directions`."""
+    return energy_directions(stiffness, columns, least)[1]
+
+
+def energy_directions(stiffness: csr_matrix, columns: np.ndarray, least: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Directions of unit energy, (N, r), and columns in them, (r, k), by Gram and Schmidt, twice.
 
     Unlike a factor of the Gram matrix it is right to round-off of the columns where these are dependent.
 
@@ -104,4 +109,4 @@ def energy_coordinates(stiffness: csr_matrix, columns: np.ndarray, least: np.nda
             directions[:, rank], pushed[:, rank] = left / length, push / length
             coordinates[rank, k] = length
             rank += 1
-    return coordinates[:rank]
+    return directions[:, :rank], coordinates[:rank]

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dtrtrs
 
-from hhr_dolfinx.contact.active_set import SchurEqualities, active_set
+from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
 from hhr_dolfinx.linear.dense import LapackCholesky
 
 
@@ -104,6 +104,25 @@ class ContactResponse:
         # round-off where nothing pulled, which the sizes of the answers bound
         slack[touching & ~pulling.any(axis=1, keepdims=True)] = 0.0
         return found, less, slack
+
+    def settled(self, forces: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, float]:
+        """Forces whose gaps are closed, from the statuses of given ones, and their error in the S norm at most.
+
+        Where these statuses do not settle, the given ones.
+
+        Args:
+            forces: not negative, (m,).
+            free: slack without forces, (m,).
+        """
+        slack = free + self.schur @ forces
+        given = forces, float(self.off(slack[None], forces[None])[0])
+        touching = (self.schur.diagonal() * forces >= slack) & ((forces > 0) | (slack < 0))
+        found = active_set(SchurEqualities.symmetric(self.schur), free, touching)
+        if found.status is not Status.CONVERGED:
+            return given
+        better = np.maximum(found.forces, 0.0)
+        off = float(self.off((free + self.schur @ better)[None], better[None])[0])
+        return (better, off) if off < given[1] else given
 
     def off(self, slack: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """|r|_{S^-1} of slacks and forces, (n, m) each: r is the slack where there is a force, or it is negative."""

@@ -15,7 +15,7 @@ has the proof in full. Theorems 3 to 8 of the thesis bound the same errors throu
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -31,6 +31,10 @@ ROUND_OFF = 1e-10
 """Part of an answer that is round-off of the exact one too: nothing is known to be nearer."""
 
 
+NO_OUTPUTS: Mapping[str, float] = {}
+"""Of what has no outputs, or no bounds of them."""
+
+
 class Estimate(NamedTuple):
     """What is known of the error of an answer.
 
@@ -41,6 +45,8 @@ class Estimate(NamedTuple):
             Both are infinite of an indicator, which knows no units.
         primal_relative, dual_relative: over the least that the exact answer can have in these norms; infinite where a
             bound is larger than the answer itself.
+        outputs: bounds of the errors of the outputs of the scene, by name; those of which nothing is known are left
+            out, see :mod:`hhr_dolfinx.models.output_bound`.
     """
 
     kind: str
@@ -48,6 +54,7 @@ class Estimate(NamedTuple):
     dual: float
     primal_relative: float
     dual_relative: float
+    outputs: Mapping[str, float] = NO_OUTPUTS
 
     @classmethod
     def indicated(cls, value: float) -> Estimate:
@@ -79,8 +86,8 @@ class Estimates:
 
     def __getitem__(self, k: int) -> Estimate:
         """That of one answer."""
-        numbers = (self.primal, self.dual, self.primal_relative, self.dual_relative)
-        return Estimate(self.kind, *(float(values[k]) for values in numbers))
+        own, relative = (self.primal, self.dual), (self.primal_relative, self.dual_relative)
+        return Estimate(self.kind, float(own[0][k]), float(own[1][k]), float(relative[0][k]), float(relative[1][k]))
 
     @classmethod
     def of(cls, found: list[Estimate | None]) -> Estimates | None:
@@ -88,7 +95,7 @@ class Estimates:
         kinds = {estimate.kind for estimate in found if estimate is not None}
         if not kinds:
             return None
-        rows = [(np.nan,) * 4 if estimate is None else estimate[1:] for estimate in found]
+        rows = [(np.nan,) * 4 if estimate is None else estimate[1:5] for estimate in found]
         return cls(" and ".join(sorted(kinds)), *np.array(rows, dtype=float).T)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -19,6 +20,8 @@ TIE = 1e-9
 LOADED = 1e-3
 """Part of the largest pressure of a contact from which on a condition is under load: below it forces that a reduced
 model completes outside its domain are noise."""
+BLOCK = 1024
+"""Cells whose stress is looked at together."""
 _NOTHING, _NOWHERE = np.zeros(0), np.zeros(0, dtype=np.int64)
 
 
@@ -31,6 +34,8 @@ class Linear(Functional):
         along: weights of its rows, (k,).
         terms, coefficients: of the amplitudes, (t,) each.
     """
+
+    affine: ClassVar[bool] = True
 
     conditions: np.ndarray
     weights: np.ndarray
@@ -97,6 +102,10 @@ class Largest(Functional):
         """Of any condition."""
         return float((state.forces[self.conditions] / self.areas).max())
 
+    def steepness(self, measured: Callable[[slice], np.ndarray], forces: np.ndarray) -> float:
+        """Of the condition where it is largest: a largest value changes by no more than one of the values."""
+        return float((np.linalg.norm(forces[self.conditions], axis=1) / self.areas).max())
+
     def slopes(self, state: State) -> Slopes:
         """Of the condition where it is attained."""
         pressures = state.forces[self.conditions] / self.areas
@@ -117,6 +126,8 @@ class Largest(Functional):
 @dataclass(frozen=True, eq=False)
 class Loaded(Functional):
     """Area under load times a factor and an offset; on one mesh piecewise constant, so that its derivatives are zero.
+
+    It jumps where a condition comes under load, however little forces change: no error of forces bounds its own.
 
     Attributes:
         conditions, areas: (c,) each.
@@ -196,6 +207,32 @@ class Mises(Functional):
         """The largest one, or their mean over the volume."""
         values = von_mises(self._stress(state)[0])
         return float(self.shares @ values if self.shares.size else values.max())
+
+    def steepness(self, measured: Callable[[slice], np.ndarray], forces: np.ndarray) -> float | None:
+        """Of the cell where it is largest, or of the mean: von Mises' stress is a seminorm of strain.
+
+        With stresses T_c w of cells c and weights w the mean is sum s_c |T_c w| <= |w| max eig(sum s_c T_c^T T_c)^1/2,
+        as the shares s_c sum to 1. None where moduli depend on parameters.
+        """
+        if any(modulus.formula.variables for modulus in self._moduli):
+            return None
+        nowhere, cells = np.zeros(0), self.grading.size
+        components, largest, mean = self.count // cells, 0.0, np.zeros((forces.shape[1],) * 2)
+        for first in range(0, cells, BLOCK):
+            some = slice(first, min(first + BLOCK, cells))
+            rows = measured(slice(some.start * components, some.stop * components))
+            strain = np.moveaxis(rows.reshape(some.stop - some.start, components, -1), 2, 1)
+            one = replace(self, grading=np.repeat(self.grading[some], strain.shape[1]))
+            stress = one._stress(State(nowhere, strain.ravel(), nowhere, nowhere, nowhere.copy))[0]
+            stress[:, :3] -= stress[:, :3].mean(axis=1, keepdims=True)
+            stress = np.sqrt(1.5) * stress.reshape(strain.shape)
+            if self.shares.size:
+                weighted = (np.sqrt(self.shares[some])[:, None, None] * stress).swapaxes(1, 2)
+                weighted = weighted.reshape(-1, weighted.shape[2])
+                mean += weighted.T @ weighted
+            else:
+                largest = max(largest, float(np.linalg.eigvalsh(stress.swapaxes(1, 2) @ stress)[:, -1].max()))
+        return float(np.sqrt(np.linalg.eigvalsh(mean)[-1] if self.shares.size else largest))
 
     def followed(self, state: State, there: Functional, moved: State) -> float:
         """In the cell where it is largest, or the mean."""
@@ -279,6 +316,7 @@ class Energy(Functional):
     """
 
     uses_forces: ClassVar[bool] = True
+    affine: ClassVar[bool] = True
 
     names: tuple[str, ...]
     moduli: tuple[str, ...]

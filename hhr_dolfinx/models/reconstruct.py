@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals import Functionals
     from hhr_dolfinx.models.interpolation import Interpolant
     from hhr_dolfinx.models.many import ManyAnswers
+    from hhr_dolfinx.models.output_bound import OutputBound
     from hhr_dolfinx.models.shaped_functionals import ReshapedFunctionals
 
 TOGETHER = 1024
@@ -139,6 +140,7 @@ class Reconstruction:
         bound: bounds the error of an answer; None where its hypotheses fail.
         reshaped_contact: gaps and B V beside each other where they change with the shape of the bodies; else None.
         functionals: outputs of the scene; None where it has none.
+        output_bound: bounds the errors of outputs, beside ``bound``; None without either.
     """
 
     amplitudes: Amplitudes
@@ -156,6 +158,7 @@ class Reconstruction:
     bound: Bound | None = None
     functionals: Functionals | ReshapedFunctionals | None = None
     reshaped_contact: Interpolant | None = None
+    output_bound: OutputBound | None = None
 
     def contact_at(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gaps, (N_lambda, 1 + T), and B V, (N_lambda, ell), at a point."""
@@ -330,7 +333,10 @@ class Reconstruction:
             forces = np.maximum(self.forces(answer), 0.0)[None]
         gaps, contact = self.contact_at(answer.parameter)
         slack = gaps @ theta - contact @ answer.unknown
-        return there.of(answer.unknown[None], forces, slack[None])[0]
+        found = there.of(answer.unknown[None], forces, slack[None])[0]
+        if self.output_bound is None:
+            return found
+        return found._replace(outputs=self.output_bound.errors(self, answer, forces[0], found))
 
     def estimates(self, many: ManyAnswers) -> Estimates | None:
         """The bounds of many answers at once; None where they are made one by one."""

@@ -17,6 +17,7 @@ import numpy as np
 from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import HHRError, ParameterError
 from hhr_dolfinx.files import replacing
+from hhr_dolfinx.models.fallback import FallbackModel
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.timing import timed
@@ -25,6 +26,8 @@ from hhr_dolfinx.trained import check_outside
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
     from rich.console import Console
+
+    from hhr_dolfinx.models.error_bound import Estimate
 
 Progress = Callable[[Iterable], Iterable]
 """Wraps an iteration, for a progress bar."""
@@ -43,6 +46,10 @@ class Answers(NamedTuple):
         largest_displacement: of any node, (S,).
         forces: nodal contact forces on the whole surface, (S, N_lambda).
         outputs: those of the scene by the head of their column, ``name [unit]``, (S,) each.
+        estimates: what is known of the errors, by the head of their column, (S,) each: ``displacement`` and ``forces``
+            relative to the exact ones, ``bound of`` or ``indicator of`` before them, and bounds of outputs in their
+            units; NaN where nothing is. None of a model that estimates nothing.
+        fell_back: whether the full model answered, (S,) bool; None of a model that cannot fall back.
     """
 
     points: np.ndarray
@@ -50,6 +57,19 @@ class Answers(NamedTuple):
     largest_displacement: np.ndarray
     forces: np.ndarray
     outputs: Mapping[str, np.ndarray] = MappingProxyType({})
+    estimates: Mapping[str, np.ndarray] = MappingProxyType({})
+    fell_back: np.ndarray | None = None
+
+
+class _Row(NamedTuple):
+    """Answer to one point: as in :class:`Answers`, with the values of outputs and estimates."""
+
+    status: str
+    largest: float
+    forces: np.ndarray
+    outputs: list[float]
+    estimates: list[float]
+    fell_back: bool
 
 
 class TableRow(NamedTuple):
@@ -67,7 +87,7 @@ class TableRow(NamedTuple):
 
 
 def answer_points(
-    model: ReducedModel,
+    model: ReducedModel | FallbackModel,
     points: np.ndarray,
     comm: Comm | None = None,
     progress: Progress = iter,
@@ -79,7 +99,8 @@ def answer_points(
     one by one.
 
     Args:
-        model: the reduced model, the same on all ranks, as the points.
+        model: the reduced model, the same on all ranks, as the points; or one that falls back on a full model of its
+            rank, and grows there by what its rank asks.
         points: (S, P).
         comm: communicator over which they are spread; None for this process alone, which needs no MPI.
         progress: wraps the iteration, for a progress bar.
@@ -95,15 +116,21 @@ def answer_points(
         check_outside(outside)
         points = _table(points, model.parameters)
         mine = np.array_split(np.arange(len(points)), size)[rank]
-        rows = [_answer(model, points[k], outside) for k in progress(mine)]
+        heads = _heads_of(model), _estimate_heads(model)
+        rows = [_answer(model, points[k], outside, *heads) for k in progress(mine)]
     parts = [rows] if comm is None else comm.gather(rows, root=0)
     if parts is None:
         return None
     every = [row for part in parts for row in part]
-    status, largest, forces, outputs = zip(*every, strict=True) if every else ((),) * 4
-    heads, count = _heads_of(model), len(points)
-    columns = dict(zip(heads, np.array(outputs).reshape(count, len(heads)).T, strict=True))
-    return Answers(points, list(status), np.array(largest), np.array(forces).reshape(count, _forces_of(model)), columns)
+    status, largest, forces, *others, fallen = zip(*every, strict=True) if every else ((),) * len(_Row._fields)
+    count = len(points)
+    outputs, estimates = (
+        dict(zip(names, np.array(values).reshape(count, len(names)).T, strict=True))
+        for names, values in zip(heads, others, strict=True)
+    )
+    fell_back = np.array(fallen, dtype=bool) if isinstance(model, FallbackModel) else None
+    table = np.array(forces).reshape(count, _forces_of(model))
+    return Answers(points, list(status), np.array(largest), table, outputs, estimates, fell_back)
 
 
 def read_points(path: str | Path, space: ParameterSpace) -> list[TableRow]:
@@ -132,7 +159,11 @@ def read_points(path: str | Path, space: ParameterSpace) -> list[TableRow]:
 
 
 def answer_table(
-    model: ReducedModel, rows: Sequence[TableRow], path: str | Path, console: Console, progress: Progress = iter
+    model: ReducedModel | FallbackModel,
+    rows: Sequence[TableRow],
+    path: str | Path,
+    console: Console,
+    progress: Progress = iter,
 ) -> int:
     """Answer a table on all ranks, write it as CSV on the first one, and print the bad rows with their reasons.
 
@@ -157,7 +188,8 @@ def answer_table(
             bad = write_answers(path, space, answers._replace(status=status), [row.cells for row in rows])
     bad = comm.bcast(bad)
     if answers is not None:
-        done = f"{len(rows) - bad} answers and {bad} bad rows on {comm.size} ranks in {seconds:.1f} s: {path}"
+        fallen = "" if answers.fell_back is None else f" ({answers.fell_back.sum()} by the full model)"
+        done = f"{len(rows) - bad} answers{fallen} and {bad} bad rows on {comm.size} ranks in {seconds:.1f} s: {path}"
         console.print(done, markup=False)
         for row, why in zip(rows, status, strict=True):
             if why != OK:
@@ -184,13 +216,20 @@ def write_answers(
     count = answers.forces.shape[1]
     with replacing(path, text=True) as file:
         writer = csv.writer(file)
-        writer.writerow([*space.names, *_COLUMNS, *answers.outputs, *(f"force_{k}" for k in range(count))])
+        columns = {**answers.outputs, **answers.estimates}
+        if answers.fell_back is not None:
+            columns["fell_back"] = answers.fell_back.astype(float)
+        writer.writerow([*space.names, *_COLUMNS, *columns, *(f"force_{k}" for k in range(count))])
         for k, (row, status) in enumerate(zip(given, answers.status, strict=True)):
-            forces, outputs = answers.forces[k], [column[k] for column in answers.outputs.values()]
-            values = [answers.largest_displacement[k], forces.sum(), *outputs, *forces]
-            # 12 digits: what different orders of summation leave alone
-            writer.writerow([*row, status, *(f"{value:.12g}" if status == OK else "" for value in values)])
+            forces, others = answers.forces[k], [column[k] for column in columns.values()]
+            values = [answers.largest_displacement[k], forces.sum(), *others, *forces]
+            writer.writerow([*row, status, *(_text(value) if status == OK else "" for value in values)])
     return sum(status != OK for status in answers.status)
+
+
+def _text(value: float) -> str:
+    """A number with 12 digits, what different orders of summation leave alone; nothing for what is not known."""
+    return "" if np.isnan(value) else f"{value:.12g}"
 
 
 def _table(points: Any, space: ParameterSpace) -> np.ndarray:
@@ -227,24 +266,60 @@ def _numbers(row: TableRow, space: ParameterSpace) -> tuple[list[float], str]:
     return point, ""
 
 
-def _answer(model: ReducedModel, point: np.ndarray, outside: str) -> tuple[str, float, np.ndarray, list[float]]:
-    """Status, largest displacement, forces and outputs at one point."""
-    heads = _heads_of(model)
+def _answer(
+    model: ReducedModel | FallbackModel, point: np.ndarray, outside: str, heads: list[str], estimated: list[str]
+) -> _Row:
+    """Answer one point, with columns of outputs and of estimates."""
     try:
         answer = model.solve(point, outside=outside)
         displacement, forces = answer.displacement(), answer.forces()
         outputs = list(answer.outputs().values.values()) if heads else []
+        estimates = _estimates(model, answer.estimate() if estimated else None, len(estimated))
     except HHRError as error:  # what a row may do; anything else is a fault of the program and ends the run
-        return str(error), np.nan, np.full(_forces_of(model), np.nan), [np.nan] * len(heads)
-    return OK, np.linalg.norm(displacement.reshape(-1, model.dimension), axis=1).max(), forces, outputs
+        nothing = np.full(_forces_of(model), np.nan), [np.nan] * len(heads), [np.nan] * len(estimated)
+        return _Row(str(error), np.nan, *nothing, fell_back=False)
+    largest = np.linalg.norm(displacement.reshape(-1, _reduced(model).dimension), axis=1).max()
+    fell_back = isinstance(model, FallbackModel) and model.fell_back(answer)
+    return _Row(OK, largest, forces, outputs, estimates, fell_back)
 
 
-def _heads_of(model: ReducedModel) -> list[str]:
+def _reduced(model: ReducedModel | FallbackModel) -> ReducedModel:
+    """The reduced model, of one that falls back too."""
+    return model.reduced if isinstance(model, FallbackModel) else model
+
+
+def _outputs_of(model: ReducedModel | FallbackModel) -> dict[str, str]:
+    """Heads of the columns of the outputs, by name."""
+    functionals = _reduced(model).fields.functionals
+    items = () if functionals is None else functionals.items
+    return {item.name: f"{item.name} [{item.unit}]" if item.unit else item.name for item in items}
+
+
+def _heads_of(model: ReducedModel | FallbackModel) -> list[str]:
     """Heads of the columns of the outputs."""
-    items = () if model.fields.functionals is None else model.fields.functionals.items
-    return [f"{item.name} [{item.unit}]" if item.unit else item.name for item in items]
+    return list(_outputs_of(model).values())
 
 
-def _forces_of(model: ReducedModel) -> int:
+def _estimate_heads(model: ReducedModel | FallbackModel) -> list[str]:
+    """Heads of the columns of estimates; none where nothing is estimated, or nothing but steps of histories."""
+    fields = _reduced(model).fields
+    # fields of models that keep all contact conditions, or of a rival, know of no estimates
+    bound, of_outputs, indicator = (getattr(fields, name, None) for name in ("bound", "output_bound", "indicator"))
+    if bound is not None:
+        return [f"bound of {name}" for name in ("displacement", "forces", *(_heads_of(model) if of_outputs else []))]
+    return [] if indicator is None else ["indicator of displacement", "indicator of forces"]
+
+
+def _estimates(model: ReducedModel | FallbackModel, estimate: Estimate | None, count: int) -> list[float]:
+    """Values of the columns of estimates; NaN of outputs without a bound."""
+    if estimate is None:
+        return [np.nan] * count
+    values = [estimate.primal_relative, estimate.dual_relative]
+    if count > len(values):
+        values += [estimate.outputs.get(name, np.nan) for name in _outputs_of(model)]
+    return values
+
+
+def _forces_of(model: ReducedModel | FallbackModel) -> int:
     """Number of conditions on the whole contact surface."""
-    return len(model.fields.gaps)
+    return len(_reduced(model).fields.gaps)

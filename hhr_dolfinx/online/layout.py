@@ -46,6 +46,9 @@ LAYOUT = {
     "bound.lower": ("float", "N_lambda", "N_lambda"),
     "bound.residual": ("float", "bound rows", "bound columns"),
     "bound.energy": ("float", "field rows", "field columns"),
+    "output_bound.steepness": ("float", "outputs", "norms"),
+    "output_bound.free": ("float", "output rows", "terms"),
+    "output_bound.pressed": ("float", "output rows", "N_lambda"),
     "amplitudes.constant": ("float", "affine terms"),
     "amplitudes.slopes": ("float", "affine terms", "P"),
     "known.points": ("float", "S", "P"),
@@ -168,7 +171,8 @@ CONDENSED_FLOW_GIVEN = {"flow.given": "flow.forced", "fields.given": "fields.for
 """Arrays among them of which only what is not zero is kept, each with another one of its shape."""
 
 TYPES = {"float": np.float64, "int": np.int64, "bool": np.bool_}
-MAY_BE_NONE = {"force snapshots", "stress modes", "strain modes", *(f"entries of {name}" for name in PACKED)}
+MAY_BE_NONE = {"force snapshots", "stress modes", "strain modes", "output rows"}
+MAY_BE_NONE |= {f"entries of {name}" for name in PACKED}
 
 
 class Content(NamedTuple):

@@ -198,6 +198,7 @@ def _layout(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
     parts = {"reduced", "fields", "amplitudes", *((flows, "completion") if flows else ("known",))}
     parts |= {"trained", *(("paths",) if flows else ())} if trained else set()
     parts |= {"bound"} if "bound.schur" in names else set()
+    parts |= {"output_bound"} if "output_bound.steepness" in names else set()
     left_out = {CONE} - set(names)
     return {name: kind for name, kind in LAYOUT.items() if name.split(".")[0] in parts and name not in left_out}
 
@@ -210,8 +211,9 @@ def _taken_apart(model: ReducedModel) -> dict[str, Any]:
         del values[CONE]
     if model.known is not None:
         values |= {"known.points": model.known.points, "known.active": model.known.active}
-    if isinstance(model.fields.bound, ErrorBound):
-        values |= {f"bound.{name}": item for name, item in vars(model.fields.bound).items()}
+    for part, kind in (("bound", ErrorBound), ("output_bound", object)):
+        if (held := getattr(model.fields, part)) is not None and isinstance(held, kind):
+            values |= {f"{part}.{name}": item for name, item in vars(held).items()}
     if model.trained is not None:
         range_ = getattr(model.trained, "parameters", model.trained)
         values |= {f"trained.{name}": item for name, item in vars(range_).items()}
@@ -320,5 +322,12 @@ def _model(content: Content) -> ReducedModel:
         functionals = Functionals(tuple(content.outputs), content.sizes["N"], theta)
         functionals.check(content.space, content.sizes["N_lambda"], content.sizes.get("gauss points", 0))
         fields = replace(fields, functionals=functionals)
+    if "output_bound" in parts:
+        from hhr_dolfinx.models.output_bound import OutputBound
+
+        own = OutputBound(**parts["output_bound"])
+        if fields.bound is None or fields.functionals is None or not own.fits(fields.functionals):
+            raise FileContentError("its bounds of outputs are not those of its outputs")
+        fields = replace(fields, output_bound=own)
     known = KnownStatuses(**parts["known"]) if "known" in parts else None
     return ReducedModel(ReducedProblem(**parts["reduced"]), content.space, fields, trained, known=known, flow=flow)

@@ -24,7 +24,7 @@ from hhr_dolfinx.certify.trust import (
 )
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError, ReductionError
-from hhr_dolfinx.models.error_bound import Bound
+from hhr_dolfinx.models.error_bound import Bound, ErrorBound
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
@@ -242,6 +242,11 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
         fields = replace(fields, bound=bound, stress_of=full.stress_of, functionals=_functionals(full, basis))
         if recipe.indicator is not None:
             fields = replace(fields, indicator=recipe.indicator.prepared(problem, basis, sets))
+    if isinstance(bound, ErrorBound) and full.functionals is not None:
+        from hhr_dolfinx.certify.output_bounds import output_bound
+
+        with log.stage("bound"):
+            fields = replace(fields, output_bound=output_bound(full, bound, basis))
     known = shared.snapshots.known_statuses(sets.A_lambda) if flow is None else None
     with log.stage("online_arrays"):
         range_ = TrainedRange.of(shared.snapshots.points, problem.parameters) if flow is None else None

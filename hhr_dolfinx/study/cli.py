@@ -11,6 +11,7 @@ from typing import NoReturn
 from mpi4py import MPI
 
 from hhr_dolfinx.errors import ParameterError
+from hhr_dolfinx.models.fallback import FallbackModel
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.online.batch import TableRow, answer_table, read_points
 from hhr_dolfinx.parameters import ParameterSpace
@@ -45,7 +46,7 @@ def points_or_exit(parser: argparse.ArgumentParser, table: Path | None, space: P
         parser.error(str(error))
 
 
-def answer_and_exit(model: ReducedModel, rows: list[TableRow], options: argparse.Namespace) -> NoReturn:
+def answer_and_exit(model: ReducedModel | FallbackModel, rows: list[TableRow], options: argparse.Namespace) -> NoReturn:
     """Answer a table of parameters and end on all ranks, with exit code 1 if a row has no answer."""
     bad = answer_table(model, rows, options.out / "answers.csv", options.console, options.progress("answers"))
     raise SystemExit(1 if bad else 0)

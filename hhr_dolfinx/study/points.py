@@ -18,6 +18,7 @@ from hhr_dolfinx.models.answer import Answer, Model
 from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.snapshots.records import SnapshotSet
+from hhr_dolfinx.study.growing import fallback_report
 from hhr_dolfinx.study.measure import Measurement, Row
 from hhr_dolfinx.study.references import References
 from hhr_dolfinx.study.training import Progress, Training
@@ -83,6 +84,8 @@ def measure_points(
     }
     if full.functionals is not None:
         report["outputs"] = _outputs(full, references.solutions, answers)
+    if model.fields.bound is not None:
+        report["fallback"] = fallback_report(model, full, fresh)
     own = Row("HHR", "this model", warm["online"], references.errors(model))
     how = {"condensed": "interpolated"} if offline else {}
     rows = [Row(name, how.get(name, "exact"), warm[name], errors) for name, errors in exact.items()]

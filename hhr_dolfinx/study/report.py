@@ -213,6 +213,8 @@ def print_report(report: dict[str, Any], console: Console) -> None:
     if counts:
         told = ", ".join(f"{count:.0f} queries for {name}" for name, count in counts.items())
         console.print(f"cheaper than the best full order, training included, after {told}")
+    if "fallback" in report:
+        console.print(_fallback_in_words(report["fallback"]))
     for name, paths in _paths_by_model(report).items():
         for line in _path_lines(paths):
             console.print(f"{name}: {line}")
@@ -239,6 +241,14 @@ def _sizes_in_words(report: dict[str, Any]) -> str:
         f"{head} -> {size['ell_bar']} modes, "
         f"{size['N_lambda_C']} contacts on {size['rid_cells']} of {size['cells']} cells, "
         f"{size['snapshots']} snapshots; {constants}"
+    )
+
+
+def _fallback_in_words(row: dict[str, float]) -> str:
+    """What a model costs that falls back on the full one."""
+    return (
+        f"never off by more than {row['tolerance']:g} of displacement and forces: {row['share']:.1%} of queries fall "
+        f"back on the full order, {in_words(row['query'])} per query beside {in_words(row['full'])} of it alone"
     )
 
 

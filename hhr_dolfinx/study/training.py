@@ -27,6 +27,7 @@ from hhr_dolfinx.timing import StageLog
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
+    from hhr_dolfinx.models.fallback import FallbackModel
     from hhr_dolfinx.models.varying import VaryingModel
 
 Progress = Callable[[str], Callable[[Iterable], Iterable]]
@@ -65,6 +66,29 @@ class Training:
         if isinstance(given, Recipe):  # what is none build refuses
             given = given.as_it_is()
         return build(self.full_order, self.snapshots, given)
+
+    def safe_model(
+        self,
+        tolerance: float = 0.01,
+        *,
+        grow: int | None = 20,
+        recipe: Recipe | None = None,
+        checked: bool = True,
+    ) -> FallbackModel:
+        """A reduced model that asks the full one where it may be off by more than a tolerance, and learns from it.
+
+        Args:
+            tolerance: largest relative error of displacement and forces of any answer.
+            grow: number of new answers of the full model after which the reduced one is built again, from the training
+                and all of them; None keeps it as it is.
+            recipe, checked: see :meth:`build`.
+
+        Raises:
+            BoundError: where answers of the reduced model have no bound.
+        """
+        from hhr_dolfinx.study.growing import safe_model
+
+        return safe_model(self, tolerance, grow, recipe, checked=checked)
 
     def condense(self, settings: Any = None) -> VaryingModel | CondensedFlowModel:
         """A model that keeps all contact conditions, with its check.

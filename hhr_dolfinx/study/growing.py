@@ -1,0 +1,64 @@
+"""A model that falls back on the full one, and grows by what it learns there; what that costs a study."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.fallback import FallbackModel
+from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.snapshots.records import SnapshotSet
+from hhr_dolfinx.timing import timed
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.reduction.recipe import Recipe
+    from hhr_dolfinx.study.training import Training
+
+ALLOWED = 0.01
+"""Relative error up to which a study lets reduced answers pass."""
+
+
+def safe_model(
+    training: Training, tolerance: float, grow: int | None, recipe: Recipe | None, *, checked: bool
+) -> FallbackModel:
+    """See :meth:`hhr_dolfinx.study.training.Training.safe_model`."""
+
+    def built(snapshots: SnapshotSet) -> ReducedModel:
+        return replace(training, snapshots=snapshots).build(recipe, checked=checked)
+
+    model = partial(FallbackModel, built(training.snapshots), training.full_order, tolerance)
+    if grow is None:
+        return model()
+    return model(rebuild=lambda learned: built(joined(training.snapshots, learned)), every=grow)
+
+
+def joined(snapshots: SnapshotSet, answers: Sequence[Answer]) -> SnapshotSet:
+    """Snapshots at single parameters, and further answers of the full model behind them."""
+    more = SnapshotSet.of_answers(answers)
+    both = snapshots, more
+    return SnapshotSet(
+        np.vstack([part.points for part in both]),
+        np.hstack([part.displacements for part in both]),
+        np.hstack([part.forces for part in both]),
+        np.hstack([part.active for part in both]),
+    )
+
+
+def fallback_report(model: ReducedModel, full: Any, points: np.ndarray) -> dict[str, float]:
+    """How often a model that falls back asks the full one at some points, (n, P), and what its answers cost.
+
+    Returns:
+        The ``fallback`` part of a report: ``tolerance``, the relative error allowed; ``share`` of the queries that the
+        full model answered; mean seconds of a ``query`` with all forces and their bound, and of the ``full`` model
+        alone.
+    """
+    safe = FallbackModel(model, full, ALLOWED)
+    count = len(points)
+    spent = timed(lambda: safe.solve_many(points, raise_on_failure=False))[1]
+    exact = timed(lambda: [full.solve(point, raise_on_failure=False) for point in points])[1]
+    return {"tolerance": ALLOWED, "share": safe.share, "query": spent / count, "full": exact / count}
