@@ -14,8 +14,8 @@ from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 
 _log = logging.getLogger(__name__)
 
-ALIKE = 1e-9
-"""Relative difference of gaps and S up to which two models are of one scene: of round-off."""
+ALIKE = 1e-5
+"""Relative difference of gaps and S up to which two models are of one scene: S may be interpolated."""
 
 Rebuild = Callable[[Sequence[Answer]], Any]
 """Builds a reduced model from all that was learned, answers of the full model, besides what it was trained on."""

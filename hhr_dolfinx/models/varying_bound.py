@@ -15,11 +15,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import cholesky
 
+from hhr_dolfinx.models.block_elimination import Block, blocks_of
 from hhr_dolfinx.models.contact_response import ContactResponse
 from hhr_dolfinx.models.error_bound import Estimates, Given, bounded, relative
 from hhr_dolfinx.models.interpolated import Compliances, InterpolatedElimination
@@ -86,6 +88,26 @@ class VaryingBound:
             return self.whole(point)
         return self.whole if self.whole.terms is None else self.whole.weighted(self.whole.terms.weights(point))
 
+    @cached_property
+    def _blocks(self) -> list[Block]:
+        """Modes that share entries of V^T K V: those of one body."""
+        assert isinstance(self.whole, ReducedProblem)
+        return blocks_of(self.whole)
+
+    def field(self, gamma: np.ndarray, point: np.ndarray, theta: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        """γ^T V^T K V γ, V^T loads θ, (ell,), and B V, (m, ell), at a point; parts of K are not added up."""
+        if not isinstance(self.whole, ReducedProblem) or self.whole.terms is None:
+            problem = self.problem_at(point)
+            return float(gamma @ problem.stiffness @ gamma), problem.loads @ theta, problem.contact_trial
+        terms, energy = self.whole.terms, 0.0
+        weights = terms.weights(point)
+        for block in self._blocks:
+            own = gamma[block.modes]
+            parts = (block.entries.reshape(-1, own.size) @ own).reshape(-1, own.size) @ own
+            energy += float(weights[block.parts] @ parts)
+        loads = terms.forces @ theta - weights @ (terms.lifts @ theta)
+        return energy, loads, self.whole.contact_trial
+
 
 class _Energies(NamedTuple):
     """Energies of a field in equilibrium.
@@ -128,11 +150,10 @@ class VaryingThere(NamedTuple):
     def of(self, unknown: np.ndarray, forces: np.ndarray, slack: np.ndarray) -> Estimates:
         """See :class:`BoundThere`."""
         gamma, found, inexact = unknown[0], self.found, self.owner.inexact
-        problem = self.owner.problem_at(found.point)
-        own, loads = float(gamma @ problem.stiffness @ gamma), problem.loads @ found.theta
+        own, loads, contact = self.owner.field(gamma, found.point, found.theta)
 
         def fields(better: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            pulled = float(gamma @ (loads - better[0] @ problem.contact_trial))
+            pulled = float(gamma @ (loads - better[0] @ contact))
             energies = self._energies(better[0])
             noise = inexact * energies.moved + ROUND_OFF * (own + 2 * abs(pulled) + energies.scale)
             left = max(own - 2 * pulled + energies.moved, 0.0) + noise
