@@ -39,7 +39,8 @@ class Estimate(NamedTuple):
     """What is known of the error of an answer.
 
     Attributes:
-        kind: ``bound``, which no error exceeds, or ``indicator``, which follows it.
+        kind: ``bound``, which no error exceeds; ``estimate``, the same but for an interpolation of which nothing is
+            proved; or ``indicator``, which follows the error.
         primal: of the displacement in energy, (v^T K v)^1/2.
         dual: of the contact forces, (λ^T S λ)^1/2: the energy of the displacement that they make alone.
             Both are infinite of an indicator, which knows no units.
@@ -183,6 +184,10 @@ class Bound(Protocol):
     """What bounds the errors of the answers of a model."""
 
     @property
+    def kind(self) -> str:
+        """See :class:`Estimate`."""
+
+    @property
     def schur(self) -> np.ndarray:
         """S, in the middle of the box where it varies, (m, m)."""
 
@@ -215,6 +220,11 @@ class ErrorBound:
     lower: np.ndarray
     residual: np.ndarray
     energy: np.ndarray
+
+    @property
+    def kind(self) -> str:
+        """It is proved."""
+        return "bound"
 
     @property
     def response(self) -> ContactResponse:

@@ -41,7 +41,8 @@ class FallbackModel(WithOutputs):
     """Answers by a reduced model, and by the full one where the reduced one may be off by more than is allowed.
 
     No answer that is handed out is off by more than ``tolerance``, relative to the exact one, in the energy of the
-    displacement and in the S norm of the forces, see :mod:`hhr_dolfinx.models.error_bound`. With ``rebuild`` it grows:
+    displacement and in the S norm of the forces, see :mod:`hhr_dolfinx.models.error_bound`; where answers have no bound
+    but an ``estimate``, by that. With ``rebuild`` it grows:
     after every so many answers of the full model that it had not seen a reduced model is built from all of them, within
     the query that is one too many, and takes the place of the old one. If it cannot be built the old one stays, and the
     next attempt has more to build from. Not for several threads at once.

@@ -69,6 +69,11 @@ class VaryingBound:
     middle: np.ndarray
 
     @property
+    def kind(self) -> str:
+        """A bound, or an estimate where the interpolation is not proved."""
+        return "bound" if self.proved else "estimate"
+
+    @property
     def schur(self) -> np.ndarray:
         """S in the middle of the box."""
         return self.compliances(self.middle).schur
@@ -162,8 +167,7 @@ class VaryingThere(NamedTuple):
 
         given = Given(forces, slack, found.free_slack[None])
         primal, dual, size, pushed = bounded(given, self.response, fields, inexact)
-        kind = "bound" if self.owner.proved else "estimate"
-        return Estimates(kind, primal, dual, relative(primal, size), relative(dual, pushed))
+        return Estimates(self.owner.kind, primal, dual, relative(primal, size), relative(dual, pushed))
 
     def _energies(self, forces: np.ndarray) -> _Energies:
         """Of the field in equilibrium with forces, (m,)."""

@@ -47,7 +47,7 @@ class Answers(NamedTuple):
         forces: nodal contact forces on the whole surface, (S, N_lambda).
         outputs: those of the scene by the head of their column, ``name [unit]``, (S,) each.
         estimates: what is known of the errors, by the head of their column, (S,) each: ``displacement`` and ``forces``
-            relative to the exact ones, ``bound of`` or ``indicator of`` before them, and bounds of outputs in their
+            relative to the exact ones, ``bound of``, ``estimate of`` or ``indicator of`` before them, and bounds of outputs in their
             units; NaN where nothing is. None of a model that estimates nothing.
         fell_back: whether the full model answered, (S,) bool; None of a model that cannot fall back.
     """
@@ -306,7 +306,9 @@ def _estimate_heads(model: ReducedModel | FallbackModel) -> list[str]:
     # fields of models that keep all contact conditions, or of a rival, know of no estimates
     bound, of_outputs, indicator = (getattr(fields, name, None) for name in ("bound", "output_bound", "indicator"))
     if bound is not None:
-        return [f"bound of {name}" for name in ("displacement", "forces", *(_heads_of(model) if of_outputs else []))]
+        return [
+            f"{bound.kind} of {name}" for name in ("displacement", "forces", *(_heads_of(model) if of_outputs else []))
+        ]
     return [] if indicator is None else ["indicator of displacement", "indicator of forces"]
 
 

@@ -5,7 +5,7 @@ Stages that a scene does not need are left out and listed with the reason.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -88,7 +88,6 @@ class _Offline:
         completion: of the answers.
         states: tangents at training states and the stiffness they make.
         log: told of every stage.
-        interpolated: what bounds between parameters need, filled by the first attempt.
     """
 
     full: Any
@@ -102,7 +101,6 @@ class _Offline:
     completion: Completion
     states: list[tuple[np.ndarray, Any]]
     log: StageLog
-    interpolated: list = field(default_factory=list)
 
 
 def usual_recipe(full: Any) -> Recipe:
@@ -291,7 +289,7 @@ def _bound_of(shared: _Offline, basis: np.ndarray) -> Bound | None:
                 return error_bound(full, basis)
             from hhr_dolfinx.reduction.varying_bound import varying_bound
 
-            return varying_bound(full, basis, shared.interpolated)
+            return varying_bound(full, basis)
     except BoundError as error:
         log.skip("bound", str(error))
         return None

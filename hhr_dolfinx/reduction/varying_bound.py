@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, hstack
@@ -27,31 +28,35 @@ OBSERVED = 2.0
 0.2, and 1e-4 in the energy of its fields."""
 
 
-def varying_bound(full: Any, basis: np.ndarray, shared: list | None = None) -> VaryingBound:
+class Between(NamedTuple):
+    """What bounds of all models of one full model need between parameters, see :class:`VaryingBound`."""
+
+    compliances: Compliances
+    energies: tuple[PartEnergy, ...]
+    inexact: float
+    proved: bool
+
+
+_KNOWN: WeakKeyDictionary[Any, Between] = WeakKeyDictionary()
+
+
+def varying_bound(full: Any, basis: np.ndarray) -> VaryingBound:
     """Bounds for answers with a basis, (N, ell), of a full model on one rank whose stiffness depends on parameters.
 
-    Args:
-        full: the full model.
-        basis: V.
-        shared: what does not depend on the basis, kept between calls; it is filled by the first.
+    What does not depend on the basis is solved for once, and kept as long as the full model lives.
 
     Raises:
         BoundError: with the hypothesis that fails.
     """
     check_hypotheses(full)
     problem: ContactProblem = full.problem
-    if not shared:
-        found = _interpolated(full)
-        if shared is not None:
-            shared.append(found)
-    else:
-        found = shared[0]
-    compliances, energies, inexact, proved = found
-    return VaryingBound(compliances, energies, _whole(problem, basis), inexact, proved, problem.middle)
+    if full not in _KNOWN:
+        _KNOWN[full] = _between(full)
+    return VaryingBound(*_KNOWN[full][:2], _whole(problem, basis), *_KNOWN[full][2:], problem.middle)
 
 
-def _interpolated(full: Any) -> tuple[Compliances, tuple[PartEnergy, ...], float, bool]:
-    """What does not depend on a basis."""
+def _between(full: Any) -> Between:
+    """Solve for it."""
     problem: ContactProblem = full.problem
     components = components_of(problem)
     held = sum(int(component.dofs.sum()) for component in components)
@@ -70,7 +75,7 @@ def _interpolated(full: Any) -> tuple[Compliances, tuple[PartEnergy, ...], float
     ]
     known = [error for error in errors if error is not None]
     proved = len(known) == len(errors) and problem.reshaped is None
-    return compliances, energies, max([ROUND_OFF, *known, *([] if proved else [observed])]), proved
+    return Between(compliances, energies, max([ROUND_OFF, *known, *([] if proved else [observed])]), proved)
 
 
 def _proved(component: Component, interpolant: Any, middle: np.ndarray) -> float | None:

@@ -85,7 +85,7 @@ def measure_points(
     if full.functionals is not None:
         report["outputs"] = _outputs(full, references.solutions, answers)
     if model.fields.bound is not None:
-        report["fallback"] = fallback_report(model, full, fresh)
+        report["fallback"] = fallback_report(model, full, fresh, float(np.mean(warm["fom_best"])))
     own = Row("HHR", "this model", warm["online"], references.errors(model))
     how = {"condensed": "interpolated"} if offline else {}
     rows = [Row(name, how.get(name, "exact"), warm[name], errors) for name, errors in exact.items()]

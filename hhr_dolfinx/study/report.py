@@ -244,11 +244,12 @@ def _sizes_in_words(report: dict[str, Any]) -> str:
     )
 
 
-def _fallback_in_words(row: dict[str, float]) -> str:
+def _fallback_in_words(row: dict[str, Any]) -> str:
     """What a model costs that falls back on the full one."""
     return (
-        f"never off by more than {row['tolerance']:g} of displacement and forces: {row['share']:.1%} of queries fall "
-        f"back on the full order, {in_words(row['query'])} per query beside {in_words(row['full'])} of it alone"
+        f"off by {row['tolerance']:g} of displacement and forces at most, by its {row['kind']}: {row['share']:.1%} of "
+        f"queries fall back on the full order, {in_words(row['query'])} per query beside {in_words(row['full'])} of it "
+        "alone"
     )
 
 
