@@ -3,7 +3,7 @@
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: demo pellet nonmatching plastic sphere materials rod press calibrate certified indent patch extreme recipes lint test slow setup
+.PHONY: demo pellet nonmatching plastic sphere materials rod press calibrate certified greedy indent patch extreme recipes lint test slow setup
 
 demo: setup
 	.venv/bin/python demos/hertz_half_discs.py
@@ -34,6 +34,9 @@ calibrate: setup
 
 certified: setup
 	.venv/bin/python demos/certified.py
+
+greedy: setup
+	.venv/bin/python demos/greedy_training.py
 
 indent: setup
 	.venv/bin/python demos/indentation.py

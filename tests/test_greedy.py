@@ -1,0 +1,189 @@
+"""Greedy training: what it chooses, when it stops, how it goes on, and the indicators it takes."""
+
+import numpy as np
+import pytest
+from flowing import SMALL_MESH
+from mpi4py import MPI
+from parts.pellet_families import families
+from scenes import pressed_block, pressed_pair, whole_domain
+from scipy.stats import spearmanr
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import ReductionError, StudyError
+from hhr_dolfinx.study import greedy as module
+from hhr_dolfinx.study.greedy_indicators import _Domain
+from hhr_dolfinx.study.training import train
+
+QUICK = hhr.Greedy(tolerance=1e-9, budget=30, start=hhr.Sobol(4), candidates=hhr.Sobol(64, seed=5), together=6)
+
+
+def pair(**others):
+    """Two blocks on each other, of constant stiffness unless told otherwise."""
+    return pressed_pair("plane_strain", ((1.0, 0.3), (2.0, 0.25)), **others)
+
+
+def changed(**others):
+    """The quick greedy with other settings."""
+    given = {name: getattr(QUICK, name) for name in QUICK.__dataclass_fields__}
+    return hhr.Greedy(**(given | others))
+
+
+def trained(scene, greedy, **others):
+    """A training without answers held out."""
+    return train(scene, greedy, held_out=0, comm=MPI.COMM_SELF, **others)
+
+
+@pytest.fixture(scope="module")
+def case():
+    """A greedy training of two blocks."""
+    return trained(pair(), QUICK)
+
+
+def test_it_spends_its_budget_on_new_points(case):
+    points, rounds = case.choice
+    assert len(points) == len(case.snapshots.points) == QUICK.budget
+    assert np.array_equal(points, case.snapshots.points)
+    assert len(np.unique(points, axis=0)) == QUICK.budget
+    assert np.array_equal(points[:4], QUICK.start.points(case.full_order.parameters))
+    candidates = QUICK.candidates.points(case.full_order.parameters).tolist()
+    assert all(point in candidates for point in points[4:].tolist())
+    assert [item.count for item in rounds] == [4, 10, 16, 22, 28, 30]
+    assert all(item.middle <= item.worst for item in rounds) and rounds[-1].worst < rounds[0].worst
+
+
+def test_it_stops_at_the_wished_error():
+    found = trained(pair(), changed(tolerance=10.0))
+    assert len(found.choice.points) == 4 and len(found.choice.rounds) == 1
+
+
+def test_an_answer_is_told_its_error(case):
+    """Where the stiffness is constant the usual indicator is the error of the forces."""
+    full, model = case.full_order, case.build(checked=False)
+    points = full.parameters.random(20, 3)
+    answers = list(model.solve_many(points, outside="ignore"))
+    told = hhr.ForceError().prepared(full)(model, case.snapshots, answers)
+    exact = [full.solve(point).forces() for point in points]
+    sizes = np.linalg.norm(exact, axis=1)
+    errors = np.array([np.linalg.norm(a.forces() - b) for a, b in zip(answers, exact, strict=True)]) / sizes
+    assert np.abs(told - errors).max() <= 1e-9
+
+
+def test_the_domain_of_everything_answers_as_the_full_model(case):
+    """(1.73) on a RID that is the whole mesh: nothing is interpolated, and its solution is the full one."""
+    full, point = case.full_order, case.full_order.parameters.random(1, 2)[0]
+    domain, exact = _Domain(full.problem, whole_domain(full.problem)), full.solve(point)
+    imposed = np.zeros(domain.interface.size)
+    field, forces = domain.at(point).solved(imposed, point)
+    assert np.abs(field - exact.unknown[domain.inner]).max() <= 1e-12 * np.abs(exact.unknown).max()
+    assert np.abs(forces - exact.forces()).max() <= 1e-10 * forces.max()
+    residual = domain.at(point).residual(exact.unknown, exact.forces(), point)
+    assert np.abs(residual).max() <= 1e-10 * forces.max()
+
+
+@pytest.mark.parametrize("indicator", [hhr.Eta(), hhr.Eta2()])
+def test_indicators_of_the_thesis(case, indicator):
+    """They vanish where the model was trained, as far as it is exact there, and rank errors elsewhere."""
+    full = case.full_order
+    known = case.snapshots.take(slice(0, 16))
+    model = hhr.build(full, known, hhr.Recipe().as_it_is())
+    points = full.parameters.random(40, 7)
+    score = indicator.prepared(full)
+    there = score(model, known, list(model.solve_many(known.points, outside="ignore")))
+    elsewhere = list(model.solve_many(points, outside="ignore"))
+    told = score(model, known, elsewhere)
+    errors = [np.linalg.norm(a.displacement() - full.solve(a.parameter).displacement()) for a in elsewhere]
+    sizes = [np.linalg.norm(full.solve(point).displacement()) for point in points]
+    assert there.max() <= 1e-3 * np.median(told)
+    assert spearmanr(told, np.divide(errors, sizes)).statistic > 0.4
+
+
+def test_indicators_follow_a_stiffness_of_parameters():
+    scene = pressed_pair("plane_strain", (("E", 0.3), (2.0, 0.25)), {"E": (0.5, 2.0)})
+    for indicator in (None, hhr.Eta2()):
+        found = trained(scene, changed(indicator=indicator, budget=10))
+        assert len(found.choice.points) == 10 and 0 < found.choice.rounds[-1].worst < np.inf
+
+
+class Killed(Exception):
+    """Ends a training."""
+
+
+def test_a_killed_training_goes_on(tmp_path, monkeypatch, case):
+    built = []
+
+    def counted(*given, **others):
+        built.append(len(given[1].points))
+        return hhr.build(*given, **others)
+
+    monkeypatch.setattr(module, "build", counted)
+
+    def killed_after(count):
+        def wrapped(items):
+            for number, item in enumerate(items):
+                if number == count:
+                    raise Killed
+                yield item
+
+        return lambda label: wrapped
+
+    with pytest.raises(Killed):
+        trained(pair(), QUICK, folder=tmp_path, progress=killed_after(3))
+    assert built == [4, 10, 16]
+    found = trained(pair(), QUICK, folder=tmp_path)
+    assert built == [4, 10, 16, 22, 28, 30]
+    assert np.array_equal(found.choice.points, case.choice.points)
+    again = trained(pair(), QUICK, folder=tmp_path)
+    assert len(built) == 6 and again.choice.rounds == found.choice.rounds
+    # another question is none of its business
+    trained(pair(), changed(budget=4), folder=tmp_path)
+    assert built[6:] == [4]
+
+
+def test_histories():
+    """Paths of a family; an estimate is that of their worst step."""
+    import pellet_cladding_plastic as demo
+
+    greedy = hhr.Greedy(
+        tolerance=1e-9, budget=4, start=hhr.Sobol(2), candidates=hhr.Sobol(4, seed=3), together=1,
+        family=families(4)["loading"],
+    )  # fmt: skip
+    found = train(demo.scene(**SMALL_MESH), greedy, comm=MPI.COMM_SELF)
+    assert len(found.snapshots.histories) == 4 and found.choice.points.shape == (4, 2)
+    assert [item.count for item in found.choice.rounds] == [2, 3, 4]
+    assert all(0 < item.worst for item in found.choice.rounds)
+
+
+@pytest.mark.parametrize(
+    ("bad", "word"),
+    [
+        ({"tolerance": 0.0}, "tolerance"),
+        ({"budget": 2.5}, "budget"),
+        ({"together": 0}, "together"),
+        ({"start": 16}, "start"),
+        ({"candidates": [1, 2]}, "candidates"),
+        ({"indicator": "eta"}, "indicator"),
+        ({"recipe": "usual"}, "recipe"),
+        ({"family": "paths"}, "family"),
+    ],
+)
+def test_what_is_no_greedy_is_refused(bad, word):
+    with pytest.raises(StudyError, match=f"^{word} = "):
+        hhr.Greedy(**bad)
+
+
+def test_what_does_not_suit_a_scene_is_refused_before_anything_is_solved():
+    import pellet_cladding_plastic as demo
+
+    loading = families(4)["loading"]
+    with pytest.raises(StudyError, match="chooses among the paths of a family"):
+        train(demo.scene(**SMALL_MESH), hhr.Greedy())
+    with pytest.raises(StudyError, match="chooses points, not paths"):
+        train(pressed_block("plane_strain"), hhr.Greedy(family=loading))
+
+
+def test_answers_of_another_kind_are_not_joined(case):
+    known = case.snapshots
+    assert len(known.joined(known).points) == 2 * len(known.points)
+    other = hhr.FullOrderModel(pair(cells=2))
+    with pytest.raises(ReductionError, match="cannot be joined"):
+        known.joined(hhr.compute_snapshots(other, other.parameters.random(2, 1)))
