@@ -55,6 +55,7 @@ from .reduction.recipe import StressDeim as StressDeim
 from .reduction.recipe import Tangents as Tangents
 from .reduction.recipe import Zone as Zone
 from .sampling import LatinHypercube as LatinHypercube
+from .sampling import Lattice as Lattice
 from .sampling import Sobol as Sobol
 from .scene import Body as Body
 from .scene import Displacement as Displacement

@@ -22,7 +22,7 @@ from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 from hhr_dolfinx.path_families import PathFamily
 from hhr_dolfinx.reduction.build import build, usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
-from hhr_dolfinx.sampling import Sobol
+from hhr_dolfinx.sampling import Lattice
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.study.greedy_indicators import ForceError, GreedyIndicator, LargestEstimate, Score
 
@@ -75,7 +75,8 @@ class Greedy:
         tolerance: indicator at which it stops, the largest among the candidates.
         budget: points, or paths, at which it stops otherwise.
         start: a sampling of the first ones.
-        candidates: a sampling of those to choose from.
+        candidates: a sampling of those to choose from. Of points that share coordinates, as in a :class:`Lattice`, fewer
+            answers are needed.
         together: how many are added between two models.
         recipe: of the models on the way, None for the usual one; they are not checked.
         family: of the paths, where bodies flow; samplings are then drawn in the box of its own parameters.
@@ -84,8 +85,8 @@ class Greedy:
     indicator: GreedyIndicator | None = None
     tolerance: float = 0.01
     budget: int = 150
-    start: Any = Sobol(16, corners=True)
-    candidates: Any = Sobol(1024, seed=5)
+    start: Any = Lattice(20)
+    candidates: Any = Lattice(1000)
     together: int = 8
     recipe: Recipe | None = None
     family: PathFamily | None = None
