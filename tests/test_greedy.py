@@ -1,6 +1,7 @@
 """Greedy training: what it chooses, when it stops, how it goes on, and the indicators it takes."""
 
 import numpy as np
+import pellet_cladding
 import pytest
 from flowing import SMALL_MESH
 from mpi4py import MPI
@@ -9,17 +10,19 @@ from scenes import pressed_block, pressed_pair, whole_domain
 from scipy.stats import spearmanr
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import ReductionError, StudyError
+from hhr_dolfinx.certify.accuracy import force_floor
+from hhr_dolfinx.errors import ParameterError, ReductionError, StudyError
 from hhr_dolfinx.study import greedy as module
 from hhr_dolfinx.study.greedy_indicators import _Domain
 from hhr_dolfinx.study.training import train
 
-QUICK = hhr.Greedy(tolerance=1e-9, budget=30, start=hhr.Sobol(4), candidates=hhr.Sobol(64, seed=5), together=6)
+QUICK = hhr.Greedy(tolerance=1e-9, budget=30, start=hhr.Sobol(4), candidates=hhr.Lattice(100, levels=10), together=6)
+MESH = {"radial_cells": 6, "axial_cells": 12, "cladding_radial_cells": 2}
 
 
-def pair(**others):
-    """Two blocks on each other, of constant stiffness unless told otherwise."""
-    return pressed_pair("plane_strain", ((1.0, 0.3), (2.0, 0.25)), **others)
+def pellet():
+    """A coarse pellet, of which no few answers span all."""
+    return pellet_cladding.scene(**MESH)
 
 
 def changed(**others):
@@ -35,8 +38,8 @@ def trained(scene, greedy, **others):
 
 @pytest.fixture(scope="module")
 def case():
-    """A greedy training of two blocks."""
-    return trained(pair(), QUICK)
+    """A greedy training of the pellet."""
+    return trained(pellet(), QUICK)
 
 
 def test_it_spends_its_budget_on_new_points(case):
@@ -52,8 +55,14 @@ def test_it_spends_its_budget_on_new_points(case):
 
 
 def test_it_stops_at_the_wished_error():
-    found = trained(pair(), changed(tolerance=10.0))
+    found = trained(pellet(), changed(tolerance=2e6))
     assert len(found.choice.points) == 4 and len(found.choice.rounds) == 1
+
+
+def test_it_stops_where_nothing_is_left():
+    """Two blocks on each other, of which some answers span all: no candidate is worse than round-off."""
+    found = trained(pressed_pair("plane_strain", ((1.0, 0.3), (2.0, 0.25))), QUICK)
+    assert len(found.choice.points) < QUICK.budget and found.choice.rounds[-1].worst <= QUICK.tolerance
 
 
 def test_an_answer_is_told_its_error(case):
@@ -63,7 +72,7 @@ def test_an_answer_is_told_its_error(case):
     answers = list(model.solve_many(points, outside="ignore"))
     told = hhr.ForceError().prepared(full)(model, case.snapshots, answers)
     exact = [full.solve(point).forces() for point in points]
-    sizes = np.linalg.norm(exact, axis=1)
+    sizes = np.maximum(np.linalg.norm(exact, axis=1), force_floor(full.problem, case.snapshots))
     errors = np.array([np.linalg.norm(a.forces() - b) for a, b in zip(answers, exact, strict=True)]) / sizes
     assert np.abs(told - errors).max() <= 1e-9
 
@@ -80,9 +89,12 @@ def test_the_domain_of_everything_answers_as_the_full_model(case):
     assert np.abs(residual).max() <= 1e-10 * forces.max()
 
 
-@pytest.mark.parametrize("indicator", [hhr.Eta(), hhr.Eta2()])
-def test_indicators_of_the_thesis(case, indicator):
-    """They vanish where the model was trained, as far as it is exact there, and rank errors elsewhere."""
+@pytest.mark.parametrize(("indicator", "rank"), [(hhr.Eta(), 0.2), (hhr.Eta2(), 0.4)])
+def test_indicators_of_the_thesis(case, indicator, rank):
+    """They vanish where the model was trained, as far as it is exact there, and follow the error elsewhere.
+
+    That of the displacement; eta has a part of the forces besides, which spoils it (section 2.6.3.e).
+    """
     full = case.full_order
     known = case.snapshots.take(slice(0, 16))
     model = hhr.build(full, known, hhr.Recipe().as_it_is())
@@ -94,7 +106,7 @@ def test_indicators_of_the_thesis(case, indicator):
     errors = [np.linalg.norm(a.displacement() - full.solve(a.parameter).displacement()) for a in elsewhere]
     sizes = [np.linalg.norm(full.solve(point).displacement()) for point in points]
     assert there.max() <= 1e-3 * np.median(told)
-    assert spearmanr(told, np.divide(errors, sizes)).statistic > 0.4
+    assert spearmanr(told, np.divide(errors, sizes)).statistic > rank
 
 
 def test_indicators_follow_a_stiffness_of_parameters():
@@ -127,15 +139,15 @@ def test_a_killed_training_goes_on(tmp_path, monkeypatch, case):
         return lambda label: wrapped
 
     with pytest.raises(Killed):
-        trained(pair(), QUICK, folder=tmp_path, progress=killed_after(3))
+        trained(pellet(), QUICK, folder=tmp_path, progress=killed_after(3))
     assert built == [4, 10, 16]
-    found = trained(pair(), QUICK, folder=tmp_path)
+    found = trained(pellet(), QUICK, folder=tmp_path)
     assert built == [4, 10, 16, 22, 28, 30]
     assert np.array_equal(found.choice.points, case.choice.points)
-    again = trained(pair(), QUICK, folder=tmp_path)
+    again = trained(pellet(), QUICK, folder=tmp_path)
     assert len(built) == 6 and again.choice.rounds == found.choice.rounds
     # another question is none of its business
-    trained(pair(), changed(budget=4), folder=tmp_path)
+    trained(pellet(), changed(budget=4), folder=tmp_path)
     assert built[6:] == [4]
 
 
@@ -184,6 +196,20 @@ def test_what_does_not_suit_a_scene_is_refused_before_anything_is_solved():
 def test_answers_of_another_kind_are_not_joined(case):
     known = case.snapshots
     assert len(known.joined(known).points) == 2 * len(known.points)
-    other = hhr.FullOrderModel(pair(cells=2))
+    other = hhr.FullOrderModel(pressed_block("plane_strain"))
     with pytest.raises(ReductionError, match="cannot be joined"):
         known.joined(hhr.compute_snapshots(other, other.parameters.random(2, 1)))
+
+
+def test_a_lattice_shares_coordinates():
+    space = hhr.ParameterSpace(("a", "b"), (0.0, 5.0), (1.0, 9.0))
+    assert np.array_equal(hhr.Lattice(12, levels=(4, 3)).points(space), space.grid((4, 3)))
+    drawn = hhr.Lattice(50, levels=11).points(space)
+    assert drawn.shape == (50, 2) and len(np.unique(drawn, axis=0)) == 50
+    assert np.array_equal(drawn[:4], space.grid((2, 2)))
+    assert np.allclose(np.round(drawn[:, 0] * 10) / 10, drawn[:, 0]) and len(np.unique(drawn[:, 1])) == 11
+    for bad in ({"count": 0}, {"count": 5, "levels": 1}, {"count": 5, "seed": -1}):
+        with pytest.raises(ParameterError, match=r"^Lattice\("):
+            hhr.Lattice(**bad)
+    with pytest.raises(ParameterError, match="one for each"):
+        hhr.Lattice(5, levels=(3, 3, 3)).points(space)

@@ -75,8 +75,8 @@ class Greedy:
         tolerance: indicator at which it stops, the largest among the candidates.
         budget: points, or paths, at which it stops otherwise.
         start: a sampling of the first ones.
-        candidates: a sampling of those to choose from. Of points that share coordinates, as in a :class:`Lattice`, fewer
-            answers are needed.
+        candidates: a sampling of those to choose from. It takes fewer answers of points that share coordinates, as
+            those of a :class:`Lattice` do.
         together: how many are added between two models.
         recipe: of the models on the way, None for the usual one; they are not checked.
         family: of the paths, where bodies flow; samplings are then drawn in the box of its own parameters.
@@ -87,7 +87,7 @@ class Greedy:
     budget: int = 150
     start: Any = Lattice(20)
     candidates: Any = Lattice(1000)
-    together: int = 8
+    together: int = 16
     recipe: Recipe | None = None
     family: PathFamily | None = None
 
