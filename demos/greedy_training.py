@@ -29,6 +29,9 @@ from hhr_dolfinx.timing import timed
 NEVER = 1e-9
 """Indicator that no training reaches: it spends its budget."""
 
+LEVELS = (20, 20, 3, 3, 3, 3)
+"""Values of each of the six parameters: fields are smooth in the moduli, and have kinks where the pressure ends."""
+
 
 def plans(quick: bool) -> Iterator[tuple[str, hhr.Scene, hhr.Recipe | None, dict[str, Any]]]:
     """Scenes with a recipe and trainings by name; the first one is the usual one of the scene."""
@@ -51,7 +54,8 @@ def plans(quick: bool) -> Iterator[tuple[str, hhr.Scene, hhr.Recipe | None, dict
     yield "pellet", pellet_cladding.scene(**mesh), None, trainings
     if not quick:
         trainings = {"Sobol 512": hhr.Sobol(512), "Sobol 300": hhr.Sobol(300)}
-        trainings["greedy 300"] = greedy(300, start=hhr.Sobol(32, corners=True), together=34)
+        start, candidates = hhr.Lattice(96, levels=LEVELS, seed=5), hhr.Lattice(1024, levels=LEVELS, seed=5)
+        trainings["greedy 300"] = greedy(300, start=start, candidates=candidates, together=34)
         yield "six parameters", pellet_materials.scene(), pellet_materials.RECIPE, trainings
 
 

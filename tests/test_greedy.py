@@ -13,6 +13,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.errors import ParameterError, ReductionError, StudyError
 from hhr_dolfinx.study import greedy as module
+from hhr_dolfinx.study.greedy import independent
 from hhr_dolfinx.study.greedy_indicators import _Domain
 from hhr_dolfinx.study.training import train
 
@@ -74,7 +75,13 @@ def test_an_answer_is_told_its_error(case):
     exact = [full.solve(point).forces() for point in points]
     sizes = np.maximum(np.linalg.norm(exact, axis=1), force_floor(full.problem, case.snapshots))
     errors = np.array([np.linalg.norm(a.forces() - b) for a, b in zip(answers, exact, strict=True)]) / sizes
-    assert np.abs(told - errors).max() <= 1e-9
+    assert np.abs(np.linalg.norm(told, axis=1) - errors).max() <= 1e-9
+
+
+def test_what_is_wrong_in_the_same_way_is_mended_once():
+    errors = np.array([[3.0, 0.0, 0.0], [2.9, 0.0, 0.1], [0.0, 1.0, 0.0], [-3.0, 0.0, 0.0]])
+    assert independent(errors, 2).tolist() == [0, 2]
+    assert independent(errors, 9).tolist() == [0, 2, 1]
 
 
 def test_the_domain_of_everything_answers_as_the_full_model(case):

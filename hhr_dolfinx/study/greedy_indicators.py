@@ -1,7 +1,8 @@
 """How wrong the answers of a reduced model are, for a greedy training: no full answer is asked for.
 
 An indicator of your own is an object with ``prepared(full)``, which returns what maps a reduced model, the answers it
-was built from and some of its own answers (histories, where bodies flow) to one number for each of them.
+was built from and some of its own answers (histories, where bodies flow) to one number for each of them, or to one
+vector whose norm counts: then it is known too which of them are wrong in the same way.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
 Score = Callable[[Any, SnapshotSet, Sequence[Any]], np.ndarray]
-"""Maps a reduced model, what it was built from, and some of its answers or histories to indicators, (n,)."""
+"""Maps a reduced model, what it was built from, and some of its answers or histories to indicators, (n,) or (n, k)."""
 
 NO_ANSWER = np.inf
 """Indicator of what has no answer."""
@@ -39,11 +40,6 @@ class GreedyIndicator(Protocol):
         Raises:
             StudyError: for a full model it cannot judge.
         """
-
-
-def _each(values: Callable[[Answer], float], answers: Sequence[Answer]) -> np.ndarray:
-    """A value for each answer; what has none is as wrong as can be."""
-    return np.array([values(answer) if answer.converged else NO_ANSWER for answer in answers])
 
 
 def _refuse_flow(full: Any, name: str) -> None:
@@ -88,7 +84,7 @@ class LargestEstimate:
 
 @dataclass(frozen=True)
 class ForceError:
-    """Error of the contact forces everywhere, beside a condensed model that keeps all contact conditions.
+    """Error of the contact forces everywhere, a vector, beside a condensed model that keeps all contact conditions.
 
     Where the stiffness is constant condensation is exact, and the indicator is the error; elsewhere condensation is
     interpolated between few parameters, and right to a small part of the tolerance. Forces below a thousandth of the
@@ -111,14 +107,16 @@ class ForceError:
                 condensed.append(self._condensed(full, known))
             floor = force_floor(full.problem, known)
 
-            def error(answer: Answer) -> float:
+            def error(answer: Answer) -> np.ndarray:
                 key = answer.parameter.tobytes()
                 if key not in exact:
                     exact[key] = condensed[0].solve(answer.parameter, outside="ignore").forces()
+                if not answer.converged:
+                    return np.full(exact[key].shape, NO_ANSWER)
                 size = max(float(np.linalg.norm(exact[key])), floor)
-                return float(np.linalg.norm(answer.forces() - exact[key])) / (size or 1.0)
+                return (answer.forces() - exact[key]) / (size or 1.0)
 
-            return _each(error, answers)
+            return np.array([error(answer) for answer in answers])
 
         return score
 
