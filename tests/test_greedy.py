@@ -44,7 +44,8 @@ def case():
 
 
 def test_it_spends_its_budget_on_new_points(case):
-    points, rounds = case.choice
+    points, rounds, recipe = case.choice
+    assert case.build(checked=False).offline.recipe == recipe.as_it_is()
     assert len(points) == len(case.snapshots.points) == QUICK.budget
     assert np.array_equal(points, case.snapshots.points)
     assert len(np.unique(points, axis=0)) == QUICK.budget

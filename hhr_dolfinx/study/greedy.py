@@ -21,7 +21,7 @@ from hhr_dolfinx.files import check_layout, read_arrays, write_arrays
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 from hhr_dolfinx.path_families import PathFamily
 from hhr_dolfinx.reduction.build import build, usual_recipe
-from hhr_dolfinx.reduction.recipe import Recipe
+from hhr_dolfinx.reduction.recipe import Pod, Recipe
 from hhr_dolfinx.sampling import Lattice
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.study.greedy_indicators import ForceError, GreedyIndicator, LargestEstimate, Score
@@ -35,6 +35,8 @@ _log = logging.getLogger(__name__)
 
 FORMAT, VERSION = "hhr_dolfinx greedy choice", 1
 _LAYOUT = {"points": ("float", "S", "P"), "counts": ("int", "R"), "worst": ("float", "R"), "middle": ("float", "R")}
+FINE = Recipe(basis=Pod(1e-13, relative=True))
+"""Recipe of a greedy training of points."""
 UNKNOWN = 1e6
 """Indicator of a candidate without an answer: more than any error, and finite, so that distances still count."""
 NOTHING = 1e-12
@@ -61,10 +63,12 @@ class Choice(NamedTuple):
     Attributes:
         points: of the box, in the order in which they were chosen, (S, P).
         rounds: of each model on the way.
+        recipe: of these models, for which the points were chosen.
     """
 
     points: np.ndarray
     rounds: tuple[Round, ...]
+    recipe: Recipe
 
 
 @dataclass(frozen=True)
@@ -80,7 +84,9 @@ class Greedy:
         candidates: a sampling of those to choose from. It takes fewer answers of points that share coordinates, as
             those of a :class:`Lattice` do.
         together: how many are added between two models.
-        recipe: of the models on the way, None for the usual one; they are not checked.
+        recipe: of the models on the way, which are not checked, and of those that the training builds by default. None
+            takes the usual one where bodies flow, and elsewhere the usual one with more modes: each answer that was
+            chosen brings what others do not, and a POD that leaves part of it out makes errors five times larger.
         family: of the paths, where bodies flow; samplings are then drawn in the box of its own parameters.
     """
 
@@ -155,7 +161,7 @@ class Greedy:
         kept = None if store is None or comm.rank else KeptChoice(store.folder, store.problem_digest, self)
         earlier = comm.bcast(None if kept is None else kept.load(space))
         if earlier is not None:
-            points, rounds = earlier.points, list(earlier.rounds)
+            points, rounds = earlier
         known = solve(self._queries(points))
         score = self._score(full)
         most = 1 + -(-max(self.budget - len(points), 0) // self.together)
@@ -174,10 +180,15 @@ class Greedy:
                 more = candidates[chosen]
                 points, known = np.vstack([points, more]), known.joined(solve(self._queries(more)))
             if kept is not None:
-                kept.save(Choice(points, tuple(rounds)))
+                kept.save(points, rounds)
             if not chosen.size:
                 break
-        return known, Choice(points, tuple(rounds))
+        return known, Choice(points, tuple(rounds), self._recipe(full))
+
+    def _recipe(self, full: Any) -> Recipe:
+        """Of the models on the way."""
+        usual = usual_recipe(full) if self.family is not None else FINE
+        return usual if self.recipe is None else self.recipe
 
     def _queries(self, points: np.ndarray) -> Any:
         """What is asked of the full model."""
@@ -190,7 +201,7 @@ class Greedy:
 
     def _errors(self, full: Any, known: SnapshotSet, candidates: np.ndarray, score: Score, comm: Comm) -> np.ndarray:
         """Indicators of a model of what is known, (n, k)."""
-        recipe = (usual_recipe(full) if self.recipe is None else self.recipe).as_it_is()
+        recipe = self._recipe(full).as_it_is()
         mine, found = np.array_split(candidates, comm.size)[comm.rank], np.zeros((0, 1))
         with ranks.each_for_itself(comm, "choosing where to train"):
             try:
@@ -299,8 +310,8 @@ class KeptChoice:
         self._digest = hashlib.sha256(told.encode()).hexdigest()[:40]
         self._path = folder / f"greedy_{self._digest[:16]}.npz"
 
-    def load(self, space: ParameterSpace) -> Choice | None:
-        """The choice, or None where there is none that fits."""
+    def load(self, space: ParameterSpace) -> tuple[np.ndarray, list[Round]] | None:
+        """Points and rounds, see :class:`Choice`, or None where there are none that fit."""
         try:
             header, arrays = read_arrays(self._path, FORMAT, VERSION)
             check_layout(arrays, _LAYOUT, {"P": len(space.names)})
@@ -309,14 +320,14 @@ class KeptChoice:
         if header.get("asked") != self._digest:
             return None
         rounds = zip(arrays["counts"].tolist(), arrays["worst"].tolist(), arrays["middle"].tolist(), strict=True)
-        return Choice(arrays["points"], tuple(Round(*row) for row in rounds))
+        return arrays["points"], [Round(*row) for row in rounds]
 
-    def save(self, choice: Choice) -> None:
+    def save(self, points: np.ndarray, rounds: list[Round]) -> None:
         """Keep what was chosen up to here.
 
         Raises:
             FileError: if the file cannot be written.
         """
-        counts, worst, middle = (np.array(part) for part in zip(*choice.rounds, strict=True))
-        arrays = {"points": choice.points, "counts": counts.astype(np.int64), "worst": worst, "middle": middle}
+        counts, worst, middle = (np.array(part) for part in zip(*rounds, strict=True))
+        arrays = {"points": points, "counts": counts.astype(np.int64), "worst": worst, "middle": middle}
         write_arrays(self._path, {"format": FORMAT, "version": VERSION, "asked": self._digest}, arrays)

@@ -60,8 +60,11 @@ class Training:
     def build(self, recipe: Recipe | None = None, *, checked: bool = True) -> ReducedModel:
         """A reduced model; unchecked it is built as it is, to be measured: no warning, no growth of its RID.
 
-        Only what cannot be solved at all is refused even so: dependent contact rows, a singular K~.
+        Only what cannot be solved at all is refused even so: dependent contact rows, a singular K~. None takes the
+        usual recipe of the scene, or the one for which a greedy training chose.
         """
+        if recipe is None and self.choice is not None:
+            recipe = self.choice.recipe
         if checked:
             return build(self.full_order, self.snapshots, recipe, self.held_out)
         given = usual_recipe(self.full_order) if recipe is None else recipe
