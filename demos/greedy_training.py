@@ -88,7 +88,7 @@ def draw(chosen: dict[str, Training], options: Namespace) -> None:
         shown = axis.scatter(*points.T, c=np.arange(len(points)), s=12, cmap="viridis")
         axis.set(xlabel="P1 [MPa]", ylabel="h1 [mm]", title=name)
         figure.colorbar(shown, ax=axis, label="order")
-        curves.semilogy([item.count for item in rounds], [item.worst for item in rounds], ".-", label=name)
+        curves.semilogy([item.answers for item in rounds], [item.worst for item in rounds], ".-", label=name)
     curves.set(xlabel="answers", ylabel="largest indicator")
     curves.legend(fontsize=7)
     figure.savefig(options.out / "chosen.png", dpi=150)

@@ -52,7 +52,7 @@ def test_it_spends_its_budget_on_new_points(case):
     assert np.array_equal(points[:4], QUICK.start.points(case.full_order.parameters))
     candidates = QUICK.candidates.points(case.full_order.parameters).tolist()
     assert all(point in candidates for point in points[4:].tolist())
-    assert [item.count for item in rounds] == [4, 10, 16, 22, 28, 30]
+    assert [item.answers for item in rounds] == [4, 10, 16, 22, 28, 30]
     assert all(item.middle <= item.worst for item in rounds) and rounds[-1].worst < rounds[0].worst
 
 
@@ -169,7 +169,7 @@ def test_histories():
     )  # fmt: skip
     found = train(demo.scene(**SMALL_MESH), greedy, comm=MPI.COMM_SELF)
     assert len(found.snapshots.histories) == 4 and found.choice.points.shape == (4, 2)
-    assert [item.count for item in found.choice.rounds] == [2, 3, 4]
+    assert [item.answers for item in found.choice.rounds] == [2, 3, 4]
     assert all(0 < item.worst for item in found.choice.rounds)
 
 

@@ -98,8 +98,8 @@ class SnapshotSet:
         if self.histories:
             return SnapshotSet.of_histories([*self.histories, *others.histories])
         pairs = zip(self._columns(), others._columns(), strict=True)
-        parts = [np.concatenate(pair, axis=1) for pair in pairs]
-        return SnapshotSet(np.vstack([self.points, others.points]), *parts)
+        unknown, forces, active = (np.concatenate(pair, axis=1) for pair in pairs)
+        return SnapshotSet(np.vstack([self.points, others.points]), unknown, forces, active)
 
     @property
     def flowed(self) -> bool:

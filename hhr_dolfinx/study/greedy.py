@@ -47,12 +47,12 @@ class Round(NamedTuple):
     """What one model of a greedy training was worth.
 
     Attributes:
-        count: points, or paths, that it was trained on.
+        answers: points, or paths, that it was trained on.
         worst: largest indicator among the candidates.
         middle: their median.
     """
 
-    count: int
+    answers: int
     worst: float
     middle: float
 
@@ -158,7 +158,7 @@ class Greedy:
         space = self.space(full.scene)
         candidates = space.points(self.candidates.points(space))
         points, rounds = space.points(self.start.points(space))[: self.budget], []
-        kept = None if store is None or comm.rank else KeptChoice(store.folder, store.problem_digest, self)
+        kept = None if store is None or comm.rank else KeptChoice(store.folder, store.problem_digest, self, self._recipe(full))
         earlier = comm.bcast(None if kept is None else kept.load(space))
         if earlier is not None:
             points, rounds = earlier
@@ -166,7 +166,7 @@ class Greedy:
         score = self._score(full)
         most = 1 + -(-max(self.budget - len(points), 0) // self.together)
         for _ in progress(range(most)):
-            if rounds and rounds[-1].count == len(points):
+            if rounds and rounds[-1].answers == len(points):
                 break  # an earlier run was done
             errors = self._errors(full, known, candidates, score, comm)
             values = np.linalg.norm(errors, axis=1)
@@ -303,10 +303,11 @@ class KeptChoice:
         folder: of the answers.
         problem: digest of the problem that they solve, hexadecimal.
         greedy: how to choose.
+        recipe: of its models.
     """
 
-    def __init__(self, folder: Path, problem: str, greedy: Greedy):
-        told = f"{FORMAT} {VERSION} {problem} {greedy!r}"
+    def __init__(self, folder: Path, problem: str, greedy: Greedy, recipe: Recipe):
+        told = f"{FORMAT} {VERSION} {problem} {greedy!r} {recipe!r}"
         self._digest = hashlib.sha256(told.encode()).hexdigest()[:40]
         self._path = folder / f"greedy_{self._digest[:16]}.npz"
 

@@ -255,7 +255,7 @@ class _Inside:
         self._factors = FreeCholesky(problem.stiffness, problem.free, whole, "rid", "qmd", MPI.COMM_SELF)
 
     @cached_property
-    def _contact(self) -> tuple[np.ndarray, SchurEqualities, Pairs]:
+    def _contact(self) -> tuple[np.ndarray, SchurEqualities, Pairs | None]:
         """K^-1 B^T, what solves for forces, and their pairs."""
         problem = self.part.problem
         per_force = self._factors.solve_columns(problem.contact.T)
