@@ -158,7 +158,9 @@ class Greedy:
         space = self.space(full.scene)
         candidates = space.points(self.candidates.points(space))
         points, rounds = space.points(self.start.points(space))[: self.budget], []
-        kept = None if store is None or comm.rank else KeptChoice(store.folder, store.problem_digest, self, self._recipe(full))
+        kept = None
+        if store is not None and comm.rank == 0:
+            kept = KeptChoice(store.folder, store.problem_digest, self, self._recipe(full))
         earlier = comm.bcast(None if kept is None else kept.load(space))
         if earlier is not None:
             points, rounds = earlier
