@@ -30,7 +30,7 @@ from hhr_dolfinx.timing import timed
 NEVER = 1e-9
 """Indicator that no training reaches: it spends its budget."""
 
-LEVELS = (20, 20, 6, 6, 6, 6)
+LEVELS = (20, 20, 3, 3, 3, 3)
 """Values of each of the six parameters: fields are smooth in the moduli, and have kinks where the pressure ends."""
 
 
@@ -57,7 +57,7 @@ def plans(quick: bool) -> Iterator[tuple[str, hhr.Scene, hhr.Recipe | None, dict
         trainings = {"Sobol 512": hhr.Sobol(512), "Sobol 300": hhr.Sobol(300)}
         start, candidates = hhr.Lattice(96, levels=LEVELS, seed=5), hhr.Lattice(1024, levels=LEVELS, seed=5)
         recipe = replace(pellet_materials.RECIPE, basis=hhr.Pod(1e-12, relative=True, by_body=True))
-        trainings["greedy 300"] = greedy(300, start=start, candidates=candidates, together=68, recipe=recipe)
+        trainings["greedy 300"] = greedy(300, start=start, candidates=candidates, together=51, recipe=recipe)
         yield "six parameters", pellet_materials.scene(), pellet_materials.RECIPE, trainings
 
 
