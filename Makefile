@@ -3,7 +3,7 @@
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: demo pellet nonmatching plastic sphere materials rod press calibrate certified indicator indent patch extreme recipes lint test slow setup
+.PHONY: demo pellet nonmatching plastic sphere materials rod press calibrate certified indicator greedy indent patch extreme recipes lint test slow setup
 
 demo: setup
 	.venv/bin/python demos/hertz_half_discs.py
@@ -37,6 +37,9 @@ certified: setup
 
 indicator: setup
 	.venv/bin/python demos/history_indicator.py
+
+greedy: setup
+	.venv/bin/python demos/greedy_training.py
 
 indent: setup
 	.venv/bin/python demos/indentation.py

@@ -55,6 +55,7 @@ from .reduction.recipe import StressDeim as StressDeim
 from .reduction.recipe import Tangents as Tangents
 from .reduction.recipe import Zone as Zone
 from .sampling import LatinHypercube as LatinHypercube
+from .sampling import Lattice as Lattice
 from .sampling import Sobol as Sobol
 from .scene import Body as Body
 from .scene import Displacement as Displacement
@@ -65,6 +66,11 @@ from .snapshots.records import SnapshotSet as SnapshotSet
 from .snapshots.records import compute_snapshots as compute_snapshots
 from .snapshots.records import spread_snapshots as spread_snapshots
 from .snapshots.store import SnapshotStore as SnapshotStore
+from .study.greedy import Greedy as Greedy
+from .study.greedy_indicators import Eta as Eta
+from .study.greedy_indicators import Eta2 as Eta2
+from .study.greedy_indicators import ForceError as ForceError
+from .study.greedy_indicators import LargestEstimate as LargestEstimate
 from .study.study import Rival as Rival
 from .study.study import StudySettings as StudySettings
 from .study.study import run_study as run_study

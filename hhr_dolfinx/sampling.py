@@ -72,3 +72,57 @@ class LatinHypercube(_Sampling):
         from scipy.stats import qmc
 
         return qmc.LatinHypercube(dimension, seed=self.seed).random(self.count)
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Points of a regular grid, evenly drawn from all of them: they share their coordinates, and many lie on the sides.
+
+    A field that a load causes by itself is then common to many answers, whose differences are those of the contact. On
+    the pellet 150 answers on a grid span what takes 500 elsewhere; so greedy trainings choose from such points.
+
+    Attributes:
+        count: number of points, all of the grid if it has fewer.
+        levels: values of each parameter, the bounds among them: one number for all, or one for each.
+        seed: of the drawing.
+    """
+
+    count: int
+    levels: int | tuple[int, ...] = 20
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        """Refuse counts that are none, with ParameterError."""
+        levels = self.levels if isinstance(self.levels, tuple) else (self.levels,)
+        if not is_whole(self.count, 1) or not is_whole(self.seed, 0) or not all(is_whole(item, 2) for item in levels):
+            raise ParameterError(
+                f"Lattice({self.count!r}, levels={self.levels!r}, seed={self.seed!r}): the count must be a positive "
+                "integer, each of the levels one from 2, the seed one that is not negative"
+            )
+
+    def points(self, space: ParameterSpace) -> np.ndarray:
+        """The points, the corners of the box first as far as there is room for all of them, (n, P).
+
+        Raises:
+            ParameterError: for levels of another number of parameters.
+        """
+        size = len(space.names)
+        levels = np.array(self.levels if isinstance(self.levels, tuple) else (self.levels,) * size)
+        if levels.size != size:
+            raise ParameterError(f"levels = {self.levels} of a Lattice must be one for each of {space.names}")
+        places = self._places(levels)
+        lower, upper = np.array([space.lower, space.upper], dtype=float)
+        return lower + places / (levels - 1) * (upper - lower)
+
+    def _places(self, levels: np.ndarray) -> np.ndarray:
+        """Numbers of the levels of each point, (n, P)."""
+        if np.prod(levels.astype(float)) <= self.count:
+            return np.indices(tuple(levels)).reshape(levels.size, -1).T
+        corners = np.zeros((0, levels.size), dtype=np.int64)
+        if 2.0**levels.size <= self.count / 4:
+            corners = np.indices((2,) * levels.size).reshape(levels.size, -1).T * (levels - 1)
+        # some fall on the same point of the grid
+        unit = Sobol(4 * self.count, seed=self.seed)._unit(levels.size)
+        drawn = np.vstack([corners, np.minimum((unit * levels).astype(np.int64), levels - 1)])
+        _, first = np.unique(drawn, axis=0, return_index=True)
+        return drawn[np.sort(first)][: self.count]

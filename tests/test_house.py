@@ -195,6 +195,7 @@ UNNEEDED = {
         "hhr_dolfinx.reduction.interpolate_reduced", "hhr_dolfinx.reduction.starts"],
     "gradients": ["hhr_dolfinx.models.gradient", "hhr_dolfinx.models.history_gradient"],
     "samplings": ["hhr_dolfinx.sampling"],
+    "greedy training": ["hhr_dolfinx.study.greedy", "hhr_dolfinx.study.greedy_indicators"],
     "families of paths": ["hhr_dolfinx.path_families"],
 }  # fmt: skip
 """What a study of an elastic scene on matching meshes does without; numba is not listed: DOLFINx loads it itself."""

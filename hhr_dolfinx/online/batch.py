@@ -47,8 +47,8 @@ class Answers(NamedTuple):
         forces: nodal contact forces on the whole surface, (S, N_lambda).
         outputs: those of the scene by the head of their column, ``name [unit]``, (S,) each.
         estimates: what is known of the errors, by the head of their column, (S,) each: ``displacement`` and ``forces``
-            relative to the exact ones, ``bound of``, ``estimate of`` or ``indicator of`` before them, and bounds of outputs in their
-            units; NaN where nothing is. None of a model that estimates nothing.
+            relative to the exact ones, ``bound of``, ``estimate of`` or ``indicator of`` before them, and bounds of
+            outputs in their units; NaN where nothing is. None of a model that estimates nothing.
         fell_back: whether the full model answered, (S,) bool; None of a model that cannot fall back.
     """
 

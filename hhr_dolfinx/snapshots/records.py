@@ -84,6 +84,23 @@ class SnapshotSet:
         states = tuple(self.states[k] for k in chosen) if self.states else ()
         return SnapshotSet(self.points[columns], unknown, forces, active, states)
 
+    def joined(self, others: SnapshotSet) -> SnapshotSet:
+        """These answers, and others of the same problem behind them.
+
+        Raises:
+            ReductionError: for answers at single parameters beside histories, or those of another mesh.
+        """
+        if bool(self.histories) != bool(others.histories) or len(self.displacements) != len(others.displacements):
+            raise ReductionError(
+                f"{len(others.points)} answers cannot be joined to {len(self.points)} others: histories go with "
+                "histories, and all are those of one mesh"
+            )
+        if self.histories:
+            return SnapshotSet.of_histories([*self.histories, *others.histories])
+        pairs = zip(self._columns(), others._columns(), strict=True)
+        unknown, forces, active = (np.concatenate(pair, axis=1) for pair in pairs)
+        return SnapshotSet(np.vstack([self.points, others.points]), unknown, forces, active)
+
     @property
     def flowed(self) -> bool:
         """Whether any body flowed in any answer."""

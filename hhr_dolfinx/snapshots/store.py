@@ -94,6 +94,16 @@ class SnapshotStore:
         """
         self._save(answer, self._asked(answer.parameter))
 
+    @property
+    def folder(self) -> Path:
+        """Where the files are."""
+        return self._folder
+
+    @property
+    def problem_digest(self) -> str:
+        """What tells the problem of these answers from all others, hexadecimal."""
+        return self._fingerprint.hex()
+
     def steps(self, path: History_path, settings: MarchSettings) -> KeptSteps:
         """What is kept of a history."""
         return KeptSteps(self, checked_path(self._problem.parameters, path), settings)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.fallback import FallbackModel
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.snapshots.records import SnapshotSet
@@ -34,19 +32,7 @@ def safe_model(
     model = partial(FallbackModel, built(training.snapshots), training.full_order, tolerance)
     if grow is None:
         return model()
-    return model(rebuild=lambda learned: built(joined(training.snapshots, learned)), every=grow)
-
-
-def joined(snapshots: SnapshotSet, answers: Sequence[Answer]) -> SnapshotSet:
-    """Snapshots at single parameters, and further answers of the full model behind them."""
-    more = SnapshotSet.of_answers(answers)
-    both = snapshots, more
-    return SnapshotSet(
-        np.vstack([part.points for part in both]),
-        np.hstack([part.displacements for part in both]),
-        np.hstack([part.forces for part in both]),
-        np.hstack([part.active for part in both]),
-    )
+    return model(rebuild=lambda learned: built(training.snapshots.joined(SnapshotSet.of_answers(learned))), every=grow)
 
 
 def fallback_report(model: ReducedModel, full: Any, points: np.ndarray, alone: float) -> dict[str, Any]:
@@ -55,9 +41,9 @@ def fallback_report(model: ReducedModel, full: Any, points: np.ndarray, alone: f
     ``alone`` are the seconds that the full model takes for one.
 
     Returns:
-        The ``fallback`` part of a report: ``kind`` of what is known of errors; ``tolerance``, the relative error allowed; ``share`` of the queries that the
-        full model answered; mean seconds of a ``query`` with all forces and their bound, and of the ``full`` model
-        alone.
+        The ``fallback`` part of a report: ``kind`` of what is known of errors; ``tolerance``, the relative error
+        allowed; ``share`` of the queries that the full model answered; mean seconds of a ``query`` with all forces and
+        their bound, and of the ``full`` model alone.
     """
     safe = FallbackModel(model, full, ALLOWED)
     count = len(points)

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
     from hhr_dolfinx.models.fallback import FallbackModel
     from hhr_dolfinx.models.varying import VaryingModel
+    from hhr_dolfinx.study.greedy import Choice
 
 Progress = Callable[[str], Callable[[Iterable], Iterable]]
 """Maps a label to a wrapper of iterations, for progress bars."""
@@ -48,18 +49,23 @@ class Training:
         snapshots: training answers.
         held_out: answers for the trust check, or None.
         log: seconds of each stage.
+        choice: what a greedy training chose, and what its models were worth on the way; None of another training.
     """
 
     full_order: FullOrderModel
     snapshots: SnapshotSet
     held_out: SnapshotSet | None
     log: StageLog
+    choice: Choice | None = None
 
     def build(self, recipe: Recipe | None = None, *, checked: bool = True) -> ReducedModel:
         """A reduced model; unchecked it is built as it is, to be measured: no warning, no growth of its RID.
 
-        Only what cannot be solved at all is refused even so: dependent contact rows, a singular K~.
+        Only what cannot be solved at all is refused even so: dependent contact rows, a singular K~. None takes the
+        usual recipe of the scene, or the one for which a greedy training chose.
         """
+        if recipe is None and self.choice is not None:
+            recipe = self.choice.recipe
         if checked:
             return build(self.full_order, self.snapshots, recipe, self.held_out)
         given = usual_recipe(self.full_order) if recipe is None else recipe
@@ -127,8 +133,9 @@ def train(
     Args:
         scene: the scene.
         training: the number of points along each parameter, on a regular grid; a sampling, ``Sobol(512)`` or
-            ``LatinHypercube(100)``; or an array of points, (S, P). Where bodies flow a list of paths, each of times in
-            seconds and parameters, or drawn from a family, ``family.paths(Sobol(12))``.
+            ``LatinHypercube(100)``; ``Greedy(budget=100)``, which chooses where models of what is known are worst; or
+            an array of points, (S, P). Where bodies flow a list of paths, each of times in seconds and parameters, or
+            drawn from a family, ``family.paths(Sobol(12))``, or ``Greedy(family=family)``.
         held_out: for the trust check: how many random parameters (100, a fifth of them where contact grazes; 0 for
             none), or paths.
         seed: of random parameters.
@@ -148,8 +155,16 @@ def train(
         with log.stage("full_order"):
             full = FullOrderModel(scene, MPI.COMM_SELF)
         store = None if folder is None else SnapshotStore(folder, full)
+    kept, choice = None, None
     with log.stage("snapshots"):
-        snapshots, kept = spread_snapshots(full, queries, comm, progress("snapshots"), store, march), None
+        if _chooses(queries):
+
+            def solve(asked: Any) -> SnapshotSet:
+                return spread_snapshots(full, asked, comm, iter, store, march)
+
+            snapshots, choice = queries.grown(full, solve, comm, progress("greedy"), store)
+        else:
+            snapshots = spread_snapshots(full, queries, comm, progress("snapshots"), store, march)
     if apart:
         with log.stage("held_out"):
             # forces decide on points, whose last digits may differ between machines
@@ -159,7 +174,12 @@ def train(
     if found:
         count = len(snapshots.points) + (0 if kept is None else len(kept.points))
         log.skip("snapshots", f"{found} of {count} answers were read from {folder}: the times cover the others")
-    return Training(full, snapshots, kept, log)
+    return Training(full, snapshots, kept, log, choice)
+
+
+def _chooses(training: Any) -> bool:
+    """Whether a training chooses itself what it asks for, as ``Greedy`` does; whose module others do not load."""
+    return callable(getattr(training, "grown", None))
 
 
 def _checked(scene: Scene, training: Any, held_out: Any, seed: Any) -> tuple[Any, Any]:
@@ -167,12 +187,16 @@ def _checked(scene: Scene, training: Any, held_out: Any, seed: Any) -> tuple[Any
     if not isinstance(scene, Scene):
         raise StudyError(f"{scene!r} is no scene: give a Scene")
     check_counts(seed=(seed, 0))
+    chooses = _chooses(training)
+    if chooses:
+        training.space(scene)
     if any(body.law is not None for body in scene.bodies):
         apart = held_out.tolist() if isinstance(held_out, np.ndarray) else held_out
-        return training_paths(scene, training), training_paths(scene, apart) if apart else []
+        given = training if chooses else training_paths(scene, training)
+        return given, training_paths(scene, apart) if apart else []
     count = 100 if held_out is None else held_out
     check_counts(held_out=(count, 0))
-    return training_points(scene, training), count
+    return training if chooses else training_points(scene, training), count
 
 
 def training_points(scene: Scene, training: Any) -> np.ndarray:

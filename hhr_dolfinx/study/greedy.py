@@ -1,0 +1,336 @@
+"""Greedy training, thesis Alg. 1.3: answers are added where a reduced model of those before is worst.
+
+What is worst an indicator says, which needs no full answer: see :mod:`hhr_dolfinx.study.greedy_indicators`. The box in
+which points are chosen is that of the scene or, where bodies flow, that of a family of paths.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from hhr_dolfinx import ranks
+from hhr_dolfinx.errors import ConvergenceError, FileContentError, NotSolvableError, StudyError
+from hhr_dolfinx.files import check_layout, read_arrays, write_arrays
+from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
+from hhr_dolfinx.path_families import PathFamily
+from hhr_dolfinx.reduction.build import build, usual_recipe
+from hhr_dolfinx.reduction.recipe import Pod, Recipe
+from hhr_dolfinx.sampling import Lattice
+from hhr_dolfinx.snapshots.records import SnapshotSet
+from hhr_dolfinx.study.greedy_indicators import ForceError, GreedyIndicator, LargestEstimate, Score
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
+
+    from hhr_dolfinx.snapshots.store import SnapshotStore
+
+_log = logging.getLogger(__name__)
+
+FORMAT, VERSION = "hhr_dolfinx greedy choice", 1
+_LAYOUT = {"points": ("float", "S", "P"), "counts": ("int", "R"), "worst": ("float", "R"), "middle": ("float", "R")}
+FINE = Recipe(basis=Pod(1e-13, relative=True))
+"""Recipe of a greedy training of points."""
+UNKNOWN = 1e6
+"""Indicator of a candidate without an answer: more than any error, and finite, so that distances still count."""
+NOTHING = 1e-12
+"""Part of an error that is round-off once the directions of others are taken out of it."""
+
+
+class Round(NamedTuple):
+    """What one model of a greedy training was worth.
+
+    Attributes:
+        answers: points, or paths, that it was trained on.
+        worst: largest indicator among the candidates.
+        middle: their median.
+    """
+
+    answers: int
+    worst: float
+    middle: float
+
+
+class Choice(NamedTuple):
+    """What a greedy training chose.
+
+    Attributes:
+        points: of the box, in the order in which they were chosen, (S, P).
+        rounds: of each model on the way.
+        recipe: of these models, for which the points were chosen.
+    """
+
+    points: np.ndarray
+    rounds: tuple[Round, ...]
+    recipe: Recipe
+
+
+@dataclass(frozen=True)
+class Greedy:
+    """Where to train: a few points first, then those where an indicator is largest.
+
+    Attributes:
+        indicator: what says how wrong an answer is; None takes :class:`ForceError` of points, and of histories the
+            largest estimate of their steps, :class:`LargestEstimate`.
+        tolerance: indicator at which it stops, the largest among the candidates.
+        budget: points, or paths, at which it stops otherwise.
+        start: a sampling of the first ones.
+        candidates: a sampling of those to choose from. It takes fewer answers of points that share coordinates, as
+            those of a :class:`Lattice` do.
+        together: how many are added between two models.
+        recipe: of the models on the way, which are not checked, and of those that the training builds by default. None
+            takes the usual one where bodies flow, and elsewhere the usual one with more modes: each answer that was
+            chosen brings what others do not, and a POD that leaves part of it out makes errors five times larger.
+        family: of the paths, where bodies flow; samplings are then drawn in the box of its own parameters.
+    """
+
+    indicator: GreedyIndicator | None = None
+    tolerance: float = 0.01
+    budget: int = 150
+    start: Any = Lattice(20)
+    candidates: Any = Lattice(1000)
+    together: int = 16
+    recipe: Recipe | None = None
+    family: PathFamily | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what never ends or never begins, with StudyError."""
+        if not (is_number(self.tolerance) and self.tolerance > 0):
+            raise StudyError(f"tolerance = {self.tolerance!r} of Greedy must be a positive number")
+        for name in ("budget", "together"):
+            if not is_whole(getattr(self, name), 1):
+                raise StudyError(f"{name} = {getattr(self, name)!r} of Greedy must be a whole number from 1")
+        for name in ("start", "candidates"):
+            if not callable(getattr(getattr(self, name), "points", None)):
+                raise StudyError(f"{name} = {getattr(self, name)!r} of Greedy must be a sampling, such as Sobol(16)")
+        if self.indicator is not None and not callable(getattr(self.indicator, "prepared", None)):
+            raise StudyError(f"indicator = {self.indicator!r} of Greedy must have prepared(full), as Eta2() has")
+        for name, kind in (("recipe", Recipe), ("family", PathFamily)):
+            if not isinstance(getattr(self, name), kind | None):
+                raise StudyError(f"{name} = {getattr(self, name)!r} of Greedy must be a {kind.__name__}")
+
+    def space(self, scene: Any) -> ParameterSpace:
+        """The box of the points.
+
+        Raises:
+            StudyError: for a family where nothing flows, none where bodies flow, or one of another scene.
+        """
+        flows = any(body.law is not None for body in scene.bodies)
+        if flows and self.family is None:
+            raise StudyError(
+                f"bodies of scene '{scene.name}' flow: a greedy training chooses among the paths of a family, "
+                "Greedy(family=...)"
+            )
+        if self.family is None:
+            return scene.parameters
+        if not flows:
+            raise StudyError(f"nothing of scene '{scene.name}' flows: a greedy training chooses points, not paths")
+        if self.family.space.names != scene.parameters.names:
+            raise StudyError(
+                f"the family '{self.family.name}' has parameters {self.family.space.names}, the scene "
+                f"'{scene.name}' {scene.parameters.names}"
+            )
+        return self.family.own
+
+    def grown(
+        self,
+        full: Any,
+        solve: Callable[[Any], SnapshotSet],
+        comm: Comm,
+        progress: Callable[[Any], Any] = iter,
+        store: SnapshotStore | None = None,
+    ) -> tuple[SnapshotSet, Choice]:
+        """Training answers, and what was chosen.
+
+        Args:
+            full: the full model, one on each rank.
+            solve: answers of the full model to points, (n, P), or paths; on all ranks together.
+            comm: ranks, each of which has all answers; they share the candidates out.
+            progress: wraps the iteration over the models.
+            store: in whose folder the choice is kept too: what an earlier run chose is not looked for again.
+        """
+        space = self.space(full.scene)
+        candidates = space.points(self.candidates.points(space))
+        points, rounds = space.points(self.start.points(space))[: self.budget], []
+        kept = None
+        if store is not None and comm.rank == 0:
+            kept = KeptChoice(store.folder, store.problem_digest, self, self._recipe(full))
+        earlier = comm.bcast(None if kept is None else kept.load(space))
+        if earlier is not None:
+            points, rounds = earlier
+        known = solve(self._queries(points))
+        score = self._score(full)
+        most = 1 + -(-max(self.budget - len(points), 0) // self.together)
+        for _ in progress(range(most)):
+            if rounds and rounds[-1].answers == len(points):
+                break  # an earlier run was done
+            errors = self._errors(full, known, candidates, score, comm)
+            values = np.linalg.norm(errors, axis=1)
+            rounds.append(Round(len(points), float(values.max()), float(np.median(values))))
+            _log.info("greedy training: %d answers, indicator %.3g", *rounds[-1][:2])
+            chosen = np.zeros(0, dtype=np.int64)
+            if rounds[-1].worst > self.tolerance:
+                room = min(self.together, self.budget - len(points))
+                chosen = comm.bcast(_chosen(errors, candidates, points, space, room))
+            if chosen.size:
+                more = candidates[chosen]
+                points, known = np.vstack([points, more]), known.joined(solve(self._queries(more)))
+            if kept is not None:
+                kept.save(points, rounds)
+            if not chosen.size:
+                break
+        return known, Choice(points, tuple(rounds), self._recipe(full))
+
+    def _recipe(self, full: Any) -> Recipe:
+        """Of the models on the way."""
+        usual = usual_recipe(full) if self.family is not None else FINE
+        return usual if self.recipe is None else self.recipe
+
+    def _queries(self, points: np.ndarray) -> Any:
+        """What is asked of the full model."""
+        return points if self.family is None else self.family.paths(points)
+
+    def _score(self, full: Any) -> Score:
+        """The indicator, with what of it needs no model."""
+        usual = ForceError() if self.family is None else LargestEstimate()
+        return (usual if self.indicator is None else self.indicator).prepared(full)
+
+    def _errors(self, full: Any, known: SnapshotSet, candidates: np.ndarray, score: Score, comm: Comm) -> np.ndarray:
+        """Indicators of a model of what is known, (n, k)."""
+        recipe = self._recipe(full).as_it_is()
+        mine, found = np.array_split(candidates, comm.size)[comm.rank], np.zeros((0, 1))
+        with ranks.each_for_itself(comm, "choosing where to train"):
+            try:
+                model = build(full, known, recipe)
+            except NotSolvableError as error:  # too few answers for a model: all of the box is unknown
+                _log.info("greedy training: no model of %d answers: %s", len(known.points), error)
+                found = np.full((len(mine), 1), UNKNOWN)
+            else:
+                found = score(model, known, self._answers(model, mine))
+                found = found.reshape(len(mine), -1)
+                found[~np.isfinite(found).all(axis=1)] = UNKNOWN / np.sqrt(found.shape[1])
+        return np.concatenate([part for part in comm.allgather(found) if len(part)])
+
+    def _answers(self, model: Any, points: np.ndarray) -> list[Any]:
+        """Answers or histories of a reduced model; None for a history that it cannot finish."""
+        if self.family is None:
+            return list(model.solve_many(points, outside="ignore", raise_on_failure=False)) if len(points) else []
+        return [_marched(model, path) for path in self.family.paths(points)] if len(points) else []
+
+
+def _marched(model: Any, path: Any) -> Any:
+    from hhr_dolfinx.models.path import MarchSettings
+
+    try:
+        return model.march(path, MarchSettings(outside="ignore"))
+    except (ConvergenceError, NotSolvableError):
+        return None
+
+
+def _chosen(
+    errors: np.ndarray, candidates: np.ndarray, known: np.ndarray, space: ParameterSpace, count: int
+) -> np.ndarray:
+    """Numbers of the candidates to add, (k,): by their errors as vectors where all have one, else by distances."""
+    if errors.shape[1] == 1 or (np.linalg.norm(errors, axis=1) >= UNKNOWN / 2).any():
+        return apart(candidates, np.linalg.norm(errors, axis=1), known, space, count)
+    there = (candidates[:, None] == known).all(axis=2).any(axis=1)
+    return independent(np.where(there[:, None], 0.0, errors), count)
+
+
+def independent(errors: np.ndarray, count: int) -> np.ndarray:
+    """Numbers of the errors that are largest once the directions of those chosen before are taken out, (k,).
+
+    What is wrong in the same way at several candidates one answer mends. On the pellet 150 answers chosen so, 16 at a
+    time, have half the error of as many that were chosen by size and distance.
+
+    Args:
+        errors: of each candidate, (n, k).
+        count: how many at most.
+    """
+    left, chosen, least = errors.copy(), list[int](), NOTHING * np.linalg.norm(errors, axis=1).max(initial=0.0)
+    while len(chosen) < count:
+        sizes = np.linalg.norm(left, axis=1)
+        worst = int(sizes.argmax())
+        if not sizes[worst] > least:
+            break
+        chosen.append(worst)
+        direction = left[worst] / sizes[worst]
+        left -= np.outer(left @ direction, direction)
+        left[worst] = 0.0
+    return np.array(chosen, dtype=np.int64)
+
+
+def apart(
+    candidates: np.ndarray, values: np.ndarray, known: np.ndarray, space: ParameterSpace, count: int
+) -> np.ndarray:
+    """Numbers of candidates with large values that are far from what is known and from each other, (k,).
+
+    The worst alone would be neighbours, of which one answer helps all: each value is weighed by the distance to the
+    nearest point that is there or chosen, over what these have on average. Candidates that are there already are
+    never chosen.
+
+    Args:
+        candidates: (n, P).
+        values: their indicators, not negative, (n,).
+        known: points that are there, (S, P).
+        space: the box.
+        count: how many at most.
+    """
+    lower, upper = np.array([space.lower, space.upper])
+    scaled, there = ((points - lower) / (upper - lower) for points in (candidates, known))
+    distances = np.full(len(scaled), np.inf)
+    for point in there:
+        distances = np.minimum(distances, np.linalg.norm(scaled - point, axis=1))
+    chosen: list[int] = []
+    while len(chosen) < count:
+        worth = values * distances
+        best = int(worth.argmax())
+        if not worth[best] > 0:
+            break
+        chosen.append(best)
+        distances = np.minimum(distances, np.linalg.norm(scaled - scaled[best], axis=1))
+    return np.array(chosen, dtype=np.int64)
+
+
+class KeptChoice:
+    """What a greedy training chose, beside the answers in its folder, so that a killed one goes on where it stopped.
+
+    Args:
+        folder: of the answers.
+        problem: digest of the problem that they solve, hexadecimal.
+        greedy: how to choose.
+        recipe: of its models.
+    """
+
+    def __init__(self, folder: Path, problem: str, greedy: Greedy, recipe: Recipe):
+        told = f"{FORMAT} {VERSION} {problem} {greedy!r} {recipe!r}"
+        self._digest = hashlib.sha256(told.encode()).hexdigest()[:40]
+        self._path = folder / f"greedy_{self._digest[:16]}.npz"
+
+    def load(self, space: ParameterSpace) -> tuple[np.ndarray, list[Round]] | None:
+        """Points and rounds, see :class:`Choice`, or None where there are none that fit."""
+        try:
+            header, arrays = read_arrays(self._path, FORMAT, VERSION)
+            check_layout(arrays, _LAYOUT, {"P": len(space.names)})
+        except (FileNotFoundError, FileContentError):
+            return None
+        if header.get("asked") != self._digest:
+            return None
+        rounds = zip(arrays["counts"].tolist(), arrays["worst"].tolist(), arrays["middle"].tolist(), strict=True)
+        return arrays["points"], [Round(*row) for row in rounds]
+
+    def save(self, points: np.ndarray, rounds: list[Round]) -> None:
+        """Keep what was chosen up to here.
+
+        Raises:
+            FileError: if the file cannot be written.
+        """
+        counts, worst, middle = (np.array(part) for part in zip(*rounds, strict=True))
+        arrays = {"points": points, "counts": counts.astype(np.int64), "worst": worst, "middle": middle}
+        write_arrays(self._path, {"format": FORMAT, "version": VERSION, "asked": self._digest}, arrays)

@@ -1,0 +1,223 @@
+"""Greedy training: what it chooses, when it stops, how it goes on, and the indicators it takes."""
+
+import numpy as np
+import pellet_cladding
+import pytest
+from flowing import SMALL_MESH
+from mpi4py import MPI
+from parts.pellet_families import families
+from scenes import pressed_block, pressed_pair, whole_domain
+from scipy.stats import spearmanr
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.certify.accuracy import force_floor
+from hhr_dolfinx.errors import ParameterError, ReductionError, StudyError
+from hhr_dolfinx.study import greedy as module
+from hhr_dolfinx.study.greedy import independent
+from hhr_dolfinx.study.greedy_indicators import _Domain
+from hhr_dolfinx.study.training import train
+
+QUICK = hhr.Greedy(tolerance=1e-9, budget=30, start=hhr.Sobol(4), candidates=hhr.Lattice(100, levels=10), together=6)
+MESH = {"radial_cells": 6, "axial_cells": 12, "cladding_radial_cells": 2}
+
+
+def pellet():
+    """A coarse pellet, of which no few answers span all."""
+    return pellet_cladding.scene(**MESH)
+
+
+def changed(**others):
+    """The quick greedy with other settings."""
+    given = {name: getattr(QUICK, name) for name in QUICK.__dataclass_fields__}
+    return hhr.Greedy(**(given | others))
+
+
+def trained(scene, greedy, **others):
+    """A training without answers held out."""
+    return train(scene, greedy, held_out=0, comm=MPI.COMM_SELF, **others)
+
+
+@pytest.fixture(scope="module")
+def case():
+    """A greedy training of the pellet."""
+    return trained(pellet(), QUICK)
+
+
+def test_it_spends_its_budget_on_new_points(case):
+    points, rounds, recipe = case.choice
+    assert case.build(checked=False).offline.recipe == recipe.as_it_is()
+    assert len(points) == len(case.snapshots.points) == QUICK.budget
+    assert np.array_equal(points, case.snapshots.points)
+    assert len(np.unique(points, axis=0)) == QUICK.budget
+    assert np.array_equal(points[:4], QUICK.start.points(case.full_order.parameters))
+    candidates = QUICK.candidates.points(case.full_order.parameters).tolist()
+    assert all(point in candidates for point in points[4:].tolist())
+    assert [item.answers for item in rounds] == [4, 10, 16, 22, 28, 30]
+    assert all(item.middle <= item.worst for item in rounds) and rounds[-1].worst < rounds[0].worst
+
+
+def test_it_stops_at_the_wished_error():
+    found = trained(pellet(), changed(tolerance=2e6))
+    assert len(found.choice.points) == 4 and len(found.choice.rounds) == 1
+
+
+def test_it_stops_where_nothing_is_left():
+    """Two blocks on each other, of which some answers span all: no candidate is worse than round-off."""
+    found = trained(pressed_pair("plane_strain", ((1.0, 0.3), (2.0, 0.25))), QUICK)
+    assert len(found.choice.points) < QUICK.budget and found.choice.rounds[-1].worst <= QUICK.tolerance
+
+
+def test_an_answer_is_told_its_error(case):
+    """Where the stiffness is constant the usual indicator is the error of the forces."""
+    full, model = case.full_order, case.build(checked=False)
+    points = full.parameters.random(20, 3)
+    answers = list(model.solve_many(points, outside="ignore"))
+    told = hhr.ForceError().prepared(full)(model, case.snapshots, answers)
+    exact = [full.solve(point).forces() for point in points]
+    sizes = np.maximum(np.linalg.norm(exact, axis=1), force_floor(full.problem, case.snapshots))
+    errors = np.array([np.linalg.norm(a.forces() - b) for a, b in zip(answers, exact, strict=True)]) / sizes
+    assert np.abs(np.linalg.norm(told, axis=1) - errors).max() <= 1e-9
+
+
+def test_what_is_wrong_in_the_same_way_is_mended_once():
+    errors = np.array([[3.0, 0.0, 0.0], [2.9, 0.0, 0.1], [0.0, 1.0, 0.0], [-3.0, 0.0, 0.0]])
+    assert independent(errors, 2).tolist() == [0, 2]
+    assert independent(errors, 9).tolist() == [0, 2, 1]
+
+
+def test_the_domain_of_everything_answers_as_the_full_model(case):
+    """(1.73) on a RID that is the whole mesh: nothing is interpolated, and its solution is the full one."""
+    full, point = case.full_order, case.full_order.parameters.random(1, 2)[0]
+    domain, exact = _Domain(full.problem, whole_domain(full.problem)), full.solve(point)
+    imposed = np.zeros(domain.interface.size)
+    field, forces = domain.at(point).solved(imposed, point)
+    assert np.abs(field - exact.unknown[domain.inner]).max() <= 1e-12 * np.abs(exact.unknown).max()
+    assert np.abs(forces - exact.forces()).max() <= 1e-10 * forces.max()
+    residual = domain.at(point).residual(exact.unknown, exact.forces(), point)
+    assert np.abs(residual).max() <= 1e-10 * forces.max()
+
+
+@pytest.mark.parametrize(("indicator", "rank"), [(hhr.Eta(), 0.2), (hhr.Eta2(), 0.4)])
+def test_indicators_of_the_thesis(case, indicator, rank):
+    """They vanish where the model was trained, as far as it is exact there, and follow the error elsewhere.
+
+    That of the displacement; eta has a part of the forces besides, which spoils it (section 2.6.3.e).
+    """
+    full = case.full_order
+    known = case.snapshots.take(slice(0, 16))
+    model = hhr.build(full, known, hhr.Recipe().as_it_is())
+    points = full.parameters.random(40, 7)
+    score = indicator.prepared(full)
+    there = score(model, known, list(model.solve_many(known.points, outside="ignore")))
+    elsewhere = list(model.solve_many(points, outside="ignore"))
+    told = score(model, known, elsewhere)
+    errors = [np.linalg.norm(a.displacement() - full.solve(a.parameter).displacement()) for a in elsewhere]
+    sizes = [np.linalg.norm(full.solve(point).displacement()) for point in points]
+    assert there.max() <= 1e-3 * np.median(told)
+    assert spearmanr(told, np.divide(errors, sizes)).statistic > rank
+
+
+def test_indicators_follow_a_stiffness_of_parameters():
+    scene = pressed_pair("plane_strain", (("E", 0.3), (2.0, 0.25)), {"E": (0.5, 2.0)})
+    for indicator in (None, hhr.Eta2()):
+        found = trained(scene, changed(indicator=indicator, budget=10))
+        assert len(found.choice.points) == 10 and 0 < found.choice.rounds[-1].worst < np.inf
+
+
+class Killed(Exception):
+    """Ends a training."""
+
+
+def test_a_killed_training_goes_on(tmp_path, monkeypatch, case):
+    built = []
+
+    def counted(*given, **others):
+        built.append(len(given[1].points))
+        return hhr.build(*given, **others)
+
+    monkeypatch.setattr(module, "build", counted)
+
+    def killed_after(count):
+        def wrapped(items):
+            for number, item in enumerate(items):
+                if number == count:
+                    raise Killed
+                yield item
+
+        return lambda label: wrapped
+
+    with pytest.raises(Killed):
+        trained(pellet(), QUICK, folder=tmp_path, progress=killed_after(3))
+    assert built == [4, 10, 16]
+    found = trained(pellet(), QUICK, folder=tmp_path)
+    assert built == [4, 10, 16, 22, 28, 30]
+    assert np.array_equal(found.choice.points, case.choice.points)
+    again = trained(pellet(), QUICK, folder=tmp_path)
+    assert len(built) == 6 and again.choice.rounds == found.choice.rounds
+    # another question is none of its business
+    trained(pellet(), changed(budget=4), folder=tmp_path)
+    assert built[6:] == [4]
+
+
+def test_histories():
+    """Paths of a family; an estimate is that of their worst step."""
+    import pellet_cladding_plastic as demo
+
+    greedy = hhr.Greedy(
+        tolerance=1e-9, budget=4, start=hhr.Sobol(2), candidates=hhr.Sobol(4, seed=3), together=1,
+        family=families(4)["loading"],
+    )  # fmt: skip
+    found = train(demo.scene(**SMALL_MESH), greedy, comm=MPI.COMM_SELF)
+    assert len(found.snapshots.histories) == 4 and found.choice.points.shape == (4, 2)
+    assert [item.answers for item in found.choice.rounds] == [2, 3, 4]
+    assert all(0 < item.worst for item in found.choice.rounds)
+
+
+@pytest.mark.parametrize(
+    ("bad", "word"),
+    [
+        ({"tolerance": 0.0}, "tolerance"),
+        ({"budget": 2.5}, "budget"),
+        ({"together": 0}, "together"),
+        ({"start": 16}, "start"),
+        ({"candidates": [1, 2]}, "candidates"),
+        ({"indicator": "eta"}, "indicator"),
+        ({"recipe": "usual"}, "recipe"),
+        ({"family": "paths"}, "family"),
+    ],
+)
+def test_what_is_no_greedy_is_refused(bad, word):
+    with pytest.raises(StudyError, match=f"^{word} = "):
+        hhr.Greedy(**bad)
+
+
+def test_what_does_not_suit_a_scene_is_refused_before_anything_is_solved():
+    import pellet_cladding_plastic as demo
+
+    loading = families(4)["loading"]
+    with pytest.raises(StudyError, match="chooses among the paths of a family"):
+        train(demo.scene(**SMALL_MESH), hhr.Greedy())
+    with pytest.raises(StudyError, match="chooses points, not paths"):
+        train(pressed_block("plane_strain"), hhr.Greedy(family=loading))
+
+
+def test_answers_of_another_kind_are_not_joined(case):
+    known = case.snapshots
+    assert len(known.joined(known).points) == 2 * len(known.points)
+    other = hhr.FullOrderModel(pressed_block("plane_strain"))
+    with pytest.raises(ReductionError, match="cannot be joined"):
+        known.joined(hhr.compute_snapshots(other, other.parameters.random(2, 1)))
+
+
+def test_a_lattice_shares_coordinates():
+    space = hhr.ParameterSpace(("a", "b"), (0.0, 5.0), (1.0, 9.0))
+    assert np.array_equal(hhr.Lattice(12, levels=(4, 3)).points(space), space.grid((4, 3)))
+    drawn = hhr.Lattice(50, levels=11).points(space)
+    assert drawn.shape == (50, 2) and len(np.unique(drawn, axis=0)) == 50
+    assert np.array_equal(drawn[:4], space.grid((2, 2)))
+    assert np.allclose(np.round(drawn[:, 0] * 10) / 10, drawn[:, 0]) and len(np.unique(drawn[:, 1])) == 11
+    for bad in ({"count": 0}, {"count": 5, "levels": 1}, {"count": 5, "seed": -1}):
+        with pytest.raises(ParameterError, match=r"^Lattice\("):
+            hhr.Lattice(**bad)
+    with pytest.raises(ParameterError, match="one for each"):
+        hhr.Lattice(5, levels=(3, 3, 3)).points(space)
