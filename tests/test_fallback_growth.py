@@ -13,7 +13,6 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import BoundError, ParameterError, ReductionError
 from hhr_dolfinx.models.fallback import Growth
 from hhr_dolfinx.study.console import make_console
-from hhr_dolfinx.study.growing import joined
 
 POOR = hhr.Recipe().as_it_is()
 OUTPUTS = (hhr.LargestPressure("peak", 0, unit="MPa"), hhr.ContactWidth("area", 0))
@@ -66,7 +65,7 @@ def test_what_was_learned_stays_where_a_model_cannot_be_built(pellet, caplog):
             raise ReductionError("no better model today")
         if len(attempts) == 2:
             return bare
-        return hhr.build(full, joined(pellet.snapshots, learned), POOR)
+        return hhr.build(full, pellet.snapshots.joined(hhr.SnapshotSet.of_answers(learned)), POOR)
 
     full, first = pellet.full_order, pellet.build(checked=False)
     bare = first.changed(fields=dataclasses.replace(first.fields, bound=None))
