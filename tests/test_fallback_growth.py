@@ -101,7 +101,7 @@ def test_a_point_is_learned_once(pellet):
 
 def test_snapshots_and_what_was_learned_are_joined(pellet):
     answers = [pellet.full_order.solve(point) for point in pellet.full_order.parameters.random(2, 2)]
-    found = joined(pellet.snapshots, answers)
+    found = pellet.snapshots.joined(hhr.SnapshotSet.of_answers(answers))
     assert len(found.points) == len(pellet.snapshots.points) + 2 and not found.histories
     assert np.array_equal(found.displacements[:, -1], answers[1].unknown)
     assert np.array_equal(found.forces[:, -2], answers[0].multipliers)
