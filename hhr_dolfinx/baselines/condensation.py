@@ -14,6 +14,7 @@ from hhr_dolfinx.errors import HHRError, SceneError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import Answer, ElasticFields
 from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses
+from hhr_dolfinx.models.error_bound import Estimate
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals import Functionals
@@ -40,6 +41,10 @@ class ExactFields(ElasticFields):
     def __reduce__(self) -> tuple:
         """Copy and pickle by the arrays."""
         return ExactFields, (self.problem, self.per_force, self.unloaded, None, self.functionals)
+
+    def estimate(self, answer: Answer) -> Estimate | None:
+        """Exact, as the full model is."""
+        return Estimate.exact(self.functionals) if answer.converged else None
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """K^-1 (loads - B^T λ) and the lift, (N,); a model that answers with fields has it at hand."""

@@ -18,7 +18,7 @@ from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.linear.sparse import FreeCholesky, ordering_of
 from hhr_dolfinx.models.answer import Answer, History, Path, WithOutputs, found_as, outcome
 from hhr_dolfinx.models.condensed import checked_start
-from hhr_dolfinx.models.error_bound import EXACT, Estimate
+from hhr_dolfinx.models.error_bound import Estimate
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient, solve_along
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.trained import check_outside
@@ -262,11 +262,9 @@ class FullOrderModel(WithOutputs):
         """Cumulated plastic strain at all Gauss points; empty where nothing flows."""
         return np.zeros(0) if answer.gauss is None else answer.gauss.state.cumulated.copy()
 
-    def estimate(self, answer: Answer) -> Estimate:
-        """None but that of the mesh, which is not estimated."""
-        if self.functionals is None:
-            return EXACT
-        return EXACT._replace(outputs={item.name: 0.0 for item in self.functionals.items})
+    def estimate(self, answer: Answer) -> Estimate | None:
+        """No error but that of the mesh, which is not estimated; None without an answer."""
+        return Estimate.exact(self.functionals) if answer.converged else None
 
     def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
         """Rows of the outputs times the displacement, (K,)."""

@@ -62,9 +62,11 @@ class Estimate(NamedTuple):
         """What an indicator says, in units of its own, taken as relative."""
         return cls("indicator", math.inf, math.inf, value, value)
 
-
-EXACT = Estimate("bound", 0.0, 0.0, 0.0, 0.0)
-"""Of what the full model answers."""
+    @classmethod
+    def exact(cls, functionals: Any) -> Estimate:
+        """Of an answer without an error, with the outputs of a scene, or None."""
+        items = () if functionals is None else functionals.items
+        return cls("bound", 0.0, 0.0, 0.0, 0.0, {item.name: 0.0 for item in items})
 
 
 @dataclass(frozen=True)
