@@ -129,7 +129,8 @@ class ContactResponse:
         left = np.where((forces > 0) | (slack < 0), slack, 0.0)
         if not left.any():
             return np.zeros(len(left))
-        return np.linalg.norm(dtrtrs(self.lower, left.T, lower=1)[0], axis=0)
+        found = dtrtrs(self.lower, left.T, lower=1)[0]
+        return np.sqrt(np.einsum("mn,mn->n", found, found))
 
 
 def _alike(statuses: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:

@@ -33,6 +33,8 @@ ROUND_OFF = 1e-10
 
 SHARP = 1e-4
 """Part of the forces from which on their bound is made as sharp as it can be; below, it is a third larger at times."""
+NOTHING = 0.01
+"""Part of the bound of a field that a bound of forces adds without being worth a second look."""
 NO_OUTPUTS: Mapping[str, float] = {}
 """Of what has no outputs, or no bounds of them."""
 
@@ -147,10 +149,10 @@ def bounded(
         better[rows], less[rows], nearer[rows] = found, acted, response.off(left, found)
         dual[rows] = np.minimum(known[rows], nearer[rows] + _lengths(forces[rows] - found, pushed[rows] - acted))
     unbalanced, size, balanced = fields(better)
-    noise, primal = inexact * (own + _lengths(better, less) + balanced), unbalanced
-    if nearer.any():
+    noise, primal = inexact * (own + _lengths(better, less) + balanced), unbalanced + nearer
+    if (nearer > NOTHING * unbalanced).any():
         root = np.sqrt(unbalanced**2 + 4 * nearer * response.off(slack, better))
-        primal = np.minimum(unbalanced + nearer, (unbalanced + root) / 2)
+        primal = np.minimum(primal, (unbalanced + root) / 2)
     return primal + ROUND_OFF * size + noise, dual + noise, size, own
 
 
@@ -284,7 +286,7 @@ class ConstantThere(NamedTuple):
             # forces lie along the first directions only, see certify.bounds
             left, m = unbalanced.copy(), better.shape[1]
             left[:, :m] += better @ residual[:m, known:].T
-            return np.linalg.norm(left, axis=1), np.linalg.norm(moved, axis=1), np.zeros(len(left))
+            return _lengths(left, left), _lengths(moved, moved), np.zeros(len(left))
 
         primal, dual, *sizes = bounded(Given(forces, slack, self.free), self.owner.response, fields)
         return Estimates("bound", primal, dual, relative(primal, sizes[0]), relative(dual, sizes[1]))
@@ -297,6 +299,7 @@ def driven(matrix: np.ndarray, theta: Any) -> np.ndarray:
 
 def relative(error: np.ndarray, size: np.ndarray) -> np.ndarray:
     """Errors over the least size of what is exact, that of what was found less the error, (n,)."""
-    least = np.maximum(size - error, 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(error == 0, 0.0, error / least)
+    least = size - error
+    found = np.divide(error, least, out=np.full(len(error), np.inf), where=least > 0)
+    found[error == 0] = 0.0
+    return found
