@@ -105,9 +105,6 @@ def test_an_axis_whose_first_surplus_vanishes_by_chance_is_not_left_out():
         assert worst(grown(lambda x, f=function: np.array([f(x)]), area), lambda x, f=function: [f(x)], area) < 1e-12
 
 
-@pytest.mark.xfail(
-    strict=True, reason="a surplus of mixed terms that vanishes at their first node ends the search there"
-)
 def test_mixed_terms_whose_first_surplus_vanishes_by_chance_are_not_left_out():
     area = box((-1.0, 1.0), (-1.0, 1.0))
     function = lambda x: np.array([3 + x[0] * (1 - x[0]) * x[1] * (1 - x[1])])  # noqa: E731
@@ -149,7 +146,7 @@ def test_without_axes_it_is_a_constant():
 def test_a_function_that_is_zero_stays_zero():
     area = box((0.0, 1.0))
     grid = grow(lambda x: np.zeros(3), lambda surplus: float(np.abs(surplus).max()), area, 1e-8, 50)
-    assert grid.evaluations < 5 and not grid.interpolant.value(whole([0.3])).any()
+    assert grid.evaluations <= 5 and not grid.interpolant.value(whole([0.3])).any()
 
 
 def test_long_axes_end():
@@ -181,3 +178,14 @@ def test_polynomials_are_hierarchical():
     made = Interpolant(np.array([0]), np.array([2.0]), np.array([4.0]), levels, np.eye(8), np.eye(8))
     table = np.array([made.polynomials(np.array([3.0 + node])) for node in leja_points()[:8]])
     assert np.diag(table) == pytest.approx(np.ones(8)) and np.abs(np.triu(table, 1)).max() < 1e-12
+
+
+@pytest.mark.parametrize("function", [
+    lambda x: np.array([2 + x[0] * x[1]]),
+    lambda x: np.array([2 + np.sin(np.pi * x[0])]),
+    lambda x: np.array([2 + x[0] * x[1] ** 3]),
+])  # fmt: skip
+def test_what_vanishes_at_all_first_nodes_is_found_elsewhere(function):
+    """Constant along both axes through the middle, or zero in the middle and at both ends."""
+    area = box((-1.0, 1.0), (-1.0, 1.0))
+    assert worst(grown(function, area), function, area) < 1e-7

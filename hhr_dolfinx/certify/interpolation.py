@@ -8,51 +8,75 @@ largest relative error of the interpolation of any f_κ: a question of one varia
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.interpolate import BarycentricInterpolator
 
 from hhr_dolfinx.formulas import Modulus, Scalar
-from hhr_dolfinx.models.interpolation import Interpolant
+from hhr_dolfinx.models.interpolation import MOST_LEVELS, leja_points
 
-SHARES, PLACES = 201, 2001
-"""Numbers of κ and of ν at which the error is looked at: it is smooth in κ, and oscillates once between nodes in ν."""
-BETWEEN = 1.1
+SMALLEST, SHARES, PLACES = 1e-9, 161, 2001
+"""Smallest κ, and numbers of κ and of ν, at which the error is looked at: it oscillates once between nodes."""
+BETWEEN = 1.2
 """By how much the error may be larger between these."""
+OF_VOLUME = 0.6
+"""Largest κ where K_a is λ tr(ε)^2 and K_b is 2 μ ε:ε of one body: ε:ε is a third of tr(ε)^2 at least."""
 
 
-def proved_error(
-    interpolant: Interpolant, moduli: list[Modulus], factor: Scalar | None, middle: np.ndarray
-) -> float | None:
-    """ε of a part of a scene whose stiffness is a sum of two parts that depend on one parameter; None for others.
+@dataclass(frozen=True)
+class PartStiffness:
+    """How the stiffness of a part of a scene depends on one parameter.
 
-    Args:
-        interpolant: of the part, of which only nodes count.
-        moduli: of its parts.
-        factor: what these share and the interpolation leaves out; None for nothing.
+    Attributes:
+        moduli: of its parts, one or two.
+        factor: what these share and an interpolation leaves out; None for nothing.
+        axis: place of the parameter.
+        lower, upper: its ends.
         middle: a point of the box, (P,), whose other parameters do not count.
+        of_volume: whether the two parts are the changes of volume and of shape of one body.
     """
-    if interpolant.axes.size == 0:
-        return 0.0
-    if interpolant.axes.size > 1 or not 0 < len(moduli) < 3:
-        return None
-    axis = int(interpolant.axes[0])
 
-    def shares(places: np.ndarray) -> np.ndarray:
+    moduli: list[Modulus]
+    factor: Scalar | None
+    axis: int
+    lower: float
+    upper: float
+    middle: np.ndarray
+    of_volume: bool
+
+    def error(self, levels: int) -> float:
+        """ε of the interpolation on the first so many Leja points; infinite where it is none."""
+        nodes = self.lower + (np.array(leja_points()[:levels]) + 1) / 2 * (self.upper - self.lower)
+        places = np.linspace(self.lower, self.upper, PLACES)
+        # and at places of no pattern, lest a formula repeats itself between the others
+        places = np.append(places, np.random.default_rng(0).uniform(self.lower, self.upper, PLACES // 4))
+        exact = self._inverses(places)
+        if not (np.isfinite(exact).all() and (exact > 0).all()):
+            return math.inf
+        found = BarycentricInterpolator(nodes, self._inverses(nodes))(places)
+        return float(BETWEEN * np.abs(found / exact - 1).max())
+
+    def levels(self, wished: float) -> tuple[int, float]:
+        """Nodes that make ε as small as is wished, or the most there are, and this ε."""
+        for levels in range(2, MOST_LEVELS + 1):
+            if (error := self.error(levels)) <= wished:
+                break
+        return levels, error
+
+    def _inverses(self, places: np.ndarray) -> np.ndarray:
         """f_κ at values of the parameter, (n, κ)."""
-        points = np.repeat(middle[None], len(places), axis=0)
-        points[:, axis] = places
-        weights = np.array([[modulus.value(point) for modulus in moduli] for point in points])
-        if factor is not None:
-            weights /= np.array([[factor.value(point)] for point in points])
-        if len(moduli) == 1:
+        points = np.repeat(self.middle[None], len(places), axis=0)
+        points[:, self.axis] = places
+        weights = np.array([[modulus.value(point) for modulus in self.moduli] for point in points])
+        if self.factor is not None:
+            weights /= np.array([[self.factor.value(point)] for point in points])
+        if len(self.moduli) == 1:
             return 1 / weights
-        part = np.linspace(0, 1, SHARES)
+        # it may be largest at a κ that is small, where K_a is stiff, or near 1, where K_b is
+        small = np.geomspace(SMALLEST, 0.5, SHARES)
+        part = np.concatenate([[0.0], small, 1 - small[::-1], [1.0]])
+        if self.of_volume:
+            part = np.append(part[part <= OF_VOLUME], OF_VOLUME)
         return 1 / (weights[:, :1] * part + weights[:, 1:] * (1 - part))
-
-    nodes = interpolant.nodes[:, 0]
-    places = np.linspace(interpolant.lower[0], interpolant.upper[0], PLACES)
-    exact = shares(places)
-    if not (np.isfinite(exact).all() and (exact > 0).all()):
-        return None
-    found = BarycentricInterpolator(nodes, shares(nodes))(places)
-    return float(BETWEEN * np.abs(found / exact - 1).max())

@@ -164,6 +164,9 @@ def _lengths(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 class BoundThere(Protocol):
     """A bound at the parameters of n answers (m conditions, ell modes)."""
 
+    def slack(self, forces: np.ndarray) -> np.ndarray:
+        """Slack of the fields in equilibrium with forces, (n, m) each."""
+
     def completed(self, own: np.ndarray, outside: Any) -> np.ndarray:
         """Forces on all conditions, (n, m), from those on some of them, (n, k): the others close their gaps.
 
@@ -264,6 +267,10 @@ class ConstantThere(NamedTuple):
     owner: ErrorBound
     theta: Any
     free: np.ndarray
+
+    def slack(self, forces: np.ndarray) -> np.ndarray:
+        """See :class:`BoundThere`."""
+        return self.free + forces @ self.owner.schur
 
     def completed(self, own: np.ndarray, outside: Outside) -> np.ndarray:
         """See :class:`BoundThere`."""

@@ -111,7 +111,8 @@ class FallbackModel(WithOutputs):
         except OutsideTrainingError:
             answer = None
         if answer is not None and (estimate := answer.estimate()) is not None:
-            if max(estimate.primal_relative, estimate.dual_relative) <= self.tolerance:
+            # of a NaN neither is true
+            if estimate.primal_relative <= self.tolerance and estimate.dual_relative <= self.tolerance:
                 self.asked += 1
                 return answer
         exact = self.full.solve(mu, raise_on_failure=raise_on_failure, gradient=gradient)
@@ -151,7 +152,7 @@ class FallbackModel(WithOutputs):
 
 
 def _check_alike(reduced: Any, full: Any) -> None:
-    """Check that a reduced model has a bound, and a full one is that of its scene: box, gaps and S are compared.
+    """Check that a reduced model has a bound, and a full one is that of its scene: box, gaps, S and an answer.
 
     Raises:
         BoundError: for a reduced model whose answers have no bound.
@@ -167,3 +168,10 @@ def _check_alike(reduced: Any, full: Any) -> None:
     for mine, exact in ((reduced.fields.gaps, full.problem.gaps), (reduced.fields.bound.schur, full.schur)):
         if mine.shape != exact.shape or np.abs(mine - exact).max() > ALIKE * np.abs(exact).max():
             raise ReductionError("the full model is that of another scene or mesh: its gaps or its stiffness differ")
+    point = one.random(1, seed=1)[0]
+    answer, problem = full.solve(point, raise_on_failure=False), full.problem.at(point)
+    if answer.converged:
+        slack = problem.gaps @ problem.theta(point) - problem.contact @ answer.unknown
+        found = reduced.fields.bound.at(point[None], reduced.fields.amplitudes(point)).slack(answer.forces()[None])[0]
+        if np.abs(found - slack).max() > ALIKE * max(np.abs(found).max(), np.abs(problem.gaps).max()):
+            raise ReductionError("the full model is that of another scene: its loads or its materials differ")

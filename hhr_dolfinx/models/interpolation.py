@@ -22,6 +22,9 @@ MOST_LEVELS = 40
 FIRST_LEVELS = 2
 """Levels along each axis that are always there: a surplus may vanish by chance, two of them hardly do."""
 
+PROBES, NEAR = 2, 10.0
+"""Places at which an interpolation is held against its function in the end, and how many tolerances it may be off."""
+
 
 @cache
 def leja_points() -> tuple[float, ...]:
@@ -126,7 +129,7 @@ class GrownGrid:
 
     Attributes:
         interpolant: what it interpolates.
-        surplus: largest surplus of the terms that were tried last, relative to the values.
+        surplus: largest surplus of the terms that were tried last, or error elsewhere, relative to the values.
         evaluations: how often the function was evaluated.
     """
 
@@ -143,6 +146,7 @@ def grow(
     budget: int,
     *,
     compressed: bool = True,
+    least: int = 0,
 ) -> GrownGrid:
     """Interpolate a function, one term after another, until the surplus of what would come next is small.
 
@@ -153,44 +157,100 @@ def grow(
         tolerance: wished surplus.
         budget: most evaluations.
         compressed: keep only the directions of the values that the tolerance asks for, not all of them.
+        least: terms that there are, whatever the surplus.
     """
     axes, lower, upper = box
-    nodes = np.array(leja_points())
-    order: list[tuple[int, ...]] = []
-    surpluses: list[np.ndarray] = []
-    waiting: dict[tuple[int, ...], float] = {}
-    ended = [0.0]  # surpluses where no longer axis could follow
-
-    def try_term(levels: tuple[int, ...]) -> None:
-        place = nodes[list(levels)]
-        value = function(lower + (place + 1) / 2 * (upper - lower))
-        for before, surplus in zip(order, surpluses, strict=True):
-            factor = _product(before, place)
-            if factor:
-                value = value - factor * surplus
-        order.append(levels)
-        surpluses.append(value)
-        waiting[levels] = scale(value)
-
-    try_term((0,) * axes.size)
-    while waiting and len(order) < budget:
-        early = [levels for levels in waiting if sum(levels) < FIRST_LEVELS and np.count_nonzero(levels) <= 1]
-        chosen = early[0] if early else max(waiting, key=waiting.__getitem__)
-        if not early and waiting[chosen] <= tolerance:
-            break
-        surplus = waiting.pop(chosen)
-        for axis in range(axes.size):
-            after = (*chosen[:axis], chosen[axis] + 1, *chosen[axis + 1 :])
-            if after[axis] == MOST_LEVELS:
-                ended.append(surplus)
-            elif _admissible(after, order) and len(order) < budget:
-                try_term(after)
-    values = np.stack(surpluses, axis=1)
+    growing = _Growing(function, scale, box)
+    missed = 0.0
+    while growing.waiting and len(growing.order) < budget:
+        chosen = growing.next()
+        if growing.waiting[chosen] <= tolerance and not growing.is_early(chosen) and len(growing.order) >= least:
+            missed = growing.off()
+            if missed <= NEAR * tolerance:
+                missed = 0.0
+                break
+            # nothing that is known says where: one more level everywhere
+            growing.waiting = dict.fromkeys(growing.waiting, missed)
+        growing.follow(chosen, budget)
+    values, order = np.stack(growing.surpluses, axis=1), growing.order
     modes, weights = _compressed(values, tolerance * 0.1) if compressed else (values, np.eye(len(order)))
     grown = Interpolant(
         axes, lower, upper, np.array(order, dtype=np.int64).reshape(len(order), axes.size), modes, weights
     )
-    return GrownGrid(grown, max(*ended, *waiting.values(), 0.0) if axes.size else 0.0, len(order))
+    left = max(*growing.ended, *growing.waiting.values(), missed, 0.0) if axes.size else 0.0
+    return GrownGrid(grown, left, len(order) + len(growing.probes))
+
+
+class _Growing:
+    """Terms of an interpolation as it grows; see :func:`grow` for its arguments.
+
+    Attributes:
+        order: levels of the terms.
+        surpluses: of each.
+        waiting: sizes of the surpluses of terms behind which none was tried yet.
+        ended: those where no longer axis could follow.
+        probes: places of no pattern, and the function there.
+    """
+
+    def __init__(
+        self,
+        function: Callable[[np.ndarray], np.ndarray],
+        scale: Callable[[np.ndarray], float],
+        box: tuple[np.ndarray, np.ndarray, np.ndarray],
+    ):
+        axes, self._lower, self._upper = box
+        self._function, self._scale, self._nodes = function, scale, np.array(leja_points())
+        self.order: list[tuple[int, ...]] = []
+        self.surpluses: list[np.ndarray] = []
+        self.waiting: dict[tuple[int, ...], float] = {}
+        self.ended = [0.0]
+        self._try((0,) * axes.size)
+        self.probes: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def next(self) -> tuple[int, ...]:
+        """The term to follow: those that are always there first, then that of the largest surplus."""
+        early = [levels for levels in self.waiting if self.is_early(levels)]
+        return early[0] if early else max(self.waiting, key=self.waiting.__getitem__)
+
+    @staticmethod
+    def is_early(levels: tuple[int, ...]) -> bool:
+        """Whether a term is always followed."""
+        return sum(levels) < FIRST_LEVELS and int(np.count_nonzero(levels)) <= 1
+
+    def follow(self, chosen: tuple[int, ...], budget: int) -> None:
+        """Try the terms behind one."""
+        surplus = self.waiting.pop(chosen)
+        for axis in range(len(chosen)):
+            after = (*chosen[:axis], chosen[axis] + 1, *chosen[axis + 1 :])
+            if after[axis] == MOST_LEVELS:
+                self.ended.append(surplus)
+            elif _admissible(after, self.order) and len(self.order) < budget:
+                self._try(after)
+
+    def off(self) -> float:
+        """Largest error at places of no pattern: a term that vanishes at its node hides those behind it."""
+        if not self.probes and len(self._lower):
+            places = np.random.default_rng(0).uniform(-1, 1, (PROBES, len(self._lower)))
+            self.probes = [(place, self._at(place)) for place in places]
+        return max((self._scale(self._left(value, place)) for place, value in self.probes), default=0.0)
+
+    def _try(self, levels: tuple[int, ...]) -> None:
+        place = self._nodes[list(levels)]
+        surplus = self._left(self._at(place), place)
+        self.order.append(levels)
+        self.surpluses.append(surplus)
+        self.waiting[levels] = self._scale(surplus)
+
+    def _at(self, place: np.ndarray) -> np.ndarray:
+        return self._function(self._lower + (place + 1) / 2 * (self._upper - self._lower))
+
+    def _left(self, value: np.ndarray, place: np.ndarray) -> np.ndarray:
+        """What the terms leave of a value."""
+        for levels, surplus in zip(self.order, self.surpluses, strict=True):
+            factor = _product(levels, place)
+            if factor:
+                value = value - factor * surplus
+        return value
 
 
 def _product(levels: tuple[int, ...], place: np.ndarray) -> float:

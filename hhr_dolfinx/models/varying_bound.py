@@ -19,13 +19,15 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import cholesky
+from scipy.linalg import LinAlgError, cholesky
 
+from hhr_dolfinx.errors import BoundError, ConvergenceError
 from hhr_dolfinx.models.block_elimination import Block, blocks_of
 from hhr_dolfinx.models.contact_response import ContactResponse
 from hhr_dolfinx.models.error_bound import Estimates, Given, bounded, relative
 from hhr_dolfinx.models.interpolated import Compliances, InterpolatedElimination
 from hhr_dolfinx.models.projected import ReducedProblem
+from hhr_dolfinx.parameters import is_number
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.gradient import Gradient
@@ -68,6 +70,13 @@ class VaryingBound:
     proved: bool
     middle: np.ndarray
 
+    def __post_init__(self) -> None:
+        """Refuse an error that is none."""
+        if not (is_number(self.inexact) and 0 <= self.inexact < 1 and isinstance(self.proved, bool)):
+            raise BoundError(
+                f"inexact = {self.inexact!r} of a bound must be a part of energies, proved = {self.proved!r}"
+            )
+
     @property
     def kind(self) -> str:
         """A bound, or an estimate where the interpolation is not proved."""
@@ -85,7 +94,14 @@ class VaryingBound:
     def at(self, points: np.ndarray, theta: Any) -> VaryingThere:
         """See :class:`Bound`; for one answer."""
         found = self.compliances(points[0])
-        return VaryingThere(self, found, ContactResponse(found.schur, cholesky(found.schur, lower=True)))
+        try:
+            lower = cholesky(found.schur, lower=True)
+        except LinAlgError:
+            raise ConvergenceError(
+                f"S, interpolated between parameters, is not definite at {points[0].tolist()}: build the model with "
+                "Recipe(bound=False)"
+            ) from None
+        return VaryingThere(self, found, ContactResponse(found.schur, lower))
 
     def problem_at(self, point: np.ndarray) -> ReducedProblem:
         """The reduced problem of the whole mesh at a point, whose stiffness is constant."""
@@ -141,6 +157,10 @@ class VaryingThere(NamedTuple):
     found: InterpolatedElimination
     response: ContactResponse
 
+    def slack(self, forces: np.ndarray) -> np.ndarray:
+        """See :class:`BoundThere`."""
+        return self.found.free_slack + forces @ self.found.schur
+
     def completed(self, own: np.ndarray, outside: np.ndarray) -> np.ndarray:
         """See :class:`BoundThere`."""
         return self.response.outside(outside).completed(own, self.found.free_slack[None])
@@ -167,6 +187,8 @@ class VaryingThere(NamedTuple):
 
         given = Given(forces, slack, found.free_slack[None])
         primal, dual, size, pushed = bounded(given, self.response, fields, inexact)
+        # S and its inverse are right to a factor of 1 + ε or 1 - ε
+        primal, dual = primal * (1 + 2 * inexact), dual * (1 + 2 * inexact)
         return Estimates(self.owner.kind, primal, dual, relative(primal, size), relative(dual, pushed))
 
     def _energies(self, forces: np.ndarray) -> _Energies:

@@ -62,13 +62,16 @@ def _acting(columns: csc_matrix, dofs: np.ndarray) -> np.ndarray:
 
 
 def interpolated_compliances(
-    problem: ContactProblem, solvers: Sequence[Solver], settings: GridSettings
+    problem: ContactProblem, solvers: Sequence[Solver], settings: GridSettings, own: Sequence[GridSettings] = ()
 ) -> tuple[Compliances, list[GrownGrid], list[dict[str, np.ndarray]]]:
-    """Solve for and interpolate all that contact needs of a full model, on one rank, and the modes of each part."""
+    """Solve for and interpolate all that contact needs of a full model, on one rank, and the modes of each part.
+
+    ``settings`` hold for all, unless each part has its ``own``.
+    """
     parts, grids, others = [], [], []
-    for solver in solvers:
+    for solver, how in zip(solvers, own or [settings] * len(solvers), strict=True):
         part = solver.component.part
-        grid, modes = grown(solver, problem.parameters, part.axes, settings)
+        grid, modes = grown(solver, problem.parameters, part.axes, how)
         parts.append(compliance_of(part, grid, modes, None))
         grids.append(grid)
         others.append(modes)

@@ -24,11 +24,13 @@ class GridSettings:
         budget: most solutions for each part of a scene that hangs together.
         compressed: whether directions are left out that the tolerance does not ask for; what is proved of an
             interpolation needs them.
+        least: terms that there are, whatever the error.
     """
 
     tolerance: float = 1e-5
     budget: int = 200
     compressed: bool = True
+    least: int = 0
 
     def __post_init__(self) -> None:
         if not is_number(self.tolerance) or not 0 < self.tolerance < 1 or not is_whole(self.budget, 1):
@@ -108,8 +110,8 @@ def grown(
         ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes.values())])
         return max((float(np.linalg.norm(values[a:b])) for a, b in pairwise(ends)), default=0.0)
 
-    grid = grow(joined, scale, (axes, lower[axes], upper[axes]), settings.tolerance, settings.budget,
-                compressed=settings.compressed)  # fmt: skip
+    box, how = (axes, lower[axes], upper[axes]), (settings.tolerance, settings.budget)
+    grid = grow(joined, scale, box, *how, compressed=settings.compressed, least=settings.least)
     modes, first, parts = grid.interpolant.modes, 0, {}
     for name, shape in shapes.items():
         size = int(np.prod(shape))
