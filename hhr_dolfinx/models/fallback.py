@@ -72,10 +72,7 @@ class FallbackModel(WithOutputs):
     def __init__(
         self, reduced: Any, full: Model, tolerance: float = 0.01, *, rebuild: Rebuild | None = None, every: int = 20
     ):
-        if not (is_number(tolerance) and tolerance > 0):
-            raise ParameterError(f"tolerance = {tolerance!r} must be a positive number, such as 0.01")
-        if not is_whole(every, 1):
-            raise ParameterError(f"every = {every!r} must be a number of answers, such as 20")
+        check_allowance(tolerance, every, "every")
         _check_alike(reduced, full)
         self.reduced, self.full, self.tolerance = reduced, full, float(tolerance)
         self.parameters: ParameterSpace = reduced.parameters
@@ -149,6 +146,14 @@ class FallbackModel(WithOutputs):
         self.growth.append(Growth(self.asked, self.fallen, len(self.learned), why))
         told = f"the reduced model stays as it is: {why}" if why else "the reduced model was built again"
         _log.info("%d of %d queries fell back, %d learned: %s", self.fallen, self.asked, len(self.learned), told)
+
+
+def check_allowance(tolerance: Any, every: Any, name: str) -> None:
+    """Raise ParameterError for a tolerance that is none, or a number of answers, called ``name``, that is none."""
+    if not (is_number(tolerance) and tolerance > 0):
+        raise ParameterError(f"tolerance = {tolerance!r} must be a positive number, such as 0.01")
+    if not is_whole(every, 1):
+        raise ParameterError(f"{name} = {every!r} must be a number of answers, such as 20")
 
 
 def _check_alike(reduced: Any, full: Any) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhr_dolfinx.models.fallback import FallbackModel
+from hhr_dolfinx.models.fallback import FallbackModel, check_allowance
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import timed
@@ -25,6 +25,9 @@ def safe_model(
     training: Training, tolerance: float, grow: int | None, recipe: Recipe | None, *, checked: bool
 ) -> FallbackModel:
     """See :meth:`hhr_dolfinx.study.training.Training.safe_model`."""
+
+    # before a model is built, which takes long
+    check_allowance(tolerance, 1 if grow is None else grow, "grow")
 
     def built(snapshots: SnapshotSet) -> ReducedModel:
         return replace(training, snapshots=snapshots).build(recipe, checked=checked)

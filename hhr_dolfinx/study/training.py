@@ -91,6 +91,7 @@ class Training:
 
         Raises:
             BoundError: where answers of the reduced model have no bound.
+            ParameterError: for a tolerance, or ``grow``, that is none.
         """
         from hhr_dolfinx.study.growing import safe_model
 
