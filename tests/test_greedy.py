@@ -160,17 +160,25 @@ def test_a_killed_training_goes_on(tmp_path, monkeypatch, case):
 
 
 def test_histories():
-    """Paths of a family; an estimate is that of their worst step."""
+    """Paths of a family are chosen by the part of the stress of their worst step that training does not explain."""
     import pellet_cladding_plastic as demo
 
+    family = families(4)["loading"]
     greedy = hhr.Greedy(
-        tolerance=1e-9, budget=4, start=hhr.Sobol(2), candidates=hhr.Sobol(4, seed=3), together=1,
-        family=families(4)["loading"],
-    )  # fmt: skip
+        tolerance=1e-9, budget=4, start=hhr.Sobol(2), candidates=hhr.Sobol(4, seed=3), together=1, family=family
+    )
     found = train(demo.scene(**SMALL_MESH), greedy, comm=MPI.COMM_SELF)
     assert len(found.snapshots.histories) == 4 and found.choice.points.shape == (4, 2)
     assert [item.answers for item in found.choice.rounds] == [2, 3, 4]
     assert all(0 < item.worst for item in found.choice.rounds)
+    model = found.build(found.choice.recipe, checked=False)
+    own = [model.march(family.paths(points)[0], hhr.MarchSettings(outside="ignore"))
+           for points in (found.choice.points[:1], [[9.0, 1.2]])]  # fmt: skip
+    steps = [[answer.estimate() for answer in history.answers] for history in own]
+    assert {step.kind for history in steps for step in history} == {"indicator"}
+    told = hhr.LargestEstimate().prepared(found.full_order)(model, found.snapshots, [*own, None])
+    assert told.tolist() == [*(max(step.primal_relative for step in history) for history in steps), np.inf]
+    assert told[0] < 0.25 * told[1]
 
 
 @pytest.mark.parametrize(
