@@ -54,8 +54,8 @@ def _refuse_flow(full: Any, name: str) -> None:
 class LargestEstimate:
     """What answers say of themselves: the larger of both relative errors of ``estimate()``, in a history the largest.
 
-    That of an elastic answer is a bound or nearly one, where its model has one. That of a step of bodies that flow is the
-    part of its stress that no mode of training explains, which follows the error of the stress, see docs/bounds.md.
+    That of an elastic answer is a bound or nearly one, where its model has one. That of a step of bodies that flow is
+    the part of its stress that no mode of training explains; it follows the error of the stress, see docs/bounds.md.
     """
 
     def prepared(self, full: Any) -> Score:
