@@ -38,23 +38,22 @@ def plans(quick: bool) -> Iterator[tuple[str, hhr.Scene, dict[str, hhr.Recipe], 
     """Scenes with trainings by name, the usual one first, and recipes by name for those that are not greedy."""
     mesh: dict[str, Any] = pellet_cladding.QUICK_MESH if quick else {}
     few, more = (24, 40) if quick else (100, 150)
-    greedy = partial(hhr.Greedy, tolerance=NEVER, budget=more, candidates=hhr.Lattice(128 if quick else 1000))
+    greedy = partial(hhr.Greedy, tolerance=NEVER)
+    pellet = partial(greedy, budget=more, candidates=hhr.Lattice(128) if quick else None)
     yield "pellet", pellet_cladding.scene(**mesh), recipes(hhr.Recipe(), False), {
         "grid": (8, 6) if quick else pellet_cladding.GRID,
         f"Sobol {more}": hhr.Sobol(more),
-        f"greedy {few}": greedy(budget=few),
-        f"greedy {more}": greedy(),
-        f"greedy {more}, eta": greedy(indicator=hhr.Eta()),
-        f"greedy {more}, eta_2": greedy(indicator=hhr.Eta2()),
+        f"greedy {few}": pellet(budget=few),
+        f"greedy {more}": pellet(),
+        f"greedy {more}, eta": pellet(indicator=hhr.Eta()),
+        f"greedy {more}, eta_2": pellet(indicator=hhr.Eta2()),
     }  # fmt: skip
     if quick:
         return
-    six = recipes(pellet_materials.RECIPE, True)
-    start, candidates = hhr.Sobol(150), hhr.Sobol(2048, seed=5)
-    yield "six parameters", pellet_materials.scene(), six, {
+    yield "six parameters", pellet_materials.scene(), recipes(pellet_materials.RECIPE, True), {
         "Sobol 512": hhr.Sobol(512),
         "Sobol 300": hhr.Sobol(300),
-        "greedy 300": greedy(budget=300, start=start, candidates=candidates, together=50, recipe=six[", finer basis"]),
+        "greedy 300": greedy(budget=300, together=50),
     }  # fmt: skip
 
 

@@ -119,9 +119,17 @@ def test_indicators_of_the_thesis(case, indicator, rank):
 
 def test_indicators_follow_a_stiffness_of_parameters():
     scene = pressed_pair("plane_strain", (("E", 0.3), (2.0, 0.25)), {"E": (0.5, 2.0)})
+    both = hhr.Recipe(basis=hhr.Pod(1e-13, relative=True))  # modes of one body each would span all at once
     for indicator in (None, hhr.Eta2()):
-        found = trained(scene, changed(indicator=indicator, budget=10))
+        found = trained(scene, changed(indicator=indicator, budget=10, recipe=both))
         assert len(found.choice.points) == 10 and 0 < found.choice.rounds[-1].worst < np.inf
+
+
+def test_a_stiffness_of_parameters_is_trained_on_spread_points_and_body_by_body():
+    scene = pressed_pair("plane_strain", (("E", 0.3), (2.0, 0.25)), {"E": (0.5, 2.0)})
+    found = trained(scene, hhr.Greedy(tolerance=2e6, budget=8, candidates=hhr.Sobol(16)))
+    assert np.array_equal(found.choice.points, hhr.Sobol(4).points(scene.parameters))
+    assert found.choice.recipe.basis.by_body
 
 
 class Killed(Exception):
