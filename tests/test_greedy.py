@@ -119,9 +119,17 @@ def test_indicators_of_the_thesis(case, indicator, rank):
 
 def test_indicators_follow_a_stiffness_of_parameters():
     scene = pressed_pair("plane_strain", (("E", 0.3), (2.0, 0.25)), {"E": (0.5, 2.0)})
+    both = hhr.Recipe(basis=hhr.Pod(1e-13, relative=True))  # modes of one body each would span all at once
     for indicator in (None, hhr.Eta2()):
-        found = trained(scene, changed(indicator=indicator, budget=10))
+        found = trained(scene, changed(indicator=indicator, budget=10, recipe=both))
         assert len(found.choice.points) == 10 and 0 < found.choice.rounds[-1].worst < np.inf
+
+
+def test_a_stiffness_of_parameters_is_trained_on_spread_points_and_body_by_body():
+    scene = pressed_pair("plane_strain", (("E", 0.3), (2.0, 0.25)), {"E": (0.5, 2.0)})
+    found = trained(scene, hhr.Greedy(tolerance=2e6, budget=8, candidates=hhr.Sobol(16)))
+    assert np.array_equal(found.choice.points, hhr.Sobol(4).points(scene.parameters))
+    assert found.choice.recipe.basis.by_body
 
 
 class Killed(Exception):
@@ -160,17 +168,25 @@ def test_a_killed_training_goes_on(tmp_path, monkeypatch, case):
 
 
 def test_histories():
-    """Paths of a family; an estimate is that of their worst step."""
+    """Paths of a family are chosen by the part of the stress of their worst step that training does not explain."""
     import pellet_cladding_plastic as demo
 
+    family = families(4)["loading"]
     greedy = hhr.Greedy(
-        tolerance=1e-9, budget=4, start=hhr.Sobol(2), candidates=hhr.Sobol(4, seed=3), together=1,
-        family=families(4)["loading"],
-    )  # fmt: skip
+        tolerance=1e-9, budget=4, start=hhr.Sobol(2), candidates=hhr.Sobol(4, seed=3), together=1, family=family
+    )
     found = train(demo.scene(**SMALL_MESH), greedy, comm=MPI.COMM_SELF)
     assert len(found.snapshots.histories) == 4 and found.choice.points.shape == (4, 2)
     assert [item.answers for item in found.choice.rounds] == [2, 3, 4]
     assert all(0 < item.worst for item in found.choice.rounds)
+    model = found.build(found.choice.recipe, checked=False)
+    own = [model.march(family.paths(points)[0], hhr.MarchSettings(outside="ignore"))
+           for points in (found.choice.points[:1], [[9.0, 1.2]])]  # fmt: skip
+    steps = [[answer.estimate() for answer in history.answers] for history in own]
+    assert {step.kind for history in steps for step in history} == {"indicator"}
+    told = hhr.LargestEstimate().prepared(found.full_order)(model, found.snapshots, [*own, None])
+    assert told.tolist() == [*(max(step.primal_relative for step in history) for history in steps), np.inf]
+    assert told[0] < 0.25 * told[1]
 
 
 @pytest.mark.parametrize(

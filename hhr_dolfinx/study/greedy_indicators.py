@@ -54,8 +54,8 @@ def _refuse_flow(full: Any, name: str) -> None:
 class LargestEstimate:
     """What answers say of themselves: the larger of both relative errors of ``estimate()``, in a history the largest.
 
-    Where the steps of a history have no estimate, the forces that are left out of balance on the RID take its place,
-    over the largest of which they are made so far: the first part of (2.124), which needs no interface.
+    That of an elastic answer is a bound or nearly one, where its model has one. That of a step of bodies that flow is
+    the part of its stress that no mode of training explains; it follows the error of the stress, see docs/bounds.md.
     """
 
     def prepared(self, full: Any) -> Score:
@@ -67,19 +67,18 @@ class LargestEstimate:
         return score
 
     def _of(self, item: Answer | History, full: Any) -> float:
-        if isinstance(item, Answer):
-            estimate = item.estimate() if item.converged else None
-            if item.converged and estimate is None:
-                raise StudyError(
-                    f"answers of scene '{full.scene.name}' have no estimate: take another indicator, ForceError()"
-                )
-            return NO_ANSWER if estimate is None else max(estimate.primal_relative, estimate.dual_relative)
-        found = [answer.estimate() for answer in item.answers]
-        told = [max(estimate.primal_relative, estimate.dual_relative) for estimate in found if estimate is not None]
-        if told:
-            return max(told)
-        sizes = np.maximum.accumulate([signs.size for signs in item.signs])
-        return float(max(signs.imbalance / (size or 1.0) for signs, size in zip(item.signs, sizes, strict=True)))
+        answers = item.answers if isinstance(item, History) else [item]
+        return max(self._of_answer(answer, full) for answer in answers)
+
+    def _of_answer(self, answer: Answer, full: Any) -> float:
+        if not answer.converged:
+            return NO_ANSWER
+        estimate = answer.estimate()
+        if estimate is None:
+            raise StudyError(
+                f"answers of scene '{full.scene.name}' have no estimate: take another indicator, ForceError()"
+            )
+        return max(estimate.primal_relative, estimate.dual_relative)
 
 
 @dataclass(frozen=True)
