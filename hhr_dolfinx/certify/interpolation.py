@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import BarycentricInterpolator
@@ -17,7 +18,7 @@ from scipy.interpolate import BarycentricInterpolator
 from hhr_dolfinx.formulas import Modulus, Scalar
 from hhr_dolfinx.models.interpolation import MOST_LEVELS, leja_points
 
-SMALLEST, SHARES, PLACES = 1e-9, 161, 2001
+SMALLEST, SHARES, PLACES = 1e-9, 81, 1001
 """Smallest κ, and numbers of κ and of ν, at which the error is looked at: it oscillates once between nodes."""
 BETWEEN = 1.2
 """By how much the error may be larger between these."""
@@ -48,22 +49,33 @@ class PartStiffness:
 
     def error(self, levels: int) -> float:
         """ε of the interpolation on the first so many Leja points; infinite where it is none."""
-        nodes = self.lower + (np.array(leja_points()[:levels]) + 1) / 2 * (self.upper - self.lower)
-        places = np.linspace(self.lower, self.upper, PLACES)
-        # and at places of no pattern, lest a formula repeats itself between the others
-        places = np.append(places, np.random.default_rng(0).uniform(self.lower, self.upper, PLACES // 4))
-        exact = self._inverses(places)
+        (places, exact), (nodes, known) = self._everywhere, self._at_nodes
         if not (np.isfinite(exact).all() and (exact > 0).all()):
             return math.inf
-        found = BarycentricInterpolator(nodes, self._inverses(nodes))(places)
-        return float(BETWEEN * np.abs(found / exact - 1).max())
+        # the polynomials of nodes are the same for all κ
+        weights = BarycentricInterpolator(nodes[:levels], np.eye(levels))(places)
+        return float(BETWEEN * np.abs(weights @ known[:levels] / exact - 1).max())
 
     def levels(self, wished: float) -> tuple[int, float]:
         """Nodes that make ε as small as is wished, or the most there are, and this ε."""
-        for levels in range(2, MOST_LEVELS + 1):
-            if (error := self.error(levels)) <= wished:
-                break
-        return levels, error
+        low, high = 2, MOST_LEVELS
+        while low < high:
+            middle = (low + high) // 2
+            low, high = (low, middle) if self.error(middle) <= wished else (middle + 1, high)
+        return high, self.error(high)
+
+    @cached_property
+    def _everywhere(self) -> tuple[np.ndarray, np.ndarray]:
+        """Places at which the error is looked at, and f_κ there; some of no pattern, lest a formula repeats itself."""
+        places = np.linspace(self.lower, self.upper, PLACES)
+        places = np.append(places, np.random.default_rng(0).uniform(self.lower, self.upper, PLACES // 4))
+        return places, self._inverses(places)
+
+    @cached_property
+    def _at_nodes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes, and f_κ there."""
+        nodes = self.lower + (np.array(leja_points()) + 1) / 2 * (self.upper - self.lower)
+        return nodes, self._inverses(nodes)
 
     def _inverses(self, places: np.ndarray) -> np.ndarray:
         """f_κ at values of the parameter, (n, κ)."""

@@ -109,6 +109,7 @@ class Interpolant:
         return [_one_dimensional(float(x), *self._bases) for x in scaled]
 
 
+@cache
 def _bases_up_to(level: int) -> tuple[np.ndarray, np.ndarray]:
     nodes = np.array(leja_points()[: level + 1])
     return nodes, np.array([np.prod(nodes[k] - nodes[:k]) for k in range(level + 1)])
@@ -246,20 +247,13 @@ class _Growing:
 
     def _left(self, value: np.ndarray, place: np.ndarray) -> np.ndarray:
         """What the terms leave of a value."""
-        for levels, surplus in zip(self.order, self.surpluses, strict=True):
-            factor = _product(levels, place)
-            if factor:
-                value = value - factor * surplus
+        factors = np.ones(len(self.order))
+        levels = np.array(self.order, dtype=np.int64).reshape(factors.size, place.size)
+        for x, along in zip(place.tolist(), levels.T, strict=True):
+            factors *= _one_dimensional(x, *_bases_up_to(MOST_LEVELS - 1))[0][along]
+        for k in np.flatnonzero(factors):
+            value = value - factors[k] * self.surpluses[k]
         return value
-
-
-def _product(levels: tuple[int, ...], place: np.ndarray) -> float:
-    """One polynomial at scaled coordinates."""
-    product = 1.0
-    for level, x in zip(levels, place.tolist(), strict=True):
-        nodes, sizes = _bases_up_to(level)
-        product *= float(np.prod(x - nodes[:level]) / sizes[level])
-    return product
 
 
 def _admissible(levels: tuple[int, ...], order: list[tuple[int, ...]]) -> bool:
