@@ -237,3 +237,14 @@ def test_a_lattice_shares_coordinates():
             hhr.Lattice(**bad)
     with pytest.raises(ParameterError, match="one for each"):
         hhr.Lattice(5, levels=(3, 3, 3)).points(space)
+
+
+def test_a_choice_of_another_box_is_another_one(tmp_path):
+    """The box is no part of a problem, and the answers in the folder are the same."""
+    scene, choose = pellet(), changed(budget=10)
+    space = scene.parameters
+    low, high = np.array(space.lower), np.array(space.upper)
+    narrow = hhr.ParameterSpace(space.names, tuple(low), tuple(low + 0.3 * (high - low)))
+    trained(dataclasses.replace(scene, parameters=narrow), choose, folder=tmp_path)
+    wide = trained(scene, choose, folder=tmp_path)
+    assert (wide.choice.points.max(axis=0) > narrow.upper).all()

@@ -189,3 +189,14 @@ def test_what_vanishes_at_all_first_nodes_is_found_elsewhere(function):
     """Constant along both axes through the middle, or zero in the middle and at both ends."""
     area = box((-1.0, 1.0), (-1.0, 1.0))
     assert worst(grown(function, area), function, area) < 1e-7
+
+
+@pytest.mark.parametrize("budget", range(1, 30))
+def test_a_budget_that_ends_it_is_told(budget):
+    """What is left is at least a hundredth of the error, whatever term was followed last."""
+    area, function = box((-1.0, 1.0), (-1.0, 1.0)), lambda x: np.array([1 / (1.15 + x[1])])
+    grid = grow(function, lambda surplus: float(np.abs(surplus).max()), area, 1e-5, budget)
+    error = max(
+        abs(grid.interpolant.value(whole(x)) - function(x))[0] for x in np.random.default_rng(1).uniform(-1, 1, (50, 2))
+    )
+    assert grid.surplus > error / 100

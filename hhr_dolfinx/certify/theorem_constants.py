@@ -87,7 +87,13 @@ def refused(norms: Norms, sharp: dict[str, Ellipticity]) -> dict[str, str]:
 def given_constants(
     sharp: dict[str, Ellipticity], given: Ellipticity, sigma_min: float | None
 ) -> dict[str, Ellipticity]:
-    """Constants with M_a and alpha from outside; with ``sigma_min`` as printed, and without where it is None."""
+    """Constants with M_a and alpha from outside; with ``sigma_min`` as printed, and without where it is None.
+
+    Raises:
+        BoundError: for constants that are not positive.
+    """
+    if not (0 < given.continuity < math.inf and 0 < given.coercivity < math.inf):
+        raise BoundError(f"M_a = {given.continuity!r} and alpha = {given.coercivity!r} must be positive numbers")
     used = {name: given for name in sharp}
     for name in ("3", "6"):
         if name in sharp:

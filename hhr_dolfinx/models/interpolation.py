@@ -162,23 +162,24 @@ def grow(
     """
     axes, lower, upper = box
     growing = _Growing(function, scale, box)
-    missed = 0.0
+    missed = last = 0.0
     while growing.waiting and len(growing.order) < budget:
         chosen = growing.next()
         if growing.waiting[chosen] <= tolerance and not growing.is_early(chosen) and len(growing.order) >= least:
             missed = growing.off()
             if missed <= NEAR * tolerance:
-                missed = 0.0
+                missed = last = 0.0
                 break
             # nothing that is known says where: one more level everywhere
             growing.waiting = dict.fromkeys(growing.waiting, missed)
-        growing.follow(chosen, budget)
+        last = growing.follow(chosen, budget)
     values, order = np.stack(growing.surpluses, axis=1), growing.order
     modes, weights = _compressed(values, tolerance * 0.1) if compressed else (values, np.eye(len(order)))
     grown = Interpolant(
         axes, lower, upper, np.array(order, dtype=np.int64).reshape(len(order), axes.size), modes, weights
     )
-    left = max(*growing.ended, *growing.waiting.values(), missed, 0.0) if axes.size else 0.0
+    # where the budget ends it, what would come behind the last term is not known but by its own size
+    left = max(*growing.ended, *growing.waiting.values(), missed, last) if axes.size else 0.0
     return GrownGrid(grown, left, len(order) + len(growing.probes))
 
 
@@ -218,8 +219,8 @@ class _Growing:
         """Whether a term is always followed."""
         return sum(levels) < FIRST_LEVELS and int(np.count_nonzero(levels)) <= 1
 
-    def follow(self, chosen: tuple[int, ...], budget: int) -> None:
-        """Try the terms behind one."""
+    def follow(self, chosen: tuple[int, ...], budget: int) -> float:
+        """Try the terms behind one; returns its own surplus."""
         surplus = self.waiting.pop(chosen)
         for axis in range(len(chosen)):
             after = (*chosen[:axis], chosen[axis] + 1, *chosen[axis + 1 :])
@@ -227,6 +228,7 @@ class _Growing:
                 self.ended.append(surplus)
             elif _admissible(after, self.order) and len(self.order) < budget:
                 self._try(after)
+        return surplus
 
     def off(self) -> float:
         """Largest error at places of no pattern: a term that vanishes at its node hides those behind it."""

@@ -103,9 +103,11 @@ class FlowFields:
         """Part of the stress where laws are evaluated that no mode of training explains, from 0 to 1.
 
         It follows the error of a step, see docs/bounds.md: the modes hold what training showed, the laws say what this
-        history did. 0 of bodies without stress.
+        history did. 0 of bodies without stress; infinite of stress that is no number.
         """
         left, size = self.unexplained(inside)
+        if not math.isfinite(size):
+            return math.inf
         return left / size if size > 0 else 0.0
 
 

@@ -166,7 +166,7 @@ class Greedy:
         points, rounds = space.points(start.points(space))[: self.budget], []
         kept = None
         if store is not None and comm.rank == 0:
-            kept = KeptChoice(store.folder, store.problem_digest, self, self._recipe(full))
+            kept = KeptChoice(store.folder, store.problem_digest, self, self._recipe(full), full.parameters)
         earlier = comm.bcast(None if kept is None else kept.load(space))
         if earlier is not None:
             points, rounds = earlier
@@ -231,7 +231,7 @@ class Greedy:
                 found = np.full((len(mine), 1), UNKNOWN)
             else:
                 found = score(model, known, self._answers(model, mine))
-                found = found.reshape(len(mine), -1)
+                found = found.reshape(len(mine), -1) if len(mine) else np.zeros((0, 1))
                 found[~np.isfinite(found).all(axis=1)] = UNKNOWN / np.sqrt(found.shape[1])
         return np.concatenate([part for part in comm.allgather(found) if len(part)])
 
@@ -324,10 +324,12 @@ class KeptChoice:
         problem: digest of the problem that they solve, hexadecimal.
         greedy: how to choose.
         recipe: of its models.
+        space: the box, which is not part of a problem.
     """
 
-    def __init__(self, folder: Path, problem: str, greedy: Greedy, recipe: Recipe):
-        told = f"{FORMAT} {VERSION} {problem} {greedy!r} {recipe!r}"
+    def __init__(self, folder: Path, problem: str, greedy: Greedy, recipe: Recipe, space: ParameterSpace):
+        box = [space.names, *(tuple(float(end) for end in ends) for ends in (space.lower, space.upper))]
+        told = f"{FORMAT} {VERSION} {problem} {greedy!r} {recipe!r} {box}"
         self._digest = hashlib.sha256(told.encode()).hexdigest()[:40]
         self._path = folder / f"greedy_{self._digest[:16]}.npz"
 
