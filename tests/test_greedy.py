@@ -1,5 +1,7 @@
 """Greedy training: what it chooses, when it stops, how it goes on, and the indicators it takes."""
 
+import dataclasses
+
 import numpy as np
 import pellet_cladding
 import pytest
