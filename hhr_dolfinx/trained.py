@@ -30,6 +30,8 @@ stayed below 1.2 times its imbalance, and 40 outside, with errors of the displac
 SMALL = 1e-3
 """Part of the forces, or of the gaps and motions, that is small whatever training showed: where a model reproduces its
 training to round-off, any other answer would seem far outside."""
+EARLY = 0.2
+"""Part of the largest stress known below which a history has hardly begun: its steps are badly explained, trained or not."""
 UNEXPLAINED = 0.01
 """Part of the stress that counts as explained by its modes whatever training showed: what they leave out of states that
 were trained is far less than of any other state, and stress at Gauss points is seldom known better."""
@@ -104,8 +106,7 @@ class Signs(NamedTuple):
         size: norm of what these forces are made of.
         depth: deepest violation of a gap anywhere on the contact surface, in the unit of length, 0 if none.
         what: which imbalance that is, in words; on a cubature it is one of plastic strains, not of forces.
-        misfit: what no mode of training explains of the stress at the points of a cubature, in the unit of stress; 0 of
-            other models, whose imbalance tells as well.
+        misfit: what no mode of training explains of the stress where laws are evaluated, in the unit of stress.
         stress: norm of this stress.
     """
 
@@ -129,6 +130,9 @@ class TrainedPaths:
         share: the largest one over the largest size in the history up to then.
         depth: largest depth of the known histories, or what counts as none.
         misfit: largest misfit of the stress to its modes in the known histories, or what counts as none, in its unit.
+        stress: largest norm of the stress in the known histories.
+        unexplained: largest misfit over the largest stress in the history up to then, or what counts as none: absolute
+            numbers of histories at large loads say nothing of one at small loads. See :func:`misfit_shares`.
     """
 
     parameters: TrainedRange
@@ -139,6 +143,8 @@ class TrainedPaths:
     share: float
     depth: float
     misfit: float
+    stress: float
+    unexplained: float
 
     @classmethod
     def of(
@@ -162,6 +168,8 @@ class TrainedPaths:
         rates = np.concatenate([np.diff(item, axis=0) for item in points]) / steps[:, None]
         shares = [imbalance_shares(signs) for signs in known]
         size = max(sign.size for signs in known for sign in signs)
+        stress = max(sign.stress for signs in known for sign in signs)
+        unexplained = [misfit_shares(signs, stress) for signs in known]
         return cls(
             TrainedRange.of(np.concatenate(points), space),
             rates.min(axis=0),
@@ -171,6 +179,8 @@ class TrainedPaths:
             max(SMALL, max(float(share.max()) for share in shares)),
             max(SMALL * length, max(sign.depth for signs in known for sign in signs)),
             max(max(UNEXPLAINED * sign.stress, sign.misfit) for signs in known for sign in signs),
+            stress,
+            max(UNEXPLAINED, max(float(share.max()) for share in unexplained)),
         )
 
     @cached_property
@@ -204,6 +214,15 @@ def imbalance_shares(signs: Sequence[Signs]) -> np.ndarray:
     return np.array([sign.imbalance for sign in signs]) / np.where(sizes > 0, sizes, 1.0)
 
 
+def misfit_shares(signs: Sequence[Signs], stress: float) -> np.ndarray:
+    """Misfit of each step over the largest stress up to it, or a fifth of the largest one known, (steps,).
+
+    First steps are small and badly explained whatever comes later.
+    """
+    sizes = np.maximum(np.maximum.accumulate([sign.stress for sign in signs]), EARLY * stress)
+    return np.array([sign.misfit for sign in signs]) / np.where(sizes > 0, sizes, 1.0)
+
+
 class Watch:
     """Holds the steps of one history against what was trained; each kind of complaint is given once.
 
@@ -216,7 +235,7 @@ class Watch:
         check_outside(outside)
         self._trained, self._outside = trained, outside
         self._said: set[str] = set()
-        self._largest = 0.0
+        self._largest = self._stress = 0.0
 
     def before(self, number: int, start: float, end: float, here: np.ndarray, there: np.ndarray) -> None:
         """A step that is about to be solved, from one time and parameter to another."""
@@ -253,6 +272,14 @@ class Watch:
                 "misfit",
                 f"{place}the stress differs from combinations of trained ones by {signs.misfit:.2g}, "
                 f"in training by {self._trained.misfit:.2g} at most",
+            )
+        self._stress = max(self._stress, signs.stress)
+        unexplained = signs.misfit / (max(self._stress, EARLY * self._trained.stress) or 1.0)
+        if not unexplained <= FACTOR * self._trained.unexplained:
+            self._say(
+                "misfit",
+                f"{place}the stress differs from combinations of trained ones by {unexplained:.2g} of the largest one, "
+                f"in training by {self._trained.unexplained:.2g} at most",
             )
 
     def _say(self, kind, message):

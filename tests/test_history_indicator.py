@@ -20,7 +20,7 @@ from hhr_dolfinx.models.error_bound import Estimate
 from hhr_dolfinx.models.reconstruct import FlowFields, GappyField
 from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 from hhr_dolfinx.study.training import Training
-from hhr_dolfinx.trained import Signs, TrainedPaths, Watch
+from hhr_dolfinx.trained import Signs, TrainedPaths, Watch, misfit_shares
 
 STEPS = 12
 SHARES = np.arange(STEPS + 1) / STEPS
@@ -185,3 +185,20 @@ def test_a_small_misfit_is_none():
     watch.after(1, 1.0, Signs(0.0, 1.0, 0.0, "", 1.4, 50.0))
     with pytest.raises(OutsideTrainingError, match=r"by 1\.6, in training by 0\.5 at most"):
         watch.after(1, 1.0, Signs(0.0, 1.0, 0.0, "", 1.6, 50.0))
+
+
+def test_a_history_at_small_loads_is_held_against_its_own_stress():
+    """What passes beside a stress of 100 does not beside one of 30; what has hardly begun counts as a fifth."""
+    one = lambda misfit, stress: Signs(0.0, 1.0, 0.0, misfit=misfit, stress=stress)  # noqa: E731
+    known = [[one(1.0, 1.0), one(0.5, 50.0), one(1.0, 100.0)]]
+    assert misfit_shares(known[0], 100.0) == pytest.approx([0.05, 0.01, 0.01])
+    path, space = [(0.0, np.zeros(1)), (1.0, np.ones(1))], hhr.ParameterSpace(("p",), (0.0,), (1.0,))
+    trained = TrainedPaths.of([path], space, known, 1.0)
+    assert (trained.stress, trained.unexplained) == (100.0, pytest.approx(0.05))
+    for misfit, warns in ((4.0, False), (5.0, True)):
+        watch = Watch(dataclasses.replace(trained, misfit=np.inf), "warn")
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            watch.after(1, 1.0, one(0.1, 30.0))
+            watch.after(2, 2.0, one(misfit, 20.0))
+        assert any("of the largest one" in str(item.message) for item in caught) == warns

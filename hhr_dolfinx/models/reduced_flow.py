@@ -206,7 +206,9 @@ class ReducedEquilibrium(ProjectedEquilibrium):
         contact = self.flow.contact @ answer.multipliers
         size = np.linalg.norm(loads) + np.linalg.norm(sizes[inner]) + np.linalg.norm(contact)
         depth = (self.fields.contact_basis @ answer.unknown - self.fields.gaps @ theta).max()
-        return Signs(float(np.linalg.norm(loads - internal[inner] - contact)), float(size), max(float(depth), 0.0))
+        left, flow = float(np.linalg.norm(loads - internal[inner] - contact)), self.fields.flow
+        misfit, stress = (0.0, 0.0) if flow is None else flow.unexplained(answer.state().stress)
+        return Signs(left, float(size), max(float(depth), 0.0), misfit=misfit, stress=stress)
 
     def tangent(self, tangents: np.ndarray) -> np.ndarray:
         """Projected consistent tangent V[A]^T K_T V, (ell, ell)."""

@@ -62,6 +62,8 @@ LAYOUT = {
     "paths.share": ("float",),
     "paths.depth": ("float",),
     "paths.misfit": ("float",),
+    "paths.stress": ("float",),
+    "paths.unexplained": ("float",),
     "flow.gradients": ("float", "cells", "per cell", "components", "dofs of a cell"),
     "flow.weights": ("float", "cells", "per cell"),
     "flow.dofs": ("int", "cells", "dofs of a cell"),
