@@ -31,7 +31,7 @@ SMALL = 1e-3
 """Part of the forces, or of the gaps and motions, that is small whatever training showed: where a model reproduces its
 training to round-off, any other answer would seem far outside."""
 EARLY = 0.2
-"""Part of the largest stress known below which a history has hardly begun: its steps are badly explained, trained or not."""
+"""Part of the largest stress known below which a history has hardly begun: its steps are badly explained in any."""
 UNEXPLAINED = 0.01
 """Part of the stress that counts as explained by its modes whatever training showed: what they leave out of states that
 were trained is far less than of any other state, and stress at Gauss points is seldom known better."""
