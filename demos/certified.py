@@ -147,6 +147,22 @@ def fallen_back(found: dict[str, np.ndarray]) -> dict[str, float]:
     return {"share": float(found["fell_back"].mean()), "worst error": float(found["handed"].max()), **means}
 
 
+def told(row: dict[str, Any], fell: dict[str, Any], kind: str) -> dict[str, Any]:
+    """What the report says of the estimates of one model."""
+    off = {name: {key: row[f"{name} {share} %"] for key, share in (("median", 50), ("p95", 95), ("max", 100))}
+           for name in ("primal", "dual")}  # fmt: skip
+    return {
+        "kind": kind,
+        "n": row["answers"],
+        "effectivity": off,
+        "spearman": {name: row[f"{name} rank"] for name in off},
+        "violated": row["primal exceeded"] + row["dual exceeded"],
+        "cost": row["estimate"] / row["solve"],
+        "fallback": {"target": TOLERANCE, "share": fell["share"], "worst": fell["worst error"],
+                     "query_s": fell["query"], "full_s": fell["full"]},
+    }  # fmt: skip
+
+
 def costs(model: Any, point: np.ndarray, count: int = 200) -> dict[str, float]:
     """Seconds of an answer, of its forces, and of its estimate with them."""
 
@@ -181,7 +197,7 @@ def main() -> None:
     """Build, ask, compare; print the tables, write ``report.json`` and pictures."""
     options = cli.parse_on_first_rank(cli.demo_parser("certified", __doc__))
     count, rows, falls, drawn = 50 if options.quick else 1000, [], [], {}
-    theirs, constants = [], {}
+    theirs, constants, scenes_told = [], {}, {}
     for scene, how in scenes(options.quick).items():
         folder = options.out / f"snapshots_{scene}"
         training = hhr.train(how.scene, how.training, folder=folder, comm=MPI.COMM_SELF, progress=options.progress)
@@ -192,11 +208,14 @@ def main() -> None:
             label = {"scene": scene, "model": name}
             rows.append({**label, **judged(columns), **costs(found[name], points[0])})
             falls.append({**label, **fallen_back(columns)})
+            own = {"estimates": told(rows[-1], falls[-1], found[name].fields.bound.kind)}
+            scenes_told.setdefault(scene, {"models": {}})["models"][name] = own
+        scenes_told[scene] |= scenes_told[scene]["models"]["usual"]
         if scene in theorems.THESIS:
             found_rows, constants[scene] = theorems.thesis_bounds(scene, training, points, options)
             theirs += found_rows
     draw(drawn, options)
-    found_all = {"bounds": rows, "thesis_bounds": theirs, "thesis_constants": constants, "fallback": falls}
+    found_all = {"scenes": scenes_told, "bounds": rows, "thesis_bounds": theirs, "thesis_constants": constants}
     report.write_report({"points": count, **found_all, **report.environment()}, options.out)
     for kind in ("primal", "dual"):
         shown = [{key: row[key] for key in row if key in ("scene", "model") or key.startswith(kind)} for row in rows]

@@ -9,7 +9,7 @@ from scenes import pressed_pair
 from test_plastic import tube
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.certify.bounds import energy_coordinates, error_bound
+from hhr_dolfinx.certify.bounds import energy_directions, error_bound
 from hhr_dolfinx.errors import BoundError, ModelFileError, ParameterError, ReductionError
 from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.online.layout import FORMAT, VERSION
@@ -62,7 +62,7 @@ def test_a_bound_of_any_field_and_forces(hertz):
         forces = np.maximum(exact.forces() * rng.uniform(0.5, 1.5), rng.uniform(-1, 0.2, exact.forces().size))
         unknown = 1e-3 * rng.standard_normal(6)
         slack = problem.gaps @ theta - problem.contact @ (basis @ unknown)
-        found = bound.at(point[None], theta).of(unknown[None], forces[None], slack[None])[0]
+        found = bound.at(point[None], theta).of(unknown[None], forces[None], lambda slack=slack: slack[None])[0]
         moved, pushed = basis @ unknown - exact.unknown, forces - exact.forces()
         assert np.sqrt(moved @ (problem.stiffness @ moved)) <= found.primal
         assert np.sqrt(pushed @ hertz.schur @ pushed) <= found.dual
@@ -74,7 +74,7 @@ def test_coordinates_are_those_of_the_energy(hertz):
     columns = rng.standard_normal((stiffness.shape[0], 5)) * hertz.problem.free[:, None]
     columns = np.hstack([columns, columns @ rng.standard_normal((5, 4))])
     lengths = np.sqrt(np.einsum("nk,nk->k", columns, stiffness @ columns))
-    found = energy_coordinates(stiffness, columns, 1e-13 * lengths)
+    found = energy_directions(stiffness, columns, 1e-13 * lengths)[1]
     assert found.shape == (5, 9)
     for way in (*rng.standard_normal((5, 9)), np.append(np.linalg.pinv(columns[:, :5]) @ columns[:, 5], [-1, 0, 0, 0])):
         expected = columns @ way
@@ -213,12 +213,12 @@ def test_bodies_that_move_far_and_deform_little():
         assert error <= answer.estimate().primal_relative * size * (1 + 1e-6) + 1e-14
 
 
-@pytest.mark.parametrize("name", ["lower", "residual", "schur"])
+@pytest.mark.parametrize("name", ["lower", "loads", "schur"])
 def test_arrays_of_a_bound_that_cannot_be(name, hertz_reduction, tmp_path):
     """Signed anew after a change: a factor that is none, or coordinates of fewer conditions."""
     hhr.save_model(tmp_path / "model.npz", hertz_reduction)
     header, arrays = read_arrays(tmp_path / "model.npz", FORMAT, VERSION)
-    changes = {"lower": lambda a: 2 * a, "residual": lambda a: a[:3], "schur": lambda a: 0 * a}
+    changes = {"lower": lambda a: 2 * a, "loads": lambda a: a[:3], "schur": lambda a: 0 * a}
     arrays[f"bound.{name}"] = changes[name](arrays[f"bound.{name}"])
     write_arrays(tmp_path / "other.npz", header, arrays)
     with pytest.raises(ModelFileError, match="bound"):

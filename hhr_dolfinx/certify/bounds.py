@@ -34,14 +34,11 @@ def error_bound(full: Any, basis: np.ndarray) -> ErrorBound:
         lower = linalg.cholesky(schur, lower=True)
     except linalg.LinAlgError:
         raise BoundError("rows of B are dependent, so that forces are not unique: there is no bound on them") from None
-    whole = np.hstack([problem.lifts.toarray(), basis])
-    lengths = energies(problem.stiffness, whole)
     return ErrorBound(
         free_slack=np.asfortranarray(problem.gaps - problem.contact @ loads),
         schur=schur,
         lower=np.asfortranarray(lower),
-        residual=_residual_coordinates(problem, full.per_force, lower, np.hstack([loads, -basis])),
-        energy=np.asfortranarray(energy_coordinates(problem.stiffness, whole, ROUND_OFF * lengths)),
+        **_coordinates(problem, full.per_force, lower, basis, loads),
     )
 
 
@@ -61,29 +58,41 @@ def check_hypotheses(full: Any) -> None:
         raise BoundError(f"K is not symmetric, by {skew / size:.1e} of its entries: it has no energy")
 
 
-def _residual_coordinates(problem: Any, per_force: np.ndarray, lower: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """R with |columns y - X λ|_K = |R (y, λ)|, where X = K^-1 B^T and X^T K X = S = L L^T.
+def _coordinates(
+    problem: Any, per_force: np.ndarray, lower: np.ndarray, basis: np.ndarray, loads: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Columns of V, of K^-1 loads and of the lifts in directions of unit energy, see :class:`ErrorBound`.
 
-    Directions X L^-T are orthonormal in energy, and what lies along them is L^-1 B times a field.
+    The first are X L^-T, where X = K^-1 B^T and X^T K X = S = L L^T. What lies along them is L^-1 B times a field that
+    vanishes where motions are imposed.
     """
-    along, left = np.zeros((len(lower), columns.shape[1])), columns
-    for _ in range(2):
-        more = solve_triangular(lower, problem.contact @ left, lower=True)
-        along += more
-        left = left - per_force @ solve_triangular(lower, more, lower=True, trans="T")
-    sizes = energies(problem.stiffness, columns)
-    rest = energy_coordinates(problem.stiffness, left, ROUND_OFF * sizes)
-    return np.asfortranarray(np.block([[along, -lower.T], [rest, np.zeros((len(rest), len(lower)))]]))
+    lifts = problem.lifts.toarray()
+    lifted = np.flatnonzero(lifts.any(axis=0))
+    kept = per_force.T @ problem.stiffness if lifted.size else None
+    every, along, left = [basis, loads, lifts[:, lifted]], [], []
+    for columns, onto in zip(every, (problem.contact, problem.contact, kept), strict=True):
+        own, rest = np.zeros((len(lower), columns.shape[1])), columns
+        for _ in range(2 if columns.size else 0):
+            more = solve_triangular(lower, onto @ rest, lower=True)
+            own += more
+            rest = rest - per_force @ solve_triangular(lower, more, lower=True, trans="T")
+        along.append(own)
+        left.append(rest)
+    sizes = energies(problem.stiffness, np.hstack(every))
+    rest = energy_directions(problem.stiffness, np.hstack(left), ROUND_OFF * sizes)[1]
+    ends = np.cumsum([columns.shape[1] for columns in every])
+    found = [np.vstack([own, part]) for own, part in zip(along, np.split(rest, ends[:-1], axis=1), strict=True)]
+    # directions come in the order of the columns that need them
+    ranks = [len(lower) + np.count_nonzero(rest[:, :end].any(axis=1)) for end in ends]
+    moved = np.zeros((ranks[2] if lifted.size else 0, loads.shape[1]))
+    moved[:, lifted] = found[2][: len(moved)]
+    arrays = {"basis": found[0][: ranks[0]], "loads": found[1][: ranks[1]], "lifts": moved}
+    return {name: np.asfortranarray(array) for name, array in arrays.items()}
 
 
 def energies(stiffness: csr_matrix, columns: np.ndarray) -> np.ndarray:
     """Energy norm of each column, (k,)."""
     return np.sqrt(np.maximum(np.einsum("nk,nk->k", columns, stiffness @ columns), 0.0))
-
-
-def energy_coordinates(stiffness: csr_matrix, columns: np.ndarray, least: np.ndarray) -> np.ndarray:
-    """R with |columns z|_K = |R z| for all z, (r, k), see :func:`energy_directions`."""
-    return energy_directions(stiffness, columns, least)[1]
 
 
 def energy_directions(stiffness: csr_matrix, columns: np.ndarray, least: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

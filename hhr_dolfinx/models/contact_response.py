@@ -43,8 +43,8 @@ class Outside(NamedTuple):
         forces[:, self.inside] = own
         if self.outside.size:
             slacks = free[:, self.outside] + own @ self.columns
-            for k, slack in enumerate(slacks):
-                found = active_set(self.equalities, slack, slack < 0).forces
+            for k in np.flatnonzero(~(slacks.min(axis=1) >= 0)):
+                found = active_set(self.equalities, slacks[k], slacks[k] < 0).forces
                 forces[k, self.outside] = np.maximum(found, 0.0)
         return forces
 
@@ -129,8 +129,8 @@ class ContactResponse:
         left = np.where((forces > 0) | (slack < 0), slack, 0.0)
         if not left.any():
             return np.zeros(len(left))
-        found = dtrtrs(self.lower, left.T, lower=1)[0]
-        return np.sqrt(np.einsum("mn,mn->n", found, found))
+        found = dtrtrs(self.lower, left.T, lower=1, overwrite_b=1)[0].T
+        return np.sqrt((found[:, None, :] @ found[:, :, None])[:, 0, 0])
 
 
 def _alike(statuses: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:

@@ -305,8 +305,11 @@ class InterpolatedFields(ElasticFields):
         point, forces = answer.parameter, np.maximum(answer.multipliers, 0.0)
         gamma, theta = self.galerkin(point).unknown(forces), self.amplitudes(point)
         problem = self.bound.problem_at(point)
-        slack = problem.gaps @ theta - problem.contact_trial @ gamma
-        return self.bound.at(point[None], theta).of(gamma[None], forces[None], slack[None])[0]
+
+        def slack() -> np.ndarray:
+            return (problem.gaps @ theta - problem.contact_trial @ gamma)[None]
+
+        return self.bound.at(point[None], theta).of(gamma[None], forces[None], slack)[0]
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """V gamma and the lift, (N,)."""

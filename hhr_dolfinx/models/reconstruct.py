@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -168,6 +168,11 @@ class Reconstruction:
             return self.gaps, self.contact_basis
         values, size = self.reshaped_contact.value(point), self.gaps.size
         return values[:size].reshape(self.gaps.shape), values[size:].reshape(self.contact_basis.shape)
+
+    def _slack(self, theta: Any, unknown: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """Slack of fields, (n, N_lambda), of modes, (n, ell), and θ of each; at one point where contact varies."""
+        gaps, contact = self.contact_at(point)
+        return driven(gaps, theta) - unknown @ contact.T
 
     @cached_property
     def _lifted(self) -> tuple[np.ndarray, np.ndarray]:
@@ -333,9 +338,8 @@ class Reconstruction:
             forces = there.completed(answer.multipliers[None], self._outside)
         else:
             forces = np.maximum(self.forces(answer), 0.0)[None]
-        gaps, contact = self.contact_at(answer.parameter)
-        slack = gaps @ theta - contact @ answer.unknown
-        found = there.of(answer.unknown[None], forces, slack[None])[0]
+        unknown = answer.unknown[None]
+        found = there.of(unknown, forces, lambda: self._slack(theta, unknown, answer.parameter))[0]
         if self.output_bound is None:
             return found
         return found._replace(outputs=self.output_bound.errors(self, answer, forces[0], found))
@@ -353,8 +357,8 @@ class Reconstruction:
             theta = amplitudes_at(self.amplitudes, many.points[rows])
             there = self.bound.at(many.points[rows], theta)
             forces = there.completed(many.multipliers[rows], self._outside)
-            slack = driven(self.gaps, theta) - many.unknown[rows] @ self.contact_basis.T
-            found = there.of(many.unknown[rows], forces, slack)
+            unknown = many.unknown[rows]
+            found = there.of(unknown, forces, partial(self._slack, theta, unknown, many.points[rows[0]]))
             numbers[:, rows] = found.primal, found.dual, found.primal_relative, found.dual_relative
         return Estimates("bound", *numbers)
 

@@ -14,6 +14,7 @@ docs/bounds.md says where that error is proved; elsewhere the estimate is called
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -172,7 +173,7 @@ class VaryingThere(NamedTuple):
         fixed, _ = self.found.at_fixed_forces(forces, np.zeros(0))
         return self.response.outside(outside).changes(forces, gradient.multipliers, fixed)
 
-    def of(self, unknown: np.ndarray, forces: np.ndarray, slack: np.ndarray) -> Estimates:
+    def of(self, unknown: np.ndarray, forces: np.ndarray, slack: Callable[[], np.ndarray]) -> Estimates:
         """See :class:`BoundThere`."""
         gamma, found, inexact = unknown[0], self.found, self.owner.inexact
         own, loads, contact = self.owner.field(gamma, found.point, found.theta)

@@ -8,7 +8,7 @@ import numpy as np
 
 from hhr_dolfinx.parameters import ParameterSpace
 
-FORMAT, VERSION = "hhr_dolfinx reduced model", 10
+FORMAT, VERSION = "hhr_dolfinx reduced model", 11
 CONDENSED, CONDENSED_VERSION = "hhr_dolfinx condensed model", 2
 """Format of files of interpolated condensation, see ``varying_file``."""
 CONDENSED_FLOW, CONDENSED_FLOW_VERSION = "hhr_dolfinx condensed flow model", 3
@@ -44,8 +44,9 @@ LAYOUT = {
     "bound.free_slack": ("float", "N_lambda", "terms"),
     "bound.schur": ("float", "N_lambda", "N_lambda"),
     "bound.lower": ("float", "N_lambda", "N_lambda"),
-    "bound.residual": ("float", "bound rows", "bound columns"),
-    "bound.energy": ("float", "field rows", "field columns"),
+    "bound.basis": ("float", "field rows", "ell"),
+    "bound.loads": ("float", "load rows", "terms"),
+    "bound.lifts": ("float", "lift rows", "terms"),
     "output_bound.steepness": ("float", "outputs", "norms"),
     "output_bound.free": ("float", "output rows", "terms"),
     "output_bound.pressed": ("float", "output rows", "N_lambda"),
@@ -173,7 +174,7 @@ CONDENSED_FLOW_GIVEN = {"flow.given": "flow.forced", "fields.given": "fields.for
 """Arrays among them of which only what is not zero is kept, each with another one of its shape."""
 
 TYPES = {"float": np.float64, "int": np.int64, "bool": np.bool_}
-MAY_BE_NONE = {"force snapshots", "stress modes", "strain modes", "output rows"}
+MAY_BE_NONE = {"force snapshots", "stress modes", "strain modes", "output rows", "lift rows"}
 MAY_BE_NONE |= {f"entries of {name}" for name in PACKED}
 
 

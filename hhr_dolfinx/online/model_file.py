@@ -281,10 +281,10 @@ def _check_contact(content: Content) -> None:
 
 
 def _check_bound(arrays: Mapping[str, np.ndarray], sizes: Mapping[str, int]) -> None:
-    """Sizes that are sums of others, and a factor of S that is one."""
-    known, forces = sizes["terms"] + sizes["ell"], sizes["N_lambda"]
-    if (sizes["field columns"], sizes["bound columns"]) != (known, known + forces) or sizes["bound rows"] < forces:
-        raise FileContentError(f"its bound is not one of {known} terms and modes and {forces} forces")
+    """Directions that go on where others end, and a factor of S that is one."""
+    ranks = [sizes[name] for name in ("N_lambda", "field rows", "load rows", "lift rows")]
+    if ranks[: 3 if ranks[3] == 0 else 4] != sorted(ranks[: 3 if ranks[3] == 0 else 4]):
+        raise FileContentError(f"directions of unit energy in its bound are not one more than another: {ranks}")
     schur, lower = arrays["bound.schur"], arrays["bound.lower"]
     off = np.abs(lower @ lower.T - schur).max() / np.abs(schur).max(initial=1e-300)
     if not (off <= 1e-10 and (lower.diagonal() > 0).all() and not np.triu(lower, 1).any()):
