@@ -1,0 +1,227 @@
+"""Local models, thesis chapter 4: several small models, each trained on a part of the box, used like one.
+
+Solutions whose contact moves far lie on a curved manifold, and one basis for all of them grows. Where each model knows
+a part of it only, models stay small; a query asks the one of its part. By a border two models know the solution, and
+the answer with the smaller estimate of its error is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.models.answer import Answer, History, Path, WithOutputs
+from hhr_dolfinx.models.choice import LEAF, Choice
+from hhr_dolfinx.models.error_bound import Estimate, Estimates
+from hhr_dolfinx.models.many import ManyAnswers, checked_points
+from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
+from hhr_dolfinx.models.reconstruct import Reconstruction
+from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.parameters import ParameterSpace
+
+
+class LocalModels(WithOutputs):
+    """Reduced models of one scene in which nothing flows, each for a part of the box; used like one of them.
+
+    Args:
+        models: the models, of the same scene.
+        choice: which of them answers.
+        offline: how they were made; None from a file.
+
+    Attributes:
+        models, choice, offline: see above.
+        parameters: the box.
+
+    Raises:
+        ReductionError: for models of several scenes, or a choice of models that are not there.
+    """
+
+    def __init__(self, models: Sequence[ReducedModel], choice: Choice, offline: Any = None):
+        self.models, self.choice, self.offline = tuple(models), choice, offline
+        _check_alike(self.models, choice)
+        self.parameters: ParameterSpace = self.models[0].parameters
+
+    def __reduce__(self) -> tuple:
+        """Copy and pickle by the models; how they were made stays behind."""
+        return LocalModels, (self.models, self.choice)
+
+    def __len__(self) -> int:
+        return len(self.models)
+
+    @property
+    def fields(self) -> Reconstruction:
+        """What all models have alike: gaps, S, outputs. Answers are completed by the fields of their own model."""
+        return self.models[0].fields
+
+    @property
+    def dimension(self) -> int:
+        """Components of the displacement at a node."""
+        return self.models[0].dimension
+
+    def model_of(self, answer: Answer) -> int:
+        """Number of the model that gave an answer."""
+        for number, model in enumerate(self.models):
+            if model.fields is answer.fields:
+                return number
+        raise ReductionError("this answer is none of these local models")
+
+    def solve(
+        self,
+        mu: Any,
+        *,
+        start: Any = "nearest",
+        raise_on_failure: bool = True,
+        outside: str = "warn",
+        gradient: bool = False,
+    ) -> Answer:
+        """Answer one parameter by the model of its part, see :meth:`Model.solve`.
+
+        Statuses to start from are those of one model: where they cannot be, the nearest known ones serve.
+        """
+        point = self.parameters.point(mu)
+        number, other = self.choice.candidates(point.tolist())
+        if other != LEAF:
+            number = self._better(point, number, other)
+        if not isinstance(start, str | None):
+            start = self._own_start(number, start)
+        return self.models[number].solve(
+            point, start=start, raise_on_failure=raise_on_failure, outside=outside, gradient=gradient
+        )
+
+    def _better(self, point: np.ndarray, one: int, two: int) -> int:
+        """Which of two models knows a point better, by the estimates of their answers."""
+        asked = [self.models[k].solve(point, raise_on_failure=False, outside="ignore") for k in (one, two)]
+        return two if nearer(*asked) is asked[1] else one
+
+    def _own_start(self, number: int, start: Any) -> Any:
+        """Statuses to start from if they may be those of a model, as along a path; else the nearest known ones."""
+        statuses = np.asarray(start)
+        fits = statuses.dtype == bool and statuses.shape == (len(self.models[number].problem.gaps),)
+        return statuses if fits else "nearest"
+
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> LocalAnswers:
+        """Answer many parameters, (n, P): those of one model together, see :meth:`CondensedModel.solve_many`."""
+        checked = checked_points(self.parameters, points)
+        first, other = self.choice.many(checked)
+        for row in np.flatnonzero(other != LEAF):
+            first[row] = self._better(checked[row], first[row], other[row])
+        found = []
+        for number in np.unique(first):
+            rows = np.flatnonzero(first == number)
+            how = {"raise_on_failure": raise_on_failure, "outside": outside}
+            found.append((rows, self.models[number].solve_many(checked[rows], **how)))
+        return LocalAnswers.of(found, len(checked))
+
+    def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
+        """Solve along a path, each point by the model of its part; see :func:`solve_along`."""
+        return solve_along(self, checked_path(self.parameters, path), settings)
+
+
+def nearer(one: Answer, two: Answer) -> Answer:
+    """The answer with the smaller estimate of its error; that which is one, if the other is not; else the first."""
+    if not (one.converged and two.converged):
+        return two if two.converged else one
+    first, second = one.estimate(), two.estimate()
+    if first is None or second is None:
+        return one
+    return two if _size(second) < _size(first) else one
+
+
+def _size(estimate: Estimate) -> float:
+    """What an estimate says of displacements and forces together."""
+    return max(estimate.primal_relative, estimate.dual_relative)
+
+
+@dataclass(frozen=True)
+class LocalAnswers:
+    """Answers of local models to many parameters, in their order; ``answers[k]`` is one, like any :class:`Answer`.
+
+    Attributes:
+        points: parameters, (n, P).
+        status: why each search stopped.
+        iterations: equality problems solved for each, (n,).
+        parts: rows and answers of each model that was asked.
+    """
+
+    points: np.ndarray
+    status: list[Status]
+    iterations: np.ndarray
+    parts: tuple[tuple[np.ndarray, ManyAnswers], ...]
+
+    @classmethod
+    def of(cls, parts: list[tuple[np.ndarray, ManyAnswers]], count: int) -> LocalAnswers:
+        """Of the answers of each model to its rows, ``count`` in all."""
+        width = parts[0][1].points.shape[1] if parts else 0
+        points, iterations = np.empty((count, width)), np.zeros(count, dtype=np.int64)
+        status = [Status.CONVERGED] * count
+        for rows, many in parts:
+            points[rows], iterations[rows] = many.points, many.iterations
+            for row, found in zip(rows, many.status, strict=True):
+                status[row] = found
+        return cls(points, status, iterations, tuple(parts))
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __getitem__(self, k: int) -> Answer:
+        """The answer to a point."""
+        k = range(len(self))[k]
+        for rows, many in self.parts:
+            place = int(np.searchsorted(rows, k))
+            if place < rows.size and rows[place] == k:
+                return many[place]
+        raise IndexError(k)
+
+    def __iter__(self) -> Iterator[Answer]:
+        return (self[k] for k in range(len(self)))
+
+    def estimates(self) -> Estimates | None:
+        """See :meth:`ManyAnswers.estimates`."""
+        found = [(rows, many.estimates()) for rows, many in self.parts]
+        known = [(rows, one) for rows, one in found if one is not None]
+        if not known:
+            return None
+        names = ("primal", "dual", "primal_relative", "dual_relative")
+        numbers = np.full((len(names), len(self)), np.nan)
+        for rows, one in known:
+            numbers[:, rows] = [getattr(one, name) for name in names]
+        return Estimates(" and ".join(sorted({one.kind for _, one in known})), *numbers)
+
+    def outputs(self) -> dict[str, np.ndarray]:
+        """See :meth:`ManyAnswers.outputs`."""
+        return self._gathered([(rows, many.outputs()) for rows, many in self.parts])
+
+    def _gathered(self, found: list[tuple[np.ndarray, dict[str, np.ndarray]]]) -> dict[str, np.ndarray]:
+        """Columns by name in the order of the points."""
+        columns = {name: np.full(len(self), np.nan) for name in (found[0][1] if found else {})}
+        for rows, part in found:
+            for name, values in part.items():
+                columns[name][rows] = values
+        return columns
+
+
+def _check_alike(models: Sequence[ReducedModel], choice: Choice) -> None:
+    """Raise ReductionError for models that are not of one scene, or a choice that needs others."""
+    if not models or not all(isinstance(model, ReducedModel) for model in models):
+        raise ReductionError("local models are a list of reduced models, at least one")
+    if any(model.flow is not None for model in models):
+        raise ReductionError("bodies flow in these local models: histories change models by LocalHistories")
+    first = models[0]
+    for number, model in enumerate(models):
+        if not (_scene_of(model) == _scene_of(first) and np.array_equal(model.fields.gaps, first.fields.gaps)):
+            raise ReductionError(f"local model {number} is of another scene or mesh than the first one")
+    if len(choice.reach) != len(first.parameters.names):
+        raise ReductionError(f"a choice of {len(choice.reach)} parameters is none of {first.parameters.names}")
+    if choice.label[choice.axis == LEAF].max() >= len(models):
+        raise ReductionError(f"a region belongs to a model that is not among {len(models)} local ones")
+
+
+def _scene_of(model: ReducedModel) -> list:
+    """Box and mesh of a model."""
+    space = model.parameters
+    return [*space.names, *space.lower, *space.upper, len(model.fields.basis), model.fields.gaps.shape]
