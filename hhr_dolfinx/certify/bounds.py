@@ -14,6 +14,8 @@ from hhr_dolfinx.models.error_bound import ErrorBound
 
 ROUND_OFF = 1e-13
 """Part of a column that is round-off of those before it."""
+PANEL = 32
+"""Columns that are made orthogonal to all before them at once."""
 SYMMETRIC = 1e-10
 """Largest entry of K - K^T over the largest of K."""
 
@@ -28,7 +30,7 @@ def error_bound(full: Any, basis: np.ndarray) -> ErrorBound:
     check_hypotheses(full)
     if problem.varies:
         raise BoundError("the stiffness depends on parameters, and these bounds are those of a constant one")
-    loads = full.factors.solve_columns(problem.loads)
+    loads = full.per_load
     schur = (full.schur + full.schur.T) / 2
     try:
         lower = linalg.cholesky(schur, lower=True)
@@ -107,15 +109,21 @@ def energy_directions(stiffness: csr_matrix, columns: np.ndarray, least: np.ndar
     """
     directions, pushed = (np.empty(columns.shape, order="F") for _ in range(2))
     coordinates, rank = np.zeros((columns.shape[1],) * 2, order="F"), 0
-    for k, left in enumerate(columns.T):
-        for _ in range(2):
-            along = pushed[:, :rank].T @ left
-            coordinates[:rank, k] += along
-            left = left - directions[:, :rank] @ along
-        push = stiffness @ left
-        length = float(np.sqrt(max(left @ push, 0.0)))
-        if length > least[k]:
-            directions[:, rank], pushed[:, rank] = left / length, push / length
-            coordinates[rank, k] = length
-            rank += 1
+    for first in range(0, columns.shape[1], PANEL):
+        # once against all directions before the panel, by products of matrices
+        block = slice(first, first + PANEL)
+        along = pushed[:, :rank].T @ columns[:, block]
+        coordinates[:rank, block] = along
+        panel, before = columns[:, block] - directions[:, :rank] @ along, rank
+        for k, left in enumerate(panel.T, start=first):
+            for start in (before, 0):
+                along = pushed[:, start:rank].T @ left
+                coordinates[start:rank, k] += along
+                left = left - directions[:, start:rank] @ along
+            push = stiffness @ left
+            length = float(np.sqrt(max(left @ push, 0.0)))
+            if length > least[k]:
+                directions[:, rank], pushed[:, rank] = left / length, push / length
+                coordinates[rank, k] = length
+                rank += 1
     return directions[:, :rank], coordinates[:rank]

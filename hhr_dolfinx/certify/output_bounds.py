@@ -21,7 +21,7 @@ def output_bound(full: Any, bound: ErrorBound, basis: np.ndarray) -> OutputBound
     per_condition = solve_triangular(bound.lower, np.eye(m), lower=True).T
     nearer = [item.matrix(size) for item in items if is_read_nearer(item, m)]
     rows = csr_matrix(vstack([csr_matrix((0, size)), *nearer]))
-    loads = full.factors.solve_columns(problem.loads)
+    loads = full.per_load
     free, pressed = rows @ loads + (rows @ problem.lifts).toarray(), rows @ full.per_force
     steepness, first, directions = np.full((len(items), 2), UNKNOWN), 0, None
     for number, item in enumerate(items):

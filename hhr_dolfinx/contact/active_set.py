@@ -15,6 +15,7 @@ is never singular, and passes over statuses that would make the set singular.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from enum import Enum
 from threading import Lock
 from typing import NamedTuple, cast
@@ -232,8 +233,8 @@ class SchurEqualities:
     With K factored once, S = B K^-1 B^T and free_slack = D - B K^-1 F hold all there is to know
     about the contact. A set of statuses costs one dense LU of S[active, active]. The last factors of
     each size are kept: neighbouring parameters often share their statuses, and where they do not, a
-    new block is factored in the place of an old one of its size. All that is kept stays below ``most_bytes``;
-    the oldest goes first. Several threads may ask; the answers are their own.
+    new block is factored in the place of an old one of its size. Those of :meth:`prepared` statuses stay besides. All
+    that is kept stays below ``most_bytes``; the oldest goes first. Several threads may ask; the answers are their own.
 
     Args:
         columns: maps indices (k,) to the columns of S that belong to them, as rows (k, m).
@@ -251,6 +252,7 @@ class SchurEqualities:
     def __init__(self, columns: Callable[[np.ndarray], np.ndarray], size: int, factorise: Factorise = dense_factors):
         self._columns, self._factorise = columns, factorise
         self._entries: dict[bytes, _Entry] = {}  # the oldest first
+        self._prepared: dict[bytes, _Entry] = {}
         self._kept: list[list[bytes]] = [[] for _ in range(size + 1)]
         self.kept_bytes = 0
         self._lock = Lock()
@@ -275,7 +277,7 @@ class SchurEqualities:
         key = active.tobytes()
         # until it has answered, another thread must not factor another block in the place of this one
         with self._lock:
-            entry = self._entries.get(key)
+            entry = self._prepared.get(key) or self._entries.get(key)
             if entry is None:
                 entry = self._factor(active.nonzero()[0], key)
             index, factor, columns = entry
@@ -292,7 +294,7 @@ class SchurEqualities:
         """The same for many free slacks at once, (m, k): forces and slacks, (m, k) each."""
         key = active.tobytes()
         with self._lock:
-            entry = self._entries.get(key) or self._factor(active.nonzero()[0], key)
+            entry = self._prepared.get(key) or self._entries.get(key) or self._factor(active.nonzero()[0], key)
             index, factor, columns = entry
             local = None if factor is None else solve_columns(factor, -free_slacks[index])
         forces = np.zeros(free_slacks.shape)
@@ -302,6 +304,23 @@ class SchurEqualities:
         slack = free_slacks + columns.T @ local
         slack[index] = 0.0
         return forces, slack
+
+    def prepare(self, statuses: np.ndarray, most_bytes: int) -> None:
+        """Factor the blocks of statuses that will be asked for, (n, m), as far as they fit into some memory.
+
+        They do not go when others come. Singular ones are left out.
+        """
+        spent = 0
+        for active in statuses:
+            index = active.nonzero()[0]
+            columns = self._columns(index)
+            # a factor has the size of its block
+            spent += index.nbytes + columns.nbytes + 8 * index.size**2
+            if spent > most_bytes:
+                break
+            with suppress(SingularError):
+                factor = self._factorise(columns.take(index, axis=1).T) if index.size else None
+                self._prepared[active.tobytes()] = (index, factor, columns)
 
     def _factor(self, index: np.ndarray, key: bytes) -> _Entry:
         factor: Factor | None

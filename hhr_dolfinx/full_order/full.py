@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
@@ -120,6 +121,11 @@ class FullOrderModel(WithOutputs):
         self.schur = self.comm.allreduce(contact @ self.per_force)
         self._contact, self._pairs = contact, Pairs.of(problem.contact_pairs)
         self._equalities = SchurEqualities.of(self.schur)
+
+    @cached_property
+    def per_load(self) -> np.ndarray:
+        """K^-1 loads on the dofs of this rank, (own dofs, 1 + T), of a constant K; each reduced model is bounded by it."""
+        return self._solver.solve_columns(self._own_loads)
 
     @property
     def factors(self) -> FreeCholesky:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -97,7 +98,7 @@ class Choice:
         found = np.array([self.candidates(row) for row in rows], dtype=np.int64).reshape(len(rows), 2)
         return found[:, 0], found[:, 1]
 
-    def boxes(self, lower: Sequence[float], upper: Sequence[float]) -> list[tuple[int, np.ndarray, np.ndarray]]:
+    def boxes(self, lower: Any, upper: Any) -> list[tuple[int, np.ndarray, np.ndarray]]:
         """Regions inside a box: number of the model, and corners, (P,) each, in the order of the nodes."""
         corners = {0: (np.array(lower, dtype=float), np.array(upper, dtype=float))}
         found = []

@@ -68,6 +68,8 @@ class Responses:
 
 REGION_ENTRIES = 2_000_000
 """Numbers (16 MB) that the tabulated critical regions of one model may take; beyond, none are kept."""
+PREPARED_BYTES = 16 * 2**20
+"""Memory for factors of known statuses where there are no regions: a query that starts from them factors nothing."""
 
 
 @dataclass(frozen=True)
@@ -269,6 +271,7 @@ class CondensedModel(WithOutputs):
         distinct, which = np.unique(self.known.active, axis=0, return_inverse=True)
         size = len(distinct) * (self._m + len(self._response)) * (1 + len(self.parameters.names))
         if self.amplitudes.nonaffine or size > REGION_ENTRIES:
+            self._equalities.prepare(distinct, PREPARED_BYTES)
             return [None] * len(self.known.active)
         # columns: the value at mu = 0, then the slope along each parameter
         response = self._response @ np.column_stack([self.amplitudes.constant, self.amplitudes.slopes])

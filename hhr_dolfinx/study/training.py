@@ -28,6 +28,7 @@ from hhr_dolfinx.timing import StageLog
 if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
     from hhr_dolfinx.models.fallback import FallbackModel
+    from hhr_dolfinx.models.local import LocalModels
     from hhr_dolfinx.models.varying import VaryingModel
     from hhr_dolfinx.study.greedy import Choice
 
@@ -96,6 +97,31 @@ class Training:
         from hhr_dolfinx.study.growing import safe_model
 
         return safe_model(self, tolerance, grow, recipe, checked=checked)
+
+    def local(
+        self, how: Any = None, *, recipe: Recipe | None = None, checked: bool = True, progress: Progress = silent
+    ) -> LocalModels:
+        """Several small models in the place of one, each for a part of the box, used like one; thesis chapter 4.
+
+        Args:
+            how: :class:`~hhr_dolfinx.study.splitting.Recursive`, which finds the number of models itself, or
+                :class:`~hhr_dolfinx.study.local_training.Clusters`, a wished one; None takes the first.
+            recipe, checked: of each model, see :meth:`build`.
+            progress: for progress bars.
+
+        Raises:
+            StudyError: where bodies flow, or for what is no way to share a training out.
+        """
+        if self.full_order.equilibrium is not None:
+            raise StudyError("bodies flow: histories have local models of their own, see LocalHistories")
+        if how is None:
+            from hhr_dolfinx.study.splitting import Recursive
+
+            how = Recursive()
+        if not callable(getattr(how, "models", None)) or isinstance(how, type):
+            raise StudyError(f"{how!r} is no way to share a training out: give Recursive(modes=90) or Clusters(3)")
+        given = usual_recipe(self.full_order) if recipe is None else recipe
+        return how.models(self, given if checked else given.as_it_is(), progress("local models"))
 
     def condense(self, settings: Any = None) -> VaryingModel | CondensedFlowModel:
         """A model that keeps all contact conditions, with its check.

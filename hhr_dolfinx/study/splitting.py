@@ -1,0 +1,226 @@
+"""Local models whose number is found: the box is split until each model is small, and training grows where it must."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from hhr_dolfinx.errors import StudyError, UnstableModelError
+from hhr_dolfinx.models.choice import LEAF, Choice
+from hhr_dolfinx.models.local import LocalModels
+from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.parameters import is_number, is_whole
+from hhr_dolfinx.reduction.build import build
+from hhr_dolfinx.reduction.recipe import Recipe
+from hhr_dolfinx.snapshots.records import compute_snapshots
+from hhr_dolfinx.study.local_training import (
+    LocalRecord,
+    Member,
+    Progress,
+    force_errors,
+    force_floor,
+    p95,
+    sizes_of,
+    together,
+)
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.study.training import Training
+
+LEAST = 8
+"""Snapshots in a part below which the full model is asked for more."""
+HELD_OUT = 20
+"""Answers of the full model by which each model is checked."""
+BALANCE = 0.25
+"""Part of the snapshots that each side of a split has at least."""
+
+
+@dataclass(frozen=True)
+class Recursive:
+    """The box is split, part by part, until models are small; training grows until their forces are right.
+
+    A part is split across the axis that best keeps apart two clusters of its solutions (k-medoids by the angle between
+    them, (4.4)). Its model is trained on the solutions in it and by its borders. At random points of the part errors
+    are estimated; where forces may be off by more than is wished the full model is asked, and its answers join the
+    training, also of neighbours still to come.
+
+    Attributes:
+        modes: most modes of a model.
+        conditions: most contact conditions of a model; None for any number.
+        forces: wished relative error of the contact forces in the S norm, at all but a twentieth of the points of a
+            part, beside a thousandth of the largest training forces at least.
+        overlap: part of the width of a part by which its training reaches beyond its borders.
+        strip: part of the width of the box, on each side of a border, in which both models are asked.
+        checks: random points of each part at which errors are estimated.
+        rounds: times that training answers are added to one part.
+        most: models at most.
+        seed: of random points.
+    """
+
+    modes: int = 90
+    conditions: int | None = None
+    forces: float = 1e-3
+    overlap: float = 0.2
+    strip: float = 0.001
+    checks: int = 100
+    rounds: int = 2
+    most: int = 100
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that cannot be."""
+        for name, least in (("modes", 2), ("checks", 1), ("rounds", 0), ("most", 1), ("seed", 0)):
+            if not is_whole(getattr(self, name), least):
+                raise StudyError(f"{name} = {getattr(self, name)!r} must be a whole number from {least}")
+        if self.conditions is not None and not is_whole(self.conditions, 1):
+            raise StudyError(f"conditions = {self.conditions!r} must be a whole number from 1, or None")
+        for name in ("forces", "overlap", "strip"):
+            value = getattr(self, name)
+            if not (is_number(value) and 0 <= value < 1) or (name == "forces" and value == 0):
+                raise StudyError(f"{name} = {value!r} must be a part of 1, such as {getattr(type(self), name)}")
+
+    def models(self, training: Training, recipe: Recipe, progress: Progress) -> LocalModels:
+        """Local models of a training; see the class."""
+        return _Splitting(self, training, recipe).grown(progress)
+
+
+class _Part(NamedTuple):
+    """A box that one model is to answer; ``node`` is its place in the tree."""
+
+    node: int
+    lower: np.ndarray
+    upper: np.ndarray
+
+
+class _Splitting:
+    """One run of :class:`Recursive`."""
+
+    def __init__(self, settings: Recursive, training: Training, recipe: Recipe):
+        self.settings, self.recipe = settings, recipe
+        self.full, self.snapshots = training.full_order, training.snapshots
+        self.space = self.full.parameters
+        self.lower, self.upper = np.array(self.space.lower), np.array(self.space.upper)
+        self.rng = np.random.default_rng(settings.seed)
+        self.record = LocalRecord()
+        self.models: list[ReducedModel] = []
+        # axis, cut, low, high and label of each node, see Choice
+        self.nodes: list[list[Any]] = [[LEAF, 0.0, 0, 0, LEAF]]
+
+    def grown(self, progress: Progress) -> LocalModels:
+        """Split and build until every part has its model."""
+        waiting = [_Part(0, self.lower, self.upper)]
+        for _ in progress(iter(waiting.__len__, 0)):
+            part = waiting.pop()
+            waiting += self._settled(part, len(waiting))[::-1]
+        kinds = (np.int64, float, np.int64, np.int64, np.int64)
+        columns = zip(*self.nodes, strict=True)
+        arrays = (np.array(column, dtype=kind) for column, kind in zip(columns, kinds, strict=True))
+        choice = Choice(*arrays, self.settings.strip * (self.upper - self.lower))
+        return together(self.models, choice, self.snapshots, self.record)
+
+    def _settled(self, part: _Part, waiting: int) -> list[_Part]:
+        """The halves of a part that is too large for one model; or none, and its model is there."""
+        room, settings = len(self.models) + waiting + 2 <= self.settings.most, self.settings
+        self._filled(part)
+        added = 0
+        for left in range(settings.rounds, -1, -1):
+            rows, own = self._inside(part, settings.overlap), self._inside(part, 0.0)
+            try:
+                model = self._built(rows, part, refuse=room)
+            except _TooLargeError as error:
+                halves = self._split(part, own, str(error))
+                if halves:
+                    return halves
+                model = self._built(rows, part, refuse=False)
+            points = self._drawn(part, settings.checks)
+            errors = force_errors(model, points, self._force_floor())
+            poor = points[~(errors <= settings.forces)]
+            if left == 0 or np.isnan(errors).all() or len(poor) <= settings.checks / 20:
+                break
+            added += len(poor)
+            self._learn(poor)
+        self.nodes[part.node][4] = len(self.models)
+        self.models.append(model)
+        self.record.members.append(Member(rows, own.size, *sizes_of(model), p95(errors), added))
+        return []
+
+    def _built(self, rows: np.ndarray, part: _Part, *, refuse: bool) -> ReducedModel:
+        """The model of some snapshots, checked at points of its part.
+
+        Raises:
+            _TooLargeError: if it is larger than is wished, or not to be trusted, and that is to be refused.
+        """
+        settings, snapshots = self.settings, self.snapshots.take(rows)
+        with self.record.log.stage("sizes"):
+            count = self.recipe.basis.modes(self.full.problem, snapshots).shape[1]
+        if refuse and count > settings.modes:
+            raise _TooLargeError(f"{count} modes")
+        held_out = None
+        if self.recipe.trust is not None:
+            held_out = compute_snapshots(self.full, self._drawn(part, HELD_OUT))
+        try:
+            with self.record.log.stage("models"):
+                model = build(self.full, snapshots, self.recipe, held_out)
+        except UnstableModelError as error:
+            if refuse:
+                raise _TooLargeError(str(error)) from None
+            raise
+        modes, conditions = sizes_of(model)
+        if refuse and modes > settings.modes:
+            raise _TooLargeError(f"{modes} modes with those of the enrichment")
+        if refuse and settings.conditions is not None and conditions > settings.conditions:
+            raise _TooLargeError(f"{conditions} contact conditions")
+        return model
+
+    def _split(self, part: _Part, own: np.ndarray, why: str) -> list[_Part]:
+        """Two halves of a part, by a cut between two clusters of its solutions; none if there is no such cut."""
+        from hhr_dolfinx.reduction.classify import separating_cut
+        from hhr_dolfinx.reduction.clusters import medoids
+        from hhr_dolfinx.reduction.subspaces import snapshot_distances
+
+        width = part.upper - part.lower
+        unit = (self.snapshots.points[own] - part.lower) / np.where(width > 0, width, 1.0)
+        with self.record.log.stage("clusters"):
+            distances = snapshot_distances(self.snapshots.displacements[:, own])
+            found = separating_cut(unit, medoids(distances, 2, self.settings.seed), BALANCE)
+        if found is None:
+            return []
+        axis, cut = found[0], float(part.lower[found[0]] + found[1] * width[found[0]])
+        low, high = len(self.nodes), len(self.nodes) + 1
+        self.nodes[part.node][:4] = [axis, cut, low, high]
+        self.nodes += [[LEAF, 0.0, 0, 0, LEAF] for _ in range(2)]
+        self.record.splits.append(f"{self.space.names[axis]} = {cut:.4g}, for {why}")
+        below, above = part.upper.copy(), part.lower.copy()
+        below[axis] = above[axis] = cut
+        return [_Part(low, part.lower, below), _Part(high, above, part.upper)]
+
+    def _inside(self, part: _Part, overlap: float) -> np.ndarray:
+        """Numbers of the snapshots in a part and as far beyond its borders as is wished."""
+        more = overlap * (part.upper - part.lower) + 1e-12 * (self.upper - self.lower)
+        points = self.snapshots.points
+        return np.flatnonzero(((points >= part.lower - more) & (points <= part.upper + more)).all(axis=1))
+
+    def _drawn(self, part: _Part, count: int) -> np.ndarray:
+        """Random points of a part, (count, P)."""
+        return part.lower + self.rng.random((count, len(part.lower))) * (part.upper - part.lower)
+
+    def _filled(self, part: _Part) -> None:
+        """See to it that there are snapshots enough in a part to tell its halves apart."""
+        missing = LEAST - self._inside(part, 0.0).size
+        if missing > 0:
+            self._learn(self._drawn(part, missing))
+
+    def _learn(self, points: np.ndarray) -> None:
+        """Ask the full model, for this part and for its neighbours."""
+        with self.record.log.stage("full order"):
+            self.snapshots = self.snapshots.joined(compute_snapshots(self.full, points))
+
+    def _force_floor(self) -> float:
+        """Size of forces, in the S norm, below which their relative error means nothing."""
+        return force_floor(self.full, self.snapshots)
+
+
+class _TooLargeError(Exception):
+    """A model that is not what a part is to have; says why."""
