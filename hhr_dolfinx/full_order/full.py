@@ -124,7 +124,7 @@ class FullOrderModel(WithOutputs):
 
     @cached_property
     def per_load(self) -> np.ndarray:
-        """K^-1 loads on the dofs of this rank, (own dofs, 1 + T), of a constant K; each reduced model is bounded by it."""
+        """K^-1 loads on the dofs of this rank, (own dofs, 1 + T), of a constant K: what bounds of all models need."""
         return self._solver.solve_columns(self._own_loads)
 
     @property

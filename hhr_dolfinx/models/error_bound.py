@@ -31,7 +31,7 @@ ROUND_OFF = 1e-10
 """Part of an answer that is round-off of the exact one too: nothing is known to be nearer."""
 
 
-SHARP = 1e-3
+SHARP = 1e-4
 """Part of the forces from which on their bound is made as sharp as it can be; below, it is a third larger at times."""
 NOTHING = 0.01
 """Part of the bound of a field that a bound of forces adds without being worth a second look."""

@@ -35,6 +35,10 @@ HELD_OUT = 20
 """Answers of the full model by which each model is checked."""
 BALANCE = 0.25
 """Part of the snapshots that each side of a split has at least."""
+CLUSTERED = 300
+"""Snapshots of a part that decide where it is split; more say the same."""
+LEARNED = 30
+"""Points at which the full model is asked in one round: the worst of those that were found."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +53,8 @@ class Recursive:
     Attributes:
         modes: most modes of a model.
         conditions: most contact conditions of a model; None for any number.
-        forces: wished relative error of the contact forces in the S norm, at all but a twentieth of the points of a
-            part, beside a thousandth of the largest training forces at least.
+        forces: wished relative error of the contact forces in the S norm, beside a thousandth of the largest training
+            forces at least.
         overlap: part of the width of a part by which its training reaches beyond its borders.
         strip: part of the width of the box, on each side of a border, in which both models are asked.
         checks: random points of each part at which errors are estimated.
@@ -64,8 +68,8 @@ class Recursive:
     forces: float = 1e-3
     overlap: float = 0.2
     strip: float = 0.001
-    checks: int = 100
-    rounds: int = 2
+    checks: int = 500
+    rounds: int = 3
     most: int = 100
     seed: int = 1
 
@@ -136,8 +140,8 @@ class _Splitting:
                 model = self._built(rows, part, refuse=False)
             points = self._drawn(part, settings.checks)
             errors = force_errors(model, points, self._force_floor())
-            poor = points[~(errors <= settings.forces)]
-            if left == 0 or np.isnan(errors).all() or len(poor) <= settings.checks / 20:
+            poor = points[_worst(errors, settings.forces)]
+            if left == 0 or not len(poor):
                 break
             added += len(poor)
             self._learn(poor)
@@ -153,10 +157,8 @@ class _Splitting:
             _TooLargeError: if it is larger than is wished, or not to be trusted, and that is to be refused.
         """
         settings, snapshots = self.settings, self.snapshots.take(rows)
-        with self.record.log.stage("sizes"):
-            count = self.recipe.basis.modes(self.full.problem, snapshots).shape[1]
-        if refuse and count > settings.modes:
-            raise _TooLargeError(f"{count} modes")
+        if refuse:
+            self._check_modes(rows)
         held_out = None
         if self.recipe.trust is not None:
             held_out = compute_snapshots(self.full, self._drawn(part, HELD_OUT))
@@ -174,6 +176,17 @@ class _Splitting:
             raise _TooLargeError(f"{conditions} contact conditions")
         return model
 
+    def _check_modes(self, rows: np.ndarray) -> None:
+        """Raise _TooLargeError if some of the snapshots alone, which is soon known, have too many modes."""
+        most = self.settings.modes
+        if rows.size <= most:
+            return
+        some = rows if rows.size <= 2 * most else np.sort(self.rng.choice(rows, 2 * most, replace=False))
+        with self.record.log.stage("sizes"):
+            count = self.recipe.basis.modes(self.full.problem, self.snapshots.take(some)).shape[1]
+        if count > most:
+            raise _TooLargeError(f"{count} modes" if some is rows else f"at least {count} modes")
+
     def _split(self, part: _Part, own: np.ndarray, why: str) -> list[_Part]:
         """Two halves of a part, by a cut between two clusters of its solutions; none if there is no such cut."""
         from hhr_dolfinx.reduction.classify import separating_cut
@@ -181,6 +194,7 @@ class _Splitting:
         from hhr_dolfinx.reduction.subspaces import snapshot_distances
 
         width = part.upper - part.lower
+        own = own if own.size <= CLUSTERED else np.sort(self.rng.choice(own, CLUSTERED, replace=False))
         unit = (self.snapshots.points[own] - part.lower) / np.where(width > 0, width, 1.0)
         with self.record.log.stage("clusters"):
             distances = snapshot_distances(self.snapshots.displacements[:, own])
@@ -220,6 +234,15 @@ class _Splitting:
     def _force_floor(self) -> float:
         """Size of forces, in the S norm, below which their relative error means nothing."""
         return force_floor(self.full, self.snapshots)
+
+
+def _worst(errors: np.ndarray, wished: float) -> np.ndarray:
+    """Places where errors are larger than is wished, or there is no answer; none if nothing is known of any."""
+    if np.isnan(errors).all():
+        return np.zeros(0, dtype=np.int64)
+    known = np.where(np.isnan(errors), np.inf, errors)
+    order = np.argsort(-known, kind="stable")[:LEARNED]
+    return order[known[order] > wished]
 
 
 class _TooLargeError(Exception):
