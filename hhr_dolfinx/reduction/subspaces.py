@@ -1,0 +1,261 @@
+"""How far apart spaces of displacements are: principal angles, distances of bases and of snapshots, theorem 9.
+
+Everything is computed in coordinates of all columns in one orthonormal basis, as many rows as there are columns: one
+factorisation of the size of the mesh, whatever the number of pairs. Cosines tell angles below 1e-8 from zero by chance
+only; small ones are taken from sines, which are right to round-off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import linalg
+
+from hhr_dolfinx.errors import ReductionError
+
+ORTHONORMAL = 1e-8
+"""Largest entry of V^T V - I of a basis that is taken for orthonormal."""
+SMALL = 0.01
+"""Distance of two bases, in radians, below which it is computed from sines: cosines would leave 1e-16 over it."""
+MOST_NUMBERS = 4_000_000
+"""Numbers of a block of pairs that are in memory at a time."""
+
+
+class ChordalBounds(NamedTuple):
+    """Right sides of theorem 9, in the norm of the displacements.
+
+    Attributes:
+        angles: (2.129), by all principal angles and the coordinates of the exact answer.
+        distance: (2.130), by the chordal distance and the length of these coordinates.
+    """
+
+    angles: float
+    distance: float
+
+
+def coordinates(columns: np.ndarray, gram: Any = None) -> np.ndarray:
+    """Columns in an orthonormal basis of their span: fewer numbers, the same lengths and products.
+
+    Args:
+        columns: (N, S).
+        gram: Gram matrix of the norm, (N, N), sparse or dense; None for the Euclidean one.
+
+    Returns:
+        (r, S), r = min(N, S), or the columns themselves where these have no more rows.
+
+    Raises:
+        ReductionError: for what is no table of finite real numbers, or a matrix that is no Gram matrix of it.
+    """
+    columns = _checked("columns", columns)
+    rows, count = columns.shape
+    if gram is None:
+        return columns if rows <= count else linalg.qr(columns, mode="r", check_finite=False)[0][:count]
+    if gram.shape != (rows, rows):
+        raise ReductionError(f"the Gram matrix has the shape {gram.shape}, and the columns {rows} rows")
+    directions, triangle = linalg.qr(columns, mode="economic", check_finite=False)
+    squares, axes = linalg.eigh(directions.T @ (gram @ directions))
+    if squares[0] < -1e-10 * abs(squares[-1]):
+        raise ReductionError(f"the Gram matrix is not positive: it has a square length of {squares[0]:.2g}")
+    return np.sqrt(np.maximum(squares, 0.0))[:, None] * (axes.T @ triangle)
+
+
+def principal_angles(one: np.ndarray, other: np.ndarray, gram: Any = None) -> np.ndarray:
+    """Principal angles of the spans of two orthonormal bases, (2.131), (4.3).
+
+    Args:
+        one: (N, a).
+        other: (N, b).
+        gram: Gram matrix of the norm, (N, N); None for the Euclidean one.
+
+    Returns:
+        In radians, from the smallest to the largest, (min(a, b),); each is right to about 1e-15, however small.
+
+    Raises:
+        ReductionError: for a basis that is not orthonormal, or of another mesh.
+    """
+    second, first = sorted(_together({"one": one, "other": other}, gram), key=lambda part: part.shape[1])
+    # scipy.linalg.subspace_angles takes small angles from cosines where others of the same spaces are large
+    products = first.T @ second
+    cosines = linalg.svdvals(products)
+    sines = linalg.svdvals(second - first @ products)[::-1]
+    return np.where(cosines**2 > 0.5, np.arcsin(np.minimum(sines, 1.0)), np.arccos(np.minimum(cosines, 1.0)))
+
+
+def chordal_distance(one: np.ndarray, other: np.ndarray, gram: Any = None) -> float:
+    """Chordal distance of the spans of two orthonormal bases, (2.131): |sin(theta)|_F.
+
+    Where dimensions differ each of the surplus counts as a right angle, as in (4.2). See :func:`principal_angles`.
+    """
+    sines = np.sin(principal_angles(one, other, gram))
+    return float(np.sqrt(abs(one.shape[1] - other.shape[1]) + sines @ sines))
+
+
+def grassmann_distance(one: np.ndarray, other: np.ndarray, gram: Any = None) -> float:
+    """Grassmann distance of the spans of two orthonormal bases, (4.2), whose dimensions may differ.
+
+    In radians: the root of the sum of squares of the principal angles, and of a right angle for each dimension that
+    one has and the other has not. See :func:`principal_angles`.
+    """
+    angles = principal_angles(one, other, gram)
+    return float(np.sqrt(abs(one.shape[1] - other.shape[1]) * np.pi**2 / 4 + angles @ angles))
+
+
+def basis_distances(bases: Sequence[np.ndarray], gram: Any = None) -> np.ndarray:
+    """Dissimilarity of local bases, (4.1): the Grassmann distance of each pair.
+
+    For many bases give them in common :func:`coordinates`: their products take the time.
+
+    Args:
+        bases: orthonormal, (N, a_j) each, of any dimensions.
+        gram: Gram matrix of the norm, (N, N); None for the Euclidean one.
+
+    Returns:
+        Symmetric with a zero diagonal, (n, n), in radians.
+
+    Raises:
+        ReductionError: for a basis that is not orthonormal, or of another mesh.
+    """
+    parts = _together({f"{number} of the bases": basis for number, basis in enumerate(bases)}, gram)
+    counts = np.array([part.shape[1] for part in parts])
+    padded = np.zeros((len(parts), counts.max(), len(parts[0])))
+    for rows, part in zip(padded, parts, strict=True):
+        rows[: part.shape[1]] = part.T
+    return _distances(padded, counts)
+
+
+def snapshot_distances(columns: np.ndarray, gram: Any = None) -> np.ndarray:
+    """Dissimilarity of snapshots, (4.4): the angle between the lines that they span.
+
+    As it is printed (4.4) has arccos(S_i^T S_j), which puts a snapshot and its opposite pi apart; (4.2), of which it is
+    a case, says zero, as both span one space. That is taken here, arccos |S_i^T S_j|.
+
+    Args:
+        columns: of any lengths, (N, S).
+        gram: Gram matrix of the norm, (N, N); None for the Euclidean one.
+
+    Returns:
+        Symmetric with a zero diagonal, (S, S), in radians, at most pi / 2; errors are below 1e-12.
+
+    Raises:
+        ReductionError: for snapshots that are not finite, or zero: these have no direction.
+    """
+    found = coordinates(columns, gram)
+    # squares of very small or large displacements would not be numbers
+    scales = np.abs(found).max(axis=0)
+    if not scales.all():
+        raise ReductionError(
+            f"snapshots {np.flatnonzero(scales == 0)[:10].tolist()} are zero, and have no direction: leave out "
+            "parameters without load"
+        )
+    lines = (found / scales).T
+    lines /= np.linalg.norm(lines, axis=1)[:, None]
+    return _distances(lines[:, None], np.ones(len(lines), dtype=np.int64))
+
+
+def theorem_9(
+    exact: np.ndarray, reduced: np.ndarray, weights: np.ndarray, factor: float = 1.0, gram: Any = None
+) -> ChordalBounds:
+    """Right sides of theorem 9: how far a reduced answer is from the exact one, by the angles of their spaces.
+
+    The first, |sin(theta) U*^T gamma*|, is the distance of the exact answer to the reduced space. Where this has more
+    functions than V* both hold as well; ell is the number of functions of V*.
+
+    Args:
+        exact: V*, orthonormal, (N, ell).
+        reduced: V of the reduced model, orthonormal, (N, m).
+        weights: gamma*, with which V* gamma* is the exact answer, (ell,).
+        factor: 1 + M_a / alpha' of theorem 6, in the same norm.
+        gram: Gram matrix of the norm, (N, N); None for the Euclidean one, as in the thesis.
+
+    Raises:
+        ReductionError: for a basis that is not orthonormal, weights of another size or not finite, or a factor
+            that is not positive.
+    """
+    first, second = _together({"exact": exact, "reduced": reduced}, gram)
+    weights = np.asarray(weights, dtype=float)
+    if weights.shape != first.shape[1:] or not np.isfinite(weights).all():
+        raise ReductionError(f"gamma* = {weights!r} must be {first.shape[1]} finite numbers, one for each column of V*")
+    if not 0 < factor < np.inf:
+        raise ReductionError(f"factor = {factor!r} must be a positive number: it is 1 + M_a / alpha'")
+    beyond = first - second @ (second.T @ first)
+    _, sines, turn = linalg.svd(beyond, full_matrices=False)
+    by_angles = np.linalg.norm(sines * (turn @ weights))
+    by_distance = np.linalg.norm(sines) * np.sqrt(weights.size) * np.linalg.norm(weights)
+    return ChordalBounds(float(factor * by_angles), float(factor * by_distance))
+
+
+def _distances(padded: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Grassmann distances of bases as rows, filled up by zeros, (n, a, r), of which ``counts`` are there, (n, n)."""
+    found = _from_cosines(padded, counts)
+    upper = np.triu(np.ones(found.shape, dtype=bool), 1)
+    near = np.nonzero(upper & (found < SMALL) & (counts[:, None] == counts))
+    found[near] = _from_sines(padded, *near)
+    found = np.where(upper, found, 0.0)
+    return found + found.T
+
+
+def _from_cosines(padded: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """The same, on and above the diagonal, with errors of 1e-16 over the distance."""
+    total, width, size = padded.shape
+    found = np.zeros((total, total))
+    rows = max(1, MOST_NUMBERS // (total * width**2))
+    for start in range(0, total, rows):
+        block = slice(start, min(start + rows, total))
+        products = padded[block].reshape(-1, size) @ padded[start:].reshape(-1, size).T
+        products = products.reshape(-1, width, total - start, width).transpose(0, 2, 1, 3)
+        cosines = np.abs(products[..., 0]) if width == 1 else np.linalg.svd(products, compute_uv=False)
+        angles = np.arccos(np.clip(cosines, 0.0, 1.0))
+        shared = np.minimum(counts[block, None], counts[start:])
+        squares = np.where(np.arange(width) < shared[..., None], angles**2, 0.0).sum(axis=-1)
+        surplus = np.abs(counts[block, None] - counts[start:])
+        found[block, start:] = np.sqrt(squares + surplus * np.pi**2 / 4)
+    return found
+
+
+def _from_sines(padded: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """The same for pairs of bases of one dimension that are close, given by their numbers, (k,) each."""
+    _, width, size = padded.shape
+    found = [np.zeros(0)]
+    step = max(1, MOST_NUMBERS // (width * size))
+    for start in range(0, one.size, step):
+        first, second = padded[one[start : start + step]], padded[other[start : start + step]]
+        beyond = second - (second @ first.transpose(0, 2, 1)) @ first
+        squares = np.linalg.eigvalsh(beyond @ beyond.transpose(0, 2, 1))
+        found.append(np.linalg.norm(np.arcsin(np.sqrt(np.clip(squares, 0.0, 1.0))), axis=-1))
+    return np.concatenate(found)
+
+
+def _together(bases: dict[str, np.ndarray], gram: Any) -> list[np.ndarray]:
+    """Bases by their names in common coordinates, checked to be orthonormal."""
+    if not bases:
+        raise ReductionError("no basis is given: distances are those of at least one")
+    given = [_checked(f"basis {name}", basis) for name, basis in bases.items()]
+    sizes = {basis.shape[0] for basis in given}
+    if len(sizes) > 1:
+        raise ReductionError(f"bases have {sorted(sizes)} rows: give those of one mesh")
+    ends = np.cumsum([basis.shape[1] for basis in given])
+    parts = np.hsplit(coordinates(np.hstack(given), gram), ends[:-1])
+    for name, part in zip(bases, parts, strict=True):
+        off = np.abs(part.T @ part - np.eye(part.shape[1])).max()
+        if off > ORTHONORMAL:
+            raise ReductionError(
+                f"basis {name} is not orthonormal, by {off:.2g} of V^T V - I: orthonormalise it in the norm of the "
+                "angles, by a QR factorisation for instance"
+            )
+    return parts
+
+
+def _checked(name: str, columns: np.ndarray) -> np.ndarray:
+    """A table of finite real numbers with at least one column."""
+    try:
+        found = np.asarray(columns, dtype=float)
+    except (TypeError, ValueError):
+        raise ReductionError(f"{name} must be a table of real numbers, (N, columns), and is {columns!r}") from None
+    if found.ndim != 2 or 0 in found.shape:
+        raise ReductionError(f"{name} has the shape {found.shape}: a table of at least one column, (N, S), is needed")
+    bad = np.flatnonzero(~np.isfinite(found).all(axis=0))
+    if bad.size:
+        raise ReductionError(f"columns {bad[:10].tolist()} of {name} are not finite")
+    return found
