@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from parts import dissimilarity
 from scipy import linalg, sparse
 
 from hhr_dolfinx.errors import ReductionError
@@ -232,3 +233,20 @@ def test_theorem_9_refuses_what_it_is_not_on():
     for factor in (0.0, np.nan, np.inf):
         with pytest.raises(ReductionError, match="1 \\+ M_a"):
             theorem_9(good, good, np.ones(2), factor)
+
+
+# ---------------------------------------------------------------- figure 2.13
+
+
+def test_figure_2_13(tmp_path):
+    """No error of the pellet with five modes exceeds a right side, with either constants, and the first is nearer."""
+    found = dissimilarity.figure_2_13(tmp_path, quick=True)
+    rows, summary = found["rows"], found["summary"]
+    assert len(rows) == 45 and summary["modes"] == 5 and (tmp_path / "figure_2_13.png").exists()
+    assert {row["h1"] for row in rows} == {0.5, 0.75, 1.0, 1.25, 1.5}
+    assert all(row["holds"] and row["bound_129"] <= row["bound_130"] for row in rows)
+    assert summary["exceeded"] == summary["printed_exceeded"] == 0
+    # the space of the reduced model is no nearer to an answer than its infimum, which its own answer cannot beat
+    assert all(row["error"] >= row["bound_129"] / summary["factor"] * (1 - 1e-9) for row in rows)
+    assert summary["effectivity_129"][1] > 1 and summary["effectivity_129"][2] <= summary["factor"] * (1 + 1e-9)
+    assert 1e-4 < summary["worst relative error"] < 0.1 and found["finer"]["exceeded"] == 0
