@@ -1,15 +1,15 @@
 """Figure 2.13 of the thesis: the error of a reduced pellet beside bounds by the chordal distance, theorem 9.
 
 The pellet is pressed by P1 in [100, 140] MPa up to five heights h1, trained on five pressures at each, and reduced to
-five modes by the thesis' recipe. V* spans the five full answers at one pressure. Right sides are taken with the constants
+five modes by the thesis' recipe. V* spans the five full answers at one pressure. Right sides are taken with constants
 of the proof of theorem 6, K = 1 + M_a / alpha' in the Euclidean norm, and with those that the thesis takes for its
 figures, the moduli (2.143) and (2.144), with alpha in the place of alpha'. Neither is proved: the infimum of (2.128) is
 over all of the reduced space, and that of the proof over fewer functions (docs/bounds.md).
 
-What to see: alpha' is the thesis', 1.7e4 beside 1.9e4. With five modes no error exceeds a right side; the first is 3 times
-the error in the median with the moduli and 120 times with the constants of the proof, the second 600 times the first:
-sqrt(ell) |gamma*| knows nothing of where the answer lies. With the ten modes of a POD of 1e-8 the moduli are too small:
-28 of 45 errors exceed the first right side, by up to a factor of 5. With the constants of the proof none does.
+What to see: alpha' is near the thesis', 1.7e4 for 1.9e4. With five modes no error exceeds a right side. In the median
+the first is 3 times the error with the moduli and 120 times with the constants of the proof, and the second 600 times
+the first: sqrt(ell) |gamma*| knows nothing of where the answer lies. With the ten modes of a POD of 1e-8 the moduli are
+too small: 28 of 45 errors exceed the first right side, by up to a factor of 5. With those of the proof none does.
 """
 
 from __future__ import annotations
