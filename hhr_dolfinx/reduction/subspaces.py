@@ -190,7 +190,7 @@ def _distances(padded: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Grassmann distances of bases as rows, filled up by zeros, (n, a, r), of which ``counts`` are there, (n, n)."""
     found = _from_cosines(padded, counts)
     upper = np.triu(np.ones(found.shape, dtype=bool), 1)
-    near = np.nonzero(upper & (found < SMALL) & (counts[:, None] == counts))
+    near = np.nonzero(upper & (found < SMALL))  # bases of other dimensions are a right angle apart
     found[near] = _from_sines(padded, *near)
     found = np.where(upper, found, 0.0)
     return found + found.T
