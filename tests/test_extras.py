@@ -50,6 +50,7 @@ NEEDED = {
     "flow": "hhr.FullOrderModel(pressed_block('plane_strain', poisson=0.4999))",
     "study": "hhr.study_scene",
     "pictures": "import hhr_dolfinx.study.plots",
+    "local": "from hhr_dolfinx.reduction.clusters import medoids; medoids([[0.0, 1.0], [1.0, 0.0]], 1)",
     "peers": "from hhr_dolfinx.baselines.peers import nonnegative_factors; nonnegative_factors(None, 1)",
     "mortar": """
 import dataclasses

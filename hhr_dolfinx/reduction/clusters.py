@@ -17,7 +17,7 @@ from hhr_dolfinx.parameters import is_whole
 from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.reduction.subspaces import basis_distances, coordinates, snapshot_distances
 
-STARTS = 10
+STARTS = 5
 """Random starts of k-medoids, beside the one that builds its medoids greedily; the best end is taken."""
 SAME = 1e-9
 """Difference of two values of a parameter over its range, below which they are one value of a grid."""
@@ -120,8 +120,9 @@ def cell_labels(
         points: a grid, (S, P).
         columns: its snapshots, (N, S).
         count: K, the number of clusters.
-        tolerance: of the POD of each cell. A mode more counts as a right angle in (4.2): the smaller the tolerance, the
-            more cells have a mode for each corner.
+        tolerance: of the POD of each cell. A mode more counts as a right angle in (4.2), so that with a loose one cells
+            go together by their number of modes: the pellet's by pressure at 1e-4, and by height, as in figure 4.2b,
+            at 1e-6 and below.
         seed: of the random starts of k-medoids.
         gram: Gram matrix of the norm, (N, N); None for the Euclidean one, as in the thesis.
 

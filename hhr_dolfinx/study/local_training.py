@@ -118,12 +118,12 @@ class Clusters:
         from hhr_dolfinx.reduction.clusters import cell_labels, grid_cells
 
         try:
-            grid = grid_cells(snapshots.points)
+            cells = grid_cells(snapshots.points).cells
         except ReductionError:
             return None
-        labels = cell_labels(snapshots.displacements, grid.corners, self.count, seed=self.seed)
-        members = [np.unique(grid.corners[labels == number]) for number in range(self.count)]
-        return tree_of(grid.centres, labels, full.parameters), members
+        found = cell_labels(snapshots.points, snapshots.displacements, self.count, seed=self.seed)
+        choice = tree_of(cells.mean(axis=1), found.labels, full.parameters).snapped(cells[:, 1])
+        return choice, [found.snapshots(number) for number in range(self.count)]
 
     def _anywhere(self, snapshots: SnapshotSet, full: Any, width: np.ndarray) -> tuple[Choice, list[np.ndarray]]:
         """What a forest says, and the snapshots of each cluster with those by its borders."""

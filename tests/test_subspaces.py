@@ -1,0 +1,252 @@
+"""Angles and distances of spaces: closed forms, digits of small angles, theorem 9, what is refused."""
+
+import numpy as np
+import pytest
+from parts import dissimilarity
+from scipy import linalg, sparse
+
+from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.reduction.subspaces import (
+    basis_distances,
+    chordal_distance,
+    coordinates,
+    grassmann_distance,
+    principal_angles,
+    snapshot_distances,
+    theorem_9,
+)
+from hhr_dolfinx.timing import timed
+
+RNG = np.random.default_rng(3)
+ANGLES = np.array([1e-13, 3e-9, 1e-4, 0.2, 1.1, np.pi / 2])
+
+
+def orthonormal(rows, count, rng=RNG):
+    return linalg.qr(rng.standard_normal((rows, count)), mode="economic")[0]
+
+
+def turned(angles, rows=40, rng=RNG):
+    """Two bases with given principal angles, each in an orthonormal basis of its own."""
+    axes = orthonormal(rows, 2 * len(angles), rng)
+    first, beside = axes[:, : len(angles)], axes[:, len(angles) :]
+    second = first * np.cos(angles) + beside * np.sin(angles)
+    return first @ orthonormal(len(angles), len(angles), rng), second @ orthonormal(len(angles), len(angles), rng)
+
+
+def spd(rows):
+    """A Gram matrix with a condition number of 1e6, as of a stiffness."""
+    axes = orthonormal(rows, rows)
+    return (axes * np.geomspace(1e-3, 1e3, rows)) @ axes.T
+
+
+# ---------------------------------------------------------------- closed forms
+
+
+def test_planes_in_space():
+    """The dihedral angle, and zero for the line that they share."""
+    floor = np.eye(3)[:, :2]
+    for angle in (0.3, 1e-10, np.pi / 2):
+        tilted = np.column_stack([[1.0, 0, 0], [0, np.cos(angle), np.sin(angle)]])
+        assert principal_angles(floor, tilted) == pytest.approx([0, angle], abs=1e-15)
+        assert grassmann_distance(floor, tilted) == pytest.approx(angle, rel=1e-12)
+        assert chordal_distance(floor, tilted) == pytest.approx(np.sin(angle), rel=1e-12)
+
+
+def test_known_angles_to_the_last_digits_in_any_basis_of_the_spaces():
+    first, second = turned(ANGLES)
+    assert principal_angles(first, second) == pytest.approx(ANGLES, abs=3e-15)
+    assert principal_angles(second, first) == pytest.approx(ANGLES, abs=3e-15)
+    for _ in range(3):
+        other = first @ orthonormal(6, 6), second @ orthonormal(6, 6)
+        assert principal_angles(*other) == pytest.approx(ANGLES, abs=3e-15)
+    assert grassmann_distance(first, second) == pytest.approx(np.linalg.norm(ANGLES), rel=1e-14)
+    assert chordal_distance(first, second) == pytest.approx(np.linalg.norm(np.sin(ANGLES)), rel=1e-14)
+
+
+def test_other_dimensions_count_right_angles():
+    """(4.2): a plane within a space of five dimensions is three right angles away from it."""
+    large = orthonormal(30, 5)
+    small = large @ orthonormal(5, 2)
+    assert principal_angles(small, large) == pytest.approx([0, 0], abs=1e-14)
+    assert grassmann_distance(small, large) == pytest.approx(np.sqrt(3) * np.pi / 2)
+    assert chordal_distance(large, small) == pytest.approx(np.sqrt(3))
+    first, second = turned(ANGLES)
+    expected = np.sqrt(2 * np.pi**2 / 4 + np.sum(principal_angles(first[:, :4], second) ** 2))
+    assert grassmann_distance(second, first[:, :4]) == pytest.approx(expected, rel=1e-14)
+
+
+def test_it_is_a_distance():
+    spaces = [orthonormal(12, 3) for _ in range(8)]
+    found = basis_distances(spaces)
+    assert (found[:, :, None] <= found[:, None, :] + found.T[None] + 1e-14).all()
+    assert (np.abs(found - found.T) == 0).all() and (np.diag(found) == 0).all()
+
+
+# ---------------------------------------------------------------- matrices of many
+
+
+def test_distances_of_bases_are_those_of_each_pair():
+    first, second = turned(ANGLES[:4] * 0.01)
+    bases = [first, second, orthonormal(40, 4), orthonormal(40, 2), first[:, :1], second[:, [0, 2]], first]
+    found = basis_distances(bases)
+    for i, one in enumerate(bases):
+        for j, other in enumerate(bases):
+            assert found[i, j] == pytest.approx(grassmann_distance(one, other), abs=1e-13)
+    assert found[0, 1] == pytest.approx(np.linalg.norm(ANGLES[:4] * 0.01), rel=1e-10)
+    assert found[0, 6] < 1e-14  # cosines would say 1e-8
+
+
+def test_many_bases_go_through_in_blocks(monkeypatch):
+    bases = [orthonormal(20, 1 + k % 3) for k in range(9)]
+    bases += [linalg.qr(basis + 1e-5 * RNG.standard_normal(basis.shape), mode="economic")[0] for basis in bases]
+    whole = basis_distances(bases)
+    monkeypatch.setattr("hhr_dolfinx.reduction.subspaces.MOST_NUMBERS", 100)
+    assert basis_distances(bases) == pytest.approx(whole, rel=1e-13, abs=1e-15)
+
+
+@pytest.mark.parametrize("rows", [4, 300])
+def test_snapshots_are_as_far_apart_as_their_lines(rows):
+    """More snapshots than unknowns, and fewer; lengths and signs of any size."""
+    columns = RNG.standard_normal((rows, 25)) * np.geomspace(1e-200, 1e200, 25) * RNG.choice([-1, 1], 25)
+    found = snapshot_distances(columns)
+    units = columns / np.abs(columns).max(axis=0)
+    units /= np.linalg.norm(units, axis=0)
+    expected = np.arccos(np.minimum(np.abs(units.T @ units), 1))
+    assert found == pytest.approx(expected, abs=1e-7) and (found == found.T).all() and not np.diag(found).any()
+    assert found == pytest.approx(basis_distances([column[:, None] for column in units.T]), abs=1e-14)
+
+
+@pytest.mark.parametrize("angle", [1e-15, 1e-12, 1e-9, 1e-5, 0.01, 1.0, np.pi / 2])
+def test_small_angles_of_snapshots_keep_their_digits(angle):
+    one, beside = orthonormal(500, 2).T
+    columns = np.column_stack([one, 7 * (one * np.cos(angle) + beside * np.sin(angle)), -3 * one, beside])
+    assert snapshot_distances(columns)[:3, :3] == pytest.approx(
+        np.array([[0, angle, 0], [angle, 0, angle], [0, angle, 0]]), abs=1e-13 if angle > 1e-3 else 2e-15
+    )
+
+
+def test_distances_of_2000_snapshots_take_seconds():
+    """A quarter of the size, which must take a tenth of the time: pairs one by one take minutes."""
+    columns = RNG.standard_normal((7000, 500))
+    _, seconds = timed(lambda: snapshot_distances(columns))
+    assert seconds < 10
+
+
+# ---------------------------------------------------------------- energy
+
+
+def test_energy_is_the_euclidean_norm_of_other_coordinates():
+    gram = spd(40)
+    factor = np.linalg.cholesky(gram).T
+    first, second = turned(ANGLES)
+    own = [linalg.solve_triangular(factor, basis) for basis in (first, second)]
+    assert principal_angles(*own, sparse.csr_matrix(gram)) == pytest.approx(ANGLES, abs=1e-11)  # cond(K) of round-off
+    assert basis_distances(own, gram)[0, 1] == pytest.approx(np.linalg.norm(ANGLES), rel=1e-12)
+    columns = RNG.standard_normal((40, 9))
+    assert snapshot_distances(columns, gram) == pytest.approx(snapshot_distances(factor @ columns), abs=1e-12)
+    weights = RNG.standard_normal(6)
+    assert theorem_9(*own, weights, 2.0, gram) == pytest.approx(theorem_9(first, second, weights, 2.0), rel=1e-10)
+
+
+def test_coordinates_keep_lengths_and_products():
+    columns, gram = RNG.standard_normal((30, 6)), spd(30)
+    for found, expected in ((coordinates(columns), columns.T @ columns), (coordinates(columns, gram),
+                            columns.T @ gram @ columns)):  # fmt: skip
+        assert found.shape == (6, 6) and found.T @ found == pytest.approx(expected, rel=1e-10, abs=1e-10)
+    wide = columns[:3]
+    assert coordinates(wide) is wide
+    # dependent columns, and a matrix that is zero on imposed dofs
+    held = np.diag([1.0] * 20 + [0.0] * 10)
+    flat = np.outer(np.append(np.arange(20.0), np.zeros(10)), [1.0, 2.0, 3.0])
+    assert snapshot_distances(flat, held).max() < 1e-14
+
+
+# ---------------------------------------------------------------- theorem 9
+
+
+@pytest.mark.parametrize("case", range(20))
+def test_theorem_9(case):
+    """The first right side is the distance of the answer to the reduced space, the second no less, in any basis."""
+    rng = np.random.default_rng(case)
+    count, more = int(rng.integers(1, 6)), int(rng.integers(0, 4))
+    exact, reduced = turned(rng.uniform(0, 10.0 ** rng.integers(-9, 1), count), 60, rng)
+    if more:
+        reduced = linalg.qr(np.column_stack([reduced, rng.standard_normal((60, more))]), mode="economic")[0]
+    weights = rng.standard_normal(count)
+    field = exact @ weights
+    infimum = np.linalg.norm(field - reduced @ (reduced.T @ field))
+    angles, distance = theorem_9(exact, reduced, weights)
+    assert angles == pytest.approx(infimum, rel=1e-10, abs=1e-14) and angles <= distance * (1 + 1e-12)
+    sines = np.sin(principal_angles(exact, reduced))
+    assert distance == pytest.approx(
+        np.linalg.norm(sines) * np.sqrt(count) * np.linalg.norm(weights), rel=1e-9, abs=1e-14
+    )
+    other = orthonormal(count, count, rng)
+    assert theorem_9(exact @ other, reduced, other.T @ weights) == pytest.approx((angles, distance), abs=1e-13)
+    assert theorem_9(exact, reduced, weights, 7.0) == pytest.approx((7 * angles, 7 * distance))
+
+
+# ---------------------------------------------------------------- refused
+
+
+def test_what_is_no_orthonormal_basis_is_refused():
+    good = np.eye(4)[:, :2]
+    for bad, why in (
+        (2 * good, r"basis other is not orthonormal, by 3 of V\^T V - I: .*QR"),
+        (np.eye(4)[:, [0, 0]], "basis other is not orthonormal"),
+        (np.eye(5)[:, :2], r"bases have \[4, 5\] rows"),
+        (np.full((4, 1), np.nan), r"columns \[0\] of basis other are not finite"),
+        (np.zeros((4, 0)), "at least one column"),
+        (np.zeros(4), "at least one column"),
+        ("basis", "real numbers"),
+    ):
+        for function in (principal_angles, chordal_distance, grassmann_distance):
+            with pytest.raises(ReductionError, match=why):
+                function(good, bad)
+    with pytest.raises(ReductionError, match="1 of the bases is not orthonormal"):
+        basis_distances([good, good * (1 + 1e-7)])
+    with pytest.raises(ReductionError, match="no basis is given"):
+        basis_distances([])
+    with pytest.raises(ReductionError, match="not orthonormal"):  # it is in another norm
+        principal_angles(good, good, np.diag([1.0, 2.0, 3.0, 4.0]))
+
+
+def test_snapshots_without_direction_are_refused():
+    columns = np.ones((5, 4))
+    columns[:, 2] = 0
+    with pytest.raises(ReductionError, match=r"snapshots \[2\] are zero.*parameters without load"):
+        snapshot_distances(columns)
+    columns[1, 2] = np.inf
+    with pytest.raises(ReductionError, match=r"columns \[2\] of columns are not finite"):
+        snapshot_distances(columns)
+    with pytest.raises(ReductionError, match="not positive"):
+        snapshot_distances(np.eye(3), -np.eye(3))
+    with pytest.raises(ReductionError, match="shape"):
+        snapshot_distances(np.eye(3), np.eye(2))
+
+
+def test_theorem_9_refuses_what_it_is_not_on():
+    good = np.eye(4)[:, :2]
+    for weights in ([1.0], [1.0, np.nan], 1.0):
+        with pytest.raises(ReductionError, match=r"must be 2 finite numbers"):
+            theorem_9(good, good, np.array(weights))
+    for factor in (0.0, np.nan, np.inf):
+        with pytest.raises(ReductionError, match="1 \\+ M_a"):
+            theorem_9(good, good, np.ones(2), factor)
+
+
+# ---------------------------------------------------------------- figure 2.13
+
+
+def test_figure_2_13(tmp_path):
+    """No error of the pellet with five modes exceeds a right side, with either constants, and the first is nearer."""
+    found = dissimilarity.figure_2_13(tmp_path, quick=True)
+    rows, summary = found["rows"], found["summary"]
+    assert len(rows) == 45 and summary["modes"] == 5 and (tmp_path / "figure_2_13.png").exists()
+    assert {row["h1"] for row in rows} == {0.5, 0.75, 1.0, 1.25, 1.5}
+    assert all(row["holds"] and row["bound_129"] <= row["bound_130"] for row in rows)
+    assert summary["exceeded"] == summary["printed_exceeded"] == 0
+    # the space of the reduced model is no nearer to an answer than its infimum, which its own answer cannot beat
+    assert all(row["error"] >= row["bound_129"] / summary["factor"] * (1 - 1e-9) for row in rows)
+    assert summary["effectivity_129"][1] > 1 and summary["effectivity_129"][2] <= summary["factor"] * (1 + 1e-9)
+    assert 1e-4 < summary["worst relative error"] < 0.1 and found["finer"]["exceeded"] == 0
