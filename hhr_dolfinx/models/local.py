@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,11 +18,13 @@ from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.answer import Answer, History, Path, WithOutputs
 from hhr_dolfinx.models.choice import LEAF, Choice
 from hhr_dolfinx.models.error_bound import Estimate, Estimates
-from hhr_dolfinx.models.many import ManyAnswers, checked_points
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import ParameterSpace
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.many import ManyAnswers
 
 
 class LocalModels(WithOutputs):
@@ -106,6 +108,8 @@ class LocalModels(WithOutputs):
 
     def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> LocalAnswers:
         """Answer many parameters, (n, P): those of one model together, see :meth:`CondensedModel.solve_many`."""
+        from hhr_dolfinx.models.many import checked_points
+
         checked = checked_points(self.parameters, points)
         first, other = self.choice.many(checked)
         for row in np.flatnonzero(other != LEAF):
