@@ -13,6 +13,7 @@ from .materials.laws import Plasticity as Plasticity
 from .models.answer import Answer as Answer
 from .models.answer import History as History
 from .models.fallback import FallbackModel as FallbackModel
+from .models.local import LocalModels as LocalModels
 from .models.path import MarchSettings as MarchSettings
 from .models.reduced import ReducedModel as ReducedModel
 from .online.batch import answer_points as answer_points

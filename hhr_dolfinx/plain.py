@@ -52,14 +52,14 @@ def by_name(classes: Iterable[type]) -> dict[str, type]:
     """Classes by their names, as :func:`restored` wants them.
 
     Raises:
-        FileContentError: for what is no dataclass, and for two classes of one name, which no file could tell apart.
+        ModelFileError: for what is no dataclass, and for two classes of one name, which no file could tell apart.
     """
     named: dict[str, type] = {}
     for kind in classes:
         if not _is_kind(kind):
-            raise FileContentError(f"{_shown(kind)} is no class of values in files: {_REMEDY}")
+            raise ModelFileError(f"{_shown(kind)} is no class of values in files: {_REMEDY}")
         if named.setdefault(kind.__name__, kind) is not kind:
-            raise FileContentError(
+            raise ModelFileError(
                 f"two classes are called {kind.__name__}, in {named[kind.__name__].__module__} and in "
                 f"{kind.__module__}: files know them by name, rename one"
             )

@@ -25,7 +25,7 @@ from hhr_dolfinx.models.cubature_flow import CubatureFlow
 from hhr_dolfinx.models.error_bound import Estimate
 from hhr_dolfinx.models.output_bound import OutputBound
 from hhr_dolfinx.models.reconstruct import GappyField
-from hhr_dolfinx.online import model_file
+from hhr_dolfinx.online import layout
 
 
 @pytest.fixture
@@ -248,7 +248,7 @@ def test_the_table_has_a_line_for_every_field(pellet_reduction, flowing_reductio
     names |= {f"flow.{item.name}" for item in fields(flow.operator)}
     names |= {f"cubature.{item.name}" for item in fields(CubatureFlow)}
     names |= {f"{part}.{item.name}" for part in ("flow", "cubature") for item in fields(flow.material.groups[0])}
-    named = {name.removesuffix(".rows") for name in model_file.LAYOUT if not name.endswith((".columns", ".values"))}
+    named = {name.removesuffix(".rows") for name in layout.LAYOUT if not name.endswith((".columns", ".values"))}
     # what is written in other ways: values as a kind and numbers, sizes, names of parameters, points by their group
     others = {"amplitudes.nonaffine", "flow.law", "flow.size", "fields.dimension", "trained.names", "paths.parameters"}
     others |= {"flow.operator", "flow.material", "flow.indices", "fields.amplitudes", "fields.flow", "fields.bound"}
@@ -261,7 +261,7 @@ def test_the_table_has_a_line_for_every_field(pellet_reduction, flowing_reductio
     parts = [item.name for item in fields(GappyField)]
     completion = {f"completion.{field}_{part}" for field in ("stress", "cumulated") for part in parts}
     assert named - names == completion | {"flow.group", "cubature.group"}
-    assert set(model_file.INDICES) <= set(model_file.LAYOUT)
+    assert set(layout.INDICES) <= set(layout.LAYOUT)
 
 
 def entry(name, index, value):

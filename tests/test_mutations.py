@@ -270,7 +270,7 @@ def read_model(path):
     points = [np.array(space.lower) + part * (np.array(space.upper) - space.lower) for part in (0.1, 0.77)]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # no history is what this model was trained on
-        if model.flow is None:
+        if getattr(model, "flow", None) is None:
             answers = [model.solve(point) for point in points]
         else:
             answers = model.march([(0.0, points[0]), (0.1, points[1])]).answers

@@ -29,6 +29,9 @@ class Choice:
         low, high: the nodes behind, (n,) int, each after the one that leads to it.
         label: number of the model of a region, (n,) int.
         reach: half the width, along each parameter, of the strip along a cut in which both sides are candidates, (P,).
+
+    Raises:
+        ReductionError: for what is no tree.
     """
 
     axis: np.ndarray
@@ -70,20 +73,27 @@ class Choice:
         return self.label.tolist(), self.reach.tolist()
 
     def candidates(self, point: Sequence[float]) -> tuple[int, int]:
-        """The model of a point, P numbers, and another one where it lies by a cut, nearest to the last; else -1."""
+        """The model of a point, P numbers, and where it lies by a border the one behind, else -1.
+
+        Of several borders the nearest one counts, in parts of their reach: points on both sides of it have the same
+        two candidates, so that the answer does not jump there.
+        """
         nodes, (labels, reach) = self._nodes, self._plain
-        node, near = 0, LEAF
+        node, near = 0, []
         axis, cut, low, high = nodes[0]
         while axis >= 0:
-            off = point[axis] - cut
-            if -reach[axis] <= off <= reach[axis]:
-                near = high if off <= 0 else low
+            off, width = point[axis] - cut, reach[axis]
+            if -width <= off <= width:
+                near.append((abs(off) / width if width else 0.0, high if off <= 0 else low))
             node = low if off <= 0 else high
             axis, cut, low, high = nodes[node]
-        if near == LEAF:
-            return labels[node], LEAF
-        other = self._followed(near, point)
-        return labels[node], other if other != labels[node] else LEAF
+        label = labels[node]
+        for _, behind in sorted(near):
+            other = self._followed(behind, point)
+            # both sides of a cut may belong to one model
+            if other != label:
+                return label, other
+        return label, LEAF
 
     def _followed(self, node: int, point: Sequence[float]) -> int:
         """The model of a point behind a node."""
@@ -107,8 +117,9 @@ class Choice:
             if axis == LEAF:
                 found.append((int(self.label[node]), least, most))
                 continue
+            # a cut may lie outside of the box
             below, above = most.copy(), least.copy()
-            below[axis], above[axis] = min(cut, most[axis]), max(cut, least[axis])
+            below[axis] = above[axis] = min(max(cut, least[axis]), most[axis])
             corners[low], corners[high] = (least, below), (above, most)
         return found
 

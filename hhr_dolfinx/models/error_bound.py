@@ -150,9 +150,10 @@ def bounded(
         dual[rows] = np.minimum(known[rows], nearer[rows] + _lengths(forces[rows] - found, pushed[rows] - less))
     unbalanced, size, balanced = fields(better)
     noise, primal = inexact * (own + least + balanced), unbalanced + nearer
-    if (nearer > NOTHING * unbalanced).any():
-        root = np.sqrt(unbalanced**2 + 4 * nearer * response.off(given.slack(), better))
-        primal = np.minimum(primal, (unbalanced + root) / 2)
+    # row by row, so that a bound is the same in any table
+    if (rows := np.flatnonzero(nearer > NOTHING * unbalanced)).size:
+        alone, left = unbalanced[rows], response.off(given.slack()[rows], better[rows])
+        primal[rows] = np.minimum(primal[rows], (alone + np.sqrt(alone**2 + 4 * nearer[rows] * left)) / 2)
     return primal + ROUND_OFF * size + noise, dual + noise, size, own
 
 

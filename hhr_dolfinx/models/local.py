@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,12 +17,16 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.answer import Answer, History, Path, WithOutputs
 from hhr_dolfinx.models.choice import LEAF, Choice
-from hhr_dolfinx.models.error_bound import Estimate, Estimates
-from hhr_dolfinx.models.many import ManyAnswers, checked_points
+from hhr_dolfinx.models.error_bound import Estimates
+from hhr_dolfinx.models.fallback import ALIKE
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.trained import TrainedRange
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.many import ManyAnswers
 
 
 class LocalModels(WithOutputs):
@@ -86,55 +90,78 @@ class LocalModels(WithOutputs):
         point = self.parameters.point(mu)
         number, other = self.choice.candidates(point.tolist())
         if other != LEAF:
-            number = self._better(point, number, other)
+            number = min(number, other, key=lambda asked: self._doubt(asked, point))
         if not isinstance(start, str | None):
             start = self._own_start(number, start)
         return self.models[number].solve(
             point, start=start, raise_on_failure=raise_on_failure, outside=outside, gradient=gradient
         )
 
-    def _better(self, point: np.ndarray, one: int, two: int) -> int:
-        """Which of two models knows a point better, by the estimates of their answers."""
-        asked = [self.models[k].solve(point, raise_on_failure=False, outside="ignore") for k in (one, two)]
-        return two if nearer(*asked) is asked[1] else one
+    def _doubt(self, number: int, point: np.ndarray) -> tuple[float, float, float]:
+        """What speaks against the answer of a model to a point, what counts most first.
+
+        Infinite where there is no answer; 1 outside what the model was trained on; the larger one of the estimates of
+        displacement and forces, relative, and, for those that are infinite, in units; 0 where there is no estimate.
+        """
+        model = self.models[number]
+        answer = model.solve(point, raise_on_failure=False, outside="ignore")
+        if not answer.converged:
+            return np.inf, np.inf, np.inf
+        outside = isinstance(model.trained, TrainedRange) and bool(model.trained.complaint(point))
+        if (found := answer.estimate()) is None:
+            return float(outside), 0.0, 0.0
+        relative, absolute = max(found.primal_relative, found.dual_relative), max(found.primal, found.dual)
+        return float(outside), relative, absolute
+
+    def _doubts(self, numbers: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """The same for many points, (n, P), each of the model of a number, (n,): (3, n)."""
+        doubts = np.zeros((3, len(points)))
+        for number in np.unique(numbers):
+            rows, model = np.flatnonzero(numbers == number), self.models[number]
+            many = model.solve_many(points[rows], raise_on_failure=False, outside="ignore")
+            if isinstance(model.trained, TrainedRange):
+                inside = (model.trained.lower <= points[rows]) & (points[rows] <= model.trained.upper)
+                doubts[0, rows] = ~inside.all(axis=1)
+            if (found := many.estimates()) is not None:
+                doubts[1, rows] = np.maximum(found.primal_relative, found.dual_relative)
+                doubts[2, rows] = np.maximum(found.primal, found.dual)
+            doubts[:, rows[[status is not Status.CONVERGED for status in many.status]]] = np.inf
+        return doubts
+
+    def _nearer(self, one: np.ndarray, two: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Which of two models knows each point better, (n,), of numbers (n,) each; of equal ones the first."""
+        less = np.zeros(len(points), dtype=bool)
+        # from the last doubt to the first, each of which decides where those before it are equal
+        for first, second in zip(self._doubts(one, points)[::-1], self._doubts(two, points)[::-1], strict=True):
+            less = (second < first) | ((second == first) & less)
+        return np.where(less, two, one)
 
     def _own_start(self, number: int, start: Any) -> Any:
-        """Statuses to start from if they may be those of a model, as along a path; else the nearest known ones."""
+        """Statuses to start from, unless they are those of another model, as along a path: then the nearest known."""
         statuses = np.asarray(start)
-        fits = statuses.dtype == bool and statuses.shape == (len(self.models[number].problem.gaps),)
-        return statuses if fits else "nearest"
+        sizes = [len(model.problem.gaps) for model in self.models]
+        foreign = statuses.dtype == bool and statuses.ndim == 1 and statuses.size != sizes[number]
+        # what is of no model is for the model to refuse
+        return "nearest" if foreign and statuses.size in sizes else start
 
     def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> LocalAnswers:
         """Answer many parameters, (n, P): those of one model together, see :meth:`CondensedModel.solve_many`."""
+        from hhr_dolfinx.models.many import checked_points
+
         checked = checked_points(self.parameters, points)
-        first, other = self.choice.many(checked)
-        for row in np.flatnonzero(other != LEAF):
-            first[row] = self._better(checked[row], first[row], other[row])
+        number, other = self.choice.many(checked)
+        near = np.flatnonzero(other != LEAF)
+        number[near] = self._nearer(number[near], other[near], checked[near])
         found = []
-        for number in np.unique(first):
-            rows = np.flatnonzero(first == number)
+        for asked in np.unique(number):
+            rows = np.flatnonzero(number == asked)
             how = {"raise_on_failure": raise_on_failure, "outside": outside}
-            found.append((rows, self.models[number].solve_many(checked[rows], **how)))
-        return LocalAnswers.of(found, len(checked))
+            found.append((rows, self.models[asked].solve_many(checked[rows], **how)))
+        return LocalAnswers.of(found, number)
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
         """Solve along a path, each point by the model of its part; see :func:`solve_along`."""
         return solve_along(self, checked_path(self.parameters, path), settings)
-
-
-def nearer(one: Answer, two: Answer) -> Answer:
-    """The answer with the smaller estimate of its error; that which is one, if the other is not; else the first."""
-    if not (one.converged and two.converged):
-        return two if two.converged else one
-    first, second = one.estimate(), two.estimate()
-    if first is None or second is None:
-        return one
-    return two if _size(second) < _size(first) else one
-
-
-def _size(estimate: Estimate) -> float:
-    """What an estimate says of displacements and forces together."""
-    return max(estimate.primal_relative, estimate.dual_relative)
 
 
 @dataclass(frozen=True)
@@ -143,27 +170,29 @@ class LocalAnswers:
 
     Attributes:
         points: parameters, (n, P).
+        model: number of the model that answered each, (n,) int.
         status: why each search stopped.
         iterations: equality problems solved for each, (n,).
         parts: rows and answers of each model that was asked.
     """
 
     points: np.ndarray
+    model: np.ndarray
     status: list[Status]
     iterations: np.ndarray
     parts: tuple[tuple[np.ndarray, ManyAnswers], ...]
 
     @classmethod
-    def of(cls, parts: list[tuple[np.ndarray, ManyAnswers]], count: int) -> LocalAnswers:
-        """Of the answers of each model to its rows, ``count`` in all."""
-        width = parts[0][1].points.shape[1] if parts else 0
-        points, iterations = np.empty((count, width)), np.zeros(count, dtype=np.int64)
+    def of(cls, parts: list[tuple[np.ndarray, ManyAnswers]], model: np.ndarray) -> LocalAnswers:
+        """Of the answers of each model to its rows, one or more, and the numbers of the models by row."""
+        count = len(model)
+        points, iterations = np.empty((count, parts[0][1].points.shape[1])), np.zeros(count, dtype=np.int64)
         status = [Status.CONVERGED] * count
         for rows, many in parts:
             points[rows], iterations[rows] = many.points, many.iterations
             for row, found in zip(rows, many.status, strict=True):
                 status[row] = found
-        return cls(points, status, iterations, tuple(parts))
+        return cls(points, model, status, iterations, tuple(parts))
 
     def __len__(self) -> int:
         return len(self.points)
@@ -198,7 +227,7 @@ class LocalAnswers:
 
     def _gathered(self, found: list[tuple[np.ndarray, dict[str, np.ndarray]]]) -> dict[str, np.ndarray]:
         """Columns by name in the order of the points."""
-        columns = {name: np.full(len(self), np.nan) for name in (found[0][1] if found else {})}
+        columns = {name: np.full(len(self), np.nan) for name in found[0][1]}
         for rows, part in found:
             for name, values in part.items():
                 columns[name][rows] = values
@@ -213,8 +242,10 @@ def _check_alike(models: Sequence[ReducedModel], choice: Choice) -> None:
         raise ReductionError("bodies flow in these local models: histories change models by LocalHistories")
     first = models[0]
     for number, model in enumerate(models):
-        if not (_scene_of(model) == _scene_of(first) and np.array_equal(model.fields.gaps, first.fields.gaps)):
+        if not (_scene_of(model) == _scene_of(first) and _same_arrays(model.fields, first.fields)):
             raise ReductionError(f"local model {number} is of another scene or mesh than the first one")
+    if not isinstance(choice, Choice):
+        raise ReductionError(f"{choice!r} is no Choice, which says what local model answers where")
     if len(choice.reach) != len(first.parameters.names):
         raise ReductionError(f"a choice of {len(choice.reach)} parameters is none of {first.parameters.names}")
     if choice.label[choice.axis == LEAF].max() >= len(models):
@@ -222,6 +253,20 @@ def _check_alike(models: Sequence[ReducedModel], choice: Choice) -> None:
 
 
 def _scene_of(model: ReducedModel) -> list:
-    """Box and mesh of a model."""
-    space = model.parameters
-    return [*space.names, *space.lower, *space.upper, len(model.fields.basis), model.fields.gaps.shape]
+    """Box, mesh, and names of outputs of a model."""
+    space, functionals = model.parameters, model.fields.functionals
+    outputs = () if functionals is None else functionals.items
+    sizes = len(model.fields.basis), model.fields.gaps.shape
+    return [*space.names, *space.lower, *space.upper, *sizes, *(item.name for item in outputs)]
+
+
+def _same_arrays(one: Reconstruction, two: Reconstruction) -> bool:
+    """Whether gaps, amplitudes, and S where both know it are those of one scene."""
+    alike = [(one.gaps, two.gaps), (one.amplitudes.constant, two.amplitudes.constant)]
+    alike += [(one.amplitudes.slopes, two.amplitudes.slopes)]
+    if not all(np.array_equal(mine, other) for mine, other in alike):
+        return False
+    if one is two or one.bound is None or two.bound is None:
+        return True
+    mine, other = one.bound.schur, two.bound.schur
+    return bool(np.abs(mine - other).max() <= ALIKE * np.abs(other).max())

@@ -17,7 +17,9 @@ import numpy as np
 from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import HHRError, ParameterError
 from hhr_dolfinx.files import replacing
+from hhr_dolfinx.models.choice import LEAF
 from hhr_dolfinx.models.fallback import FallbackModel
+from hhr_dolfinx.models.local import LocalModels
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.timing import timed
@@ -31,6 +33,9 @@ if TYPE_CHECKING:
 
 Progress = Callable[[Iterable], Iterable]
 """Wraps an iteration, for a progress bar."""
+
+Answering = ReducedModel | LocalModels | FallbackModel
+"""What answers tables."""
 
 OK = "ok"
 """Status of a row that has an answer."""
@@ -50,6 +55,7 @@ class Answers(NamedTuple):
             relative to the exact ones, ``bound of``, ``estimate of`` or ``indicator of`` before them, and bounds of
             outputs in their units; NaN where nothing is. None of a model that estimates nothing.
         fell_back: whether the full model answered, (S,) bool; None of a model that cannot fall back.
+        model: number of the local model that answered, (S,) int; -1 where none of them did. None of a single model.
     """
 
     points: np.ndarray
@@ -59,6 +65,7 @@ class Answers(NamedTuple):
     outputs: Mapping[str, np.ndarray] = MappingProxyType({})
     estimates: Mapping[str, np.ndarray] = MappingProxyType({})
     fell_back: np.ndarray | None = None
+    model: np.ndarray | None = None
 
 
 class _Row(NamedTuple):
@@ -70,6 +77,7 @@ class _Row(NamedTuple):
     outputs: list[float]
     estimates: list[float]
     fell_back: bool
+    model: int
 
 
 class TableRow(NamedTuple):
@@ -87,7 +95,7 @@ class TableRow(NamedTuple):
 
 
 def answer_points(
-    model: ReducedModel | FallbackModel,
+    model: Answering,
     points: np.ndarray,
     comm: Comm | None = None,
     progress: Progress = iter,
@@ -99,8 +107,8 @@ def answer_points(
     one by one.
 
     Args:
-        model: the reduced model, the same on all ranks, as the points; or one that falls back on a full model of its
-            rank, and grows there by what its rank asks.
+        model: the reduced model, or several local ones, the same on all ranks, as the points; or one that falls back
+            on a full model of its rank, and grows there by what its rank asks.
         points: (S, P).
         comm: communicator over which they are spread; None for this process alone, which needs no MPI.
         progress: wraps the iteration, for a progress bar.
@@ -122,15 +130,16 @@ def answer_points(
     if parts is None:
         return None
     every = [row for part in parts for row in part]
-    status, largest, forces, *others, fallen = zip(*every, strict=True) if every else ((),) * len(_Row._fields)
+    status, largest, forces, *others, fallen, numbers = zip(*every, strict=True) if every else ((),) * len(_Row._fields)
     count = len(points)
     outputs, estimates = (
         dict(zip(names, np.array(values).reshape(count, len(names)).T, strict=True))
         for names, values in zip(heads, others, strict=True)
     )
     fell_back = np.array(fallen, dtype=bool) if isinstance(model, FallbackModel) else None
+    local = np.array(numbers, dtype=np.int64) if isinstance(_reduced(model), LocalModels) else None
     table = np.array(forces).reshape(count, _forces_of(model))
-    return Answers(points, list(status), np.array(largest), table, outputs, estimates, fell_back)
+    return Answers(points, list(status), np.array(largest), table, outputs, estimates, fell_back, local)
 
 
 def read_points(path: str | Path, space: ParameterSpace) -> list[TableRow]:
@@ -159,7 +168,7 @@ def read_points(path: str | Path, space: ParameterSpace) -> list[TableRow]:
 
 
 def answer_table(
-    model: ReducedModel | FallbackModel,
+    model: Answering,
     rows: Sequence[TableRow],
     path: str | Path,
     console: Console,
@@ -219,6 +228,8 @@ def write_answers(
         columns = {**answers.outputs, **answers.estimates}
         if answers.fell_back is not None:
             columns["fell_back"] = answers.fell_back.astype(float)
+        if answers.model is not None:
+            columns["model"] = np.where(answers.model == LEAF, np.nan, answers.model)
         writer.writerow([*space.names, *_COLUMNS, *columns, *(f"force_{k}" for k in range(count))])
         for k, (row, status) in enumerate(zip(given, answers.status, strict=True)):
             forces, others = answers.forces[k], [column[k] for column in columns.values()]
@@ -266,9 +277,7 @@ def _numbers(row: TableRow, space: ParameterSpace) -> tuple[list[float], str]:
     return point, ""
 
 
-def _answer(
-    model: ReducedModel | FallbackModel, point: np.ndarray, outside: str, heads: list[str], estimated: list[str]
-) -> _Row:
+def _answer(model: Answering, point: np.ndarray, outside: str, heads: list[str], estimated: list[str]) -> _Row:
     """Answer one point, with columns of outputs and of estimates."""
     try:
         answer = model.solve(point, outside=outside)
@@ -277,30 +286,32 @@ def _answer(
         estimates = _estimates(model, answer.estimate() if estimated else None, len(estimated))
     except HHRError as error:  # what a row may do; anything else is a fault of the program and ends the run
         nothing = np.full(_forces_of(model), np.nan), [np.nan] * len(heads), [np.nan] * len(estimated)
-        return _Row(str(error), np.nan, *nothing, fell_back=False)
-    largest = np.linalg.norm(displacement.reshape(-1, _reduced(model).dimension), axis=1).max()
+        return _Row(str(error), np.nan, *nothing, fell_back=False, model=LEAF)
+    reduced = _reduced(model)
+    largest = np.linalg.norm(displacement.reshape(-1, reduced.dimension), axis=1).max()
     fell_back = isinstance(model, FallbackModel) and model.fell_back(answer)
-    return _Row(OK, largest, forces, outputs, estimates, fell_back)
+    number = reduced.model_of(answer) if isinstance(reduced, LocalModels) and not fell_back else LEAF
+    return _Row(OK, largest, forces, outputs, estimates, fell_back, number)
 
 
-def _reduced(model: ReducedModel | FallbackModel) -> ReducedModel:
-    """The reduced model, of one that falls back too."""
+def _reduced(model: Answering) -> ReducedModel | LocalModels:
+    """The reduced model or models, of one that falls back too."""
     return model.reduced if isinstance(model, FallbackModel) else model
 
 
-def _outputs_of(model: ReducedModel | FallbackModel) -> dict[str, str]:
+def _outputs_of(model: Answering) -> dict[str, str]:
     """Heads of the columns of the outputs, by name."""
     functionals = _reduced(model).fields.functionals
     items = () if functionals is None else functionals.items
     return {item.name: f"{item.name} [{item.unit}]" if item.unit else item.name for item in items}
 
 
-def _heads_of(model: ReducedModel | FallbackModel) -> list[str]:
+def _heads_of(model: Answering) -> list[str]:
     """Heads of the columns of the outputs."""
     return list(_outputs_of(model).values())
 
 
-def _estimate_heads(model: ReducedModel | FallbackModel) -> list[str]:
+def _estimate_heads(model: Answering) -> list[str]:
     """Heads of the columns of estimates; none where nothing is estimated, or nothing but steps of histories."""
     fields = _reduced(model).fields
     # fields of models that keep all contact conditions, or of a rival, know of no estimates
@@ -312,7 +323,7 @@ def _estimate_heads(model: ReducedModel | FallbackModel) -> list[str]:
     return [] if indicator is None else ["indicator of displacement", "indicator of forces"]
 
 
-def _estimates(model: ReducedModel | FallbackModel, estimate: Estimate | None, count: int) -> list[float]:
+def _estimates(model: Answering, estimate: Estimate | None, count: int) -> list[float]:
     """Values of the columns of estimates; NaN of outputs without a bound."""
     if estimate is None:
         return [np.nan] * count
@@ -322,6 +333,6 @@ def _estimates(model: ReducedModel | FallbackModel, estimate: Estimate | None, c
     return values
 
 
-def _forces_of(model: ReducedModel | FallbackModel) -> int:
+def _forces_of(model: Answering) -> int:
     """Number of conditions on the whole contact surface."""
     return len(_reduced(model).fields.gaps)

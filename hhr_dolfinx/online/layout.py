@@ -13,6 +13,8 @@ CONDENSED, CONDENSED_VERSION = "hhr_dolfinx condensed model", 2
 """Format of files of interpolated condensation, see ``varying_file``."""
 CONDENSED_FLOW, CONDENSED_FLOW_VERSION = "hhr_dolfinx condensed flow model", 3
 """Format of files of condensed flow, see ``condensed_flow_file``."""
+LOCAL, LOCAL_VERSION = "hhr_dolfinx local models", 1
+"""Format of files of local models, see ``local_file``; their models are of :data:`VERSION`."""
 CONE = "fields.force_snapshots"
 """What a file leaves out of a model whose bound completes forces."""
 VALUES = ("amplitudes", "laws", "outputs")
@@ -172,6 +174,16 @@ CONDENSED_FLOW_INDICES = {
 
 CONDENSED_FLOW_GIVEN = {"flow.given": "flow.forced", "fields.given": "fields.forced"}
 """Arrays among them of which only what is not zero is kept, each with another one of its shape."""
+
+CHOICE_LAYOUT = {
+    "choice.axis": ("int", "nodes"),
+    "choice.cut": ("float", "nodes"),
+    "choice.low": ("int", "nodes"),
+    "choice.high": ("int", "nodes"),
+    "choice.label": ("int", "nodes"),
+    "choice.reach": ("float", "P"),
+}
+"""Arrays of the choice between local models, as in :data:`LAYOUT`."""
 
 TYPES = {"float": np.float64, "int": np.int64, "bool": np.bool_}
 MAY_BE_NONE = {"force snapshots", "stress modes", "strain modes", "output rows", "lift rows"}
