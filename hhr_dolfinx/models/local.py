@@ -90,31 +90,19 @@ class LocalModels(WithOutputs):
         point = self.parameters.point(mu)
         number, other = self.choice.candidates(point.tolist())
         if other != LEAF:
-            number = min(number, other, key=lambda asked: self._doubt(asked, point))
+            number = int(self._nearer(np.array([number]), np.array([other]), point[None])[0])
         if not isinstance(start, str | None):
             start = self._own_start(number, start)
         return self.models[number].solve(
             point, start=start, raise_on_failure=raise_on_failure, outside=outside, gradient=gradient
         )
 
-    def _doubt(self, number: int, point: np.ndarray) -> tuple[float, float, float]:
-        """What speaks against the answer of a model to a point, what counts most first.
+    def _doubts(self, numbers: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """What speaks against answers of models, of numbers (n,), to points, (n, P), what counts most first: (3, n).
 
         Infinite where there is no answer; 1 outside what the model was trained on; the larger one of the estimates of
         displacement and forces, relative, and, for those that are infinite, in units; 0 where there is no estimate.
         """
-        model = self.models[number]
-        answer = model.solve(point, raise_on_failure=False, outside="ignore")
-        if not answer.converged:
-            return np.inf, np.inf, np.inf
-        outside = isinstance(model.trained, TrainedRange) and bool(model.trained.complaint(point))
-        if (found := answer.estimate()) is None:
-            return float(outside), 0.0, 0.0
-        relative, absolute = max(found.primal_relative, found.dual_relative), max(found.primal, found.dual)
-        return float(outside), relative, absolute
-
-    def _doubts(self, numbers: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """The same for many points, (n, P), each of the model of a number, (n,): (3, n)."""
         doubts = np.zeros((3, len(points)))
         for number in np.unique(numbers):
             rows, model = np.flatnonzero(numbers == number), self.models[number]

@@ -60,5 +60,6 @@ def _choice(classifier: DecisionTreeClassifier, space: ParameterSpace) -> Choice
     axis = np.where(inner, tree.feature, LEAF)
     cut = np.where(inner, lower[axis] + tree.threshold * (upper - lower)[axis], 0.0)
     label = classifier.classes_[tree.value[:, 0].argmax(axis=1)].astype(np.int64)
-    behind = (np.where(inner, part, 0).astype(np.int64) for part in (tree.children_left, tree.children_right))
-    return Choice(axis.astype(np.int64), cut, *behind, np.where(inner, LEAF, label), np.zeros(len(space.names)))
+    low, high = (np.where(inner, part, 0).astype(np.int64) for part in (tree.children_left, tree.children_right))
+    reach = np.zeros(len(space.names))
+    return Choice(axis.astype(np.int64), cut, low, high, np.where(inner, LEAF, label), reach)

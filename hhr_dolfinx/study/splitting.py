@@ -118,10 +118,8 @@ class _Splitting:
         for _ in progress(iter(waiting.__len__, 0)):
             part = waiting.pop()
             waiting += self._settled(part, len(waiting))[::-1]
-        kinds = (np.int64, float, np.int64, np.int64, np.int64)
-        columns = zip(*self.nodes, strict=True)
-        arrays = (np.array(column, dtype=kind) for column, kind in zip(columns, kinds, strict=True))
-        choice = Choice(*arrays, self.settings.strip * (self.upper - self.lower))
+        axis, cut, low, high, label = map(np.array, zip(*self.nodes, strict=True))
+        choice = Choice(axis, cut, low, high, label, self.settings.strip * (self.upper - self.lower))
         return together(self.models, choice, self.snapshots, self.record)
 
     def _settled(self, part: _Part, waiting: int) -> list[_Part]:
