@@ -11,7 +11,7 @@ import numpy as np
 from hhr_dolfinx.certify.accuracy import relative_error, summary
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.models.answer import Model
-from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.models.reconstruct import Reconstruction
 
 
 @dataclass(frozen=True)
@@ -95,9 +95,10 @@ class Measurement:
     models: Mapping[str, Any] = field(default_factory=dict)
 
 
-def conditions_inside(model: Model) -> np.ndarray | None:
-    """Contact conditions in the RID of a model, if it has one."""
-    return model.fields.A_lambda if isinstance(model, ReducedModel) else None
+def conditions_inside(model: Any) -> np.ndarray | None:
+    """Contact conditions in the RID of a model, or of what completes an answer, if it has one."""
+    fields = getattr(model, "fields", model)
+    return fields.A_lambda if isinstance(fields, Reconstruction) else None
 
 
 Pair = tuple[np.ndarray, np.ndarray]

@@ -60,7 +60,8 @@ class References:
             exact = homogeneous + problem.lifts @ theta, forces
             there = problem.at(point)
             energies = [energy_minimum(there, field, theta) for field in (answer[0], exact[0])]
-            row = answer_errors(there, answer, exact, self.floor, inside)
+            # local models have a RID each
+            row = answer_errors(there, answer, exact, self.floor, conditions_inside(found.fields))
             rows.append({**row, "energy_minimum": abs(energies[0] - energies[1])})
             residuals.append(asdict(contact_residuals(there, *answer, theta)))
             false_contact += bool(((answer[1] > self.floor) & (forces == 0)).any())
