@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 from bare import rewrite_signed
-from parted import CUT, REACH, bits, choice, one_cut, parts_of, pellet_models, pellet_training, varying_set
+from parted import CUT, REACH, bits, choice, one_cut, parts_of, pellet_models, pellet_training, shaped_set, varying_set
 from scenes import pressed_block
 from test_model_file import Toy, array, entry, rewrite
 from test_mpi import launch
@@ -44,8 +44,14 @@ def varying():
 
 
 @pytest.fixture(scope="module")
-def kept(local, varying, tmp_path_factory):
+def shaped():
+    return shaped_set()
+
+
+@pytest.fixture(scope="module")
+def kept(local, varying, shaped, tmp_path_factory):
     folder = tmp_path_factory.mktemp("kept")
+    hhr.save_model(folder / "shaped.npz", shaped)
     hhr.save_model(folder / "local.npz", local)
     hhr.save_model(folder / "varying.npz", varying)
     hhr.save_model(folder / "two.npz", LocalModels(local.models[:2], one_cut(1, CUT, REACH)))
@@ -69,7 +75,7 @@ def points_of(model, count=40):
 # ---------------------------------------------------------------- what comes back
 
 
-@pytest.mark.parametrize("name", ["local", "varying"])
+@pytest.mark.parametrize("name", ["local", "varying", "shaped"])
 def test_a_set_comes_back_to_the_last_bit(name, kept, request):
     model, stored = request.getfixturevalue(name), hhr.load_model(kept / f"{name}.npz")
     assert isinstance(stored, LocalModels) and stored.offline is None and len(stored) == len(model)
@@ -117,7 +123,7 @@ def test_what_models_share_is_kept_once(kept, local, tmp_path):
 
 
 def test_written_again_it_is_the_same_file(kept, tmp_path):
-    for name in ("local", "varying"):
+    for name in ("local", "varying", "shaped"):
         hhr.save_model(tmp_path / "again.npz", hhr.load_model(kept / f"{name}.npz"))
         with np.load(tmp_path / "again.npz") as mine, np.load(kept / f"{name}.npz") as theirs:
             assert mine.files == theirs.files and str(mine["header"]) == str(theirs["header"])
@@ -140,7 +146,7 @@ assert not heavy, heavy
 
 
 @pytest.mark.parametrize("petsc", ["there", "missing"])
-@pytest.mark.parametrize("name", ["local", "varying"])
+@pytest.mark.parametrize("name", ["local", "varying", "shaped"])
 def test_another_process_answers_without_dolfinx(name, petsc, kept, request):
     """To the last bit; where PETSc is missing dense blocks are factored by another library."""
     model = request.getfixturevalue(name)
