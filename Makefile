@@ -3,7 +3,7 @@
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: demo pellet nonmatching plastic sphere materials rod press calibrate certified indicator greedy indent patch extreme recipes lint test slow setup
+.PHONY: demo pellet nonmatching plastic sphere materials rod press calibrate certified local indicator greedy indent patch extreme recipes lint test slow setup
 
 demo: setup
 	.venv/bin/python demos/hertz_half_discs.py
@@ -34,6 +34,9 @@ calibrate: setup
 
 certified: setup
 	.venv/bin/python demos/certified.py
+
+local: setup
+	.venv/bin/python demos/local_models.py
 
 indicator: setup
 	.venv/bin/python demos/history_indicator.py

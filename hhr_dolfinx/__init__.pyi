@@ -72,6 +72,8 @@ from .study.greedy_indicators import Eta as Eta
 from .study.greedy_indicators import Eta2 as Eta2
 from .study.greedy_indicators import ForceError as ForceError
 from .study.greedy_indicators import LargestEstimate as LargestEstimate
+from .study.local_training import Clusters as Clusters
+from .study.splitting import Splitting as Splitting
 from .study.study import Rival as Rival
 from .study.study import StudySettings as StudySettings
 from .study.study import run_study as run_study

@@ -170,6 +170,21 @@ def build(
     return first_trusted(lambda layers: _attempt(shared, layers), recipe.domain.layers, recipe.domain.most_layers, log)
 
 
+def sizes(full: Any, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
+    """Modes and contact conditions of the model that a recipe makes, before anything is projected.
+
+    Raises:
+        ReductionError: see :func:`build`.
+    """
+    problem = full.problem
+    _check_given(full, snapshots, recipe, None)
+    basis = _basis_of(recipe.basis, problem, snapshots)
+    nodes = np.unique(np.concatenate([_nodes_of(step, problem, snapshots, basis) for step in recipe.nodes]))
+    sets = reduced_domain(problem.touching(), nodes, recipe.domain.layers)
+    kappa_max = np.inf if recipe.enrichment is None else recipe.enrichment.kappa_max
+    return enrich(problem, basis, sets, kappa_max).basis.shape[1], sets.A_lambda.size
+
+
 def _check_given(full, snapshots, recipe, held_out) -> None:
     """Raise ReductionError for what is no recipe, and for solutions of another problem."""
     if not isinstance(recipe, Recipe):

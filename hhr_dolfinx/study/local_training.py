@@ -77,7 +77,7 @@ class Clusters:
     Attributes:
         count: K.
         overlap: part of the width of the box by which training reaches beyond a border, where points are no grid.
-        strip: see :class:`Recursive`.
+        strip: see :class:`Splitting`.
         seed: of the clusters and the forest.
     """
 

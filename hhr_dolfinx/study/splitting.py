@@ -12,7 +12,7 @@ from hhr_dolfinx.models.choice import LEAF, Choice
 from hhr_dolfinx.models.local import LocalModels
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import is_number, is_whole
-from hhr_dolfinx.reduction.build import build
+from hhr_dolfinx.reduction.build import build, sizes
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import compute_snapshots
 from hhr_dolfinx.study.local_training import (
@@ -42,7 +42,7 @@ LEARNED = 30
 
 
 @dataclass(frozen=True)
-class Recursive:
+class Splitting:
     """The box is split, part by part, until models are small; training grows until their forces are right.
 
     A part is split across the axis that best keeps apart two clusters of its solutions (k-medoids by the angle between
@@ -87,7 +87,7 @@ class Recursive:
 
     def models(self, training: Training, recipe: Recipe, progress: Progress) -> LocalModels:
         """Local models of a training; see the class."""
-        return _Splitting(self, training, recipe).grown(progress)
+        return _Run(self, training, recipe).grown(progress)
 
 
 class _Part(NamedTuple):
@@ -98,10 +98,10 @@ class _Part(NamedTuple):
     upper: np.ndarray
 
 
-class _Splitting:
-    """One run of :class:`Recursive`."""
+class _Run:
+    """One run of :class:`Splitting`."""
 
-    def __init__(self, settings: Recursive, training: Training, recipe: Recipe):
+    def __init__(self, settings: Splitting, training: Training, recipe: Recipe):
         self.settings, self.recipe = settings, recipe
         self.full, self.snapshots = training.full_order, training.snapshots
         self.space = self.full.parameters
@@ -154,36 +154,34 @@ class _Splitting:
         Raises:
             _TooLargeError: if it is larger than is wished, or not to be trusted, and that is to be refused.
         """
-        settings, snapshots = self.settings, self.snapshots.take(rows)
         if refuse:
-            self._check_modes(rows)
+            self._check_sizes(rows)
         held_out = None
         if self.recipe.trust is not None:
             held_out = compute_snapshots(self.full, self._drawn(part, HELD_OUT))
         try:
             with self.record.log.stage("models"):
-                model = build(self.full, snapshots, self.recipe, held_out)
+                return build(self.full, self.snapshots.take(rows), self.recipe, held_out)
         except UnstableModelError as error:
             if refuse:
                 raise _TooLargeError(str(error)) from None
             raise
-        modes, conditions = sizes_of(model)
-        if refuse and modes > settings.modes:
-            raise _TooLargeError(f"{modes} modes with those of the enrichment")
-        if refuse and settings.conditions is not None and conditions > settings.conditions:
-            raise _TooLargeError(f"{conditions} contact conditions")
-        return model
 
-    def _check_modes(self, rows: np.ndarray) -> None:
-        """Raise _TooLargeError if some of the snapshots alone, which is soon known, have too many modes."""
-        most = self.settings.modes
-        if rows.size <= most:
-            return
-        some = rows if rows.size <= 2 * most else np.sort(self.rng.choice(rows, 2 * most, replace=False))
+    def _check_sizes(self, rows: np.ndarray) -> None:
+        """Raise _TooLargeError if the model of some snapshots has too many modes, or conditions."""
+        settings, recipe = self.settings, self.recipe
         with self.record.log.stage("sizes"):
-            count = self.recipe.basis.modes(self.full.problem, self.snapshots.take(some)).shape[1]
-        if count > most:
-            raise _TooLargeError(f"{count} modes" if some is rows else f"at least {count} modes")
+            if rows.size > 2 * settings.modes:
+                # some of them alone have too many modes, which is soon known
+                some = np.sort(self.rng.choice(rows, 2 * settings.modes, replace=False))
+                count = recipe.basis.modes(self.full.problem, self.snapshots.take(some)).shape[1]
+                if count > settings.modes:
+                    raise _TooLargeError(f"at least {count} modes")
+            modes, conditions = sizes(self.full, self.snapshots.take(rows), recipe)
+        if modes > settings.modes:
+            raise _TooLargeError(f"{modes} modes")
+        if settings.conditions is not None and conditions > settings.conditions:
+            raise _TooLargeError(f"{conditions} contact conditions")
 
     def _split(self, part: _Part, own: np.ndarray, why: str) -> list[_Part]:
         """Two halves of a part, by a cut between two clusters of its solutions; none if there is no such cut."""

@@ -104,7 +104,7 @@ class Training:
         """Several small models in the place of one, each for a part of the box, used like one; thesis chapter 4.
 
         Args:
-            how: :class:`~hhr_dolfinx.study.splitting.Recursive`, which finds the number of models itself, or
+            how: :class:`~hhr_dolfinx.study.splitting.Splitting`, which finds the number of models itself, or
                 :class:`~hhr_dolfinx.study.local_training.Clusters`, a wished one; None takes the first.
             recipe, checked: of each model, see :meth:`build`.
             progress: for progress bars.
@@ -115,11 +115,11 @@ class Training:
         if self.full_order.equilibrium is not None:
             raise StudyError("bodies flow: histories have local models of their own, see LocalHistories")
         if how is None:
-            from hhr_dolfinx.study.splitting import Recursive
+            from hhr_dolfinx.study.splitting import Splitting
 
-            how = Recursive()
+            how = Splitting()
         if not callable(getattr(how, "models", None)) or isinstance(how, type):
-            raise StudyError(f"{how!r} is no way to share a training out: give Recursive(modes=90) or Clusters(3)")
+            raise StudyError(f"{how!r} is no way to share a training out: give Splitting(modes=90) or Clusters(3)")
         given = usual_recipe(self.full_order) if recipe is None else recipe
         return how.models(self, given if checked else given.as_it_is(), progress("local models"))
 

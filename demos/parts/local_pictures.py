@@ -1,0 +1,61 @@
+"""Pictures of local models of two parameters: figures 4.2 to 4.10 of the thesis."""
+
+from pathlib import Path
+
+import numpy as np
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.models.local import LocalModels
+from hhr_dolfinx.study.references import References
+from hhr_dolfinx.study.training import Training
+
+LABELS = ("P1 [MPa]", "h1 [mm]")
+
+
+def draw(name: str, training: Training, local: LocalModels, one: hhr.ReducedModel, folder: Path, quick: bool) -> None:
+    """Regions with their training, RIDs of up to four models, and maps of errors beside those of one model."""
+    _draw_regions(local, folder / f"{name}_regions.png")
+    _draw_domains(training, local, folder / f"{name}_domains.png")
+    _draw_maps(training, {"one model": one, f"{len(local)} models": local}, folder, name, quick)
+
+
+def _draw_regions(local: LocalModels, path: Path) -> None:
+    """Which model answers where, and the points that trained it, figures 4.2b and 4.8."""
+    from matplotlib.figure import Figure
+
+    space = local.parameters
+    axes = [np.linspace(low, high, 241) for low, high in zip(space.lower, space.upper, strict=True)]
+    table = np.array(np.meshgrid(*axes, indexing="ij")).reshape(2, -1).T
+    regions = local.choice.many(table)[0].reshape(241, 241)
+    figure = Figure(figsize=(6, 4.5), layout="constrained")
+    axis = figure.subplots()
+    axis.pcolormesh(*axes, regions.T, cmap="tab20", vmin=0, vmax=19, alpha=0.5, shading="nearest")
+    points = local.offline.points
+    own = local.choice.many(points)[0]
+    axis.scatter(*points.T, c=own, cmap="tab20", vmin=0, vmax=19, s=5)
+    axis.set(xlabel=LABELS[0], ylabel=LABELS[1], title=f"{len(local)} local models, {len(points)} solutions")
+    figure.savefig(path, dpi=150)
+
+
+def _draw_domains(training: Training, local: LocalModels, path: Path) -> None:
+    """Reduced domains side by side, figures 4.4 and 4.9."""
+    from hhr_dolfinx.study.plots import field_grid, plot_fields
+
+    shown = local.models[:4]
+    grids = [field_grid(training.full_order, model.offline.sets.cells, {}) for model in shown]
+    names = [f"RID of model {number}" for number in range(len(shown))]
+    for grid, name in zip(grids, names, strict=True):
+        grid.cell_data[name] = grid.cell_data["rid"]
+    plot_fields(grids, names, path)
+
+
+def _draw_maps(training: Training, models: dict, folder: Path, name: str, quick: bool) -> None:
+    """Errors of forces over both parameters, figures 4.5, 4.6 and 4.10."""
+    from hhr_dolfinx.study.plots import plot_maps
+
+    points = training.full_order.parameters.grid([12, 10] if quick else [40, 30])
+    references = References.at(points, training.full_order, training.snapshots)
+    found = {label: references.errors(model).values for label, model in models.items()}
+    for error in ("dual_rid_floored", "dual_full_floored"):
+        maps = {label: values[error] for label, values in found.items()}
+        plot_maps(points, maps, LABELS, folder / f"{name}_{error}.png")

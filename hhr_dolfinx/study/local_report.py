@@ -1,0 +1,62 @@
+"""What local models are worth: sizes, time of the choice, and whether errors are larger by the borders."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.certify.accuracy import summary
+from hhr_dolfinx.models.choice import LEAF
+from hhr_dolfinx.models.local import LocalModels
+from hhr_dolfinx.study.local_training import sizes_of
+from hhr_dolfinx.study.measure import Errors
+from hhr_dolfinx.study.references import References
+from hhr_dolfinx.timing import time_queries
+
+BORDER = 0.05
+"""Part of the width of the box within which a point lies by a border."""
+
+
+def near_borders(local: LocalModels, points: np.ndarray) -> np.ndarray:
+    """Whether points, (n, P), lie by a border between two models, (n,)."""
+    width = np.array(local.parameters.upper) - local.parameters.lower
+    return local.choice.reaching(BORDER * width).many(points)[1] != LEAF
+
+
+def stripe(local: LocalModels, points: np.ndarray, errors: np.ndarray) -> float:
+    """95th percentile of errors, (n,), at points by a border over that elsewhere; NaN without points of both kinds."""
+    near = near_borders(local, points)
+    if near.all() or not near.any():
+        return float("nan")
+    return float(summary(errors[near])["p95"] / summary(errors[~near])["p95"])
+
+
+def local_part(local: LocalModels, references: References, errors: Errors, fresh: np.ndarray) -> dict[str, Any]:
+    """The ``local`` part of a report.
+
+    Args:
+        local: the models.
+        references: exact answers.
+        errors: of the models beside them.
+        fresh: points at which the choice is timed, (n, P).
+
+    Returns:
+        ``K``, ``sizes`` of each model, seconds of the choice, ``choice_s``, and ``stripe``: the 95th percentile of the
+        errors of the forces by borders over that elsewhere.
+    """
+    members = [None] * len(local) if local.offline is None else local.offline.members
+    rows = [dict(zip(("ell_bar", "N_lambda_C"), sizes_of(model), strict=True)) for model in local.models]
+    for row, member in zip(rows, members, strict=True):
+        if member is not None:
+            row |= {"snapshots": len(member.snapshots), "own": member.own, "added": member.added}
+    plain = [point.tolist() for point in fresh]
+    seconds = time_queries({"choice": lambda k: local.choice.candidates(plain[int(k[0])])},
+                           np.arange(len(plain), dtype=float)[:, None])["choice"]  # fmt: skip
+    return {
+        "K": len(local),
+        "sizes": rows,
+        "choice_s": float(np.median(seconds)),
+        "stripe": stripe(local, references.solutions.points, errors.values["dual_full_floored"]),
+        "near_borders": float(near_borders(local, references.solutions.points).mean()),
+    }
