@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.certify.accuracy import FORCE_FLOOR
-from hhr_dolfinx.errors import ReductionError, StudyError
+from hhr_dolfinx.errors import HHRError, ReductionError, StudyError
 from hhr_dolfinx.models.choice import Choice
 from hhr_dolfinx.models.local import LocalModels
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import is_number, is_whole
-from hhr_dolfinx.reduction.build import build
+from hhr_dolfinx.reduction.build import build, sizes
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import StageLog
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from hhr_dolfinx.study.training import Training
 
 Progress = Callable[[Iterable], Iterable]
+DRAWN = 600
+"""Random points of the box at which models of clusters are estimated."""
 
 
 class Member(NamedTuple):
@@ -77,18 +79,25 @@ class Clusters:
     Attributes:
         count: K.
         overlap: part of the width of the box by which training reaches beyond a border, where points are no grid.
-        strip: see :class:`Splitting`.
-        seed: of the clusters and the forest.
+        strip: see :class:`~hhr_dolfinx.study.splitting.Splitting`.
+        seed: of the clusters, the forest and random points.
+        others: more recipes, of which each cluster takes the one whose forces are estimated best at random points.
+        modes, conditions: most modes and contact conditions of a model; None for any number.
     """
 
     count: int = 3
     overlap: float = 0.05
     strip: float = 0.0
     seed: int = 1
+    others: tuple[Recipe, ...] = ()
+    modes: int | None = None
+    conditions: int | None = None
 
     def __post_init__(self) -> None:
         """Refuse numbers that cannot be."""
-        for name, least in (("count", 1), ("seed", 0)):
+        for name, least in (("count", 1), ("seed", 0), ("modes", 1), ("conditions", 1)):
+            if getattr(self, name) is None and name in ("modes", "conditions"):
+                continue
             if not is_whole(getattr(self, name), least):
                 raise StudyError(f"{name} = {getattr(self, name)!r} must be a whole number from {least}")
         for name in ("overlap", "strip"):
@@ -102,15 +111,42 @@ class Clusters:
         width = np.array(space.upper) - space.lower
         with record.log.stage("clusters"):
             choice, members = self._on_grid(snapshots, full) or self._anywhere(snapshots, full, width)
-        labels, _ = choice.many(points)
+        drawn = space.random(DRAWN, self.seed)
+        labels, places = choice.many(points)[0], choice.many(drawn)[0]
         models = []
         for number in progress(range(self.count)):
+            own, held_out = snapshots.take(members[number]), _held_out_of(training, choice, number)
             with record.log.stage("models"):
-                held_out = _held_out_of(training, choice, number) if recipe.trust is not None else None
-                models.append(build(full, snapshots.take(members[number]), recipe, held_out))
-            own = int((labels == number).sum())
-            record.members.append(Member(members[number], own, *sizes_of(models[-1]), float("nan"), 0))
+                model, errors = self._best(full, own, held_out, recipe, drawn[places == number])
+            models.append(model)
+            count = int((labels == number).sum())
+            record.members.append(Member(members[number], count, *sizes_of(model), p95(errors), 0))
         return together(models, choice.reaching(self.strip * width), snapshots, record)
+
+    def _best(
+        self, full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | None, recipe: Recipe, points: np.ndarray
+    ) -> tuple[ReducedModel, np.ndarray]:
+        """The model of a cluster, and estimates of its forces at random points of its region."""
+        floor, found, why = force_floor(full, snapshots), [], ""
+        for item in (recipe, *(self.others if recipe.trust else (other.as_it_is() for other in self.others))):
+            try:
+                self._check_sizes(*sizes(full, snapshots, item))
+                model = build(full, snapshots, item, None if item.trust is None else held_out)
+            except HHRError as error:
+                if not self.others:
+                    raise
+                why = str(error)
+                continue
+            found.append((model, force_errors(model, points, floor)))
+        if not found:
+            raise StudyError(f"none of {1 + len(self.others)} recipes makes a model of a cluster; the last: {why}")
+        return min(found, key=lambda pair: p95(np.where(np.isnan(pair[1]), np.inf, pair[1])))
+
+    def _check_sizes(self, modes: int, conditions: int) -> None:
+        """Raise StudyError for a model that is larger than it may be."""
+        for found, most, what in ((modes, self.modes, "modes"), (conditions, self.conditions, "conditions")):
+            if most is not None and found > most:
+                raise StudyError(f"{found} {what}, and not {most} at most: give a larger tolerance, or more clusters")
 
     def _on_grid(self, snapshots: SnapshotSet, full: Any) -> tuple[Choice, list[np.ndarray]] | None:
         """The partition of a regular grid, and the snapshots of each cluster; None where points are none."""
