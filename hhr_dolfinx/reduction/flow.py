@@ -48,16 +48,18 @@ def rows_of(points: np.ndarray, components: int) -> np.ndarray:
 
 
 def training_tangents(
-    full: FullEquilibrium, histories: Sequence[History], count: int
+    full: FullEquilibrium, histories: Sequence[History], count: int, chosen: Sequence[np.ndarray] = ()
 ) -> list[tuple[np.ndarray, csr_matrix]]:
     """Tangents and stiffness of the full model at some states of each history, the last one among them.
 
-    Laws and elasticity have the constants of each state's own parameter.
+    Laws and elasticity have the constants of each state's own parameter. ``chosen`` steps of each history are those
+    that may be taken, by number; all of them if it is empty.
     """
     states: list[tuple[Any, csr_matrix]] = []
-    for history in histories if full.material.flows else ():
-        steps = np.unique(np.linspace(0, len(history.answers), count + 1).astype(int)[1:]) - 1
-        for step in steps:
+    for number, history in enumerate(histories if full.material.flows else ()):
+        known = chosen[number] if chosen else np.arange(len(history.answers))
+        places = np.unique(np.linspace(0, len(known), count + 1).astype(int)[1:])
+        for step in known[places[places > 0] - 1]:
             here = history.answers[step]
             time, state = history.start, full.material.at_rest()
             if step > 0:

@@ -1,0 +1,333 @@
+"""Local models of histories: several reduced models, each trained on some steps, that take turns along a path.
+
+How bodies move while they touch, flow, are unloaded and loaded again are different things, and each takes fewer modes
+than all of them. The model that is at work goes on while its signs stay near what training showed; else the others try
+the step from the same state, and the one that explains its stress best takes over. Plastic strains are handed on:
+as they are where both models evaluate their laws at the same points, else by their fields on the whole mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.materials.update import State
+from hhr_dolfinx.models.answer import Answer, GaussState, History, Path, WithOutputs
+from hhr_dolfinx.models.equilibrium import Diverged, Goal, Stepper
+from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient
+from hhr_dolfinx.models.reconstruct import Reconstruction
+from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.models.reduced_flow import ProjectedEquilibrium
+from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.trained import EARLY, Signs, TrainedPaths
+
+DOUBT = 1.5
+"""Signs over the largest ones of training above which a model is not trusted with a step without asking the others."""
+PATIENCE = 1.5
+"""Factor by which signs must grow before the others are asked again, where asking them led to nothing."""
+
+
+class LocalHistories(WithOutputs):
+    """Reduced models of one scene whose bodies flow, each for some steps of histories; used like one of them.
+
+    Args:
+        models: the models, of the same scene.
+        trained: what they were trained on together; None lets everything pass.
+        offline: how they were made; None where that is not known.
+
+    Attributes:
+        models, trained, offline: see above.
+        parameters: the box.
+        equilibrium: what the loop over time steps asks.
+
+    Raises:
+        ReductionError: for models of several scenes, or in which nothing flows.
+    """
+
+    def __init__(self, models: Sequence[ReducedModel], trained: TrainedPaths | None = None, offline: Any = None):
+        self.models, self.trained, self.offline = tuple(models), trained, offline
+        _check_alike(self.models)
+        self.parameters: ParameterSpace = self.models[0].parameters
+        parts: Any = [model.equilibrium for model in self.models]
+        self.equilibrium = LocalEquilibrium(parts, trained)
+
+    def __reduce__(self) -> tuple:
+        """Copy and pickle by the models; how they were made stays behind."""
+        return LocalHistories, (self.models, self.trained)
+
+    def __len__(self) -> int:
+        return len(self.models)
+
+    @property
+    def fields(self) -> Reconstruction:
+        """What all models have alike: gaps, outputs. Answers are completed by the fields of their own model."""
+        return self.models[0].fields
+
+    @property
+    def dimension(self) -> int:
+        """Components of the displacement at a node."""
+        return self.models[0].dimension
+
+    def model_of(self, answer: Answer) -> int:
+        """Number of the model that gave an answer.
+
+        Raises:
+            ReductionError: if it is an answer of none of them.
+        """
+        return self.equilibrium.number_of(answer)
+
+    def models_of(self, history: History) -> np.ndarray:
+        """Numbers of the models that gave the answers of a history, (steps,); of a cut step that of its last part."""
+        return np.array([self.model_of(answer) for answer in history.answers], dtype=np.int64)
+
+    def changed(self, **parts: Any) -> LocalHistories:
+        """The same models with some parts in the place of their own, by the names of the arguments."""
+        return LocalHistories(**{name: getattr(self, name) for name in ("models", "trained", "offline")} | parts)
+
+    def solve(
+        self,
+        mu: Any,
+        *,
+        start: Any = "nearest",
+        raise_on_failure: bool = True,
+        outside: str = "warn",
+        gradient: bool = False,
+        **step: Any,
+    ) -> Answer:
+        """Answer of one step from rest, see :func:`one_step`."""
+        refuse_gradient(gradient)
+        return one_step(self, mu, raise_on_failure, outside, **step)
+
+    def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
+        """Solve a history from rest, see :meth:`Model.march`."""
+        from hhr_dolfinx.models.march import march
+
+        return march(self.equilibrium, checked_path(self.parameters, path), settings)
+
+
+class LocalEquilibrium:
+    """What the loop over time steps needs of models that take turns, see :class:`models.equilibrium.Stepping`.
+
+    Args:
+        parts: equilibria of the models.
+        trained: what they were trained on together.
+        order: maps a time to the number of the model that is to answer then, to see what signs it shows; None lets
+            signs decide.
+    """
+
+    def __init__(
+        self,
+        parts: Sequence[ProjectedEquilibrium],
+        trained: TrainedPaths | None,
+        order: Callable[[float], int] | None = None,
+    ):
+        self.parts, self.trained, self.order = tuple(parts), trained, order
+        first = self.parts[0]
+        self.parameters, self.amplitudes, self.fields = first.parameters, first.amplitudes, first.fields
+        self.material, self.points, self.per_cell = first.material, first.points, first.per_cell
+        self.size, self.conditions = first.size, first.conditions
+        self.lock = nullcontext()
+        self._moves: dict[tuple[int, int], np.ndarray] = {}
+
+    def at(self, point: np.ndarray) -> LocalEquilibrium:
+        """The models whose elasticity is that of a point, (P,)."""
+        return LocalEquilibrium([part.at(point) for part in self.parts], self.trained, self.order)
+
+    def number_of(self, answer: Answer) -> int:
+        """Number of the model that gave an answer."""
+        for number, part in enumerate(self.parts):
+            if part.fields is answer.fields:
+                return number
+        raise ReductionError("this answer is none of these local models")
+
+    def answering(self, answer: Answer) -> ProjectedEquilibrium:
+        """The equilibrium in which an answer was found."""
+        return self.parts[self.number_of(answer)]
+
+    def stepper(self, settings: MarchSettings) -> LocalStepper:
+        """What solves the steps of a history."""
+        return LocalStepper(self, settings)
+
+    def carried(self, answer: Answer, number: int) -> Answer:
+        """An answer as another model would have it: its state, and the nearest unknown."""
+        source = self.number_of(answer)
+        if source == number:
+            return answer
+        here, there = self.parts[source], self.parts[number]
+        if (source, number) not in self._moves:
+            self._moves[source, number] = there.fields.basis.T @ here.fields.basis
+        unknown = self._moves[source, number] @ answer.unknown
+        found = answer._replace(unknown=unknown, fields=there.fields)
+        if not np.array_equal(here.fields.A_lambda, there.fields.A_lambda):
+            forces = answer.forces()[there.fields.A_lambda]
+            found = found._replace(multipliers=forces, active=forces > 0)
+        if np.array_equal(here.points, there.points):
+            return found
+        strain = there.strain(unknown, there.amplitudes(answer.parameter))
+        return found._replace(gauss=_completed(answer, here, there, strain))
+
+
+def _completed(answer: Answer, here: Any, there: Any, strain: np.ndarray) -> GaussState:
+    """The state of an answer at the points of another model, whose strain is known there, (points, c).
+
+    Stress and cumulated strain are those on the whole mesh; what of the strain is no elastic one is plastic.
+    """
+    points, material = there.points, there.material.moduli_at(answer.parameter)
+    stress, cumulated = answer.stress()[points], answer.plastic_strain()[points]
+    plastic = strain - np.linalg.solve(material.elastic, stress[:, :, None])[:, :, 0]
+    # flow keeps the volume
+    plastic[:, :3] -= plastic[:, :3].mean(axis=1, keepdims=True)
+    plastic[cumulated == 0] = 0.0
+    _, own, theirs = np.intersect1d(points, here.points, return_indices=True)
+    plastic[own] = answer.state().state.plastic[theirs]
+    return GaussState(stress, State(plastic, cumulated))
+
+
+@dataclass
+class _Largest:
+    """Largest forces and stress of a history so far."""
+
+    forces: float = 0.0
+    stress: float = 0.0
+
+    def doubt(self, signs: Signs, known: TrainedPaths | None) -> float:
+        """Signs of a step over the largest ones of training; 0 of a model of which none are known."""
+        if known is None:
+            return 0.0
+        forces = max(self.forces, signs.size) or 1.0
+        stress = max(self.stress, signs.stress, EARLY * known.stress) or 1.0
+        shares = signs.imbalance / forces / known.share, signs.misfit / stress / known.unexplained
+        return max(*shares, signs.depth / known.depth)
+
+    def grow(self, signs: Signs) -> None:
+        """Take in one more step."""
+        self.forces, self.stress = max(self.forces, signs.size), max(self.stress, signs.stress)
+
+
+@dataclass(frozen=True)
+class _Try:
+    """A step by one model: what it found, with its signs, and the stepper that goes on from there."""
+
+    number: int
+    answer: Answer
+    signs: Signs
+    doubt: float
+    stepper: Stepper
+
+    @property
+    def unexplained(self) -> float:
+        """What no mode of the model explains of its stress, from 0 to 1."""
+        return self.signs.misfit / self.signs.stress if self.signs.stress > 0 else 0.0
+
+
+class LocalStepper:
+    """Solves the steps of one history by models that take turns; see :class:`models.equilibrium.Stepper`.
+
+    Args:
+        model: the models.
+        settings: how.
+    """
+
+    def __init__(self, model: LocalEquilibrium, settings: MarchSettings):
+        self._model, self._settings = model, settings
+        self._largest, self._bar = _Largest(), DOUBT
+        self._last: _Try | None = None
+        self._hardest: Answer | None = None
+
+    def learn(self, answer: Answer) -> None:
+        """Take in a step that was solved before."""
+        number = self._model.number_of(answer)
+        stepper = self._model.parts[number].stepper(self._settings)
+        stepper.learn(answer)
+        self._keep(_Try(number, answer, stepper.signs(answer), 0.0, stepper))
+
+    def signs(self, answer: Answer) -> Signs:
+        """Signs of a solved step in its own model."""
+        if self._last is not None and self._last.answer.gauss is answer.gauss:
+            return self._last.signs
+        return self._model.answering(answer).signs(answer)
+
+    def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
+        """A step by the model at work; by that of the others which explains its stress best, where it is in doubt.
+
+        Raises:
+            Diverged: if no model solves it: what the model at work said.
+        """
+        if self._model.order is not None:
+            return self._ordered(self._model.order(goal.time), trail, goal)
+        # the first step is tried by all: nothing tells yet
+        own, failure = self._own(trail, goal) if self._last is not None else (None, None)
+        if own is not None and own.doubt <= self._bar:
+            self._bar = DOUBT if own.doubt <= DOUBT else self._bar
+            return self._keep(own)
+        asked = [own] if own is not None else []
+        for number in range(len(self._model.parts)):
+            if self._last is not None and number == self._last.number:
+                continue
+            try:
+                asked.append(self._tried(number, trail, goal, self._fresh(number)))
+            except Diverged as error:
+                failure = failure or error
+        if not asked:
+            assert failure is not None
+            raise failure
+        best = min(asked, key=lambda found: found.unexplained)
+        self._bar = max(DOUBT, PATIENCE * best.doubt)
+        spent = sum(found.answer.iterations for found in asked)
+        return self._keep(best)._replace(iterations=spent)
+
+    def _ordered(self, number: int, trail: tuple[Answer, ...], goal: Goal) -> Answer:
+        """A step by the model that was named."""
+        goes_on = self._last is not None and self._last.number == number
+        stepper = self._last.stepper if self._last is not None and goes_on else self._fresh(number)
+        return self._keep(self._tried(number, trail, goal, stepper))
+
+    def _own(self, trail: tuple[Answer, ...], goal: Goal) -> tuple[_Try | None, Diverged | None]:
+        """The step by the model at work, or why there is none."""
+        assert self._last is not None
+        try:
+            return self._tried(self._last.number, trail, goal, self._last.stepper), None
+        except Diverged as error:
+            return None, error
+
+    def _tried(self, number: int, trail: tuple[Answer, ...], goal: Goal, stepper: Stepper) -> _Try:
+        """The step by one model."""
+        answer = stepper.step(tuple(self._model.carried(before, number) for before in trail), goal)
+        signs = stepper.signs(answer)
+        return _Try(number, answer, signs, self._largest.doubt(signs, self._model.parts[number].trained), stepper)
+
+    def _fresh(self, number: int) -> Stepper:
+        """A stepper of another model, which knows how large forces and stress have been."""
+        stepper = self._model.parts[number].stepper(self._settings)
+        if self._hardest is not None:
+            stepper.learn(self._model.carried(self._hardest, number))
+        return stepper
+
+    def _keep(self, found: _Try) -> Answer:
+        """Take a step."""
+        if self._hardest is None or found.signs.stress >= self._largest.stress:
+            self._hardest = found.answer
+        self._largest.grow(found.signs)
+        self._last = found
+        return found.answer
+
+
+def _check_alike(models: Sequence[ReducedModel]) -> None:
+    """Raise ReductionError for models that are not of one scene, or in which nothing flows."""
+    if not models or not all(isinstance(model, ReducedModel) for model in models):
+        raise ReductionError("local models of histories are a list of reduced models, at least one")
+    if any(model.flow is None for model in models):
+        raise ReductionError("nothing flows in these local models: take LocalModels, which needs no state")
+    first = models[0]
+    for number, model in enumerate(models):
+        mine, theirs = (
+            [*item.parameters.names, *item.parameters.lower, *item.parameters.upper, len(item.fields.basis)]
+            for item in (model, first)
+        )
+        if mine != theirs or not np.array_equal(model.fields.gaps, first.fields.gaps):
+            raise ReductionError(f"local model {number} is of another scene or mesh than the first one")

@@ -1,0 +1,224 @@
+"""Local models of histories from labels of training steps, see :mod:`hhr_dolfinx.models.local_histories`.
+
+All of them are built on one reduced integration domain, around the nodes that the whole training chooses: they evaluate
+their laws at the same points and hand their state on as it is. Bases, and modes of stress and plastic strain, are local.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.certify.accuracy import force_floor
+from hhr_dolfinx.certify.compare import Comparison, compare_histories, largest_motion
+from hhr_dolfinx.certify.trust import check_comparison, check_stability, first_trusted, warn_of_training
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.errors import ConvergenceError, ReductionError, UnstableModelError
+from hhr_dolfinx.models.answer import History
+from hhr_dolfinx.models.local_histories import LocalEquilibrium, LocalHistories
+from hhr_dolfinx.models.march import march
+from hhr_dolfinx.models.path import MarchSettings
+from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.parameters import is_whole
+from hhr_dolfinx.reduction.build import build, usual_recipe
+from hhr_dolfinx.reduction.recipe import Recipe, Rid
+from hhr_dolfinx.snapshots.records import SnapshotSet
+from hhr_dolfinx.study.training import Training
+from hhr_dolfinx.timing import StageLog
+from hhr_dolfinx.trained import SMALL, UNEXPLAINED, Signs, TrainedPaths, imbalance_shares, misfit_shares
+
+
+@dataclass(frozen=True)
+class LocalHistoryRecord:
+    """How local models of histories were made.
+
+    Attributes:
+        recipe: how each was reduced.
+        labels: number of the model to which each step of each training history belongs.
+        overlap: steps before and behind those of a label that its model was trained on besides.
+        layers: layers of cells of the RID.
+        comparison: what users get beside histories that are known; None if the check was left out.
+        log: times of the stages, what was left out, attempts that were refused.
+    """
+
+    recipe: Recipe
+    labels: tuple[np.ndarray, ...]
+    overlap: int
+    layers: int
+    comparison: Comparison | None
+    log: StageLog
+
+
+def local_histories(
+    training: Training, labels: Sequence[Any], recipe: Recipe | None = None, *, overlap: int = 2, checked: bool = True
+) -> LocalHistories:
+    """Local models that take turns along a path, from the training steps of each.
+
+    Args:
+        training: histories of a scene whose bodies flow.
+        labels: for each training history the number of the model of each step, whole numbers from 0, all of them used.
+        recipe: how to reduce; None takes the usual one of the scene. ``trust`` is asked of all models together.
+        overlap: steps of a history before and behind those of a label that its model is trained on too, so that
+            neighbours know the states at which they take turns.
+        checked: whether what ``recipe.trust`` and ``recipe.tangents`` refuse is refused.
+
+    Raises:
+        ReductionError: for a training without histories, or labels that are none of its steps.
+        UnstableModelError: if the check refuses the models at the most layers of cells.
+    """
+    full, snapshots = training.full_order, training.snapshots
+    recipe = usual_recipe(full) if recipe is None else recipe
+    recipe = recipe if checked else recipe.as_it_is()
+    if full.equilibrium is None or not snapshots.histories:
+        raise ReductionError("nothing flows in this training: local models of histories need a training on paths")
+    known = _checked_labels(labels, snapshots.histories, overlap)
+    if recipe.trust is not None:
+        warn_of_training(full, snapshots, training.held_out)
+    log = StageLog()
+    with log.stage("nodes"):
+        basis = recipe.basis.modes(full.problem, snapshots)
+        nodes = np.unique(np.concatenate([step.nodes(full.problem, snapshots, basis) for step in recipe.nodes]))
+    parts = [snapshots.part(columns) for columns in _columns_of(known, overlap)]
+    shared = _Shared(training, recipe, known, overlap, nodes, parts, log)
+    return first_trusted(shared.attempt, recipe.domain.layers, recipe.domain.most_layers, log)
+
+
+@dataclass(frozen=True)
+class _GivenNodes:
+    """Nodes that were chosen before."""
+
+    chosen: np.ndarray
+
+    def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
+        """Those."""
+        return self.chosen
+
+
+@dataclass(frozen=True)
+class _Shared:
+    """What all attempts share."""
+
+    training: Training
+    recipe: Recipe
+    labels: tuple[np.ndarray, ...]
+    overlap: int
+    nodes: np.ndarray
+    parts: list[SnapshotSet]
+    log: StageLog
+
+    def attempt(self, layers: int) -> LocalHistories:
+        """All models with a fixed number of layers around one RID."""
+        recipe, full = self.recipe, self.training.full_order
+        own = replace(recipe, nodes=(_GivenNodes(self.nodes),), domain=Rid(layers, layers), trust=None)
+        models = []
+        for part in self.parts:
+            with self.log.stage("models"):
+                models.append(build(full, part, own))
+            if recipe.trust is not None:
+                check_stability(models[-1].offline.stability, recipe.trust)
+        with self.log.stage("signs"):
+            signs = self._signs(models)
+        paths = [history.path for history in self.training.snapshots.histories]
+        whole = TrainedPaths.of(paths, full.parameters, signs, largest_motion(full, self.training.snapshots))
+        models = [model.changed(trained=_limits(whole, signs, self.labels, k)) for k, model in enumerate(models)]
+        local = LocalHistories(models)
+        with self.log.stage("validation"):
+            comparison, seen = self._compared(local)
+        if seen:
+            whole = TrainedPaths.of(paths, full.parameters, seen, largest_motion(full, self.training.snapshots))
+        record = LocalHistoryRecord(recipe, self.labels, self.overlap, layers, comparison, self.log)
+        return local.changed(trained=whole, offline=record)
+
+    def _signs(self, models: list[ReducedModel]) -> list[list[Signs]]:
+        """Signs of training histories, each step of which is answered by the model to which it belongs."""
+        found = []
+        for history, labels in zip(self.training.snapshots.histories, self.labels, strict=True):
+            times = np.array([answer.time for answer in history.answers])
+            parts: Any = [model.equilibrium for model in models]
+
+            def order(time: float, times: np.ndarray = times, labels: np.ndarray = labels) -> int:
+                return int(labels[min(int(np.searchsorted(times, time)), len(labels) - 1)])
+
+            try:
+                found.append(march(LocalEquilibrium(parts, None, order), history.path, MarchSettings()).signs)
+            except ConvergenceError as error:
+                raise UnstableModelError(f"a training history is not followed by its local models: {error}") from error
+        return found
+
+    def _compared(self, local: LocalHistories) -> tuple[Comparison | None, list[list[Signs]]]:
+        """What users get beside known histories, which signs let models take turns."""
+        training, limits = self.training, self.recipe.trust
+        if limits is None:
+            return None, []
+        histories = {f"trained history {k}": item for k, item in enumerate(training.snapshots.histories)}
+        kept = () if training.held_out is None else training.held_out.histories
+        histories |= {f"held-out history {k}": item for k, item in enumerate(kept)}
+        floor = force_floor(training.full_order.problem, training.snapshots)
+        comparison, seen = compare_histories(training.full_order, local, histories, floor)
+        check_comparison(comparison, limits)
+        return comparison, seen
+
+
+def _limits(
+    whole: TrainedPaths, signs: list[list[Signs]], labels: tuple[np.ndarray, ...], number: int
+) -> TrainedPaths:
+    """What one model showed on its own steps of the training."""
+    own = [signs[k][step] for k, item in enumerate(labels) for step in np.flatnonzero(item == number)]
+    pairs = list(zip(signs, labels, strict=True))
+    shares = np.concatenate([imbalance_shares(some)[item == number] for some, item in pairs])
+    unexplained = np.concatenate([misfit_shares(some, whole.stress)[item == number] for some, item in pairs])
+    return replace(
+        whole,
+        imbalance=max(SMALL * max(sign.size for sign in own), max(sign.imbalance for sign in own)),
+        share=max(SMALL, float(shares.max())),
+        depth=max(sign.depth for sign in own) or whole.depth,
+        misfit=max(max(UNEXPLAINED * sign.stress, sign.misfit) for sign in own),
+        stress=max(sign.stress for sign in own),
+        unexplained=max(UNEXPLAINED, float(unexplained.max())),
+    )
+
+
+def _checked_labels(
+    labels: Sequence[Any], histories: Sequence[History], overlap: object
+) -> tuple[np.ndarray, ...]:
+    """Labels as arrays, one for each history, or ReductionError."""
+    if not is_whole(overlap, 0):
+        raise ReductionError(f"overlap = {overlap} must be a whole number of steps from 0")
+    try:
+        found = tuple(np.asarray(item) for item in labels)
+    except (TypeError, ValueError):
+        found = ()
+    lengths = [len(history.answers) for history in histories]
+    if [item.shape for item in found] != [(length,) for length in lengths]:
+        raise ReductionError(
+            f"labels of the shapes {[item.shape for item in found]} must be one array for each training history, with "
+            f"as many numbers as it has steps: {lengths}"
+        )
+    every = np.concatenate(found)
+    if every.dtype.kind not in "iu" or every.min() < 0:
+        raise ReductionError("labels of steps must be whole numbers from 0: those of the models")
+    counts = np.bincount(every)
+    if counts.min() < 2:
+        raise ReductionError(
+            f"label {int(counts.argmin())} has {int(counts.min())} steps of the training: a local model needs at least "
+            "2, and labels from 0 on without a gap"
+        )
+    return found
+
+
+def _columns_of(labels: tuple[np.ndarray, ...], overlap: int) -> list[np.ndarray]:
+    """For each label its steps and their neighbours in time, by their numbers among all steps."""
+    count = max(int(item.max()) for item in labels) + 1
+    columns = []
+    for number in range(count):
+        near = []
+        for item in labels:
+            steps = np.flatnonzero(item == number)[:, None] + np.arange(-overlap, overlap + 1)
+            mask = np.zeros(len(item), dtype=bool)
+            mask[np.clip(steps, 0, len(item) - 1)] = True
+            near.append(mask)
+        columns.append(np.flatnonzero(np.concatenate(near)))
+    return columns
