@@ -1,14 +1,14 @@
 """Local models of histories: several reduced models, each trained on some steps, that take turns along a path.
 
 How bodies move while they touch, flow, are unloaded and loaded again are different things, and each takes fewer modes
-than all of them. The model that is at work goes on while its signs stay near what training showed; else the others try
-the step from the same state, and the one that explains its stress best takes over. Plastic strains are handed on:
-as they are where both models evaluate their laws at the same points, else by their fields on the whole mesh.
+than all of them. The model that is at work goes on while its modes explain its stress as well as they did; else the
+others try the step from the same state, and the one that explains its stress best takes over. Plastic strains are
+handed on: as they are where both models evaluate their laws at the same points, else by fields on the whole mesh.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
@@ -24,12 +24,15 @@ from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.models.reduced_flow import ProjectedEquilibrium
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.trained import EARLY, Signs, TrainedPaths
+from hhr_dolfinx.trained import Signs, TrainedPaths
 
-DOUBT = 1.5
-"""Signs over the largest ones of training above which a model is not trusted with a step without asking the others."""
-PATIENCE = 1.5
-"""Factor by which signs must grow before the others are asked again, where asking them led to nothing."""
+GROWN = 2.0
+"""Factor over the smallest misfit of the stress since the models were asked last, above which they are asked again.
+Largest misfits of training say little: those of first steps, small and badly explained, are ten times those of others.
+On the flowing pellet a model that goes on beyond its steps has twice its misfit two steps later, and ten times five
+later. What the modes of others explain of its stress says nothing: the stress of a wrong answer is like none."""
+EXPLAINED = 1e-3
+"""Misfit of the stress that asks for nothing better."""
 
 
 class LocalHistories(WithOutputs):
@@ -116,17 +119,10 @@ class LocalEquilibrium:
     Args:
         parts: equilibria of the models.
         trained: what they were trained on together.
-        order: maps a time to the number of the model that is to answer then, to see what signs it shows; None lets
-            signs decide.
     """
 
-    def __init__(
-        self,
-        parts: Sequence[ProjectedEquilibrium],
-        trained: TrainedPaths | None,
-        order: Callable[[float], int] | None = None,
-    ):
-        self.parts, self.trained, self.order = tuple(parts), trained, order
+    def __init__(self, parts: Sequence[ProjectedEquilibrium], trained: TrainedPaths | None):
+        self.parts, self.trained = tuple(parts), trained
         first = self.parts[0]
         self.parameters, self.amplitudes, self.fields = first.parameters, first.amplitudes, first.fields
         self.material, self.points, self.per_cell = first.material, first.points, first.per_cell
@@ -136,7 +132,7 @@ class LocalEquilibrium:
 
     def at(self, point: np.ndarray) -> LocalEquilibrium:
         """The models whose elasticity is that of a point, (P,)."""
-        return LocalEquilibrium([part.at(point) for part in self.parts], self.trained, self.order)
+        return LocalEquilibrium([part.at(point) for part in self.parts], self.trained)
 
     def number_of(self, answer: Answer) -> int:
         """Number of the model that gave an answer."""
@@ -188,27 +184,6 @@ def _completed(answer: Answer, here: Any, there: Any, strain: np.ndarray) -> Gau
     return GaussState(stress, State(plastic, cumulated))
 
 
-@dataclass
-class _Largest:
-    """Largest forces and stress of a history so far."""
-
-    forces: float = 0.0
-    stress: float = 0.0
-
-    def doubt(self, signs: Signs, known: TrainedPaths | None) -> float:
-        """Signs of a step over the largest ones of training; 0 of a model of which none are known."""
-        if known is None:
-            return 0.0
-        forces = max(self.forces, signs.size) or 1.0
-        stress = max(self.stress, signs.stress, EARLY * known.stress) or 1.0
-        shares = signs.imbalance / forces / known.share, signs.misfit / stress / known.unexplained
-        return max(*shares, signs.depth / known.depth)
-
-    def grow(self, signs: Signs) -> None:
-        """Take in one more step."""
-        self.forces, self.stress = max(self.forces, signs.size), max(self.stress, signs.stress)
-
-
 @dataclass(frozen=True)
 class _Try:
     """A step by one model: what it found, with its signs, and the stepper that goes on from there."""
@@ -216,7 +191,6 @@ class _Try:
     number: int
     answer: Answer
     signs: Signs
-    doubt: float
     stepper: Stepper
 
     @property
@@ -235,16 +209,16 @@ class LocalStepper:
 
     def __init__(self, model: LocalEquilibrium, settings: MarchSettings):
         self._model, self._settings = model, settings
-        self._largest, self._bar = _Largest(), DOUBT
         self._last: _Try | None = None
-        self._hardest: Answer | None = None
+        self._hardest: _Try | None = None
+        self._least = EXPLAINED
 
     def learn(self, answer: Answer) -> None:
         """Take in a step that was solved before."""
         number = self._model.number_of(answer)
         stepper = self._model.parts[number].stepper(self._settings)
         stepper.learn(answer)
-        self._keep(_Try(number, answer, stepper.signs(answer), 0.0, stepper))
+        self._keep(_Try(number, answer, stepper.signs(answer), stepper))
 
     def signs(self, answer: Answer) -> Signs:
         """Signs of a solved step in its own model."""
@@ -253,66 +227,52 @@ class LocalStepper:
         return self._model.answering(answer).signs(answer)
 
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """A step by the model at work; by that of the others which explains its stress best, where it is in doubt.
+        """A step by the model at work; by that which explains its stress best, where this one's misfit has grown.
 
         Raises:
-            Diverged: if no model solves it: what the model at work said.
+            Diverged: if no model solves it: what the one that was asked first said.
         """
-        if self._model.order is not None:
-            return self._ordered(self._model.order(goal.time), trail, goal)
-        # the first step is tried by all: nothing tells yet
-        own, failure = self._own(trail, goal) if self._last is not None else (None, None)
-        if own is not None and own.doubt <= self._bar:
-            self._bar = DOUBT if own.doubt <= DOUBT else self._bar
+        own, failure = None, None
+        if self._last is not None:
+            own, failure = self._tried(self._last.number, trail, goal, self._last.stepper)
+        if own is not None and own.unexplained <= GROWN * self._least:
+            self._least = max(EXPLAINED, min(self._least, own.unexplained))
             return self._keep(own)
+        # the first step of a history is tried by all: nothing tells yet which of them knows it
         asked = [own] if own is not None else []
         for number in range(len(self._model.parts)):
-            if self._last is not None and number == self._last.number:
-                continue
-            try:
-                asked.append(self._tried(number, trail, goal, self._fresh(number)))
-            except Diverged as error:
-                failure = failure or error
+            if self._last is None or number != self._last.number:
+                found, why = self._tried(number, trail, goal, self._fresh(number))
+                asked += [found] if found is not None else []
+                failure = failure or why
         if not asked:
             assert failure is not None
             raise failure
         best = min(asked, key=lambda found: found.unexplained)
-        self._bar = max(DOUBT, PATIENCE * best.doubt)
-        spent = sum(found.answer.iterations for found in asked)
-        return self._keep(best)._replace(iterations=spent)
+        self._least = max(EXPLAINED, best.unexplained)
+        return self._keep(best)._replace(iterations=sum(found.answer.iterations for found in asked))
 
-    def _ordered(self, number: int, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """A step by the model that was named."""
-        goes_on = self._last is not None and self._last.number == number
-        stepper = self._last.stepper if self._last is not None and goes_on else self._fresh(number)
-        return self._keep(self._tried(number, trail, goal, stepper))
-
-    def _own(self, trail: tuple[Answer, ...], goal: Goal) -> tuple[_Try | None, Diverged | None]:
-        """The step by the model at work, or why there is none."""
-        assert self._last is not None
+    def _tried(
+        self, number: int, trail: tuple[Answer, ...], goal: Goal, stepper: Stepper
+    ) -> tuple[_Try | None, Diverged | None]:
+        """The step by one model, or why there is none."""
         try:
-            return self._tried(self._last.number, trail, goal, self._last.stepper), None
+            answer = stepper.step(tuple(self._model.carried(before, number) for before in trail), goal)
         except Diverged as error:
             return None, error
-
-    def _tried(self, number: int, trail: tuple[Answer, ...], goal: Goal, stepper: Stepper) -> _Try:
-        """The step by one model."""
-        answer = stepper.step(tuple(self._model.carried(before, number) for before in trail), goal)
-        signs = stepper.signs(answer)
-        return _Try(number, answer, signs, self._largest.doubt(signs, self._model.parts[number].trained), stepper)
+        return _Try(number, answer, stepper.signs(answer), stepper), None
 
     def _fresh(self, number: int) -> Stepper:
         """A stepper of another model, which knows how large forces and stress have been."""
         stepper = self._model.parts[number].stepper(self._settings)
         if self._hardest is not None:
-            stepper.learn(self._model.carried(self._hardest, number))
+            stepper.learn(self._model.carried(self._hardest.answer, number))
         return stepper
 
     def _keep(self, found: _Try) -> Answer:
         """Take a step."""
-        if self._hardest is None or found.signs.stress >= self._largest.stress:
-            self._hardest = found.answer
-        self._largest.grow(found.signs)
+        if self._hardest is None or found.signs.stress >= self._hardest.signs.stress:
+            self._hardest = found
         self._last = found
         return found.answer
 

@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -101,8 +102,7 @@ class SnapshotSet:
         """Numbers of the steps of each history that the columns are, from 0."""
         ends = np.cumsum([0, *(len(history.answers) for history in self.histories)])
         columns = np.arange(ends[-1]) if self.columns is None else self.columns
-        pairs = zip(ends[:-1], ends[1:], strict=True)
-        return [columns[(columns >= first) & (columns < last)] - first for first, last in pairs]
+        return [columns[(columns >= first) & (columns < last)] - first for first, last in pairwise(ends)]
 
     def joined(self, others: SnapshotSet) -> SnapshotSet:
         """These answers, and others of the same problem behind them.

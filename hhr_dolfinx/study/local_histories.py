@@ -1,7 +1,8 @@
 """Local models of histories from labels of training steps, see :mod:`hhr_dolfinx.models.local_histories`.
 
-All of them are built on one reduced integration domain, around the nodes that the whole training chooses: they evaluate
-their laws at the same points and hand their state on as it is. Bases, and modes of stress and plastic strain, are local.
+All of them are built on one reduced integration domain, around the nodes that the whole training chooses: they
+evaluate their laws at the same points and hand their state on as it is. Bases, and modes of stress and plastic strain,
+are local.
 """
 
 from __future__ import annotations
@@ -16,19 +17,16 @@ from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.certify.compare import Comparison, compare_histories, largest_motion
 from hhr_dolfinx.certify.trust import check_comparison, check_stability, first_trusted, warn_of_training
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.errors import ConvergenceError, ReductionError, UnstableModelError
+from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.answer import History
-from hhr_dolfinx.models.local_histories import LocalEquilibrium, LocalHistories
-from hhr_dolfinx.models.march import march
-from hhr_dolfinx.models.path import MarchSettings
-from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.models.local_histories import LocalHistories
 from hhr_dolfinx.parameters import is_whole
 from hhr_dolfinx.reduction.build import build, usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe, Rid
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.study.training import Training
 from hhr_dolfinx.timing import StageLog
-from hhr_dolfinx.trained import SMALL, UNEXPLAINED, Signs, TrainedPaths, imbalance_shares, misfit_shares
+from hhr_dolfinx.trained import TrainedPaths
 
 
 @dataclass(frozen=True)
@@ -119,71 +117,30 @@ class _Shared:
                 models.append(build(full, part, own))
             if recipe.trust is not None:
                 check_stability(models[-1].offline.stability, recipe.trust)
-        with self.log.stage("signs"):
-            signs = self._signs(models)
-        paths = [history.path for history in self.training.snapshots.histories]
-        whole = TrainedPaths.of(paths, full.parameters, signs, largest_motion(full, self.training.snapshots))
-        models = [model.changed(trained=_limits(whole, signs, self.labels, k)) for k, model in enumerate(models)]
         local = LocalHistories(models)
         with self.log.stage("validation"):
-            comparison, seen = self._compared(local)
-        if seen:
-            whole = TrainedPaths.of(paths, full.parameters, seen, largest_motion(full, self.training.snapshots))
+            comparison, trained = self._compared(local)
         record = LocalHistoryRecord(recipe, self.labels, self.overlap, layers, comparison, self.log)
-        return local.changed(trained=whole, offline=record)
+        return local.changed(trained=trained, offline=record)
 
-    def _signs(self, models: list[ReducedModel]) -> list[list[Signs]]:
-        """Signs of training histories, each step of which is answered by the model to which it belongs."""
-        found = []
-        for history, labels in zip(self.training.snapshots.histories, self.labels, strict=True):
-            times = np.array([answer.time for answer in history.answers])
-            parts: Any = [model.equilibrium for model in models]
-
-            def order(time: float, times: np.ndarray = times, labels: np.ndarray = labels) -> int:
-                return int(labels[min(int(np.searchsorted(times, time)), len(labels) - 1)])
-
-            try:
-                found.append(march(LocalEquilibrium(parts, None, order), history.path, MarchSettings()).signs)
-            except ConvergenceError as error:
-                raise UnstableModelError(f"a training history is not followed by its local models: {error}") from error
-        return found
-
-    def _compared(self, local: LocalHistories) -> tuple[Comparison | None, list[list[Signs]]]:
-        """What users get beside known histories, which signs let models take turns."""
-        training, limits = self.training, self.recipe.trust
-        if limits is None:
-            return None, []
-        histories = {f"trained history {k}": item for k, item in enumerate(training.snapshots.histories)}
-        kept = () if training.held_out is None else training.held_out.histories
+    def _compared(self, local: LocalHistories) -> tuple[Comparison | None, TrainedPaths | None]:
+        """What users get beside known histories, and what the models were trained on together."""
+        full, snapshots, held_out = self.training.full_order, self.training.snapshots, self.training.held_out
+        kept = () if held_out is None else held_out.histories
+        histories = {f"trained history {k}": item for k, item in enumerate(snapshots.histories)}
         histories |= {f"held-out history {k}": item for k, item in enumerate(kept)}
-        floor = force_floor(training.full_order.problem, training.snapshots)
-        comparison, seen = compare_histories(training.full_order, local, histories, floor)
-        check_comparison(comparison, limits)
-        return comparison, seen
+        comparison, signs = compare_histories(full, local, histories, force_floor(full.problem, snapshots))
+        trained = None
+        if signs:  # without limits all of them may have failed
+            paths = [history.path for history in snapshots.histories]
+            trained = TrainedPaths.of(paths, full.parameters, signs, largest_motion(full, snapshots))
+        if self.recipe.trust is None:
+            return None, trained
+        check_comparison(comparison, self.recipe.trust)
+        return comparison, trained
 
 
-def _limits(
-    whole: TrainedPaths, signs: list[list[Signs]], labels: tuple[np.ndarray, ...], number: int
-) -> TrainedPaths:
-    """What one model showed on its own steps of the training."""
-    own = [signs[k][step] for k, item in enumerate(labels) for step in np.flatnonzero(item == number)]
-    pairs = list(zip(signs, labels, strict=True))
-    shares = np.concatenate([imbalance_shares(some)[item == number] for some, item in pairs])
-    unexplained = np.concatenate([misfit_shares(some, whole.stress)[item == number] for some, item in pairs])
-    return replace(
-        whole,
-        imbalance=max(SMALL * max(sign.size for sign in own), max(sign.imbalance for sign in own)),
-        share=max(SMALL, float(shares.max())),
-        depth=max(sign.depth for sign in own) or whole.depth,
-        misfit=max(max(UNEXPLAINED * sign.stress, sign.misfit) for sign in own),
-        stress=max(sign.stress for sign in own),
-        unexplained=max(UNEXPLAINED, float(unexplained.max())),
-    )
-
-
-def _checked_labels(
-    labels: Sequence[Any], histories: Sequence[History], overlap: object
-) -> tuple[np.ndarray, ...]:
+def _checked_labels(labels: Sequence[Any], histories: Sequence[History], overlap: object) -> tuple[np.ndarray, ...]:
     """Labels as arrays, one for each history, or ReductionError."""
     if not is_whole(overlap, 0):
         raise ReductionError(f"overlap = {overlap} must be a whole number of steps from 0")
