@@ -10,21 +10,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import nullcontext
+from copy import copy
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.materials.update import State
+from hhr_dolfinx.errors import ParameterError, ReductionError
+from hhr_dolfinx.materials.update import Material, State
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Path, WithOutputs
 from hhr_dolfinx.models.equilibrium import Diverged, Goal, Stepper
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.models.reduced_flow import ProjectedEquilibrium
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs, TrainedPaths
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.cubature_flow import CubatureEquilibrium
+    from hhr_dolfinx.models.reduced_flow import ReducedEquilibrium
+
+    Part = ReducedEquilibrium | CubatureEquilibrium
 
 GROWN = 2.0
 """Factor over the smallest misfit of the stress since the models were asked last, above which they are asked again.
@@ -110,6 +117,11 @@ class LocalHistories(WithOutputs):
         """Solve a history from rest, see :meth:`Model.march`."""
         from hhr_dolfinx.models.march import march
 
+        if settings.gradient and not self.equilibrium.shares_points:
+            raise ParameterError(
+                "local models with points of their own complete the state that they hand on, which has no derivative: "
+                "build them without a cubature, or ask one model for the gradient"
+            )
         return march(self.equilibrium, checked_path(self.parameters, path), settings)
 
 
@@ -121,18 +133,21 @@ class LocalEquilibrium:
         trained: what they were trained on together.
     """
 
-    def __init__(self, parts: Sequence[ProjectedEquilibrium], trained: TrainedPaths | None):
+    def __init__(self, parts: Sequence[Part], trained: TrainedPaths | None):
         self.parts, self.trained = tuple(parts), trained
         first = self.parts[0]
         self.parameters, self.amplitudes, self.fields = first.parameters, first.amplitudes, first.fields
         self.material, self.points, self.per_cell = first.material, first.points, first.per_cell
         self.size, self.conditions = first.size, first.conditions
         self.lock = nullcontext()
-        self._moves: dict[tuple[int, int], np.ndarray] = {}
+        self._products: dict[tuple[int, int], np.ndarray] = {}
 
     def at(self, point: np.ndarray) -> LocalEquilibrium:
-        """The models whose elasticity is that of a point, (P,)."""
-        return LocalEquilibrium([part.at(point) for part in self.parts], self.trained)
+        """The models whose elasticity is that of a point, (P,): themselves where elasticity is constant."""
+        found = copy(self)
+        # fields, and so what is kept of them, are the same
+        found.parts = tuple(part.at(point) for part in self.parts)
+        return found
 
     def number_of(self, answer: Answer) -> int:
         """Number of the model that gave an answer."""
@@ -141,7 +156,7 @@ class LocalEquilibrium:
                 return number
         raise ReductionError("this answer is none of these local models")
 
-    def answering(self, answer: Answer) -> ProjectedEquilibrium:
+    def answering(self, answer: Answer) -> Part:
         """The equilibrium in which an answer was found."""
         return self.parts[self.number_of(answer)]
 
@@ -149,37 +164,50 @@ class LocalEquilibrium:
         """What solves the steps of a history."""
         return LocalStepper(self, settings)
 
-    def carried(self, answer: Answer, number: int) -> Answer:
-        """An answer as another model would have it: its state, and the nearest unknown."""
+    @cached_property
+    def shares_points(self) -> bool:
+        """Whether all models evaluate their laws at the same points."""
+        return all(np.array_equal(part.points, self.points) for part in self.parts)
+
+    def moved(self, answer: Answer, number: int) -> Answer:
+        """An answer with the unknown of another model that is nearest to its own."""
         source = self.number_of(answer)
         if source == number:
             return answer
-        here, there = self.parts[source], self.parts[number]
-        if (source, number) not in self._moves:
-            self._moves[source, number] = there.fields.basis.T @ here.fields.basis
-        unknown = self._moves[source, number] @ answer.unknown
-        found = answer._replace(unknown=unknown, fields=there.fields)
-        if not np.array_equal(here.fields.A_lambda, there.fields.A_lambda):
-            forces = answer.forces()[there.fields.A_lambda]
-            found = found._replace(multipliers=forces, active=forces > 0)
-        if np.array_equal(here.points, there.points):
+        here, there = self.parts[source].fields, self.parts[number].fields
+        if (source, number) not in self._products:
+            self._products[source, number] = there.basis.T @ here.basis
+        found = answer._replace(unknown=self._products[source, number] @ answer.unknown, fields=there)
+        if np.array_equal(here.A_lambda, there.A_lambda):
             return found
-        strain = there.strain(unknown, there.amplitudes(answer.parameter))
-        return found._replace(gauss=_completed(answer, here, there, strain))
+        # the search starts from none of them
+        nothing = np.zeros(len(there.A_lambda))
+        return found._replace(multipliers=nothing, active=nothing > 0)
+
+    def carried(self, answer: Answer, number: int) -> Answer:
+        """An answer as another model goes on from it: with its state at the points of that model."""
+        source, found = self.number_of(answer), self.moved(answer, number)
+        if source == number or self.shares_points:
+            return found
+        here, there = self.parts[source], self.parts[number]
+        strain = there.strain(found.unknown, there.amplitudes(answer.parameter))
+        return found._replace(gauss=_completed(answer, here.points, there.points, there.material, strain))
 
 
-def _completed(answer: Answer, here: Any, there: Any, strain: np.ndarray) -> GaussState:
-    """The state of an answer at the points of another model, whose strain is known there, (points, c).
+def _completed(
+    answer: Answer, known: np.ndarray, points: np.ndarray, material: Material, strain: np.ndarray
+) -> GaussState:
+    """The state of an answer, known at some points, at others where the strain is known too, (points, components).
 
     Stress and cumulated strain are those on the whole mesh; what of the strain is no elastic one is plastic.
     """
-    points, material = there.points, there.material.moduli_at(answer.parameter)
     stress, cumulated = answer.stress()[points], answer.plastic_strain()[points]
-    plastic = strain - np.linalg.solve(material.elastic, stress[:, :, None])[:, :, 0]
+    elastic = material.moduli_at(answer.parameter).elastic
+    plastic = strain - np.linalg.solve(elastic, stress[:, :, None])[:, :, 0]
     # flow keeps the volume
     plastic[:, :3] -= plastic[:, :3].mean(axis=1, keepdims=True)
     plastic[cumulated == 0] = 0.0
-    _, own, theirs = np.intersect1d(points, here.points, return_indices=True)
+    _, own, theirs = np.intersect1d(points, known, return_indices=True)
     plastic[own] = answer.state().state.plastic[theirs]
     return GaussState(stress, State(plastic, cumulated))
 
@@ -257,7 +285,8 @@ class LocalStepper:
     ) -> tuple[_Try | None, Diverged | None]:
         """The step by one model, or why there is none."""
         try:
-            answer = stepper.step(tuple(self._model.carried(before, number) for before in trail), goal)
+            before = [self._model.moved(answer, number) for answer in trail[:-1]]
+            answer = stepper.step((*before, self._model.carried(trail[-1], number)), goal)
         except Diverged as error:
             return None, error
         return _Try(number, answer, stepper.signs(answer), stepper), None

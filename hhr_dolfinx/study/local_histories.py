@@ -18,6 +18,7 @@ from hhr_dolfinx.certify.compare import Comparison, compare_histories, largest_m
 from hhr_dolfinx.certify.trust import check_comparison, check_stability, first_trusted, warn_of_training
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.models.local_histories import LocalHistories
 from hhr_dolfinx.parameters import is_whole
@@ -80,7 +81,8 @@ def local_histories(
         basis = recipe.basis.modes(full.problem, snapshots)
         nodes = np.unique(np.concatenate([step.nodes(full.problem, snapshots, basis) for step in recipe.nodes]))
     parts = [snapshots.part(columns) for columns in _columns_of(known, overlap)]
-    shared = _Shared(training, recipe, known, overlap, nodes, parts, log)
+    kept = training.held_out if checked else None
+    shared = _Shared(full, snapshots, kept, recipe, known, overlap, nodes, parts, log)
     return first_trusted(shared.attempt, recipe.domain.layers, recipe.domain.most_layers, log)
 
 
@@ -99,7 +101,9 @@ class _GivenNodes:
 class _Shared:
     """What all attempts share."""
 
-    training: Training
+    full: FullOrderModel
+    snapshots: SnapshotSet
+    held_out: SnapshotSet | None
     recipe: Recipe
     labels: tuple[np.ndarray, ...]
     overlap: int
@@ -109,12 +113,12 @@ class _Shared:
 
     def attempt(self, layers: int) -> LocalHistories:
         """All models with a fixed number of layers around one RID."""
-        recipe, full = self.recipe, self.training.full_order
+        recipe = self.recipe
         own = replace(recipe, nodes=(_GivenNodes(self.nodes),), domain=Rid(layers, layers), trust=None)
         models = []
         for part in self.parts:
             with self.log.stage("models"):
-                models.append(build(full, part, own))
+                models.append(build(self.full, part, own))
             if recipe.trust is not None:
                 check_stability(models[-1].offline.stability, recipe.trust)
         local = LocalHistories(models)
@@ -125,8 +129,8 @@ class _Shared:
 
     def _compared(self, local: LocalHistories) -> tuple[Comparison | None, TrainedPaths | None]:
         """What users get beside known histories, and what the models were trained on together."""
-        full, snapshots, held_out = self.training.full_order, self.training.snapshots, self.training.held_out
-        kept = () if held_out is None else held_out.histories
+        full, snapshots = self.full, self.snapshots
+        kept = () if self.held_out is None else self.held_out.histories
         histories = {f"trained history {k}": item for k, item in enumerate(snapshots.histories)}
         histories |= {f"held-out history {k}": item for k, item in enumerate(kept)}
         comparison, signs = compare_histories(full, local, histories, force_floor(full.problem, snapshots))
