@@ -182,9 +182,9 @@ def test_parts_of_histories_are_those_steps(trained):
         with pytest.raises(ReductionError, match="whole"):
             forbidden()
     full = trained.full_order.equilibrium
-    whole, few = (training_tangents(full, item.histories, 2, item.steps_of_histories) for item in (snapshots, part))
-    assert len(whole) == 4 and len(few) == 4
-    assert np.array_equal(few[1][0], training_tangents(full, snapshots.histories, 2 * STEPS)[2][0])
+    every, few = (training_tangents(full, item, 2) for item in (snapshots, part))
+    assert len(every) == 4 and len(few) == 4
+    assert np.array_equal(few[1][0], training_tangents(full, snapshots, 2 * STEPS)[2][0])
 
 
 def test_the_check_of_all_models_together_passes_and_is_kept(trained):

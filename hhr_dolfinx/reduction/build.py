@@ -163,9 +163,7 @@ def build(
         from hhr_dolfinx.reduction.flow import training_tangents
 
         with log.stage("training_tangents"):
-            states = training_tangents(
-                full.equilibrium, snapshots.histories, recipe.tangents.states, snapshots.steps_of_histories
-            )
+            states = training_tangents(full.equilibrium, snapshots, recipe.tangents.states)
     if recipe.indicator is None:
         log.skip("indicator", "no estimate of the error of each answer was asked for")
     shared = _Offline(full, snapshots, held_out, recipe, basis, nodes, touching, constants, completion, states, log)
