@@ -1,6 +1,7 @@
 """Local models of histories: reduced models that take turns along a path and hand their state on."""
 
 import pickle
+import warnings
 
 import numpy as np
 import pellet_cladding_plastic as demo
@@ -122,8 +123,10 @@ def test_models_that_are_no_longer_known_are_asked_again_and_again_at_growing_mi
 
 
 def test_the_door_warns_of_them_together_as_of_one(phased):
-    with pytest.warns(OutsideTrainingWarning, match="gap = 0.0155"):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
         phased.march(there_and_back(15.5)[:3])
+    assert any(item.category is OutsideTrainingWarning and "gap = 0.0155" in str(item.message) for item in caught)
 
 
 def test_derivatives_go_through_a_change_of_model(phased):

@@ -1,6 +1,6 @@
 """Local models of histories from labels of training steps, see :mod:`hhr_dolfinx.models.local_histories`.
 
-All of them are built on one reduced integration domain, around the nodes that the whole training chooses: they
+Usually all of them are built on one reduced integration domain, around the nodes that the whole training chooses: they
 evaluate their laws at the same points and hand their state on as it is. Bases, and modes of stress and plastic strain,
 are local.
 """
@@ -52,7 +52,13 @@ class LocalHistoryRecord:
 
 
 def local_histories(
-    training: Training, labels: Sequence[Any], recipe: Recipe | None = None, *, overlap: int = 2, checked: bool = True
+    training: Training,
+    labels: Sequence[Any],
+    recipe: Recipe | None = None,
+    *,
+    overlap: int = 2,
+    common: bool = True,
+    checked: bool = True,
 ) -> LocalHistories:
     """Local models that take turns along a path, from the training steps of each.
 
@@ -62,6 +68,8 @@ def local_histories(
         recipe: how to reduce; None takes the usual one of the scene. ``trust`` is asked of all models together.
         overlap: steps of a history before and behind those of a label that its model is trained on too, so that
             neighbours know the states at which they take turns.
+        common: whether all models share the nodes of the whole training, and hand their state on as it is; else each
+            has a reduced integration domain of its own, and completes the state that it hands on.
         checked: whether what ``recipe.trust`` and ``recipe.tangents`` refuse is refused.
 
     Raises:
@@ -77,12 +85,15 @@ def local_histories(
     if recipe.trust is not None:
         warn_of_training(full, snapshots, training.held_out)
     log = StageLog()
-    with log.stage("nodes"):
-        basis = recipe.basis.modes(full.problem, snapshots)
-        nodes = np.unique(np.concatenate([step.nodes(full.problem, snapshots, basis) for step in recipe.nodes]))
+    own = recipe
+    if common:
+        with log.stage("nodes"):
+            basis = recipe.basis.modes(full.problem, snapshots)
+            nodes = np.unique(np.concatenate([step.nodes(full.problem, snapshots, basis) for step in recipe.nodes]))
+        own = replace(recipe, nodes=(_GivenNodes(nodes),))
     parts = [snapshots.part(columns) for columns in _columns_of(known, overlap)]
     kept = training.held_out if checked else None
-    shared = _Shared(full, snapshots, kept, recipe, known, overlap, nodes, parts, log)
+    shared = _Shared(full, snapshots, kept, recipe, own, known, overlap, parts, log)
     return first_trusted(shared.attempt, recipe.domain.layers, recipe.domain.most_layers, log)
 
 
@@ -105,16 +116,16 @@ class _Shared:
     snapshots: SnapshotSet
     held_out: SnapshotSet | None
     recipe: Recipe
+    own: Recipe
     labels: tuple[np.ndarray, ...]
     overlap: int
-    nodes: np.ndarray
     parts: list[SnapshotSet]
     log: StageLog
 
     def attempt(self, layers: int) -> LocalHistories:
-        """All models with a fixed number of layers around one RID."""
+        """All models with a fixed number of layers."""
         recipe = self.recipe
-        own = replace(recipe, nodes=(_GivenNodes(self.nodes),), domain=Rid(layers, layers), trust=None)
+        own = replace(self.own, domain=Rid(layers, layers), trust=None)
         models = []
         for part in self.parts:
             with self.log.stage("models"):
