@@ -207,3 +207,12 @@ def test_models_with_points_of_their_own_complete_the_state_they_hand_on(trained
     assert relative_error(history.answers[-1].plastic_strain(), exact.answers[-1].plastic_strain()) < 0.05
     with pytest.raises(ParameterError, match="has no derivative"):
         local.march(exact.path, hhr.MarchSettings(gradient=True))
+
+
+def test_models_with_domains_of_their_own_answer_as_well(trained):
+    recipe = hhr.Recipe.flowing(basis=hhr.Pod(1e-9), nodes=(hhr.Deim(), hhr.LoadNodes()), domain=hhr.Rid(1, 1))
+    local = local_histories(trained, [PHASES] * 2, recipe, common=False, checked=False)
+    exact = trained.full_order.march(there_and_back(8.0))
+    history = local.march(exact.path, QUIET)
+    assert not local.equilibrium.shares_points and local.models_of(history)[-1] == 1
+    assert relative_error(history.answers[-1].plastic_strain(), exact.answers[-1].plastic_strain()) < 0.05

@@ -3,6 +3,21 @@
 Usually all of them are built on one reduced integration domain, around the nodes that the whole training chooses: they
 evaluate their laws at the same points and hand their state on as it is. Bases, and modes of stress and plastic strain,
 are local.
+
+Worth it where the parts of a path are trained as they will be asked. The pellet was loaded, unloaded and loaded again at
+three gaps in 120 steps each. With fewer modes a smaller domain is stable; largest errors at two other gaps, and with
+six tenths unloaded and seven of these put on again, in per cent of the largest size in the history:
+
+| | modes | Gauss points | ms a step | displacement | forces | σ_rr | plastic strain |
+|---|---|---|---|---|---|---|---|
+| one model, Pod(3e-11) | 86 | 5604 | 15.5 | 0.45 | 5.5 | 1.9 | 0.43 |
+| one model, Pod(1e-11) | 101 | 8464 | 22.8 | 0.16 | 2.9 | 1.5 | 0.15 |
+| two, until and from where the load turns, Pod(1e-10) | 85, 63 | 5092 | 13.6 | 0.21 | 3.2 | 1.7 | 0.21 |
+
+Three models, with one for loading again, are no better: a state that was unloaded by half is known to none of the two
+last. In a family of paths with six parameters, of which eight were trained, the second model never knew a state better
+than the first, and one model for all steps was more exact and faster. Domains of their own leave 0.2 to 0.4 % of the
+plastic strain and 1 % of the stress where models take turns, which no later error shows, and save no points.
 """
 
 from __future__ import annotations
@@ -24,6 +39,7 @@ from hhr_dolfinx.models.local_histories import LocalHistories
 from hhr_dolfinx.parameters import is_whole
 from hhr_dolfinx.reduction.build import build, usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe, Rid
+from hhr_dolfinx.reduction.rid import checked_nodes
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.study.training import Training
 from hhr_dolfinx.timing import StageLog
@@ -89,8 +105,9 @@ def local_histories(
     if common:
         with log.stage("nodes"):
             basis = recipe.basis.modes(full.problem, snapshots)
-            nodes = np.unique(np.concatenate([step.nodes(full.problem, snapshots, basis) for step in recipe.nodes]))
-        own = replace(recipe, nodes=(_GivenNodes(nodes),))
+            chosen = [(step, np.asarray(step.nodes(full.problem, snapshots, basis))) for step in recipe.nodes]
+            known_nodes = [checked_nodes(nodes, len(full.problem.points), repr(step)) for step, nodes in chosen]
+        own = replace(recipe, nodes=(_GivenNodes(np.unique(np.concatenate(known_nodes))),))
     parts = [snapshots.part(columns) for columns in _columns_of(known, overlap)]
     kept = training.held_out if checked else None
     shared = _Shared(full, snapshots, kept, recipe, own, known, overlap, parts, log)
