@@ -4,8 +4,8 @@ Usually all of them are built on one reduced integration domain, around the node
 evaluate their laws at the same points and hand their state on as it is. Bases, and modes of stress and plastic strain,
 are local.
 
-Worth it where the parts of a path are trained as they will be asked. The pellet was loaded, unloaded and loaded again at
-three gaps in 120 steps each. With fewer modes a smaller domain is stable; largest errors at two other gaps, and with
+Worth it where the parts of a path are trained as they will be asked. The pellet was loaded, unloaded and loaded again
+at three gaps in 120 steps each. With fewer modes a smaller domain is stable; largest errors at two other gaps, and with
 six tenths unloaded and seven of these put on again, in per cent of the largest size in the history:
 
 | | modes | Gauss points | ms a step | displacement | forces | σ_rr | plastic strain |
