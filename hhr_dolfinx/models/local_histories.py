@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 GROWN = 2.0
 """Factor over the smallest misfit of the stress since the models were asked last, above which they are asked again.
 Largest misfits of training say little: those of first steps, small and badly explained, are ten times those of others.
-On the flowing pellet a model that goes on beyond its steps has twice its misfit two steps later, and ten times five
-later. What the modes of others explain of its stress says nothing: the stress of a wrong answer is like none."""
+On the flowing pellet a model that goes on beyond its steps has three times its misfit two steps later, and ten times
+four later. What the modes of others explain of its stress says nothing: the stress of a wrong answer is like none."""
 EXPLAINED = 1e-3
 """Misfit of the stress that asks for nothing better."""
 
