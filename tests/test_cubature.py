@@ -271,7 +271,7 @@ def test_tight_cubature_is_the_model_of_all_points(known):
 def test_tangents_are_symmetric_and_definite(known, whole):
     """Whole modes as test functions, weights above 0: so are the tangents, whatever the state."""
     full, snapshots, _ = known
-    states = training_tangents(full.equilibrium, snapshots.histories, 3)
+    states = training_tangents(full.equilibrium, snapshots, 3)
     for moduli, _ in states:
         tangent = whole.equilibrium.tangent(moduli[whole.equilibrium.points])
         assert np.abs(tangent - tangent.T).max() < 1e-12 * np.abs(tangent).max()

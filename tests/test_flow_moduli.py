@@ -223,7 +223,9 @@ def test_derivatives_along_moduli_are_those_of_histories(full, reduction, which)
 
 def test_tangents_of_training_states_are_those_of_their_modulus(full, corners):
     """K_T is assembled the same from nothing."""
-    for history, (tangents, stiffness) in zip(corners, training_tangents(full.equilibrium, corners, 1), strict=True):
+    for history, (tangents, stiffness) in zip(
+        corners, training_tangents(full.equilibrium, hhr.SnapshotSet.of_histories(corners), 1), strict=True
+    ):
         operator = full.equilibrium.operator
         plain = operator.stiffness(tangents, operator.pattern())
         assert abs(stiffness - plain).max() < 1e-12 * abs(plain).max()

@@ -198,7 +198,7 @@ def test_a_model_of_four_histories_knows_what_lies_between(full, reduction):
 
 def test_training_tangents_have_the_constants_of_their_history(full, corners):
     """Those with numbers in the place of the formulas."""
-    states = training_tangents(full.equilibrium, corners[:2], 1)
+    states = training_tangents(full.equilibrium, hhr.SnapshotSet.of_histories(corners[:2]), 1)
     for history, (tangents, _) in zip(corners[:2], states, strict=True):
         law = hhr.Plasticity(history.answers[-1].parameter[3], 1e3), NUMBERS[1]
         groups = [dataclasses.replace(group, law=law[k]) for k, group in enumerate(full.equilibrium.material.groups)]

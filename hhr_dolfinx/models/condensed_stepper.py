@@ -17,6 +17,7 @@ from hhr_dolfinx.models.condensed_arrays import StepLoad, Work
 from hhr_dolfinx.models.condensed_contact import touch
 from hhr_dolfinx.models.equilibrium import Diverged, Goal, check_small, extrapolated
 from hhr_dolfinx.models.path import MarchSettings
+from hhr_dolfinx.trained import Signs
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed_flow import CondensedEquilibrium
@@ -49,6 +50,10 @@ class CondensedStepper:
         """Take in a step that was solved before."""
         size, numbers = float(np.linalg.norm(answer.unknown[: self._model.modes])), self._work.numbers
         numbers[codes.SIZE] = max(numbers[codes.SIZE], size)
+
+    def signs(self, answer: Answer) -> Signs:
+        """See :class:`hhr_dolfinx.models.equilibrium.Stepper`."""
+        return self._model.signs(answer)
 
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
         """A step from the extrapolation of the corrections before, else from the last one.

@@ -86,9 +86,12 @@ class Stepper(Protocol):
     def learn(self, answer: Answer) -> None:
         """Take in a step that was solved before."""
 
+    def signs(self, answer: Answer) -> Signs:
+        """What shows at a solved step whether the model still knows what it does."""
 
-class Marching(Protocol):
-    """What a history and its derivatives need of a model; ``x`` is its unknown.
+
+class Stepping(Protocol):
+    """What the loop over the steps of a history needs of a model, or of several that take turns.
 
     Attributes:
         parameters: the box of the parameters.
@@ -117,18 +120,31 @@ class Marching(Protocol):
     def lock(self) -> AbstractContextManager:
         """Held through a history."""
 
-    def at(self, point: np.ndarray) -> Marching:
+    def amplitudes(self, point: np.ndarray) -> Theta:
+        """θ at a parameter."""
+
+    def stepper(self, settings: MarchSettings) -> Stepper:
+        """What solves the steps of a history."""
+
+    def answering(self, answer: Answer) -> Marching:
+        """The equilibrium in which an answer was found: itself, or that of one of several models."""
+
+    def at(self, point: np.ndarray) -> Stepping:
         """The model whose elasticity is that of a point, (P,): itself where elasticity is constant.
 
         The one of the last elasticity is kept. Where it varies, what is not asked through this has formulas in its
         material, and the elastic linearisation of the middle of the box.
         """
 
+
+class Marching(Stepping, Protocol):
+    """What the derivatives of a history and its door need besides of one model; ``x`` is its unknown."""
+
+    def at(self, point: np.ndarray) -> Marching:
+        """See :class:`Stepping`."""
+
     def responding_at(self, point: np.ndarray) -> Marching:
         """The model whose strain, gaps and residual at a given unknown are those of a point's elasticity, (P,)."""
-
-    def amplitudes(self, point: np.ndarray) -> Theta:
-        """θ at a parameter."""
 
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
         """Strain at all Gauss points, lift included, less strains without stress: what laws see."""
@@ -150,9 +166,6 @@ class Marching(Protocol):
 
     def linearised(self, tangents: Any) -> Changing:
         """The linearisation of consistent tangents; those of earlier tangents are then out of date."""
-
-    def stepper(self, settings: MarchSettings) -> Stepper:
-        """What solves the steps of a history."""
 
 
 class Equilibrium(Marching, Protocol):

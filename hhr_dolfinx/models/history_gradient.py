@@ -21,7 +21,7 @@ import numpy as np
 from hhr_dolfinx.errors import ConvergenceError, ParameterError
 from hhr_dolfinx.materials.update import State, Update
 from hhr_dolfinx.models.answer import Answer, GaussState, History
-from hhr_dolfinx.models.equilibrium import Marching
+from hhr_dolfinx.models.equilibrium import Marching, Stepping
 from hhr_dolfinx.models.gradient import GRAZING, Gradient
 
 STEP = 1e-5
@@ -47,7 +47,7 @@ class StepGradient(NamedTuple):
     multipliers: np.ndarray
 
 
-def history_gradient(model: Marching, history: History, directions: np.ndarray | None = None) -> list[StepGradient]:
+def history_gradient(model: Stepping, history: History, directions: np.ndarray | None = None) -> list[StepGradient]:
     """Derivatives of all answers of a history, solved in steps that were not cut.
 
     Args:
@@ -76,7 +76,7 @@ def history_gradient(model: Marching, history: History, directions: np.ndarray |
     gradients, scale = [], 0.0
     with model.lock:
         for number, answer in enumerate(history.answers, start=1):
-            step = _Step(model, answer, state, answer.time - time, number)
+            step = _Step(model.answering(answer), answer, state, answer.time - time, number)
             scale = max(scale, step.strain_size)
             found = [step.along(along[number, :, k], change, scale) for k, change in enumerate(changes)]
             gradients.append(
@@ -89,7 +89,7 @@ def history_gradient(model: Marching, history: History, directions: np.ndarray |
     return gradients
 
 
-def with_gradients(model: Marching, history: History) -> None:
+def with_gradients(model: Stepping, history: History) -> None:
     """Give each answer of a history its derivatives along the parameters; see :func:`history_gradient`."""
     for place, found in enumerate(history_gradient(model, history)):
         answer = history.answers[place]

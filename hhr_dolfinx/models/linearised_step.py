@@ -18,6 +18,7 @@ from hhr_dolfinx.linear.anderson import Anderson
 from hhr_dolfinx.models.answer import Answer, GaussState, found_as
 from hhr_dolfinx.models.equilibrium import Diverged, Equilibrium, Goal, Linearisation, check_small, extrapolated
 from hhr_dolfinx.models.path import MarchSettings
+from hhr_dolfinx.trained import Signs
 
 ROUND_OFF_STRAIN = 1e-13
 """A strain this small is round-off of displacements that strain nothing, as where a gap closes without stress."""
@@ -48,6 +49,10 @@ class LinearisedStepper:
         gauss, memory = answer.state(), self._memory
         _, scale = self._model.residual(answer.unknown, gauss, self._model.amplitudes(answer.parameter))
         memory.grow(scale, _root_mean_square(gauss.stress))
+
+    def signs(self, answer: Answer) -> Signs:
+        """See :class:`hhr_dolfinx.models.equilibrium.Stepper`."""
+        return self._model.signs(answer)
 
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
         """A step from the extrapolation of the answers before; if that fails, with new tangents from an elastic start.

@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, LawWarning
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Path
-from hhr_dolfinx.models.equilibrium import Diverged, Goal, Marching, Stepper
+from hhr_dolfinx.models.equilibrium import Diverged, Goal, Marching, Stepper, Stepping
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, check_elasticity, check_settings
 from hhr_dolfinx.trained import Watch
 
@@ -29,7 +29,7 @@ _log = logging.getLogger(__name__)
 # threads of BLAS slow small blocks down: a projected tangent of 70 modes took 7.8 ms on two of them, 3.1 ms on one
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def march(
-    model: Marching,
+    model: Stepping,
     path: Path,
     settings: MarchSettings = DEFAULT_MARCH,
     *,
@@ -39,7 +39,7 @@ def march(
     """Solve a history from rest.
 
     Args:
-        model: equilibrium of a full or a reduced model.
+        model: equilibrium of a full or a reduced model, or of several that take turns.
         path: times and parameters, as :func:`checked_path` returns them; parameters are linear between them.
         settings: how.
         known: answers to the first steps, solved before; the history goes on behind them.
@@ -81,7 +81,7 @@ def march(
 
 
 def _march(
-    model: Marching,
+    model: Stepping,
     path: Path,
     settings: MarchSettings,
     history: History,
@@ -102,8 +102,8 @@ def _march(
             stepper.learn(after)
         else:
             after, cut = _advance(stepper, trail, Goal(time, target), settings)
-            slopes_seen = slopes_seen or _check_slopes(model, trail[-1], after)
-        signs = model.signs(after)
+            slopes_seen = slopes_seen or _check_slopes(model.answering(after), trail[-1], after)
+        signs = stepper.signs(after)
         # a step that is refused is not kept
         watch.after(number, time, signs)
         history.answers.append(after)
@@ -115,7 +115,7 @@ def _march(
         trail = (*trail[-2:], after)
 
 
-def _turns(model: Marching, trail: tuple[Answer, ...], target: np.ndarray) -> bool:
+def _turns(model: Stepping, trail: tuple[Answer, ...], target: np.ndarray) -> bool:
     """Whether the path goes back on its last step, as where a load is taken off."""
     if len(trail) < 2:
         return False
@@ -141,7 +141,7 @@ def _check_slopes(model: Marching, before: Answer, after: Answer) -> bool:
     return complaints is not None
 
 
-def _at_rest(model: Marching, time: float, parameter: np.ndarray) -> Answer:
+def _at_rest(model: Stepping, time: float, parameter: np.ndarray) -> Answer:
     active, material = np.zeros(model.conditions, dtype=bool), model.material
     gauss = GaussState(np.zeros((material.gauss_points, material.components)), material.at_rest())
     nothing = np.zeros(model.size), np.zeros(active.size), active

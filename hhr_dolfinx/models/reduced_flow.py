@@ -120,6 +120,10 @@ class ProjectedEquilibrium:
         middle._last = weights, found
         return found
 
+    def answering(self, answer: Answer) -> Self:
+        """Itself: all of its answers are its own."""
+        return self
+
     def responding_at(self, point: np.ndarray) -> Self:
         """Itself: strain, gaps and F at a given displacement do not depend on moduli."""
         return self

@@ -163,7 +163,7 @@ def build(
         from hhr_dolfinx.reduction.flow import training_tangents
 
         with log.stage("training_tangents"):
-            states = training_tangents(full.equilibrium, snapshots.histories, recipe.tangents.states)
+            states = training_tangents(full.equilibrium, snapshots, recipe.tangents.states)
     if recipe.indicator is None:
         log.skip("indicator", "no estimate of the error of each answer was asked for")
     shared = _Offline(full, snapshots, held_out, recipe, basis, nodes, touching, constants, completion, states, log)
@@ -367,6 +367,9 @@ def _compared(shared: _Offline, model: ReducedModel) -> tuple[Comparison | None,
     """
     full, snapshots, held_out, limits = shared.full, shared.snapshots, shared.held_out, shared.recipe.trust
     floor, comparison, trained = force_floor(full.problem, snapshots), None, model.trained
+    if snapshots.columns is not None:
+        shared.log.skip("comparison", "trained on parts of histories: only models of all parts together answer one")
+        return None, None
     if model.equilibrium is not None:
         kept = () if held_out is None else held_out.histories
         histories = {f"trained history {k}": history for k, history in enumerate(snapshots.histories)}

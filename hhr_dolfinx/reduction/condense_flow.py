@@ -142,8 +142,10 @@ def condense_flow(
         raise ReductionError(f"nothing flows in scene '{full.scene.name}': take exact or interpolated condensation")
     problem.require_whole()
     check_of_problem("snapshots", snapshots, problem)
-    if not snapshots.histories:
-        raise ReductionError("a reduced plastic correction is trained on histories: SnapshotSet.of_histories")
+    if not snapshots.histories or snapshots.columns is not None:
+        raise ReductionError(
+            "a reduced plastic correction is trained on histories, all steps: SnapshotSet.of_histories"
+        )
     if not snapshots.flowed:
         # corrections are round-off then, not zero
         raise ReductionError("no body flows in any training history: train at higher loads, or leave the laws out")

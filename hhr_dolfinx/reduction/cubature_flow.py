@@ -109,8 +109,7 @@ class _Rows:
 
     def states(self, snapshots: SnapshotSet, tolerance: float) -> np.ndarray:
         """Stress of training, (n, c, S'), of force one in the energy norm; combinations that leave out little."""
-        answers = [answer for history in snapshots.histories for answer in history.answers]
-        stress = np.stack([answer.state().stress[self._points] for answer in answers], axis=2)
+        stress = np.stack([state.stress[self._points] for state in snapshots.states], axis=2)
         forces = sum(np.einsum("pck,pcs->ks", strain, stress[part], optimize=True) for part, strain in self._parts())
         sizes = np.linalg.norm(forces, axis=0)
         kept = sizes > 1e-9 * sizes.max()

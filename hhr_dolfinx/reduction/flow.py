@@ -11,12 +11,12 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.contact.problem import IndexSets
 from hhr_dolfinx.errors import UnstableModelError
-from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.models.reduced_flow import ReducedFlow
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.flow import FullEquilibrium
+    from hhr_dolfinx.snapshots.records import SnapshotSet
 
 
 def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> ReducedFlow:
@@ -47,17 +47,16 @@ def rows_of(points: np.ndarray, components: int) -> np.ndarray:
     return (points[:, None] * components + np.arange(components)).ravel()
 
 
-def training_tangents(
-    full: FullEquilibrium, histories: Sequence[History], count: int
-) -> list[tuple[np.ndarray, csr_matrix]]:
-    """Tangents and stiffness of the full model at some states of each history, the last one among them.
+def training_tangents(full: FullEquilibrium, snapshots: SnapshotSet, count: int) -> list[tuple[np.ndarray, csr_matrix]]:
+    """Tangents and stiffness of the full model at some trained states of each history, the last one among them.
 
     Laws and elasticity have the constants of each state's own parameter.
     """
     states: list[tuple[Any, csr_matrix]] = []
-    for history in histories if full.material.flows else ():
-        steps = np.unique(np.linspace(0, len(history.answers), count + 1).astype(int)[1:]) - 1
-        for step in steps:
+    histories = zip(snapshots.histories, snapshots.steps_of_histories, strict=True)
+    for history, known in histories if full.material.flows else ():
+        places = np.unique(np.linspace(0, len(known), count + 1).astype(int)[1:])
+        for step in known[places[places > 0] - 1]:
             here = history.answers[step]
             time, state = history.start, full.material.at_rest()
             if step > 0:

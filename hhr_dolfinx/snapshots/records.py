@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,7 +32,7 @@ Progress = Callable[[Iterable], Iterable]
 
 @dataclass(frozen=True)
 class SnapshotSet:
-    """Answers of the full model, one column each: at single parameters, or of all steps of some histories.
+    """Answers of the full model, one column each: at single parameters, or of steps of some histories.
 
     Attributes:
         points: parameters, (S, P).
@@ -40,6 +41,7 @@ class SnapshotSet:
         active: statuses, (N_lambda, S) bool.
         states: stress and state at all Gauss points, one for each column; empty where nothing flows.
         histories: whose steps the columns are; empty for answers at single parameters.
+        columns: which of all steps of these histories, one behind the other, the columns are, increasing; None for all.
     """
 
     points: np.ndarray
@@ -48,6 +50,7 @@ class SnapshotSet:
     active: np.ndarray
     states: tuple[GaussState, ...] = ()
     histories: tuple[History, ...] = ()
+    columns: np.ndarray | None = None
 
     @classmethod
     def of_answers(cls, answers: Sequence[Answer], histories: Sequence[History] = ()) -> SnapshotSet:
@@ -84,12 +87,31 @@ class SnapshotSet:
         states = tuple(self.states[k] for k in chosen) if self.states else ()
         return SnapshotSet(self.points[columns], unknown, forces, active, states)
 
+    def part(self, columns: np.ndarray) -> SnapshotSet:
+        """Some steps of the histories, by their increasing numbers among all of them, to train a local model on.
+
+        Raises:
+            ReductionError: for answers at single parameters, of which ``take`` takes some.
+        """
+        if not self.histories or self.columns is not None:
+            raise ReductionError("parts are taken of whole histories: SnapshotSet.of_histories")
+        return replace(self.take(columns), histories=self.histories, columns=np.asarray(columns))
+
+    @property
+    def steps_of_histories(self) -> list[np.ndarray]:
+        """Numbers of the steps of each history that the columns are, from 0."""
+        ends = np.cumsum([0, *(len(history.answers) for history in self.histories)])
+        columns = np.arange(ends[-1]) if self.columns is None else self.columns
+        return [columns[(columns >= first) & (columns < last)] - first for first, last in pairwise(ends)]
+
     def joined(self, others: SnapshotSet) -> SnapshotSet:
         """These answers, and others of the same problem behind them.
 
         Raises:
             ReductionError: for answers at single parameters beside histories, or those of another mesh.
         """
+        if self.columns is not None or others.columns is not None:
+            raise ReductionError("parts of histories cannot be joined: join whole ones, and take parts of them")
         if bool(self.histories) != bool(others.histories) or len(self.displacements) != len(others.displacements):
             raise ReductionError(
                 f"{len(others.points)} answers cannot be joined to {len(self.points)} others: histories go with "
