@@ -51,6 +51,7 @@ class Variant:
         how: how the training is shared out among models.
         recipe: of each local model.
         one: recipe of the one model beside them.
+        checked: whether models are held against answers of the full one, and grow where they must.
     """
 
     scene: hhr.Scene
@@ -58,17 +59,18 @@ class Variant:
     how: Any
     recipe: hhr.Recipe
     one: hhr.Recipe
+    checked: bool = False
 
 
 def variants(quick: bool) -> Iterator[tuple[str, Variant]]:
     """The thesis' two clusterings, and automatic sets of two and of six parameters."""
     mesh: dict[str, Any] = pellet_cladding.QUICK_MESH if quick else {}
     pellet, materials = pellet_cladding.scene(**mesh), pellet_materials.scene(**mesh)
-    usual, clusters = hhr.Recipe(), hhr.Clusters(3)
-    nodes = (hhr.Deim(), hhr.ForceDeim(1e-3, relative=True), hhr.LoadNodes())
-    small = hhr.Recipe(hhr.Pod(1e-9, relative=True), nodes, hhr.Rid(1, 1))
+    usual, (small, *others) = hhr.Recipe(), recipes()
+    clusters = hhr.Clusters(3, others=tuple(others), modes=60, conditions=45)
     yield "thesis_regular", Variant(pellet, (8, 6) if quick else pellet_cladding.GRID, clusters, small, usual)
     greedy = hhr.Greedy(budget=24 if quick else 200, tolerance=1e-9, indicator=hhr.Eta(), start=hhr.Sobol(8))
+    clusters = hhr.Clusters(3, others=tuple(others), modes=77, conditions=56)
     yield "thesis_greedy", Variant(pellet, greedy, clusters, small, usual)
     fine = hhr.Recipe(hhr.Pod(1e-12, relative=True))
     splitting = hhr.Splitting(modes=40, checks=50) if quick else hhr.Splitting()
@@ -76,6 +78,18 @@ def variants(quick: bool) -> Iterator[tuple[str, Variant]]:
     by_body = pellet_materials.RECIPE
     splitting = hhr.Splitting(modes=80, checks=20, rounds=0, most=3) if quick else hhr.Splitting(120, checks=100)
     yield "materials", Variant(materials, hhr.Sobol(64 if quick else 1024), splitting, by_body, by_body)
+
+
+def recipes() -> list[hhr.Recipe]:
+    """Of small models: fewer nodes than functions, which enrichment makes up for; each cluster takes its best."""
+    found = []
+    for tolerance, nodes, forces, layers, kappa_max in ((1e-9, 1e-7, 1e-4, 2, 3.0), (1e-9, 1e-7, 1e-4, 2, 6.0),
+                                                        (1e-9, 3e-7, 1e-3, 2, 6.0), (3e-9, 1e-7, 1e-4, 1, 3.0),
+                                                        (1e-8, 1e-6, 1e-3, 1, 10.0)):  # fmt: skip
+        chosen = (hhr.Deim(hhr.Pod(nodes, relative=True)), hhr.ForceDeim(forces, relative=True), hhr.LoadNodes())
+        pod, domain = hhr.Pod(tolerance, relative=True), hhr.Rid(layers, layers)
+        found.append(hhr.Recipe(pod, chosen, domain, hhr.Enrich(kappa_max)))
+    return found
 
 
 def graded(scene: hhr.Scene, count: int) -> np.ndarray:
@@ -90,7 +104,7 @@ def measured(name: str, given: Variant, options: Namespace) -> tuple[dict[str, A
     folder = options.out / f"snapshots_{given.scene.name}"
     train: Callable = partial(hhr.train, held_out=0, comm=MPI.COMM_SELF, progress=options.progress, folder=folder)
     training = train(given.scene, given.training)
-    local, built = timed(lambda: training.local(given.how, recipe=given.recipe, checked=False,
+    local, built = timed(lambda: training.local(given.how, recipe=given.recipe, checked=given.checked,
                                                 progress=options.progress))  # fmt: skip
     one, built_one = timed(lambda: training.build(given.one, checked=False))
     full, models = training.full_order, {"local": local, "one": one}
