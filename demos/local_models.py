@@ -15,7 +15,7 @@ by a border train the models of both sides.
 
 from argparse import Namespace
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -75,9 +75,13 @@ def variants(quick: bool) -> Iterator[tuple[str, Variant]]:
     fine = hhr.Recipe(hhr.Pod(1e-12, relative=True))
     splitting = hhr.Splitting(modes=40, checks=50) if quick else hhr.Splitting()
     yield "automatic", Variant(pellet, graded(pellet, 8 if quick else 40), splitting, fine, usual)
-    by_body = pellet_materials.RECIPE
-    splitting = hhr.Splitting(modes=80, checks=20, rounds=0, most=3) if quick else hhr.Splitting(120, checks=100)
-    yield "materials", Variant(materials, hhr.Sobol(64 if quick else 1024), splitting, by_body, by_body)
+    nodes = (hhr.Deim(hhr.Pod(1e-7, relative=True)), hhr.ForceDeim(1e-4, relative=True), hhr.LoadNodes())
+    by_body = hhr.Recipe(hhr.Pod(1e-9, relative=True, by_body=True), nodes)
+    splitting = hhr.Splitting(modes=160, conditions=72, forces=3e-3, checks=100, rounds=4)
+    if quick:
+        splitting = replace(splitting, modes=80, checks=20, rounds=0, most=3)
+    training = hhr.Sobol(64 if quick else 1024)
+    yield "materials", Variant(materials, training, splitting, by_body, pellet_materials.RECIPE, checked=True)
 
 
 def recipes() -> list[hhr.Recipe]:
