@@ -14,6 +14,7 @@ from .models.answer import Answer as Answer
 from .models.answer import History as History
 from .models.fallback import FallbackModel as FallbackModel
 from .models.local import LocalModels as LocalModels
+from .models.local_histories import LocalHistories as LocalHistories
 from .models.path import MarchSettings as MarchSettings
 from .models.reduced import ReducedModel as ReducedModel
 from .online.batch import answer_points as answer_points

@@ -13,7 +13,7 @@ from mpi4py import MPI
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.certify.compare import compare_histories
-from hhr_dolfinx.errors import OutsideTrainingWarning, ParameterError, ReductionError
+from hhr_dolfinx.errors import OutsideTrainingWarning, ParameterError, ReductionError, StudyError
 from hhr_dolfinx.models.local_histories import LocalHistories
 from hhr_dolfinx.reduction.flow import training_tangents
 from hhr_dolfinx.study.local_histories import local_histories
@@ -44,7 +44,7 @@ def single(trained):
 @pytest.fixture(scope="module")
 def phased(trained):
     """Two models: of loading and of unloading."""
-    return local_histories(trained, [PHASES] * 2, RECIPE, checked=False)
+    return trained.local([PHASES] * 2, recipe=RECIPE, checked=False)
 
 
 def one_label(trained):
@@ -216,3 +216,9 @@ def test_models_with_domains_of_their_own_answer_as_well(trained):
     history = local.march(exact.path, QUIET)
     assert not local.equilibrium.shares_points and local.models_of(history)[-1] == 1
     assert relative_error(history.answers[-1].plastic_strain(), exact.answers[-1].plastic_strain()) < 0.05
+
+
+@pytest.mark.parametrize("how", [None, hhr.Clusters(2)])
+def test_histories_need_labels(trained, how):
+    with pytest.raises(StudyError, match="each step"):
+        trained.local(how)

@@ -227,7 +227,7 @@ def _check_alike(models: Sequence[ReducedModel], choice: Choice) -> None:
     if not models or not all(isinstance(model, ReducedModel) for model in models):
         raise ReductionError("local models are a list of reduced models, at least one")
     if any(model.flow is not None for model in models):
-        raise ReductionError("bodies flow in these local models: histories change models by LocalHistories")
+        raise ReductionError("bodies flow in these local models: those of histories are LocalHistories")
     first = models[0]
     for number, model in enumerate(models):
         if not (_scene_of(model) == _scene_of(first) and _same_arrays(model.fields, first.fields)):

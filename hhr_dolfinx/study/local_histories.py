@@ -4,21 +4,9 @@ Usually all of them are built on one reduced integration domain, around the node
 evaluate their laws at the same points and hand their state on as it is. Bases, and modes of stress and plastic strain,
 are local.
 
-Worth it where the parts of a path are trained as they will be asked. The pellet was loaded, unloaded and loaded again
-at three gaps in 120 steps each. With fewer modes a smaller domain is stable; largest errors at two other gaps, and with
-six tenths unloaded and seven of these put on again, in per cent of the largest size in the history:
-
-| | modes | Gauss points | ms a step | displacement | forces | σ_rr | plastic strain |
-|---|---|---|---|---|---|---|---|
-| one model, Pod(3e-11) | 86 | 5604 | 15.5 | 0.45 | 5.5 | 1.9 | 0.43 |
-| one model, Pod(1e-11) | 101 | 8464 | 22.8 | 0.16 | 2.9 | 1.5 | 0.15 |
-| two, until and from where the load turns, Pod(1e-10) | 85, 63 | 5092 | 13.6 | 0.21 | 3.2 | 1.7 | 0.21 |
-
-Three models, with one for loading again, are no better: what was unloaded in part and is loaded again is known to none
-of the two last. In a family of paths with six parameters, of which eight were trained (coarse mesh), the second model
-never knew a state better than the first, and one model for all steps was more exact and faster. Two domains of their
-own had 6444 and 6744 points and the same errors; a state that was completed at 67 or 92 points of a cubature was off by
-0.2 to 0.4 % in plastic strain and by 1 % in stress.
+Worth it where the parts of a path are trained as they will be asked, as loading and unloading: with fewer modes a
+smaller domain is stable. In a family of paths a model of some steps seldom knows a state better than one of all of them, since
+it has not seen what is left of flow that was not trained.
 """
 
 from __future__ import annotations

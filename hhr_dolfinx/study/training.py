@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
     from hhr_dolfinx.models.fallback import FallbackModel
     from hhr_dolfinx.models.local import LocalModels
+    from hhr_dolfinx.models.local_histories import LocalHistories
     from hhr_dolfinx.models.varying import VaryingModel
     from hhr_dolfinx.study.greedy import Choice
 
@@ -100,20 +101,30 @@ class Training:
 
     def local(
         self, how: Any = None, *, recipe: Recipe | None = None, checked: bool = True, progress: Progress = silent
-    ) -> LocalModels:
+    ) -> LocalModels | LocalHistories:
         """Several small models in the place of one, each for a part of the box, used like one; thesis chapter 4.
 
         Args:
             how: :class:`~hhr_dolfinx.study.splitting.Splitting`, which finds the number of models itself, or
-                :class:`~hhr_dolfinx.study.local_training.Clusters`, a wished one; None takes the first.
+                :class:`~hhr_dolfinx.study.local_training.Clusters`, a wished one; None takes the first. Where bodies
+                flow the number of the model of each step, an array for each training history, see
+                :func:`~hhr_dolfinx.study.local_histories.local_histories`.
             recipe, checked: of each model, see :meth:`build`.
             progress: for progress bars.
 
         Raises:
-            StudyError: where bodies flow, or for what is no way to share a training out.
+            StudyError: for what is no way to share a training out.
+            ReductionError: for labels that are none of the steps.
         """
         if self.full_order.equilibrium is not None:
-            raise StudyError("bodies flow: histories have local models of their own, see LocalHistories")
+            from hhr_dolfinx.study.local_histories import local_histories
+
+            if how is None or hasattr(how, "models"):
+                raise StudyError(
+                    f"bodies flow, and {how!r} shares no histories out: give the number of the model of each step, an "
+                    "array for each training history"
+                )
+            return local_histories(self, how, recipe, checked=checked)
         if how is None:
             from hhr_dolfinx.study.splitting import Splitting
 
