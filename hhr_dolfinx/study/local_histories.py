@@ -5,15 +5,15 @@ evaluate their laws at the same points and hand their state on as it is. Bases, 
 are local.
 
 Worth it where the parts of a path are trained as they will be asked, as loading and unloading: with fewer modes a
-smaller domain is stable. In a family of paths a model of some steps seldom knows a state better than one of all of them, since
-it has not seen what is left of flow that was not trained.
+smaller domain is stable. In a family of paths a model of some steps seldom knows a state better than one of all of
+them, since it has not seen what is left of flow that was not trained.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,9 +30,11 @@ from hhr_dolfinx.reduction.build import build, usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe, Rid
 from hhr_dolfinx.reduction.rid import checked_nodes
 from hhr_dolfinx.snapshots.records import SnapshotSet
-from hhr_dolfinx.study.training import Training
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedPaths
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.study.training import Training
 
 
 @dataclass(frozen=True)
