@@ -14,7 +14,7 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import is_number, is_whole
 from hhr_dolfinx.reduction.build import build, sizes
 from hhr_dolfinx.reduction.recipe import Recipe
-from hhr_dolfinx.snapshots.records import compute_snapshots
+from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
 from hhr_dolfinx.study.local_training import (
     LocalRecord,
     Member,
@@ -109,6 +109,7 @@ class _Run:
         self.rng = np.random.default_rng(settings.seed)
         self.record = LocalRecord()
         self.models: list[ReducedModel] = []
+        self.kept: tuple[int, SnapshotSet] | None = None
         # axis, cut, low, high and label of each node, see Choice
         self.nodes: list[list[Any]] = [[LEAF, 0.0, 0, 0, LEAF]]
 
@@ -156,9 +157,7 @@ class _Run:
         """
         if refuse:
             self._check_sizes(rows)
-        held_out = None
-        if self.recipe.trust is not None:
-            held_out = compute_snapshots(self.full, self._drawn(part, HELD_OUT))
+        held_out = None if self.recipe.trust is None else self._held_out(part)
         try:
             with self.record.log.stage("models"):
                 return build(self.full, self.snapshots.take(rows), self.recipe, held_out)
@@ -166,6 +165,13 @@ class _Run:
             if refuse:
                 raise _TooLargeError(str(error)) from None
             raise
+
+    def _held_out(self, part: _Part) -> SnapshotSet:
+        """Answers of the full model in a part, for all models that are tried there."""
+        if self.kept is None or self.kept[0] != part.node:
+            with self.record.log.stage("held_out"):
+                self.kept = part.node, compute_snapshots(self.full, self._drawn(part, HELD_OUT))
+        return self.kept[1]
 
     def _check_sizes(self, rows: np.ndarray) -> None:
         """Raise _TooLargeError if the model of some snapshots has too many modes, or conditions."""
