@@ -75,9 +75,9 @@ def variants(quick: bool) -> Iterator[tuple[str, Variant]]:
     fine = hhr.Recipe(hhr.Pod(1e-12, relative=True))
     splitting = hhr.Splitting(modes=40, checks=50) if quick else hhr.Splitting()
     yield "automatic", Variant(pellet, graded(pellet, 8 if quick else 40), splitting, fine, usual)
-    nodes = (hhr.Deim(hhr.Pod(1e-7, relative=True)), hhr.ForceDeim(1e-4, relative=True), hhr.LoadNodes())
-    by_body = hhr.Recipe(hhr.Pod(1e-9, relative=True, by_body=True), nodes)
-    splitting = hhr.Splitting(modes=160, conditions=72, forces=3e-3, checks=100, rounds=4)
+    nodes = (hhr.Deim(hhr.Pod(1e-8, relative=True)), hhr.ForceDeim(1e-5, relative=True), hhr.LoadNodes())
+    by_body = hhr.Recipe(hhr.Pod(3e-10, relative=True, by_body=True), nodes)
+    splitting = hhr.Splitting(modes=200, conditions=85, forces=3e-3, checks=60, rounds=2, most=16)
     if quick:
         splitting = replace(splitting, modes=80, checks=20, rounds=0, most=3)
     training = hhr.Sobol(64 if quick else 1024)
@@ -167,14 +167,15 @@ def row_of(name: str, found: dict[str, Any]) -> dict[str, Any]:
 def main() -> None:
     """Train, share out, compare; print the table, write ``report.json``, models and pictures."""
     options = cli.parse_on_first_rank(cli.demo_parser("local_models", __doc__))
-    models, rows = {}, []
+    rows: list[dict[str, Any]] = []
+    found: dict[str, Any] = {"scene": "local_models", "seed": options.seed, "models": {}, **report.environment()}
+    found["figure_2_13"] = dissimilarity.figure_2_13(options.out, options.quick)
     for name, given in variants(options.quick):
-        models[name], row = measured(name, given, options)
+        found["models"][name], row = measured(name, given, options)
         rows.append(row)
-    chordal = dissimilarity.figure_2_13(options.out, options.quick)
+        # an hour is long: what is there is kept
+        report.write_report(found, options.out)
     report.print_rows("local models", rows, options.console)
-    found = {"scene": "local_models", "seed": options.seed, "models": models, "figure_2_13": chordal}
-    report.write_report({**found, **report.environment()}, options.out)
 
 
 if __name__ == "__main__":

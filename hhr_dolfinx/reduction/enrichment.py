@@ -109,14 +109,22 @@ def _kappa_of_both(problem, tables):
 def _best(problem, tables, new) -> int:
     """Index of the best new column: it raises a rank that is missing, or else lowers kappa(B~1) most."""
     for table, columns in zip(tables, new, strict=True):
-        directions, values, _ = np.linalg.svd(table)
+        directions, values = _svd(table, full=True)
         rank = sum(math.isfinite(problem.condition_number(value, values[0])) for value in values)
         if rank < table.shape[0]:
             return int(np.linalg.norm(directions[:, rank:].T @ columns, axis=0).argmax())
-    directions, values, _ = np.linalg.svd(tables[0], full_matrices=False)
+    directions, values = _svd(tables[0], full=False)
     smallest, largest = _extremes_after_update(values**2, (directions.T @ new[0]) ** 2)
     # the squares lose half of the digits: good enough to choose, not to report
     return int(np.argmax(smallest / largest))
+
+
+def _svd(table: np.ndarray, *, full: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Left singular vectors and singular values, largest first."""
+    try:
+        return linalg.svd(table, full_matrices=full)[:2]
+    except linalg.LinAlgError:  # divide and conquer, the fast way, ends so for a few matrices of full precision
+        return linalg.svd(table, full_matrices=full, lapack_driver="gesvd")[:2]
 
 
 def _extremes_after_update(squares, weights):
