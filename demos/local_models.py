@@ -86,10 +86,10 @@ def variants(quick: bool) -> Iterator[tuple[str, Variant]]:
 
 def recipes() -> list[hhr.Recipe]:
     """Of small models: fewer nodes than functions, which enrichment makes up for; each cluster takes its best."""
+    tried = ((1e-9, 1e-7, 1e-4, 2, 3.0), (1e-9, 1e-7, 1e-4, 2, 6.0), (1e-9, 3e-7, 1e-3, 2, 6.0),
+             (3e-9, 1e-7, 1e-4, 1, 3.0), (1e-8, 1e-8, 1e-4, 2, 3.0), (1e-8, 1e-6, 1e-3, 1, 10.0))  # fmt: skip
     found = []
-    for tolerance, nodes, forces, layers, kappa_max in ((1e-9, 1e-7, 1e-4, 2, 3.0), (1e-9, 1e-7, 1e-4, 2, 6.0),
-                                                        (1e-9, 3e-7, 1e-3, 2, 6.0), (3e-9, 1e-7, 1e-4, 1, 3.0),
-                                                        (1e-8, 1e-6, 1e-3, 1, 10.0)):  # fmt: skip
+    for tolerance, nodes, forces, layers, kappa_max in tried:
         chosen = (hhr.Deim(hhr.Pod(nodes, relative=True)), hhr.ForceDeim(forces, relative=True), hhr.LoadNodes())
         pod, domain = hhr.Pod(tolerance, relative=True), hhr.Rid(layers, layers)
         found.append(hhr.Recipe(pod, chosen, domain, hhr.Enrich(kappa_max)))

@@ -81,6 +81,10 @@ class UncheckedWarning(UserWarning):
     """A reduced model was not compared with solutions kept out of its training."""
 
 
+class LocalModelWarning(UserWarning):
+    """Some of several local models are larger, or less exact, than was wished."""
+
+
 class SceneWarning(UserWarning):
     """Something in a scene has no effect, or its imposed displacements contradict its contacts."""
 

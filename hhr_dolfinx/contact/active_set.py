@@ -315,9 +315,10 @@ class SchurEqualities:
             index = active.nonzero()[0]
             columns = self._columns(index)
             # a factor has the size of its block
-            spent += index.nbytes + columns.nbytes + 8 * index.size**2
-            if spent > most_bytes:
-                break
+            size = index.nbytes + columns.nbytes + 8 * index.size**2
+            if spent + size > most_bytes:
+                continue
+            spent += size
             with suppress(SingularError):
                 factor = self._factorise(columns.take(index, axis=1).T) if index.size else None
                 self._prepared[active.tobytes()] = (index, factor, columns)

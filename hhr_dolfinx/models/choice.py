@@ -123,14 +123,6 @@ class Choice:
             corners[low], corners[high] = (least, below), (above, most)
         return found
 
-    def snapped(self, values: np.ndarray) -> Choice:
-        """The same tree with each cut at the nearest of some values of its parameter, (n, P)."""
-        cut = self.cut.copy()
-        for node in np.flatnonzero(self.axis != LEAF):
-            column = values[:, self.axis[node]]
-            cut[node] = column[np.abs(column - cut[node]).argmin()]
-        return Choice(self.axis, cut, self.low, self.high, self.label, self.reach)
-
     def reaching(self, reach: np.ndarray) -> Choice:
         """The same cuts with strips of another width, (P,)."""
         return Choice(self.axis, self.cut, self.low, self.high, self.label, np.asarray(reach, dtype=float))

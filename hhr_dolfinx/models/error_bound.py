@@ -33,6 +33,8 @@ ROUND_OFF = 1e-10
 
 SHARP = 1e-4
 """Part of the forces from which on their bound is made as sharp as it can be; below, it is a third larger at times."""
+CANCELLED = 1e-3
+"""Round-off of a field that a lift cancels, over the round-off of what is left."""
 NOTHING = 0.01
 """Part of the bound of a field that a bound of forces adds without being worth a second look."""
 NO_OUTPUTS: Mapping[str, float] = {}
@@ -298,7 +300,11 @@ class ConstantThere(NamedTuple):
 
         def fields(better: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             pushed = along - better @ owner.lower
-            return np.hypot(_lengths(pushed, pushed), across), _lengths(moved, moved), np.zeros(len(left))
+            return (
+                np.hypot(_lengths(pushed, pushed), across),
+                _lengths(moved, moved),
+                CANCELLED * _lengths(field, field),
+            )
 
         primal, dual, *sizes = bounded(Given(forces, slack, self.free), self.owner.response, fields)
         return Estimates("bound", primal, dual, relative(primal, sizes[0]), relative(dual, sizes[1]))

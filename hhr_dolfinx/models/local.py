@@ -229,8 +229,9 @@ def _check_alike(models: Sequence[ReducedModel], choice: Choice) -> None:
     if any(model.flow is not None for model in models):
         raise ReductionError("bodies flow in these local models: those of histories are LocalHistories")
     first = models[0]
+    point = first.parameters.random(1, seed=1)[0]
     for number, model in enumerate(models):
-        if not (_scene_of(model) == _scene_of(first) and _same_arrays(model.fields, first.fields)):
+        if not (_scene_of(model) == _scene_of(first) and _same_arrays(model.fields, first.fields, point)):
             raise ReductionError(f"local model {number} is of another scene or mesh than the first one")
     if not isinstance(choice, Choice):
         raise ReductionError(f"{choice!r} is no Choice, which says what local model answers where")
@@ -248,13 +249,20 @@ def _scene_of(model: ReducedModel) -> list:
     return [*space.names, *space.lower, *space.upper, *sizes, *(item.name for item in outputs)]
 
 
-def _same_arrays(one: Reconstruction, two: Reconstruction) -> bool:
-    """Whether gaps, amplitudes, and S where both know it are those of one scene."""
-    alike = [(one.gaps, two.gaps), (one.amplitudes.constant, two.amplitudes.constant)]
-    alike += [(one.amplitudes.slopes, two.amplitudes.slopes)]
+def _same_arrays(one: Reconstruction, two: Reconstruction, point: np.ndarray) -> bool:
+    """Whether gaps, θ at a point, and where both know them S, lifts and loads, are those of one scene."""
+    there, beside = one.amplitudes(point), two.amplitudes(point)
+    alike = [(one.gaps, two.gaps), (there.values, beside.values)]
     if not all(np.array_equal(mine, other) for mine, other in alike):
         return False
     if one is two or one.bound is None or two.bound is None:
-        return True
-    mine, other = one.bound.schur, two.bound.schur
-    return bool(np.abs(mine - other).max() <= ALIKE * np.abs(other).max())
+        # what estimates nothing and what does cannot be compared by a border
+        return one.bound is two.bound
+    pairs = [(one.bound.schur, two.bound.schur), (one.lifts, two.lifts), (_loads_of(one), _loads_of(two))]
+    return all(abs(mine - other).max() <= ALIKE * abs(other).max() for mine, other in pairs if other.size)
+
+
+def _loads_of(fields: Reconstruction) -> np.ndarray:
+    """What loads do to gaps, which says where they act; in the middle of the box where it depends on parameters."""
+    bound: Any = fields.bound
+    return bound.free_slack if hasattr(bound, "free_slack") else bound.compliances(bound.middle).free_slack

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from hhr_dolfinx import compat
@@ -34,6 +36,25 @@ def separating_cut(unit: np.ndarray, labels: np.ndarray, least: float) -> tuple[
 def tree_of(points: np.ndarray, labels: np.ndarray, space: ParameterSpace) -> Choice:
     """The decision tree that tells labelled points, (n, P), apart; all of them unless two lie at one place."""
     return _choice(DecisionTreeClassifier(random_state=0).fit(_unit(points, space), labels), space)
+
+
+def tree_of_cells(cells: np.ndarray, labels: np.ndarray) -> Choice:
+    """The tree whose cuts run along the lines of a grid, from its cells, (C, 2, P), and their labels.
+
+    It is told the numbers of cells along each axis: a classifier does not tell narrow ones of a wide box apart.
+    """
+    lines, ranks = [], []
+    for ends in cells[:, 1].T:
+        values, rank = np.unique(ends, return_inverse=True)
+        lines.append(values)
+        ranks.append(rank)
+    places = np.column_stack(ranks).astype(float)
+    space = ParameterSpace(tuple(f"axis_{k}" for k in range(len(lines))), (0.0,) * len(lines), (1.0,) * len(lines))
+    found = _choice(DecisionTreeClassifier(random_state=0).fit(places, labels), space)
+    cut = found.cut.copy()
+    for node in np.flatnonzero(found.axis != LEAF):
+        cut[node] = lines[found.axis[node]][int(cut[node])]
+    return replace(found, cut=cut)
 
 
 def forest_tree(points: np.ndarray, labels: np.ndarray, space: ParameterSpace, seed: int = 0) -> Choice:

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from hhr_dolfinx.certify.accuracy import summary
-from hhr_dolfinx.models.choice import LEAF
 from hhr_dolfinx.models.local import LocalModels
 from hhr_dolfinx.study.local_training import sizes_of
 from hhr_dolfinx.study.measure import Errors
@@ -15,13 +14,24 @@ from hhr_dolfinx.study.references import References
 from hhr_dolfinx.timing import time_queries
 
 BORDER = 0.05
-"""Part of the width of the box within which a point lies by a border."""
+"""Part of the width of the part of a model within which a point lies by its border."""
 
 
 def near_borders(local: LocalModels, points: np.ndarray) -> np.ndarray:
     """Whether points, (n, P), lie by a border between two models, (n,)."""
-    width = np.array(local.parameters.upper) - local.parameters.lower
-    return local.choice.reaching(BORDER * width).many(points)[1] != LEAF
+    space, choice = local.parameters, local.choice
+    lower, upper = (np.full((len(local), len(space.names)), end) for end in (np.inf, -np.inf))
+    for label, low, high in choice.boxes(space.lower, space.upper):
+        lower[label], upper[label] = np.minimum(lower[label], low), np.maximum(upper[label], high)
+    own = choice.many(points)[0]
+    reach = BORDER * (upper - lower)[own]
+    near = np.zeros(len(points), dtype=bool)
+    for axis in range(points.shape[1]):
+        for side in (-1.0, 1.0):
+            beside = points.copy()
+            beside[:, axis] += side * reach[:, axis]
+            near |= choice.many(beside)[0] != own
+    return near
 
 
 def stripe(local: LocalModels, points: np.ndarray, errors: np.ndarray) -> float:

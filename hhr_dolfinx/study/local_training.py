@@ -5,18 +5,21 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from hhr_dolfinx.certify.accuracy import FORCE_FLOOR
-from hhr_dolfinx.errors import HHRError, ReductionError, StudyError
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.errors import HHRError, LocalModelWarning, ReductionError, StabilityWarning, StudyError
 from hhr_dolfinx.models.choice import Choice
 from hhr_dolfinx.models.local import LocalModels
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.parameters import is_number, is_whole
+from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 from hhr_dolfinx.reduction.build import build, sizes
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet
@@ -27,8 +30,14 @@ if TYPE_CHECKING:
     from hhr_dolfinx.study.training import Training
 
 Progress = Callable[[Iterable], Iterable]
-DRAWN = 600
-"""Random points of the box at which models of clusters are estimated."""
+DRAWN = 200
+"""Random points of a region at which models of its cluster are estimated."""
+TINY = 1e-16
+"""Errors below are alike."""
+STILL = 1e-12
+"""Part of the largest displacement below which a solution does not move."""
+OF_TRAINING = ("training points", "no training solution")
+"""How warnings begin that speak of a training as a whole, of which a local model has a part."""
 
 
 class Member(NamedTuple):
@@ -50,6 +59,12 @@ class Member(NamedTuple):
     added: int
 
 
+def check_whole(name: str, value: Any, least: int) -> None:
+    """Raise StudyError for what is no whole number of at least ``least``, or too large for any."""
+    if not is_whole(value, least) or value >= 2**32:
+        raise StudyError(f"{name} = {value!r} must be a whole number from {least}, below 2^32")
+
+
 @dataclass(frozen=True)
 class LocalRecord:
     """How local models were made.
@@ -58,12 +73,14 @@ class LocalRecord:
         points: all training points, (S, P), those that were added last; none while they are made.
         members: the models.
         splits: what was split, and why, in words.
+        missed: which models are not what was wished, and what of them, in words.
         log: times of the stages.
     """
 
     points: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     members: list[Member] = field(default_factory=list)
     splits: list[str] = field(default_factory=list)
+    missed: list[str] = field(default_factory=list)
     log: StageLog = field(default_factory=StageLog)
 
 
@@ -98,11 +115,12 @@ class Clusters:
         for name, least in (("count", 1), ("seed", 0), ("modes", 1), ("conditions", 1)):
             if getattr(self, name) is None and name in ("modes", "conditions"):
                 continue
-            if not is_whole(getattr(self, name), least):
-                raise StudyError(f"{name} = {getattr(self, name)!r} must be a whole number from {least}")
+            check_whole(name, getattr(self, name), least)
         for name in ("overlap", "strip"):
             if not (is_number(getattr(self, name)) and 0 <= getattr(self, name) < 1):
                 raise StudyError(f"{name} = {getattr(self, name)!r} must be a part of 1, such as 0.05")
+        if not isinstance(self.others, tuple | list) or not all(isinstance(item, Recipe) for item in self.others):
+            raise StudyError(f"others = {self.others!r} must be a list of recipes: (Recipe(...),)")
 
     def models(self, training: Training, recipe: Recipe, progress: Progress) -> LocalModels:
         """Local models of a training; see the class."""
@@ -111,36 +129,44 @@ class Clusters:
         width = np.array(space.upper) - space.lower
         with record.log.stage("clusters"):
             choice, members = self._on_grid(snapshots, full) or self._anywhere(snapshots, full, width)
-        drawn = space.random(DRAWN, self.seed)
-        labels, places = choice.many(points)[0], choice.many(drawn)[0]
-        models = []
+        labels, models = choice.many(points)[0], []
         for number in progress(range(self.count)):
             own, held_out = snapshots.take(members[number]), _held_out_of(training, choice, number)
+            if len(own.points) < 2:
+                raise StudyError(
+                    f"cluster {number} has {len(own.points)} solutions, and a model needs at least 2: take fewer "
+                    "clusters, or a larger overlap"
+                )
+            drawn = _drawn_in(choice, number, space, self.seed)
             with record.log.stage("models"):
-                model, errors = self._best(full, own, held_out, recipe, drawn[places == number])
+                model, errors, doubts = self._best(full, own, held_out, recipe, drawn)
             models.append(model)
+            record.missed.extend(f"local model {number}: {doubt}" for doubt in doubts)
             count = int((labels == number).sum())
             record.members.append(Member(members[number], count, *sizes_of(model), p95(errors), 0))
         return together(models, choice.reaching(self.strip * width), snapshots, record)
 
     def _best(
         self, full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | None, recipe: Recipe, points: np.ndarray
-    ) -> tuple[ReducedModel, np.ndarray]:
-        """The model of a cluster, and estimates of its forces at random points of its region."""
+    ) -> tuple[ReducedModel, np.ndarray, list[str]]:
+        """The model of a cluster, estimates of its forces at points of its region, and doubts of its check."""
         floor, found, why = force_floor(full, snapshots), [], ""
         for item in (recipe, *(self.others if recipe.trust else (other.as_it_is() for other in self.others))):
             try:
                 self._check_sizes(*sizes(full, snapshots, item))
-                model = build(full, snapshots, item, None if item.trust is None else held_out)
+                model, doubts = built(full, snapshots, item, held_out)
             except HHRError as error:
                 if not self.others:
                     raise
                 why = str(error)
                 continue
-            found.append((model, force_errors(model, points, floor)))
+            errors = force_errors(model, points, floor)
+            # by the order of their sizes: nothing to be known, or no answer, is the worst
+            known = np.where(np.isnan(errors), np.inf, np.maximum(errors, TINY))
+            found.append((np.log(known).mean() if errors.size else np.inf, model, errors, doubts))
         if not found:
             raise StudyError(f"none of {1 + len(self.others)} recipes makes a model of a cluster; the last: {why}")
-        return min(found, key=lambda pair: p95(np.where(np.isnan(pair[1]), np.inf, pair[1])))
+        return min(found, key=lambda item: item[0])[1:]
 
     def _check_sizes(self, modes: int, conditions: int) -> None:
         """Raise StudyError for a model that is larger than it may be."""
@@ -150,7 +176,7 @@ class Clusters:
 
     def _on_grid(self, snapshots: SnapshotSet, full: Any) -> tuple[Choice, list[np.ndarray]] | None:
         """The partition of a regular grid, and the snapshots of each cluster; None where points are none."""
-        from hhr_dolfinx.reduction.classify import tree_of
+        from hhr_dolfinx.reduction.classify import tree_of_cells
         from hhr_dolfinx.reduction.clusters import cell_labels, grid_cells
 
         try:
@@ -158,7 +184,7 @@ class Clusters:
         except ReductionError:
             return None
         found = cell_labels(snapshots.points, snapshots.displacements, self.count, seed=self.seed)
-        choice = tree_of(cells.mean(axis=1), found.labels, full.parameters).snapped(cells[:, 1])
+        choice = tree_of_cells(cells, found.labels)
         return choice, [found.snapshots(number) for number in range(self.count)]
 
     def _anywhere(self, snapshots: SnapshotSet, full: Any, width: np.ndarray) -> tuple[Choice, list[np.ndarray]]:
@@ -166,7 +192,10 @@ class Clusters:
         from hhr_dolfinx.reduction.classify import forest_tree
         from hhr_dolfinx.reduction.clusters import snapshot_labels
 
-        labels = snapshot_labels(snapshots.displacements, self.count, seed=self.seed)
+        labels = np.zeros(len(snapshots.points), dtype=np.int64)
+        loaded, nearest = loaded_snapshots(snapshots, full.parameters)
+        labels[loaded] = snapshot_labels(snapshots.displacements[:, loaded], self.count, seed=self.seed)
+        labels = labels[nearest]
         choice = forest_tree(snapshots.points, labels, full.parameters, self.seed)
         members = []
         for number in range(self.count):
@@ -185,6 +214,40 @@ def _by(choice: Choice, number: int, points: np.ndarray, reach: np.ndarray) -> n
     return near
 
 
+def moving(snapshots: SnapshotSet) -> np.ndarray:
+    """Whether snapshots are more than round-off, and so have a direction, (S,)."""
+    sizes = np.abs(snapshots.displacements).max(axis=0)
+    return sizes > STILL * sizes.max(initial=0.0)
+
+
+def loaded_snapshots(snapshots: SnapshotSet, space: ParameterSpace) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the snapshots that are not zero, which have a direction, and for each the nearest one of them.
+
+    Raises:
+        StudyError: if all are zero.
+    """
+    loaded = np.flatnonzero(moving(snapshots))
+    if not loaded.size:
+        raise StudyError("no training solution moves, so that none is like another one: train where bodies are loaded")
+    width = np.array(space.upper) - space.lower
+    unit = snapshots.points / np.where(width > 0, width, 1.0)
+    return loaded, loaded[cKDTree(unit[loaded]).query(unit)[1]]
+
+
+def _drawn_in(choice: Choice, number: int, space: ParameterSpace, seed: int) -> np.ndarray:
+    """Random points of the boxes of a model, (n, P); none if no box is its own."""
+    width = np.array(space.upper) - space.lower
+    boxes = [(low, high) for label, low, high in choice.boxes(space.lower, space.upper) if label == number]
+    volumes = np.array([np.prod(np.where(width > 0, (high - low) / np.where(width > 0, width, 1.0), 1.0))
+                        for low, high in boxes])  # fmt: skip
+    rng = np.random.default_rng(seed)
+    if not volumes.sum() > 0:
+        return np.zeros((0, len(space.names)))
+    chosen = rng.choice(len(boxes), DRAWN, p=volumes / volumes.sum())
+    low, high = (np.array([box[end] for box in boxes])[chosen] for end in (0, 1))
+    return low + rng.random(low.shape) * (high - low)
+
+
 def _held_out_of(training: Training, choice: Choice, number: int) -> SnapshotSet | None:
     """Answers kept out of training that lie in a region; None without any."""
     if training.held_out is None:
@@ -197,7 +260,21 @@ def together(models: list[ReducedModel], choice: Choice, snapshots: SnapshotSet,
     """The set of some models, whose door is that of all that was trained: where one ends another one goes on."""
     trained = TrainedRange.of(snapshots.points, models[0].parameters)
     own = [model.changed(trained=trained) for model in models]
+    if record.missed:
+        more = "" if len(record.missed) == 1 else f", and {len(record.missed) - 1} more in offline.missed"
+        warnings.warn(f"{record.missed[0]}{more}", LocalModelWarning, stacklevel=4)
     return LocalModels(own, choice, replace(record, points=snapshots.points))
+
+
+def built(
+    full: Any, snapshots: SnapshotSet, recipe: Recipe, held_out: SnapshotSet | None
+) -> tuple[ReducedModel, list[str]]:
+    """A model of some snapshots, and what its check doubts: warnings are for those that are kept."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        model = build(full, snapshots, recipe, None if recipe.trust is None else held_out)
+    said = [str(item.message) for item in caught if issubclass(item.category, StabilityWarning)]
+    return model, [text for text in said if not text.startswith(OF_TRAINING)]
 
 
 def sizes_of(model: ReducedModel) -> tuple[int, int]:
@@ -217,12 +294,18 @@ def force_floor(full: Any, snapshots: SnapshotSet) -> float:
 
 
 def force_errors(model: ReducedModel | LocalModels, points: np.ndarray, floor: float) -> np.ndarray:
-    """Estimated relative errors of contact forces at some points, (n,), beside a least size of forces; NaN for none.
+    """Estimated relative errors of contact forces at some points, (n,), beside a least size of forces.
 
-    Where forces nearly vanish the relative error is that beside ``floor``.
+    NaN where nothing is known of an answer, infinite where there is none. Where forces nearly vanish the relative error
+    is that beside ``floor``.
     """
-    found = model.solve_many(points, raise_on_failure=False, outside="ignore").estimates()
+    if not len(points):
+        return np.zeros(0)
+    many = model.solve_many(points, raise_on_failure=False, outside="ignore")
+    answered = np.array([status is Status.CONVERGED for status in many.status])
+    found = many.estimates() if answered.any() else None
     if found is None:
-        return np.full(len(points), np.nan)
+        return np.where(answered, np.nan, np.inf)
     # e / (|λ| - e) where that is less than e / floor
-    return np.fmin(found.dual_relative, found.dual / floor if floor > 0 else np.inf)
+    errors = np.fmin(found.dual_relative, found.dual / floor if floor > 0 else np.inf)
+    return np.where(answered, errors, np.inf)

@@ -11,16 +11,19 @@ from hhr_dolfinx.errors import StudyError, UnstableModelError
 from hhr_dolfinx.models.choice import LEAF, Choice
 from hhr_dolfinx.models.local import LocalModels
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.parameters import is_number, is_whole
-from hhr_dolfinx.reduction.build import build, sizes
+from hhr_dolfinx.parameters import is_number
+from hhr_dolfinx.reduction.build import sizes
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
 from hhr_dolfinx.study.local_training import (
     LocalRecord,
     Member,
     Progress,
+    built,
+    check_whole,
     force_errors,
     force_floor,
+    moving,
     p95,
     sizes_of,
     together,
@@ -35,8 +38,12 @@ HELD_OUT = 20
 """Answers of the full model by which each model is checked."""
 BALANCE = 0.25
 """Part of the snapshots that each side of a split has at least."""
+FEW = 60
+"""Snapshots of which the modes are counted at least."""
 CLUSTERED = 300
 """Snapshots of a part that decide where it is split; more say the same."""
+STUCK, SHRUNK = 3, 0.9
+"""Cuts in a row after which a part is left as it is, if each leaves more than this part of the modes."""
 LEARNED = 30
 """Points at which the full model is asked in one round: the worst of those that were found."""
 
@@ -76,10 +83,9 @@ class Splitting:
     def __post_init__(self) -> None:
         """Refuse numbers that cannot be."""
         for name, least in (("modes", 2), ("checks", 1), ("rounds", 0), ("most", 1), ("seed", 0)):
-            if not is_whole(getattr(self, name), least):
-                raise StudyError(f"{name} = {getattr(self, name)!r} must be a whole number from {least}")
-        if self.conditions is not None and not is_whole(self.conditions, 1):
-            raise StudyError(f"conditions = {self.conditions!r} must be a whole number from 1, or None")
+            check_whole(name, getattr(self, name), least)
+        if self.conditions is not None:
+            check_whole("conditions", self.conditions, 1)
         for name in ("forces", "overlap", "strip"):
             value = getattr(self, name)
             if not (is_number(value) and 0 <= value < 1) or (name == "forces" and value == 0):
@@ -91,11 +97,20 @@ class Splitting:
 
 
 class _Part(NamedTuple):
-    """A box that one model is to answer; ``node`` is its place in the tree."""
+    """A box that one model is to answer.
+
+    Attributes:
+        node: its place in the tree.
+        lower, upper: corners.
+        modes: of the model of the part that it was cut from.
+        stuck: cuts in a row that made models hardly smaller, or none to be trusted.
+    """
 
     node: int
     lower: np.ndarray
     upper: np.ndarray
+    modes: float = np.inf
+    stuck: int = 0
 
 
 class _Run:
@@ -117,8 +132,10 @@ class _Run:
         """Split and build until every part has its model."""
         waiting = [_Part(0, self.lower, self.upper)]
         for _ in progress(iter(waiting.__len__, 0)):
-            part = waiting.pop()
-            waiting += self._settled(part, len(waiting))[::-1]
+            # the largest first: where models run out, all parts are about as fine
+            sizes_left = [self._inside(part, 0.0).size for part in waiting]
+            part = waiting.pop(int(np.argmax(sizes_left)))
+            waiting += self._settled(part, len(waiting))
         axis, cut, low, high, label = map(np.array, zip(*self.nodes, strict=True))
         choice = Choice(axis, cut, low, high, label, self.settings.strip * (self.upper - self.lower))
         return together(self.models, choice, self.snapshots, self.record)
@@ -131,12 +148,12 @@ class _Run:
         for left in range(settings.rounds, -1, -1):
             rows, own = self._inside(part, settings.overlap), self._inside(part, 0.0)
             try:
-                model = self._built(rows, part, refuse=room)
+                model, doubts = self._built(rows, part, refuse=room)
             except _TooLargeError as error:
-                halves = self._split(part, own, str(error))
+                halves = self._split(part._replace(stuck=error.stuck(part)), own, error)
                 if halves:
                     return halves
-                model = self._built(rows, part, refuse=False)
+                model, doubts = self._built(rows, part, refuse=False)
             points = self._drawn(part, settings.checks)
             errors = force_errors(model, points, self._force_floor())
             poor = points[_worst(errors, settings.forces)]
@@ -145,26 +162,50 @@ class _Run:
             added += len(poor)
             self._learn(poor)
         self.nodes[part.node][4] = len(self.models)
+        self.record.missed.extend(
+            f"local model {len(self.models)}: {text}" for text in self._missed(model, errors) + doubts
+        )
         self.models.append(model)
         self.record.members.append(Member(rows, own.size, *sizes_of(model), p95(errors), added))
         return []
 
-    def _built(self, rows: np.ndarray, part: _Part, *, refuse: bool) -> ReducedModel:
-        """The model of some snapshots, checked at points of its part.
+    def _missed(self, model: ReducedModel, errors: np.ndarray) -> list[str]:
+        """What of a model is not as it was wished."""
+        settings, found = self.settings, []
+        for size, most, what in zip(sizes_of(model), (settings.modes, settings.conditions), ("modes", "conditions"),
+                                    strict=True):  # fmt: skip
+            if most is not None and size > most:
+                found.append(f"{size} {what} in the place of {most} at most: allow more models (most), or more of them")
+        if np.isnan(errors).all():
+            found.append("nothing is known of its errors: its forces were not held against the wish")
+        elif not np.fmax.reduce(errors) <= settings.forces:
+            worst = float(np.fmax.reduce(errors))
+            found.append(
+                f"forces may be off by {worst:.2g} in the place of {settings.forces:g}: allow more rounds, or train on "
+                "more"
+            )
+        return found
+
+    def _built(self, rows: np.ndarray, part: _Part, *, refuse: bool) -> tuple[ReducedModel, list[str]]:
+        """The model of some snapshots, checked at points of its part, and what its check doubts.
 
         Raises:
             _TooLargeError: if it is larger than is wished, or not to be trusted, and that is to be refused.
+            UnstableModelError: if it is not to be trusted, and there is no other way.
         """
         if refuse:
             self._check_sizes(rows)
         held_out = None if self.recipe.trust is None else self._held_out(part)
         try:
             with self.record.log.stage("models"):
-                return build(self.full, self.snapshots.take(rows), self.recipe, held_out)
+                return built(self.full, self.snapshots.take(rows), self.recipe, held_out)
         except UnstableModelError as error:
             if refuse:
                 raise _TooLargeError(str(error)) from None
-            raise
+            raise UnstableModelError(
+                f"of the part {part.lower.tolist()} to {part.upper.tolist()} no model is to be trusted: {error}. Allow "
+                "more models (most), or another recipe"
+            ) from None
 
     def _held_out(self, part: _Part) -> SnapshotSet:
         """Answers of the full model in a part, for all models that are tried there."""
@@ -177,24 +218,31 @@ class _Run:
         """Raise _TooLargeError if the model of some snapshots has too many modes, or conditions."""
         settings, recipe = self.settings, self.recipe
         with self.record.log.stage("sizes"):
-            if rows.size > 2 * settings.modes:
+            if rows.size > (few := max(2 * settings.modes, FEW)):
                 # some of them alone have too many modes, which is soon known
-                some = np.sort(self.rng.choice(rows, 2 * settings.modes, replace=False))
+                some = np.sort(self.rng.choice(rows, few, replace=False))
                 count = recipe.basis.modes(self.full.problem, self.snapshots.take(some)).shape[1]
                 if count > settings.modes:
-                    raise _TooLargeError(f"at least {count} modes")
+                    raise _TooLargeError(f"at least {count} modes", np.nan)
             modes, conditions = sizes(self.full, self.snapshots.take(rows), recipe)
         if modes > settings.modes:
-            raise _TooLargeError(f"{modes} modes")
+            raise _TooLargeError(f"{modes} modes", modes)
         if settings.conditions is not None and conditions > settings.conditions:
-            raise _TooLargeError(f"{conditions} contact conditions")
+            raise _TooLargeError(f"{conditions} contact conditions", modes)
 
-    def _split(self, part: _Part, own: np.ndarray, why: str) -> list[_Part]:
-        """Two halves of a part, by a cut between two clusters of its solutions; none if there is no such cut."""
+    def _split(self, part: _Part, own: np.ndarray, error: _TooLargeError) -> list[_Part]:
+        """Two halves of a part, by a cut between two clusters of its solutions.
+
+        None if there is no such cut, or several before it were of no use.
+        """
         from hhr_dolfinx.reduction.classify import separating_cut
         from hhr_dolfinx.reduction.clusters import medoids
         from hhr_dolfinx.reduction.subspaces import snapshot_distances
 
+        # what does not move has no direction
+        own = own[moving(self.snapshots)[own]]
+        if part.stuck >= STUCK or own.size < 2:
+            return []
         width = part.upper - part.lower
         own = own if own.size <= CLUSTERED else np.sort(self.rng.choice(own, CLUSTERED, replace=False))
         unit = (self.snapshots.points[own] - part.lower) / np.where(width > 0, width, 1.0)
@@ -207,10 +255,11 @@ class _Run:
         low, high = len(self.nodes), len(self.nodes) + 1
         self.nodes[part.node][:4] = [axis, cut, low, high]
         self.nodes += [[LEAF, 0.0, 0, 0, LEAF] for _ in range(2)]
-        self.record.splits.append(f"{self.space.names[axis]} = {cut:.4g}, for {why}")
+        self.record.splits.append(f"{self.space.names[axis]} = {cut:.4g}, for {error}")
         below, above = part.upper.copy(), part.lower.copy()
         below[axis] = above[axis] = cut
-        return [_Part(low, part.lower, below), _Part(high, above, part.upper)]
+        modes = part.modes if np.isnan(error.modes) else error.modes
+        return [_Part(low, part.lower, below, modes, part.stuck), _Part(high, above, part.upper, modes, part.stuck)]
 
     def _inside(self, part: _Part, overlap: float) -> np.ndarray:
         """Numbers of the snapshots in a part and as far beyond its borders as is wished."""
@@ -248,4 +297,19 @@ def _worst(errors: np.ndarray, wished: float) -> np.ndarray:
 
 
 class _TooLargeError(Exception):
-    """A model that is not what a part is to have; says why."""
+    """A model that is not what a part is to have; says why.
+
+    Args:
+        why: in words.
+        modes: of the model; NaN where only some were counted, infinite of one that is not to be trusted.
+    """
+
+    def __init__(self, why: str, modes: float = np.inf):
+        super().__init__(why)
+        self.modes = modes
+
+    def stuck(self, part: _Part) -> int:
+        """Cuts of no use in a row, that which made a part among them."""
+        if np.isnan(self.modes):
+            return part.stuck
+        return part.stuck + 1 if np.isinf(self.modes) or self.modes > SHRUNK * part.modes else 0

@@ -131,7 +131,11 @@ class Training:
             how = Splitting()
         if not callable(getattr(how, "models", None)) or isinstance(how, type):
             raise StudyError(f"{how!r} is no way to share a training out: give Splitting(modes=90) or Clusters(3)")
+        if recipe is None and self.choice is not None:
+            recipe = self.choice.recipe
         given = usual_recipe(self.full_order) if recipe is None else recipe
+        if not isinstance(given, Recipe):
+            raise StudyError(f"{given!r} is no recipe: give a Recipe")
         return how.models(self, given if checked else given.as_it_is(), progress("local models"))
 
     def condense(self, settings: Any = None) -> VaryingModel | CondensedFlowModel:
