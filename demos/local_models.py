@@ -73,7 +73,7 @@ def variants(quick: bool) -> Iterator[tuple[str, Variant]]:
     clusters = hhr.Clusters(3, others=tuple(others), modes=77, conditions=56)
     yield "thesis_greedy", Variant(pellet, greedy, clusters, small, usual)
     fine = hhr.Recipe(hhr.Pod(1e-12, relative=True))
-    splitting = hhr.Splitting(modes=40, checks=50) if quick else hhr.Splitting()
+    splitting = hhr.Splitting(40, checks=50) if quick else hhr.Splitting(70, overlap=0.3, forces=5e-4)
     yield "automatic", Variant(pellet, graded(pellet, 8 if quick else 40), splitting, fine, usual)
     nodes = (hhr.Deim(hhr.Pod(1e-8, relative=True)), hhr.ForceDeim(1e-5, relative=True), hhr.LoadNodes())
     by_body = hhr.Recipe(hhr.Pod(3e-10, relative=True, by_body=True), nodes)
