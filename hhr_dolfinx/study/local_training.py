@@ -161,9 +161,10 @@ class Clusters:
                 why = str(error)
                 continue
             errors = force_errors(model, points, floor)
-            # by the order of their sizes: nothing to be known, or no answer, is the worst
-            known = np.where(np.isnan(errors), np.inf, np.maximum(errors, TINY))
-            found.append((np.log(known).mean() if errors.size else np.inf, model, errors, doubts))
+            # answers to all points first, then errors by the order of their sizes
+            known = np.maximum(errors[np.isfinite(errors)], TINY)
+            size = np.log(known).mean() if known.size else np.inf
+            found.append(((errors.size - known.size, size), model, errors, doubts))
         if not found:
             raise StudyError(f"none of {1 + len(self.others)} recipes makes a model of a cluster; the last: {why}")
         return min(found, key=lambda item: item[0])[1:]
