@@ -73,7 +73,7 @@ def variants(quick: bool) -> Iterator[tuple[str, Variant]]:
     clusters = hhr.Clusters(3, others=tuple(others), modes=77, conditions=56)
     yield "thesis_greedy", Variant(pellet, greedy, clusters, small, usual)
     fine = hhr.Recipe(hhr.Pod(1e-12, relative=True))
-    splitting = hhr.Splitting(40, checks=50) if quick else hhr.Splitting(70, overlap=0.3, forces=5e-4)
+    splitting = hhr.Splitting(40, checks=50) if quick else hhr.Splitting()
     yield "automatic", Variant(pellet, graded(pellet, 8 if quick else 40), splitting, fine, usual)
     nodes = (hhr.Deim(hhr.Pod(1e-8, relative=True)), hhr.ForceDeim(1e-5, relative=True), hhr.LoadNodes())
     # a larger domain: on a small one K~^-1 is no smooth function of the materials, and is factored for each query
