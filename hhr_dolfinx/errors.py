@@ -69,6 +69,10 @@ class StabilityWarning(UserWarning):
     """A stability constant is outside the range seen in trustworthy models."""
 
 
+class TrainingWarning(StabilityWarning):
+    """The training as a whole does not show what a model is asked for: no check of the model can make it good."""
+
+
 class PairingWarning(UserWarning):
     """Some nodes of a contact pair have no partner, or bodies overlap by more than a cell."""
 

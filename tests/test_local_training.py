@@ -11,11 +11,11 @@ from parted import AS_IT_IS, OUTPUTS, one_cut
 from scenes import pressed_pair
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import LocalModelWarning, StudyError, UnstableModelError
-from hhr_dolfinx.reduction.classify import forest_tree, separating_cut, tree_of, tree_of_cells
+from hhr_dolfinx.errors import LocalModelWarning, StudyError, TrainingWarning, UnstableModelError
+from hhr_dolfinx.reduction.classify import forest_tree, separating_cut, tree_of_cells
 from hhr_dolfinx.study import splitting
 from hhr_dolfinx.study.local_report import local_part, near_borders, stripe
-from hhr_dolfinx.study.local_training import built, force_errors, force_floor, moving
+from hhr_dolfinx.study.local_training import built, force_errors, least_forces, moving
 from hhr_dolfinx.study.references import References
 
 FINE = hhr.Recipe(hhr.Pod(1e-12, relative=True)).as_it_is()
@@ -84,12 +84,6 @@ def test_clusters_of_any_points_ask_a_forest(training):
     assert np.median(found) < 0.1
 
 
-def test_a_tree_says_what_it_was_told(training):
-    space, rng = training.full_order.parameters, np.random.default_rng(0)
-    points, labels = space.random(50, 1), rng.integers(0, 4, 50)
-    assert (tree_of(points, labels, space).many(points)[0] == labels).all()
-
-
 def test_one_tree_stands_for_a_forest():
     from sklearn.ensemble import RandomForestClassifier
 
@@ -118,7 +112,7 @@ def test_a_split_box_has_small_models_that_are_right(training, split):
     for model, member in zip(split.models, split.offline.members, strict=True):
         assert (model.fields.basis.shape[1], len(model.problem.gaps)) == (member.ell_bar, member.N_lambda_C)
         assert member.ell_bar <= 40 and member.estimate <= 2e-3
-    full, floor = training.full_order, force_floor(training.full_order, training.snapshots)
+    full, floor = training.full_order, least_forces(training.full_order, training.snapshots)
     for point in full.parameters.random(80, 9):
         exact, found = full.solve(point).forces(), split.solve(point).forces()
         off, size = (np.sqrt(value @ full.schur @ value) for value in (found - exact, exact))
@@ -217,6 +211,18 @@ def test_what_splitting_does_not_mend_ends_soon(training, monkeypatch):
     with pytest.raises(UnstableModelError, match=r"of the part .* no model is to be trusted"):
         training.local(hhr.Splitting(modes=60, checks=20), recipe=hhr.Recipe(hhr.Pod(0.3), domain=hhr.Rid(0, 0)))
     assert len(tried) <= 16
+
+
+def test_a_part_is_not_blamed_for_the_training(training):
+    """Points of a diagonal leave their box empty: true of one model, and of no use of each of several."""
+    space = training.full_order.parameters
+    ends = np.array([space.lower, space.upper])
+    line = ends[0] + np.linspace(0, 1, 40)[:, None] * (ends[1] - ends[0])
+    snapshots = hhr.compute_snapshots(training.full_order, line)
+    recipe = hhr.Recipe(hhr.Pod(1e-11, relative=True), trust=hhr.TrustLimits())
+    with pytest.warns(TrainingWarning, match="empty"):
+        hhr.build(training.full_order, snapshots, recipe, snapshots)
+    assert not any("empty" in text for text in built(training.full_order, snapshots, recipe, snapshots)[1])
 
 
 def test_the_recipe_of_a_greedy_training():

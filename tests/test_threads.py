@@ -20,7 +20,7 @@ from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.contact.active_set import SchurEqualities
 from hhr_dolfinx.errors import HHRError, OutsideTrainingError
-from hhr_dolfinx.linear.dense import LapackLU, PetscLU
+from hhr_dolfinx.linear.dense import LapackLU, PetscLU, dense_factors
 
 THREADS = 8
 
@@ -232,6 +232,27 @@ def test_a_set_beyond_the_bound_is_answered_and_not_kept():
     for _ in range(2):
         assert equalities(np.ones(4, dtype=bool), -np.ones(4))[0].tolist() == [1.0] * 4
     assert equalities.kept_bytes <= 100
+
+
+def test_prepared_statuses_factor_nothing():
+    """What fits is factored beforehand, behind one that is too large too; answers are those of factors made anew."""
+    made = []
+
+    def factorise(block):
+        made.append(len(block))
+        return dense_factors(block)
+
+    rng = np.random.default_rng(0)
+    root, free_slack = rng.normal(size=(8, 8)), rng.normal(size=8)
+    schur = root @ root.T + np.eye(8)
+    statuses = np.array([[True] * 8, [True, False] * 4])
+    equalities = SchurEqualities.of(schur, factorise)
+    equalities.prepare(statuses, 500)
+    assert made == [4]
+    found = equalities(statuses[1], free_slack)
+    assert made == [4]
+    for mine, other in zip(found, SchurEqualities.of(schur)(statuses[1], free_slack), strict=True):
+        assert np.array_equal(mine, other)
 
 
 COPIES = pytest.mark.parametrize("copied", [copy.deepcopy, lambda model: pickle.loads(pickle.dumps(model))])

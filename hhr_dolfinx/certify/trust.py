@@ -21,6 +21,7 @@ from hhr_dolfinx.errors import (
     NotSolvableError,
     ReductionError,
     StabilityWarning,
+    TrainingWarning,
     UncheckedWarning,
     UnstableModelError,
 )
@@ -182,12 +183,14 @@ def warn_of_training(full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | 
     if not snapshots.any_contact(full.problem):
         _warn(
             "no training solution has contact: the model knows nothing of contact forces. Check gaps, normals and "
-            "loads, or train where bodies touch"
+            "loads, or train where bodies touch",
+            TrainingWarning,
         )
     if flows and full.equilibrium.material.flows and not snapshots.flowed:
         _warn(
             "no body flows in any training history though some could: tangents under flow were not checked, and a "
-            "history that flows is outside what was trained. Train at higher loads, or leave the laws out"
+            "history that flows is outside what was trained. Train at higher loads, or leave the laws out",
+            TrainingWarning,
         )
     _warn_of_held_out(held_out, flows)
 
@@ -225,7 +228,8 @@ def warn_of_gaps_in_training(points: np.ndarray) -> None:
     if empty > EMPTY_SHARE:
         _warn(
             f"the training points leave {empty:.0%} of their box empty: answers there are outside what was trained, "
-            "and no check of the box sees it. Train on a grid or on points drawn at random"
+            "and no check of the box sees it. Train on a grid or on points drawn at random",
+            TrainingWarning,
         )
 
 
@@ -233,5 +237,5 @@ def _share(value):
     return "infinite" if math.isinf(value) else f"{value:.1%}"
 
 
-def _warn(message):
-    warnings.warn(message, StabilityWarning, stacklevel=4)
+def _warn(message, category=StabilityWarning):
+    warnings.warn(message, category, stacklevel=4)

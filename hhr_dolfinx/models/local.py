@@ -29,7 +29,30 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.many import ManyAnswers
 
 
-class LocalModels(WithOutputs):
+class SeveralModels(WithOutputs):
+    """What sets of reduced models of one scene have alike.
+
+    Attributes:
+        models: the models.
+    """
+
+    models: tuple[ReducedModel, ...]
+
+    def __len__(self) -> int:
+        return len(self.models)
+
+    @property
+    def fields(self) -> Reconstruction:
+        """What all models have alike: gaps, S, outputs. Answers are completed by the fields of their own model."""
+        return self.models[0].fields
+
+    @property
+    def dimension(self) -> int:
+        """Components of the displacement at a node."""
+        return self.models[0].dimension
+
+
+class LocalModels(SeveralModels):
     """Reduced models of one scene in which nothing flows, each for a part of the box; used like one of them.
 
     Args:
@@ -53,19 +76,6 @@ class LocalModels(WithOutputs):
     def __reduce__(self) -> tuple:
         """Copy and pickle by the models; how they were made stays behind."""
         return LocalModels, (self.models, self.choice)
-
-    def __len__(self) -> int:
-        return len(self.models)
-
-    @property
-    def fields(self) -> Reconstruction:
-        """What all models have alike: gaps, S, outputs. Answers are completed by the fields of their own model."""
-        return self.models[0].fields
-
-    @property
-    def dimension(self) -> int:
-        """Components of the displacement at a node."""
-        return self.models[0].dimension
 
     def model_of(self, answer: Answer) -> int:
         """Number of the model that gave an answer."""

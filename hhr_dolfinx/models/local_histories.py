@@ -19,10 +19,10 @@ import numpy as np
 
 from hhr_dolfinx.errors import ParameterError, ReductionError
 from hhr_dolfinx.materials.update import Material, State
-from hhr_dolfinx.models.answer import Answer, GaussState, History, Path, WithOutputs
+from hhr_dolfinx.models.answer import Answer, GaussState, History, Path
 from hhr_dolfinx.models.equilibrium import Diverged, Goal, Stepper
+from hhr_dolfinx.models.local import SeveralModels
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient
-from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs, TrainedPaths
@@ -42,7 +42,7 @@ EXPLAINED = 1e-3
 """Misfit of the stress that asks for nothing better."""
 
 
-class LocalHistories(WithOutputs):
+class LocalHistories(SeveralModels):
     """Reduced models of one scene whose bodies flow, each for some steps of histories; used like one of them.
 
     Args:
@@ -69,19 +69,6 @@ class LocalHistories(WithOutputs):
     def __reduce__(self) -> tuple:
         """Copy and pickle by the models; how they were made stays behind."""
         return LocalHistories, (self.models, self.trained)
-
-    def __len__(self) -> int:
-        return len(self.models)
-
-    @property
-    def fields(self) -> Reconstruction:
-        """What all models have alike: gaps, outputs. Answers are completed by the fields of their own model."""
-        return self.models[0].fields
-
-    @property
-    def dimension(self) -> int:
-        """Components of the displacement at a node."""
-        return self.models[0].dimension
 
     def model_of(self, answer: Answer) -> int:
         """Number of the model that gave an answer.

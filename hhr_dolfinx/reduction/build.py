@@ -148,7 +148,7 @@ def build(
         basis = _basis_of(recipe.basis, full.problem, snapshots)
     with log.stage("rid"):
         touching = full.problem.touching()
-        nodes = np.unique(np.concatenate([_nodes_of(step, full.problem, snapshots, basis) for step in recipe.nodes]))
+        nodes = chosen_nodes(full.problem, snapshots, recipe, basis)
     with log.stage("full_constants"):
         constants = FullConstants.of(full)
     with log.stage("reconstruction"):
@@ -179,7 +179,7 @@ def sizes(full: Any, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
     problem = full.problem
     _check_given(full, snapshots, recipe, None)
     basis = _basis_of(recipe.basis, problem, snapshots)
-    nodes = np.unique(np.concatenate([_nodes_of(step, problem, snapshots, basis) for step in recipe.nodes]))
+    nodes = chosen_nodes(problem, snapshots, recipe, basis)
     sets = reduced_domain(problem.touching(), nodes, recipe.domain.layers)
     kappa_max = np.inf if recipe.enrichment is None else recipe.enrichment.kappa_max
     return enrich(problem, basis, sets, kappa_max).basis.shape[1], sets.A_lambda.size
@@ -223,9 +223,11 @@ def _basis_of(step, problem, snapshots) -> np.ndarray:
     return basis
 
 
-def _nodes_of(step, problem, snapshots, basis) -> np.ndarray:
-    """Node numbers of a choice, of a user's own maybe."""
-    return checked_nodes(np.asarray(step.nodes(problem, snapshots, basis)), len(problem.points), repr(step))
+def chosen_nodes(problem: ContactProblem, snapshots: SnapshotSet, recipe: Recipe, basis: np.ndarray) -> np.ndarray:
+    """Numbers of the nodes around which the RID of a recipe is built, those of a user's own choices too."""
+    found = [np.asarray(step.nodes(problem, snapshots, basis)) for step in recipe.nodes]
+    known = [checked_nodes(one, len(problem.points), repr(step)) for one, step in zip(found, recipe.nodes, strict=True)]
+    return np.unique(np.concatenate(known))
 
 
 def _attempt(shared: _Offline, layers: int) -> ReducedModel:

@@ -33,11 +33,6 @@ def separating_cut(unit: np.ndarray, labels: np.ndarray, least: float) -> tuple[
     return None if tree.feature[0] < 0 else (int(tree.feature[0]), float(tree.threshold[0]))
 
 
-def tree_of(points: np.ndarray, labels: np.ndarray, space: ParameterSpace) -> Choice:
-    """The decision tree that tells labelled points, (n, P), apart; all of them unless two lie at one place."""
-    return _choice(DecisionTreeClassifier(random_state=0).fit(_unit(points, space), labels), space)
-
-
 def tree_of_cells(cells: np.ndarray, labels: np.ndarray) -> Choice:
     """The tree whose cuts run along the lines of a grid, from its cells, (C, 2, P), and their labels.
 

@@ -26,9 +26,8 @@ from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.models.local_histories import LocalHistories
 from hhr_dolfinx.parameters import is_whole
-from hhr_dolfinx.reduction.build import build, usual_recipe
+from hhr_dolfinx.reduction.build import build, chosen_nodes, usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe, Rid
-from hhr_dolfinx.reduction.rid import checked_nodes
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedPaths
@@ -96,9 +95,8 @@ def local_histories(
     if common:
         with log.stage("nodes"):
             basis = recipe.basis.modes(full.problem, snapshots)
-            chosen = [(step, np.asarray(step.nodes(full.problem, snapshots, basis))) for step in recipe.nodes]
-            known_nodes = [checked_nodes(nodes, len(full.problem.points), repr(step)) for step, nodes in chosen]
-        own = replace(recipe, nodes=(_GivenNodes(np.unique(np.concatenate(known_nodes))),))
+            nodes = chosen_nodes(full.problem, snapshots, recipe, basis)
+        own = replace(recipe, nodes=(_GivenNodes(nodes),))
     parts = [snapshots.part(columns) for columns in _columns_of(known, overlap)]
     kept = training.held_out if checked else None
     shared = _Shared(full, snapshots, kept, recipe, own, known, overlap, parts, log)

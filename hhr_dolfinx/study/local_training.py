@@ -13,16 +13,24 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from hhr_dolfinx.certify.accuracy import FORCE_FLOOR
+from hhr_dolfinx.certify.accuracy import FORCE_FLOOR, summary
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import HHRError, LocalModelWarning, ReductionError, StabilityWarning, StudyError
+from hhr_dolfinx.errors import (
+    HHRError,
+    LocalModelWarning,
+    ReductionError,
+    StabilityWarning,
+    StudyError,
+    TrainingWarning,
+)
 from hhr_dolfinx.models.choice import Choice
 from hhr_dolfinx.models.local import LocalModels
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
+from hhr_dolfinx.parameters import ParameterSpace, is_number
 from hhr_dolfinx.reduction.build import build, sizes
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet
+from hhr_dolfinx.study.counts import check_counts
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedRange
 
@@ -36,8 +44,6 @@ TINY = 1e-16
 """Errors below are alike."""
 STILL = 1e-12
 """Part of the largest displacement below which a solution does not move."""
-OF_TRAINING = ("training points", "no training solution")
-"""How warnings begin that speak of a training as a whole, of which a local model has a part."""
 
 
 class Member(NamedTuple):
@@ -57,12 +63,6 @@ class Member(NamedTuple):
     N_lambda_C: int
     estimate: float
     added: int
-
-
-def check_whole(name: str, value: Any, least: int) -> None:
-    """Raise StudyError for what is no whole number of at least ``least``, or too large for any."""
-    if not is_whole(value, least) or value >= 2**32:
-        raise StudyError(f"{name} = {value!r} must be a whole number from {least}, below 2^32")
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class Clusters:
         for name, least in (("count", 1), ("seed", 0), ("modes", 1), ("conditions", 1)):
             if getattr(self, name) is None and name in ("modes", "conditions"):
                 continue
-            check_whole(name, getattr(self, name), least)
+            check_counts(**{name: (getattr(self, name), least)})
         for name in ("overlap", "strip"):
             if not (is_number(getattr(self, name)) and 0 <= getattr(self, name) < 1):
                 raise StudyError(f"{name} = {getattr(self, name)!r} must be a part of 1, such as 0.05")
@@ -150,10 +150,11 @@ class Clusters:
         self, full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | None, recipe: Recipe, points: np.ndarray
     ) -> tuple[ReducedModel, np.ndarray, list[str]]:
         """The model of a cluster, estimates of its forces at points of its region, and doubts of its check."""
-        floor, found, why = force_floor(full, snapshots), [], ""
+        floor, found, why = least_forces(full, snapshots), [], ""
         for item in (recipe, *(self.others if recipe.trust else (other.as_it_is() for other in self.others))):
             try:
-                self._check_sizes(*sizes(full, snapshots, item))
+                if self.modes is not None or self.conditions is not None:
+                    self._check_sizes(*sizes(full, snapshots, item))
                 model, doubts = built(full, snapshots, item, held_out)
             except HHRError as error:
                 if not self.others:
@@ -274,8 +275,9 @@ def built(
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         model = build(full, snapshots, recipe, None if recipe.trust is None else held_out)
-    said = [str(item.message) for item in caught if issubclass(item.category, StabilityWarning)]
-    return model, [text for text in said if not text.startswith(OF_TRAINING)]
+    # a local model is trained on a part of the box on purpose
+    said = [item for item in caught if issubclass(item.category, StabilityWarning)]
+    return model, [str(item.message) for item in said if not issubclass(item.category, TrainingWarning)]
 
 
 def sizes_of(model: ReducedModel) -> tuple[int, int]:
@@ -285,10 +287,10 @@ def sizes_of(model: ReducedModel) -> tuple[int, int]:
 
 def p95(errors: np.ndarray) -> float:
     """95th percentile; NaN if nothing is known."""
-    return float(np.percentile(errors, 95, method="higher")) if errors.size else float("nan")
+    return summary(errors)["p95"] if errors.size else float("nan")
 
 
-def force_floor(full: Any, snapshots: SnapshotSet) -> float:
+def least_forces(full: Any, snapshots: SnapshotSet) -> float:
     """A thousandth of the largest training forces in the S norm, of the middle of the box."""
     forces = snapshots.forces
     return FORCE_FLOOR * float(np.sqrt(np.einsum("ms,ms->s", forces, full.schur @ forces).max(initial=0.0)))

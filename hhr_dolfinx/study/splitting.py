@@ -15,14 +15,14 @@ from hhr_dolfinx.parameters import is_number
 from hhr_dolfinx.reduction.build import sizes
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
+from hhr_dolfinx.study.counts import check_counts
 from hhr_dolfinx.study.local_training import (
     LocalRecord,
     Member,
     Progress,
     built,
-    check_whole,
     force_errors,
-    force_floor,
+    least_forces,
     moving,
     p95,
     sizes_of,
@@ -82,10 +82,9 @@ class Splitting:
 
     def __post_init__(self) -> None:
         """Refuse numbers that cannot be."""
-        for name, least in (("modes", 2), ("checks", 1), ("rounds", 0), ("most", 1), ("seed", 0)):
-            check_whole(name, getattr(self, name), least)
-        if self.conditions is not None:
-            check_whole("conditions", self.conditions, 1)
+        given = {"modes": 2, "checks": 1, "rounds": 0, "most": 1, "seed": 0}
+        given |= {} if self.conditions is None else {"conditions": 1}
+        check_counts(**{name: (getattr(self, name), least) for name, least in given.items()})
         for name in ("forces", "overlap", "strip"):
             value = getattr(self, name)
             if not (is_number(value) and 0 <= value < 1) or (name == "forces" and value == 0):
@@ -155,7 +154,7 @@ class _Run:
                     return halves
                 model, doubts = self._built(rows, part, refuse=False)
             points = self._drawn(part, settings.checks)
-            errors = force_errors(model, points, self._force_floor())
+            errors = force_errors(model, points, self._least_forces())
             poor = points[_worst(errors, settings.forces)]
             if left == 0 or not len(poor):
                 break
@@ -282,9 +281,9 @@ class _Run:
         with self.record.log.stage("full order"):
             self.snapshots = self.snapshots.joined(compute_snapshots(self.full, points))
 
-    def _force_floor(self) -> float:
+    def _least_forces(self) -> float:
         """Size of forces, in the S norm, below which their relative error means nothing."""
-        return force_floor(self.full, self.snapshots)
+        return least_forces(self.full, self.snapshots)
 
 
 def _worst(errors: np.ndarray, wished: float) -> np.ndarray:

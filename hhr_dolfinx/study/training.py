@@ -16,13 +16,13 @@ from hhr_dolfinx.errors import ParameterError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.parameters import is_whole
 from hhr_dolfinx.reduction.build import build, usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.held_out import held_out_points
 from hhr_dolfinx.snapshots.records import SnapshotSet, spread_snapshots
 from hhr_dolfinx.snapshots.store import SnapshotStore
+from hhr_dolfinx.study.counts import check_counts
 from hhr_dolfinx.timing import StageLog
 
 if TYPE_CHECKING:
@@ -268,13 +268,6 @@ def training_paths(scene: Scene, paths: Any) -> list:
     if not checked or min(len(path) for path in checked) < 2:
         raise StudyError(f"training of scene '{scene.name}' needs at least one path, each with a start and a step")
     return checked
-
-
-def check_counts(**given: tuple[object, int]) -> None:
-    """Raise StudyError for a value that is no integer of at least its least value; both are given by name."""
-    for name, (value, least) in given.items():
-        if not is_whole(value, least):
-            raise StudyError(f"{name} = {value!r} must be an integer of at least {least}")
 
 
 def checked_folder(folder: str | Path) -> Path:

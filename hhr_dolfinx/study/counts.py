@@ -1,0 +1,16 @@
+"""Whole numbers that studies and trainings are told."""
+
+from __future__ import annotations
+
+from hhr_dolfinx.errors import StudyError
+from hhr_dolfinx.parameters import is_whole
+
+MOST = 2**32
+"""Seeds and counts lie below."""
+
+
+def check_counts(**given: tuple[object, int]) -> None:
+    """Raise StudyError for a value that is no integer of at least its least value; both are given by name."""
+    for name, (value, least) in given.items():
+        if not is_whole(value, least) or int(value) >= MOST:  # type: ignore[call-overload]
+            raise StudyError(f"{name} = {value!r} must be an integer of at least {least}, below 2^32")
