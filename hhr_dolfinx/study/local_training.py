@@ -216,9 +216,9 @@ def _by(choice: Choice, number: int, points: np.ndarray, reach: np.ndarray) -> n
     return near
 
 
-def moving(snapshots: SnapshotSet) -> np.ndarray:
-    """Whether snapshots are more than round-off, and so have a direction, (S,)."""
-    sizes = np.abs(snapshots.displacements).max(axis=0)
+def moving(columns: np.ndarray) -> np.ndarray:
+    """Whether displacements, (N, S), are more than round-off beside the largest, and so have a direction, (S,)."""
+    sizes = np.abs(columns).max(axis=0)
     return sizes > STILL * sizes.max(initial=0.0)
 
 
@@ -228,7 +228,7 @@ def loaded_snapshots(snapshots: SnapshotSet, space: ParameterSpace) -> tuple[np.
     Raises:
         StudyError: if all are zero.
     """
-    loaded = np.flatnonzero(moving(snapshots))
+    loaded = np.flatnonzero(moving(snapshots.displacements))
     if not loaded.size:
         raise StudyError("no training solution moves, so that none is like another one: train where bodies are loaded")
     width = np.array(space.upper) - space.lower

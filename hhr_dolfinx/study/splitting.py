@@ -152,9 +152,11 @@ class _Run:
                 halves = self._split(part._replace(stuck=error.stuck(part)), own, error)
                 if halves:
                     return halves
-                model, doubts = self._built(rows, part, refuse=False)
+                # what cannot be split stays whole, in later rounds too
+                room = False
+                model, doubts = self._built(rows, part, refuse=room)
             points = self._drawn(part, settings.checks)
-            errors = force_errors(model, points, self._least_forces())
+            errors = force_errors(model, points, least_forces(self.full, self.snapshots))
             poor = points[_worst(errors, settings.forces)]
             if left == 0 or not len(poor):
                 break
@@ -239,7 +241,7 @@ class _Run:
         from hhr_dolfinx.reduction.subspaces import snapshot_distances
 
         # what does not move has no direction
-        own = own[moving(self.snapshots)[own]]
+        own = own[moving(self.snapshots.displacements[:, own])]
         if part.stuck >= STUCK or own.size < 2:
             return []
         width = part.upper - part.lower
@@ -280,10 +282,6 @@ class _Run:
         """Ask the full model, for this part and for its neighbours."""
         with self.record.log.stage("full order"):
             self.snapshots = self.snapshots.joined(compute_snapshots(self.full, points))
-
-    def _least_forces(self) -> float:
-        """Size of forces, in the S norm, below which their relative error means nothing."""
-        return least_forces(self.full, self.snapshots)
 
 
 def _worst(errors: np.ndarray, wished: float) -> np.ndarray:
