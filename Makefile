@@ -63,7 +63,7 @@ lint: setup
 	.venv/bin/python -m mypy
 
 test: setup
-	.venv/bin/python -m pytest
+	.venv/bin/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
 # the tests that take minutes each, which `make test` leaves out
 slow: setup

@@ -4,6 +4,7 @@ from .amplitudes import Amplitude as Amplitude
 from .baselines.condensation import exact_condensation as exact_condensation
 from .certify.trust import TrustLimits as TrustLimits
 from .full_order.full import FullOrderModel as FullOrderModel
+from .geometries.mesh_file import MeshFile as MeshFile
 from .loads import PartialPressure as PartialPressure
 from .loads import Pressure as Pressure
 from .loads import Term as Term
@@ -81,6 +82,7 @@ from .study.study import run_study as run_study
 from .study.study import study_scene as study_scene
 from .study.training import train as train
 from .study.view import View as View
+from .units import Units as Units
 from .version import __version__ as __version__
 from .volume_loads import BodyForce as BodyForce
 from .volume_loads import Centrifugal as Centrifugal

@@ -24,12 +24,30 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
     TaggedMesh = tuple[Mesh, MeshTags, MeshTags]
-    """What a geometry returns: the mesh, the tags of its cells and of its facets."""
+    """What a geometry returns: the mesh, the tags of its cells and of its facets; a :class:`NamedMesh` is one."""
+    Groups = list[tuple[str | int, tuple[int, int | tuple[int, ...]]]]
 
 MINIMUM_DOLFINX = (0, 9)
 
 if importlib.util.find_spec("dolfinx_solver") is not None:
     importlib.import_module("dolfinx_solver")
+
+
+class NamedMesh(tuple):
+    """A mesh, the tags of its cells and of its facets, as a geometry returns them, that knows the names of its tags.
+
+    Attributes:
+        physical_groups: name, dimension and number or numbers of each; a body and a surface may have one name. Meshes
+            of DOLFINx know theirs from 0.10 on.
+    """
+
+    physical_groups: Groups
+
+    def __new__(cls, mesh: Mesh, cells: MeshTags, facets: MeshTags, groups: Groups) -> NamedMesh:
+        """A tuple of three."""
+        found = super().__new__(cls, (mesh, cells, facets))
+        found.physical_groups = groups
+        return found
 
 
 @contextmanager
@@ -91,8 +109,8 @@ def versions() -> dict[str, str]:
     }
 
 
-def gmsh_to_mesh(model: Any, comm: Comm, gdim: int) -> TaggedMesh:
-    """Turn a gmsh model held by rank 0 into ``(mesh, cell_tags, facet_tags)``.
+def gmsh_to_mesh(model: Any, comm: Comm, gdim: int) -> NamedMesh:
+    """Turn a gmsh model held by rank 0 into ``(mesh, cell_tags, facet_tags)``, with the names of physical groups.
 
     The module is ``dolfinx.io.gmshio`` up to 0.9 and ``dolfinx.io.gmsh`` from 0.10 on,
     where the result is a named tuple with more fields.
@@ -102,7 +120,11 @@ def gmsh_to_mesh(model: Any, comm: Comm, gdim: int) -> TaggedMesh:
     except ModuleNotFoundError:
         module = importlib.import_module("dolfinx.io.gmshio")
     mesh, cell_tags, facet_tags = module.model_to_mesh(model, comm, 0, gdim=gdim)[:3]
-    return mesh, cell_tags, facet_tags
+    groups: Groups = []
+    if comm.rank == 0:
+        named = [(model.getPhysicalName(*group), group) for group in model.getPhysicalGroups()]
+        groups = [(name, group) for name, group in named if name]
+    return NamedMesh(mesh, cell_tags, facet_tags, comm.bcast(groups))
 
 
 def interpolation_points(element: FiniteElement) -> np.ndarray:
@@ -123,6 +145,20 @@ def linear_mesh(comm: Comm, points: np.ndarray, cells: np.ndarray, kind: str) ->
 
     domain = ufl.Mesh(basix.ufl.element("Lagrange", kind, 1, shape=(points.shape[1],)))
     return mesh.create_mesh(comm, cells=cells.astype("int64"), x=points, e=domain)
+
+
+def tags_of(mesh: Mesh, dim: int, entities: np.ndarray, values: np.ndarray) -> MeshTags:
+    """Tags of entities of a dimension, given by their nodes in the numbering that the mesh was made from.
+
+    Entities, (n, k), and their tags, (n,), are those on all ranks together.
+    """
+    from dolfinx import graph, io
+    from dolfinx.mesh import meshtags_from_entities
+
+    distribute = getattr(io, "distribute_entity_data", None) or io.utils.distribute_entity_data
+    local, tags = distribute(mesh, dim, entities.astype("int64"), values.astype("int32"))
+    mesh.topology.create_connectivity(dim, mesh.topology.dim)
+    return meshtags_from_entities(mesh, dim, graph.adjacencylist(local), tags.astype("int32", copy=False))
 
 
 def geometry_dofmap(mesh: Mesh) -> np.ndarray:

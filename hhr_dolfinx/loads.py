@@ -15,7 +15,7 @@ from scipy.sparse import csc_matrix, hstack, issparse
 from hhr_dolfinx.amplitudes import Amplitude, Coverage, NonAffine, bound, check_amplitude, checked_count
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
-from hhr_dolfinx.parameters import ParameterSpace, as_tuple, check_tag, is_number
+from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_tag, is_number
 
 if TYPE_CHECKING:
     import ufl
@@ -59,11 +59,11 @@ class Assembler:
     hypothesis: str
     parameters: ParameterSpace
     size: int
-    ds: Callable[[int], ufl.Measure]
-    dx: Callable[[int], ufl.Measure]
+    ds: Callable[[Tag], ufl.Measure]
+    dx: Callable[[Tag], ufl.Measure]
     vector: Callable[[ufl.Form], np.ndarray]
-    surface: Callable[[int], Surface]
-    eigenstress: Callable[[int, Any], Sequence[tuple[Formula, np.ndarray]]]
+    surface: Callable[[Tag], Surface]
+    eigenstress: Callable[[Tag, Any], Sequence[tuple[Formula, np.ndarray]]]
 
 
 class Load(Protocol):
@@ -85,7 +85,7 @@ class Traction:
     The amplitude is a number, an :class:`Amplitude`, or a formula of the parameters as text, ``"0.6 * speed**2"``.
     """
 
-    tag: int
+    tag: Tag
     direction: tuple[float, ...]
     amplitude: Amplitude | Formula
 
@@ -109,7 +109,7 @@ class Traction:
 class Pressure:
     """Pressure ``amplitude(mu)`` against the outer normal of tagged facets; the amplitude as that of a traction."""
 
-    tag: int
+    tag: Tag
     amplitude: Amplitude | Formula
 
     def __post_init__(self):
@@ -135,7 +135,7 @@ class PartialPressure:
         axis: coordinate along the line.
     """
 
-    tag: int
+    tag: Tag
     amplitude: Amplitude
     extent: str
     axis: int = 1
@@ -199,7 +199,7 @@ class PartialPressure:
             )
 
 
-def _unit_pressure(assembler: Assembler, tag: int) -> np.ndarray:
+def _unit_pressure(assembler: Assembler, tag: Tag) -> np.ndarray:
     """Nodal forces of the pressure 1, (N,)."""
     return assembler.vector(elasticity.pressure(assembler.test, assembler.hypothesis, assembler.ds(tag)))
 

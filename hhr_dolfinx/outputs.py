@@ -17,7 +17,7 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.models.functional_kinds import Largest, Linear, Loaded
 from hhr_dolfinx.models.functionals import Functional
-from hhr_dolfinx.parameters import as_tuple, check_tag, is_number, is_whole
+from hhr_dolfinx.parameters import Tag, as_tuple, check_tag, is_number, is_whole
 
 if TYPE_CHECKING:
     import ufl
@@ -253,7 +253,7 @@ class DisplacementAt(_Output):
 
     place: tuple[float, ...]
     component: int
-    tag: int | None = None
+    tag: Tag | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -288,7 +288,7 @@ class VonMises(_Output):
         where: two corners of a box; cells whose middle lies inside count. None for the whole body.
     """
 
-    tag: int
+    tag: Tag
     kind: str = "max"
     where: tuple[Sequence[float], Sequence[float]] | None = None
 

@@ -35,10 +35,14 @@ def as_tuple(name: str, value: Any) -> tuple:
     return tuple(value.tolist() if isinstance(value, np.ndarray) else value)
 
 
+Tag = int | str
+"""Of cells or facets: its number in the mesh, or its name where the mesh has names."""
+
+
 def check_tag(what: str, tag: Any) -> None:
     """Raise SceneError for what is no tag of a mesh."""
-    if not is_whole(tag, 0):
-        raise SceneError(f"the tag {tag!r} of a {what} must be an integer, as in the mesh")
+    if not is_whole(tag, 0) and not (isinstance(tag, str) and tag.strip()):
+        raise SceneError(f"the tag {tag!r} of a {what} must be an integer or a name, as in the mesh")
 
 
 @dataclass(frozen=True)

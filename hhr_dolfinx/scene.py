@@ -15,7 +15,8 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.loads import Load
 from hhr_dolfinx.pairings import Pairing
-from hhr_dolfinx.parameters import ParameterSpace, as_tuple, check_tag, is_number, is_whole
+from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_tag, is_number, is_whole
+from hhr_dolfinx.units import Units
 
 if TYPE_CHECKING:
     from hhr_dolfinx.materials.laws import Flow
@@ -38,7 +39,7 @@ class Body:
             coordinates, UFL to UFL; None for 1.
     """
 
-    tag: int
+    tag: Tag
     young: float | str
     poisson: float | str
     law: Flow | None = None
@@ -71,6 +72,21 @@ class Body:
             raise SceneError(
                 f"body {self.tag}: E = {self.young} must be positive and finite, and nu = {self.poisson} in (-1, 0.5)"
             )
+
+    @classmethod
+    def of(cls, tag: Tag, material: str, units: Units, **more: Any) -> Body:
+        """A body of a material by name, such as ``steel``, see :mod:`hhr_dolfinx.materials.table`.
+
+        Args:
+            tag: cell tag.
+            material: name of the material.
+            units: of the scene.
+            more: further attributes.
+        """
+        from hhr_dolfinx.materials.table import elastic
+
+        found = elastic(material)
+        return cls(tag, young=units.stress_of(found.young), poisson=found.poisson, **more)
 
     @property
     def varies(self) -> bool:
@@ -107,7 +123,7 @@ class Displacement:
     As everywhere, a number is an amplitude that does not depend on parameters.
     """
 
-    tag: int
+    tag: Tag
     component: int
     amplitude: Amplitude = Amplitude()
 
@@ -119,6 +135,11 @@ class Displacement:
                 "give each component that is imposed a Displacement of its own"
             )
         check_amplitude(self, f"the displacement on tag {self.tag}")
+
+    @classmethod
+    def clamp(cls, tag: Tag, dimension: int) -> tuple[Displacement, ...]:
+        """All components of the displacement held, of a mesh of a dimension."""
+        return tuple(cls(tag, component) for component in range(dimension))
 
 
 @dataclass(frozen=True)
@@ -157,6 +178,7 @@ class Scene:
         openings: initial gaps that depend on parameters.
         shapes: bodies whose shape depends on parameters, each a :class:`~hhr_dolfinx.shapes.Shape`.
         outputs: numbers that every model of the scene answers by name, see :mod:`hhr_dolfinx.outputs`.
+        units: of lengths and stresses, for labels and materials by name; None where they are not said.
     """
 
     name: str
@@ -170,8 +192,11 @@ class Scene:
     openings: tuple[Opening, ...] = ()
     shapes: tuple[Shape, ...] = ()
     outputs: tuple[Output, ...] = ()
+    units: Units | None = None
 
     def __post_init__(self):
+        if self.units is not None and not isinstance(self.units, Units):
+            raise SceneError(f"units = {self.units!r} must be Units, such as Units('mm', 'MPa')")
         if self.hypothesis not in elasticity.HYPOTHESES:
             raise SceneError(f"unknown hypothesis '{self.hypothesis}', one of {', '.join(elasticity.HYPOTHESES)}")
         if not isinstance(self.name, str) or not self.name.isidentifier():
@@ -234,7 +259,7 @@ class Scene:
 
     def _check_places(self):
         """Raise SceneError for what is listed twice, and for openings of pairs that are missing."""
-        seen: dict[int, int] = {}
+        seen: dict[Tag, int] = {}
         for place, body in enumerate(self.bodies):
             if seen.setdefault(body.tag, place) != place:
                 raise SceneError(

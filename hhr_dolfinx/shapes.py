@@ -13,7 +13,7 @@ import numpy as np
 
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import Formula, formula_of
-from hhr_dolfinx.parameters import ParameterSpace, as_tuple, check_tag
+from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_tag
 
 NAMES = {"axisymmetric": ("r", "z"), "solid": ("x", "y", "z")}
 """Names of the coordinates in formulas; elsewhere x and y."""
@@ -33,7 +33,7 @@ class Shape:
         'x'
     """
 
-    tag: int
+    tag: Tag
     coordinates: tuple[Formula, ...]
 
     def __post_init__(self) -> None:

@@ -14,7 +14,7 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import volume
 from hhr_dolfinx.formulas import Formula, formula_of
 from hhr_dolfinx.loads import Assembler, Term
-from hhr_dolfinx.parameters import as_tuple, check_tag, is_number
+from hhr_dolfinx.parameters import Tag, as_tuple, check_tag, is_number
 
 if TYPE_CHECKING:
     import ufl
@@ -33,7 +33,7 @@ class BodyForce:
         amplitude: number, :class:`Amplitude`, or a formula of the parameters as text, ``"9.81 * rho"``.
     """
 
-    tag: int
+    tag: Tag
     direction: tuple[float, ...]
     amplitude: Amplitude | Formula
 
@@ -63,7 +63,7 @@ class Centrifugal:
         axis_direction: of the axis in space, (3,); in the plane, where it stands upright, and in axisymmetry None.
     """
 
-    tag: int
+    tag: Tag
     amplitude: Amplitude | Formula
     axis_point: tuple[float, ...] | None = None
     axis_direction: tuple[float, ...] | None = None
@@ -115,7 +115,7 @@ class Eigenstrain:
         field: function of the UFL coordinates that returns a UFL scalar; None for 1.
     """
 
-    tag: int
+    tag: Tag
     amplitude: Amplitude | Formula
     strain: tuple[tuple[float, ...], ...] = ISOTROPIC
     field: Callable[[Any], Any] | None = None
@@ -137,7 +137,7 @@ class Eigenstrain:
         strain = volume.eigenstrain(self.strain, self.field, assembler.dx(self.tag).ufl_domain())
         return [_times(self.amplitude, *part) for part in assembler.eigenstress(self.tag, strain)]
 
-    def eigenstrain_of(self, tag: int, mesh: ufl.Mesh) -> tuple[Amplitude | Formula, Any] | None:
+    def eigenstrain_of(self, tag: Tag, mesh: ufl.Mesh) -> tuple[Amplitude | Formula, Any] | None:
         """Its amplitude and what it multiplies, a UFL tensor 3x3; None for another body. Stresses ask for it."""
         return (self.amplitude, volume.eigenstrain(self.strain, self.field, mesh)) if tag == self.tag else None
 
@@ -154,7 +154,7 @@ class ThermalExpansion:
         field: where it is hot, a function of the UFL coordinates that returns a UFL scalar; None for 1.
     """
 
-    tag: int
+    tag: Tag
     expansion: Formula
     temperature: Formula
     field: Callable[[Any], Any] | None = None
@@ -179,7 +179,7 @@ class ThermalExpansion:
         """See :meth:`Eigenstrain.terms`."""
         return self._eigenstrain.terms(assembler)
 
-    def eigenstrain_of(self, tag: int, mesh: ufl.Mesh) -> tuple[Amplitude | Formula, Any] | None:
+    def eigenstrain_of(self, tag: Tag, mesh: ufl.Mesh) -> tuple[Amplitude | Formula, Any] | None:
         """See :meth:`Eigenstrain.eigenstrain_of`."""
         return self._eigenstrain.eigenstrain_of(tag, mesh)
 

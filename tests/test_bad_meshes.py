@@ -244,23 +244,20 @@ def held(*displacements, hypothesis="plane_strain"):
     ("scene", "message"),
     [
         (held(), "body 1 of .*, can move freely: it moves along axis 0, moves along axis 1, turns"),
-        (held(hhr.Displacement(UPPER, 1)), "can move freely: it moves along axis 0. Impose"),
-        (held(hhr.Displacement(LEFT, 1)), "can move freely: it moves along axis 0, turns. Impose"),
-        (held(hypothesis="axisymmetric"), "can move freely: it moves along axis 1. Impose"),
+        (held(hhr.Displacement(UPPER, 1)), "can move freely: it moves along axis 0. .*Impose"),
+        (held(hhr.Displacement(LEFT, 1)), "can move freely: it moves along axis 0, turns. .*Impose"),
+        (held(hypothesis="axisymmetric"), "can move freely: it moves along axis 1. .*Impose"),
         (
             dataclasses.replace(
                 pressed_block("solid"), displacements=(hhr.Displacement(31, 2), hhr.Displacement(10, 0))
             ),
-            "can move freely: it moves along axis 1. Impose",
+            "can move freely: it moves along axis 1. .*Impose",
         ),
     ],
 )
-def test_a_body_that_can_move_freely_is_named_with_its_motion(scene, message):
-    refused(scene, message, NotSolvableError)
-    if scene.hypothesis != "solid":
-        body = dataclasses.replace(scene.bodies[0], law=hhr.Plasticity(1.0))
-        with pytest.raises(NotSolvableError, match=message):
-            hhr.FullOrderModel(dataclasses.replace(scene, bodies=(body,)))
+def test_a_body_that_flows_and_can_move_freely_is_named_with_its_motion(scene, message):
+    bodies = tuple(dataclasses.replace(body, law=hhr.Plasticity(1.0)) for body in scene.bodies)
+    refused(dataclasses.replace(scene, bodies=bodies), message, NotSolvableError)
 
 
 @pytest.mark.parametrize("loose", [1, 2])
@@ -269,8 +266,9 @@ def test_the_free_one_of_two_bodies_is_named(loose):
     scene = patch.scene()
     end = patch.geometry.outer_end(loose, 2)
     kept = tuple(item for item in scene.displacements if item.tag != end or item.component == 0)
-    message = rf"body {loose} of .* can move freely: it moves along axis 1, turns\. Impose"
-    refused(dataclasses.replace(scene, displacements=kept), message, NotSolvableError)
+    bodies = tuple(dataclasses.replace(body, law=hhr.Plasticity(1e6)) for body in scene.bodies)
+    message = rf"body {loose} of .* can move freely: it moves along axis 1, turns\. .*Impose"
+    refused(dataclasses.replace(scene, displacements=kept, bodies=bodies), message, NotSolvableError)
 
 
 def test_bodies_that_hang_together_at_a_node_are_not_called_free():

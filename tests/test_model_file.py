@@ -329,7 +329,7 @@ SIGNED = {
         arrays.pop(name) for name in list(arrays) if name.startswith("bound.")
     ],
     "sizes .* are zero": lambda header, arrays: arrays.update(
-        {"known.points": arrays["known.points"][:0], "known.active": arrays["known.active"][:0]}
+        {name: arrays[name][:0] for name in list(arrays) if name.startswith("known.")}
     ),
     r"\['known.points'\] are missing": lambda header, arrays: arrays.pop("known.points"),
     r"\['known.more'\] are unknown": lambda header, arrays: arrays.update({"known.more": np.zeros(1)}),

@@ -18,6 +18,7 @@ from hhr_dolfinx.models.error_bound import Estimate
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals import Functionals
+    from hhr_dolfinx.models.varying import VaryingModel
 
 
 @dataclass(frozen=True)
@@ -72,18 +73,27 @@ class ExactFields(ElasticFields):
 
     def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
         """Rows of the outputs times the displacement, (K,)."""
+        if self.problem.rigid is not None:
+            assert self.functionals is not None
+            return self.functionals.rows @ self.displacement(answer)
         per_term, per_force = self._measures
         return per_term @ theta - per_force @ answer.multipliers
 
     def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
         assert answer.gradient is not None
+        if self.problem.rigid is not None:
+            assert self.functionals is not None
+            moved = answer.gradient.unknown + self.problem.lifts @ changes
+            return answer.gradient.multipliers, self.functionals.rows @ moved
         per_term, per_force = self._measures
         forces = answer.gradient.multipliers
         return forces, per_term @ changes - per_force @ forces
 
 
-def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: bool = True) -> CondensedModel:
+def exact_condensation(
+    full: FullOrderModel, known: KnownStatuses, *, field: bool = True
+) -> CondensedModel | VaryingModel:
     """Eliminate everything but the contact forces exactly; for constant stiffness only.
 
     The answer is that of the full model, to round-off. Serial, since it keeps whole columns of K^-1.
@@ -112,6 +122,8 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
             "point or more: snapshots.known_statuses()"
         )
     free = np.stack([full.solve_stiffness(column) for column in problem.loads.T.toarray()], axis=1)
+    # only with the field is it known how far bodies moved that contact holds
+    field = field or problem.rigid is not None
     responses = Responses(
         free_primal=free if field else free[:0],
         primal_per_force=full.per_force if field else full.per_force[:0],
@@ -120,5 +132,20 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
     )
     outputs: Any = full.functionals  # of one mesh: a scene with shapes was refused above
     fields = ExactFields(problem, full.per_force, free, full.stress_of, outputs)
+    if problem.rigid is not None:
+        return _floating(problem, problem.rigid, responses, known, fields)
     given = problem.parameters, problem.amplitudes, responses, known, fields
     return CondensedModel(*given, pairs=problem.contact_pairs)
+
+
+def _floating(
+    problem: ContactProblem, rigid: np.ndarray, responses: Responses, known: KnownStatuses, fields: ExactFields
+) -> VaryingModel:
+    """The same with rigid motions, (N, r), that nothing but contact holds."""
+    from hhr_dolfinx.contact.floating import Motions
+    from hhr_dolfinx.models.floating import FloatingResponses
+    from hhr_dolfinx.models.varying import VaryingModel
+
+    taken, driving = problem.contact @ rigid, rigid.T @ problem.loads
+    left = FloatingResponses(responses, Motions(taken, taken.T), driving, rigid, problem.amplitudes)
+    return VaryingModel(problem.parameters, left, known, fields, problem.contact_pairs)

@@ -55,6 +55,10 @@ def check_hypotheses(full: Any) -> None:
         raise BoundError("bodies flow, and the bounds are those of elastic ones: histories have signs, see the door")
     if len(full.per_force) != problem.free.size:
         raise BoundError("ranks share the factors of K, and the bounds need whole columns: build on MPI.COMM_SELF")
+    if problem.rigid is not None:
+        raise BoundError(
+            "contact alone holds bodies: K, whose inverse is in the bounds, is singular along their motions"
+        )
     skew, size = abs(problem.stiffness - problem.stiffness.T).max(), abs(problem.stiffness).max()
     if skew > SYMMETRIC * size:
         raise BoundError(f"K is not symmetric, by {skew / size:.1e} of its entries: it has no energy")

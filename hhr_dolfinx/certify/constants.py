@@ -171,14 +171,17 @@ def assess(
 ) -> Stability:
     """Compute all constants of a reduced model."""
     smallest, largest = row_range(reduced.contact_test)
+    kappas = [problem.condition_number(*pair) for pair in ((smallest, largest), row_range(reduced.contact_trial))]
+    # without rigid motions, along which K~ is zero
+    reduced, basis = reduced.held, basis[:, reduced.motions :]
     low, high = singular_range(reduced.stiffness)
     whole = basis.T @ (problem.stiffness @ basis)
     whole_low, whole_high = singular_range(whole)
     test, pressure = basis[sets.A], 1.0 / problem.contact_areas[sets.A_lambda]
     energies = test.T @ (problem.stiffness[sets.A][:, sets.A] @ test), whole
     return Stability(
-        kappa_B=problem.condition_number(smallest, largest),
-        kappa_B_2=problem.condition_number(*row_range(reduced.contact_trial)),
+        kappa_B=kappas[0],
+        kappa_B_2=kappas[1],
         sigma_min=smallest,
         sigma_max=largest,
         contact_definite=_contact_definite(reduced) if low > 0 else math.nan,

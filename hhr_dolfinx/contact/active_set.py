@@ -49,6 +49,7 @@ class Status(Enum):
     SINGULAR = "the contact conditions that touch are linearly dependent, thesis (1.67), so their forces are not unique"
     NOT_FINITE = "the contact problem is not finite: check loads, gaps and materials for NaN and infinite numbers"
     DIVERGED = "the step did not converge: march along a path, in smaller steps"
+    ADRIFT = "a body that nothing but contact holds moves off: contact only pushes, and loads pull it away"
     CYCLING = "the statuses repeat even one at a time, so the contact Schur complement is no P-matrix"
 
 

@@ -107,6 +107,11 @@ class ContactProblem:
         amplitudes: θ as a function of the parameters.
         parameters: the box of the parameters.
         first: number of the first dof whose row is held.
+        rigid: orthonormal rigid motions of bodies that nothing but contact holds, (N, r); None where there are none.
+        resting: orthonormal rigid motions that nothing drives or resists, (N, l), of which answers have none; None
+            where all bodies are held.
+        loose: bodies that contact holds, with their motions, in words.
+        pins: as many dofs as there are rigid motions of both kinds, which fix them; None where all bodies are held.
     """
 
     stiffness_terms: tuple[csr_matrix, ...]
@@ -128,6 +133,19 @@ class ContactProblem:
     moduli: tuple[Modulus, ...] = ()
     lift_terms: tuple[csc_matrix, ...] = ()
     reshaped: Any = None
+    rigid: np.ndarray | None = None
+    resting: np.ndarray | None = None
+    loose: str = ""
+    pins: np.ndarray | None = None
+
+    @property
+    def held(self) -> np.ndarray:
+        """Dofs on which K is definite, (N,) bool: the free ones, but for as many as there are rigid motions."""
+        if self.pins is None:
+            return self.free
+        mask = self.free.copy()
+        mask[self.pins] = False
+        return mask
 
     @property
     def varies(self) -> bool:

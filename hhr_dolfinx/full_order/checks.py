@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from dolfinx import mesh as dmesh
 from mpi4py import MPI
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.problem import ContactProblem, ContactRows
 from hhr_dolfinx.errors import NotSolvableError, SceneError, SceneWarning
+from hhr_dolfinx.full_order.names import TagNames
 from hhr_dolfinx.linear.sparse import singular_stiffness
+from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Body, Scene
 
 CORNERS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
@@ -31,8 +31,9 @@ NO_VOLUME = 1e-12
 
 
 def build_geometry(scene: Scene, comm: MPI.Comm) -> Any:
-    """Mesh, cell tags and facet tags of a scene; raises SceneError unless they suit it."""
+    """Mesh, cell tags, facet tags and their names of a scene; raises SceneError unless they suit it."""
     result: Any = scene.geometry(comm)
+    groups = getattr(result, "physical_groups", None)
     if hasattr(result, "cell_tags") and hasattr(result, "facet_tags"):
         result = (result.mesh, result.cell_tags, result.facet_tags)
     if not isinstance(result, tuple | list) or len(result) != 3:
@@ -51,8 +52,9 @@ def build_geometry(scene: Scene, comm: MPI.Comm) -> Any:
     _check_cells(mesh, comm)
     if scene.hypothesis == "axisymmetric":
         _check_radius(mesh, comm)
-    check_tags(scene, mesh, tags, comm)
-    return result
+    names = TagNames.of(groups, mesh.topology.dim)
+    check_tags(scene, mesh, tags, names, comm)
+    return (*result, names)
 
 
 def warn_of_idle_parameters(scene: Scene, amplitudes: Amplitudes) -> None:
@@ -187,38 +189,56 @@ def _check_radius(mesh, comm):
     )
 
 
-def check_tags(scene: Scene, mesh: dmesh.Mesh, tags: Any, comm: MPI.Comm) -> None:
+def check_tags(scene: Scene, mesh: dmesh.Mesh, tags: Any, names: TagNames, comm: MPI.Comm) -> None:
     """Raise SceneError for tags of the scene that the mesh lacks, and for cells that belong to no body."""
-    used = [item.tag for item in scene.displacements]
+    used: list[Tag] = [item.tag for item in scene.displacements]
     for item in scene.contacts:
         used += item.tags
-    check_present("facet", tags[1], used, comm)
+    check_present("facet", tags[1], used, names, comm)
     bodies = [body.tag for body in scene.bodies]
-    others = check_present("cell", tags[0], bodies, comm) - set(bodies)
+    owner: dict[int, Tag] = {}
+    for tag in bodies:
+        for number in names.cell(tag):
+            if owner.setdefault(number, tag) != tag:
+                raise SceneError(f"bodies {owner[number]!r} and {tag!r} have cells in common: list one of them")
+    others = check_present("cell", tags[0], bodies, names, comm) - set(owner)
     if others:
-        raise SceneError(f"cells tagged {sorted(others)} belong to no body of the scene")
+        raise SceneError(
+            f"cells tagged {names.described('cell', others)} belong to no body of scene '{scene.name}': give "
+            "each a Body, or leave them out of the mesh"
+        )
     count = mesh.topology.index_map(mesh.topology.dim).size_local
     untagged = comm.allreduce(count - int((tags[0].indices < count).sum()))
     if untagged:
         raise SceneError(f"{untagged} cells have no tag: every cell must belong to a body")
 
 
-def check_present(kind: str, tags: dmesh.MeshTags, wanted: Iterable[int], comm: MPI.Comm) -> set[int]:
-    """All tags of a mesh; raises SceneError if one that is wanted is missing."""
+def check_present(kind: str, tags: dmesh.MeshTags, wanted: Iterable[Tag], names: TagNames, comm: MPI.Comm) -> set[int]:
+    """All tags of a mesh; raises SceneError if one that is wanted, by number or name, is missing."""
     there = set().union(*comm.allgather(set(tags.values.tolist())))
-    missing = sorted(set(wanted) - there)
+    numbers = names.cell if kind == "cell" else names.facet
+    missing = [tag for tag in wanted if not there & set(numbers(tag))]
     if missing:
-        raise SceneError(f"{kind} tags {missing} are not in the mesh, which has {sorted(there)}")
+        raise SceneError(
+            f"{kind} tags {sorted(set(missing), key=str)} are not in the mesh, which has {names.described(kind, there)}"
+        )
     return there
 
 
-def check_outer(load: str, tag: int, mesh: dmesh.Mesh, facet_tags: dmesh.MeshTags, comm: MPI.Comm) -> None:
+def tagged(tags: dmesh.MeshTags, numbers: Iterable[int]) -> np.ndarray:
+    """Numbers of the entities of this rank that have one of some tags, in their order."""
+    return np.sort(np.concatenate([tags.find(number) for number in numbers]))
+
+
+def check_outer(
+    load: str, tag: Tag, mesh: dmesh.Mesh, facet_tags: dmesh.MeshTags, names: TagNames, comm: MPI.Comm
+) -> None:
     """Raise SceneError for loads on facets that are missing or inside the mesh, where surface integrals are zero."""
-    check_present("facet", facet_tags, [tag], comm)
+    check_present("facet", facet_tags, [tag], names, comm)
     fdim = mesh.topology.dim - 1
     mesh.topology.create_connectivity(fdim, fdim + 1)
     outer, owned = dmesh.exterior_facet_indices(mesh.topology), mesh.topology.index_map(fdim).size_local
-    facets = facet_tags.find(tag)
+    facets = tagged(facet_tags, names.facet(tag))
     inner = np.setdiff1d(facets[facets < owned], outer)
     _refuse(
         comm,
@@ -233,65 +253,6 @@ def _refuse(comm, text, places):
     found = [place for part in comm.allgather(places.tolist()) for place in part]
     if found:
         raise SceneError(text.format(count=len(found), place=found[0]))
-
-
-def check_held(scene: Scene, points: np.ndarray, cell_nodes: np.ndarray, bodies: np.ndarray, free: np.ndarray) -> None:
-    """Raise NotSolvableError for bodies that can move without strain: rigid motions that vanish on their imposed dofs.
-
-    Args:
-        scene: the scene.
-        points: coordinates of the nodes, (nodes, dim).
-        cell_nodes: nodes of each cell, (cells, n).
-        bodies: place in the scene of the body of each cell, (cells,).
-        free: dofs that are not imposed, (N,) bool.
-    """
-    count, dim = points.shape
-    starts = np.repeat(cell_nodes[:, :1], cell_nodes.shape[1], axis=1)
-    graph = csr_matrix((np.ones(cell_nodes.size), (starts.ravel(), cell_nodes.ravel())), shape=(count, count))
-    _, part = connected_components(graph, directed=False)
-    imposed = ~free.reshape(count, dim)
-    for number in np.unique(part[cell_nodes[:, 0]]):
-        nodes = np.flatnonzero(part == number)
-        motions = _rigid_motions(points[nodes], scene.hypothesis)
-        held = motions[:, imposed[nodes]].T
-        # the imposed values of each motion that is free vanish
-        _, sizes, ways = np.linalg.svd(np.vstack([held, np.zeros((len(motions), len(motions)))]), full_matrices=False)
-        left = ways[sizes <= 1e-9 * np.sqrt(max(len(held), 1))]
-        if len(left):
-            tags = sorted({scene.bodies[k].tag for k in bodies[part[cell_nodes[:, 0]] == number]})
-            raise NotSolvableError(
-                f"body {', '.join(map(str, tags))} of scene '{scene.name}', around "
-                f"{points[nodes].mean(axis=0).tolist()}, can move freely: {_described(left, dim, scene.hypothesis)}. "
-                "Impose displacements that hold every body without its contacts"
-            )
-
-
-def _rigid_motions(points, hypothesis):
-    """Motions without strain: translations, then turns by the size of the body, (motions, nodes, dim)."""
-    count, dim = points.shape
-    if hypothesis == "axisymmetric":
-        return np.broadcast_to(np.array([[[0.0, 1.0]]]), (1, count, 2))
-    motions = [np.broadcast_to(axis, (count, dim)) for axis in np.eye(dim)]
-    away = (points - points.mean(axis=0)) / (np.ptp(points, axis=0).max() or 1.0)
-    for first, second in ((0, 1),) if dim == 2 else ((1, 2), (2, 0), (0, 1)):
-        turn = np.zeros((count, dim))
-        turn[:, first], turn[:, second] = -away[:, second], away[:, first]
-        motions.append(turn)
-    return np.array(motions)
-
-
-def _described(ways, dim, hypothesis):
-    """What kind of motions are left, by orthonormal combinations of :func:`_rigid_motions`, (left, motions).
-
-    Displacements are imposed by components, so that translations alone are left along axes.
-    """
-    if hypothesis == "axisymmetric":
-        return "it moves along axis 1"
-    along = [axis for axis in range(dim) if np.linalg.norm(ways[:, axis]) > 1 - 1e-6]
-    parts = [f"moves along axis {axis}" for axis in along]
-    if len(ways) > len(along):
-        parts.append("turns")
-    return "it " + ", ".join(parts)
 
 
 def conditions_with_unknowns(
@@ -337,7 +298,7 @@ def check_regular(problem: ContactProblem, solve: Callable[[np.ndarray], np.ndar
     Solving for a known vector loses about cond(K) times 1e-16: up to 1e-5 was seen with bodies a million
     times as stiff as others, and all digits where parts can move freely. ``solve`` maps own rows to all dofs.
     """
-    known = np.random.default_rng(0).standard_normal(problem.free.size) * problem.free
-    found = solve(problem.own_stiffness @ known * problem.free[problem.rows])
+    known = np.random.default_rng(0).standard_normal(problem.free.size) * problem.held
+    found = solve(problem.own_stiffness @ known * problem.held[problem.rows])
     if not np.linalg.norm(found - known) <= 1e-3 * np.linalg.norm(known):
         raise NotSolvableError(singular_stiffness(scene))

@@ -28,16 +28,18 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import contact, elasticity
 from hhr_dolfinx.full_order.checks import (
     build_geometry,
-    check_held,
     check_outer,
     check_present,
     conditions_with_unknowns,
+    tagged,
     warn_of_idle_parameters,
 )
 from hhr_dolfinx.full_order.locking import QUADRATURE, mean_dilatation, stiffness_degree
+from hhr_dolfinx.full_order.motions import with_motions
 from hhr_dolfinx.full_order.stress import stress_in_cells
 from hhr_dolfinx.loads import Assembler, Term, checked_terms
 from hhr_dolfinx.pairings.surface import Surface, make_surface
+from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
@@ -54,6 +56,7 @@ class Discretisation:
         scene: the scene.
         comm: MPI communicator.
         mesh: DOLFINx mesh.
+        names: what the mesh calls its bodies and surfaces.
         space: vector Lagrange space of degree 1.
         rows: range of the dofs this rank owns.
         size: N, number of dofs on all ranks.
@@ -73,7 +76,7 @@ class Discretisation:
         compat.require_dolfinx()
         self.scene, self.comm = scene, comm
         with ranks.together(comm, f"the geometry of scene '{scene.name}'"):
-            self.mesh, self._cell_tags, self._facet_tags = build_geometry(scene, comm)
+            self.mesh, self._cell_tags, self._facet_tags, self.names = build_geometry(scene, comm)
         dim = self.mesh.geometry.dim
         self.space = fem.functionspace(self.mesh, ("Lagrange", 1, (dim,)))
         nodes = self.space.dofmap.index_map
@@ -95,15 +98,17 @@ class Discretisation:
         """Trial and test function."""
         return self._trial, self._test
 
-    def cells_of(self, tag: int) -> np.ndarray:
+    def cells_of(self, tag: Tag) -> np.ndarray:
         """Numbers of the cells of a body on this rank."""
-        return self._cell_tags.find(tag)
+        return tagged(self._cell_tags, self.names.cell(tag))
 
-    def cells(self, tag: int) -> ufl.Measure:
+    def cells(self, tag: Tag) -> ufl.Measure:
         """Measure of the cells of a body for its stiffness; if shapes vary, by a rule that reduced models know too."""
         if self.reshaped is None:
-            return self._dx(tag)
-        return self._dx(tag, degree=stiffness_degree(self.mesh.topology.cell_name(), self.scene.hypothesis))
+            return self._dx(self.names.cell(tag))
+        return self._dx(
+            self.names.cell(tag), degree=stiffness_degree(self.mesh.topology.cell_name(), self.scene.hypothesis)
+        )
 
     def empty_matrix(self) -> PETSc.Mat:
         """A matrix that couples the dofs of all cells."""
@@ -197,17 +202,18 @@ class Discretisation:
         terms = [term for load in self.scene.loads for term in checked_terms(load, self.assembler(load))]
         return sorted(terms, key=lambda term: not isinstance(term.amplitude, Amplitude))
 
-    def check(self, problem: ContactProblem) -> None:
-        """Look for mistakes that no single part of a scene shows, before anything is factored."""
+    def checked(self, problem: ContactProblem) -> ContactProblem:
+        """The problem with its rigid motions; looks for mistakes that no single part of a scene shows."""
         bodies = np.concatenate(self.comm.allgather(self.cell_bodies()))
-        check_held(self.scene, problem.points, problem.cell_nodes, bodies, problem.free)
+        found = with_motions(self.scene, problem, bodies)
         warn_of_idle_parameters(self.scene, problem.amplitudes)
+        return found
 
     def cell_bodies(self) -> np.ndarray:
         """Body of each cell of this rank as its place in the scene, (cells,)."""
         bodies = np.full(self.mesh.topology.index_map(self.mesh.topology.dim).size_local, -1)
         for place, body in enumerate(self.scene.bodies):
-            cells = self._cell_tags.find(body.tag)
+            cells = self.cells_of(body.tag)
             bodies[cells[cells < bodies.size]] = place
         return bodies
 
@@ -255,27 +261,33 @@ class Discretisation:
             eigenstress=partial(self._eigenstress, load),
         )
 
-    def _eigenstress(self, load: Load, tag: int, strain: Expr) -> list[tuple[Formula, np.ndarray]]:
+    def _eigenstress(self, load: Load, tag: Tag, strain: Expr) -> list[tuple[Formula, np.ndarray]]:
         """Nodal forces of a strain of a body, see :func:`eigenstress`."""
         from hhr_dolfinx.full_order.eigenstrains import eigenstress
 
         return eigenstress(self, tag, strain, partial(self._load_vector, load))
 
-    def _outer_facets(self, load: str, tag: int) -> ufl.Measure:
+    def _outer_facets(self, load: str, tag: Tag) -> ufl.Measure:
         """Measure of the facets with a tag, under a load of this class."""
-        check_outer(load, tag, self.mesh, self._facet_tags, self.comm)
-        return self._ds(tag)
+        check_outer(load, tag, self.mesh, self._facet_tags, self.names, self.comm)
+        return self._ds(self.names.facet(tag))
 
-    def _cells(self, tag: int) -> ufl.Measure:
+    def _cells(self, tag: Tag) -> ufl.Measure:
         """Measure of the cells with a tag."""
-        check_present("cell", self._cell_tags, [tag], self.comm)
-        return self._dx(tag)
+        self.check_cells(tag)
+        return self._dx(self.names.cell(tag))
+
+    def check_cells(self, tag: Tag) -> None:
+        """Raise SceneError if no cell has a tag."""
+        check_present("cell", self._cell_tags, [tag], self.names, self.comm)
 
     def _tagged_dofs(self, tag, component):
         fdim = self.mesh.topology.dim - 1
         if not 0 <= component < self.mesh.geometry.dim:
             raise SceneError(f"component {component} of the displacement on tag {tag} does not exist")
-        local = fem.locate_dofs_topological(self.space.sub(component), fdim, self._facet_tags.find(tag))
+        local = fem.locate_dofs_topological(
+            self.space.sub(component), fdim, tagged(self._facet_tags, self.names.facet(tag))
+        )
         dim = self.mesh.geometry.dim
         owned = local[local < dim * self.space.dofmap.index_map.size_local]
         return np.concatenate(self.comm.allgather(owned + self.rows.start))
@@ -303,10 +315,11 @@ class Discretisation:
                 )
         return joined(parts), np.repeat(np.arange(len(parts)), [part.gap.size for part in parts])
 
-    def surface(self, tag: int) -> Surface:
+    def surface(self, tag: Tag) -> Surface:
         """The facets with a tag on the mesh as it lies."""
         dim, points = self.mesh.geometry.dim, self._points()
-        area = self._assemble_vector(contact.tributary_area(self._test, self.scene.hypothesis, self._ds(tag)))[::dim]
+        ds = self._ds(self.names.facet(tag))
+        area = self._assemble_vector(contact.tributary_area(self._test, self.scene.hypothesis, ds))[::dim]
         facets, inner = self._facets(tag)
         weights = elasticity.weight_at(points[:, 0], self.scene.hypothesis)
         return make_surface(tag, facets, inner, points, weights, area)
@@ -321,7 +334,7 @@ class Discretisation:
         corners = [dofmap.dof_layout.entity_closure_dofs(tdim - 1, k) for k in range(len(to_facets.links(0)))]
         coordinates = self.space.tabulate_dof_coordinates()[:, :dim]
         nodes, inner = [], []
-        for facet in self._facet_tags.find(tag):
+        for facet in tagged(self._facet_tags, self.names.facet(tag)):
             cell = to_cell.links(facet)[0]
             # each rank has the facets of the cells it owns
             if cell < topology.index_map(tdim).size_local:

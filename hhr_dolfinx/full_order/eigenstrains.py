@@ -23,6 +23,7 @@ from hhr_dolfinx.formulas import Formula, Scalar
 from hhr_dolfinx.full_order.locking import QUADRATURE
 from hhr_dolfinx.full_order.varying import grading_of, parts_of
 from hhr_dolfinx.loads import checked_terms
+from hhr_dolfinx.parameters import Tag
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
 
 def eigenstress(
-    discretisation: Discretisation, tag: int, strain: Expr, vector: Callable[[ufl.Form], np.ndarray]
+    discretisation: Discretisation, tag: Tag, strain: Expr, vector: Callable[[ufl.Form], np.ndarray]
 ) -> list[tuple[Formula, np.ndarray]]:
     """Nodal forces by which a strain of a body, 3x3, strains it where nothing holds it.
 

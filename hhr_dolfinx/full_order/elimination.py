@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hhr_dolfinx.contact.floating import FloatingEqualities, Motions
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.models.varying import answer_of
+from hhr_dolfinx.models.varying import Floating, answer_of
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.full import FullOrderModel
@@ -50,12 +52,12 @@ class FullElimination:
         contact = problem.contact[:, rows]
         if full.problem.varies:
             solver.refactor(problem.own_stiffness)
-            per_force = solver.solve_columns(contact.T)
+            per_force = full.at_rest(solver.solve_columns(contact.T))
             schur = full.comm.allreduce(contact @ per_force)
         else:
             per_force, schur = full.per_force, full.schur
         theta = problem.amplitudes(point)
-        free = solver.solve(problem.loads[rows] @ theta)
+        free = full.at_rest(solver.solve(problem.loads[rows] @ theta))
         slack = problem.gaps @ theta - full.comm.allreduce(contact @ free)
         return cls(full, problem, point, free, per_force, schur, slack)
 
@@ -70,10 +72,22 @@ class FullElimination:
     def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """K U' = -R', where R is the residual K U + B^T lambda - F; and the slack that goes with it."""
         left, slack = self._explicit(forces, unknown)
-        found = np.stack([self.full.factors.solve(-column) for column in left.T], axis=1)
+        found = self.full.at_rest(np.stack([self.full.factors.solve(-column) for column in left.T], axis=1))
         contact = self.problem.contact[:, self.problem.rows]
         whole = np.concatenate(self.full.comm.allgather(found))
         return slack - self.full.comm.allreduce(contact @ found), whole
+
+    @cached_property
+    def floating(self) -> Floating | None:
+        """Rigid motions that only contact holds; None where there are none."""
+        rigid = self.problem.rigid
+        if rigid is None:
+            return None
+        taken = self.problem.contact @ rigid
+        acting, slopes = self.problem.amplitudes.slopes_at(self.point)
+        loads = rigid.T @ self.problem.loads  # of lifts there is no part, since a rigid motion does not strain
+        driving, changes = loads @ self.problem.amplitudes(self.point), loads[:, acting] @ slopes
+        return Floating(FloatingEqualities(self.schur, Motions(taken, taken.T)), driving, rigid, lambda *_: changes)
 
     def _explicit(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of the residual on own dofs and of the slack, while unknown and forces stay."""

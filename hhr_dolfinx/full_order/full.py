@@ -108,7 +108,7 @@ class FullOrderModel(WithOutputs):
         self.problem = problem = (
             problem if discretisation.reshaped is None else discretisation.reshaped.attached(problem)
         )
-        discretisation.check(problem)
+        self.problem = problem = discretisation.checked(problem)
         self.parameters, self._own = problem.parameters, problem.rows
         # a stiffness factored for each query, with a solve for each condition: at 14,140 dofs and 162 conditions MUMPS
         # takes 24 + 138 ms, nd 45 + 272 ms, qmd 70 + 308 ms; that of bodies that flow serves whole histories
@@ -117,7 +117,7 @@ class FullOrderModel(WithOutputs):
         check_regular(problem, lambda rhs: self._gather(self._solver.solve(rhs)), self.scene.name)
         contact = problem.contact[:, self._own]
         self._own_loads = problem.loads[self._own]
-        self.per_force = self._solver.solve_columns(contact.T)
+        self.per_force = self.at_rest(self._solver.solve_columns(contact.T))
         self.schur = self.comm.allreduce(contact @ self.per_force)
         self._contact, self._pairs = contact, Pairs.of(problem.contact_pairs)
         self._equalities = SchurEqualities.of(self.schur)
@@ -125,7 +125,14 @@ class FullOrderModel(WithOutputs):
     @cached_property
     def per_load(self) -> np.ndarray:
         """K^-1 loads on the dofs of this rank, (own dofs, 1 + T), of a constant K: what bounds of all models need."""
-        return self._solver.solve_columns(self._own_loads)
+        return self.at_rest(self._solver.solve_columns(self._own_loads))
+
+    def at_rest(self, own: np.ndarray) -> np.ndarray:
+        """Fields on the dofs of this rank, (own dofs, ...), without rigid motions that nothing drives or resists."""
+        if self.problem.resting is None:
+            return own
+        motions = self.problem.resting[self._own]
+        return own - motions @ self.comm.allreduce(motions.T @ own)
 
     @property
     def factors(self) -> FreeCholesky:
@@ -173,7 +180,7 @@ class FullOrderModel(WithOutputs):
     def factors_of(self, stiffness: csr_matrix, plane: str) -> FreeCholesky:
         """Factors of own rows of a stiffness, with an ordering for problems in the plane."""
         ordering = ordering_of(self.problem.block_size, plane)
-        return FreeCholesky(stiffness, self.problem.free, self._own, self.scene.name, ordering, self.comm)
+        return FreeCholesky(stiffness, self.problem.held, self._own, self.scene.name, ordering, self.comm)
 
     def solve(
         self,
@@ -199,13 +206,14 @@ class FullOrderModel(WithOutputs):
         check_outside(outside)
         cold = start is None or isinstance(start, str)
         point = self.parameters.point(mu)
-        if self.problem.varies or gradient:
+        if self.problem.varies or gradient or self.problem.rigid is not None:
             from hhr_dolfinx.full_order.elimination import solved_anew
 
             answer = solved_anew(self, point, None if cold else start, gradient=gradient)
-            return outcome(answer, raise_on_failure, FULL_ORDER_ADVICE)
+            adrift = f"hold it by a displacement, or push it: {self.problem.loose}"
+            return outcome(answer, raise_on_failure, {**FULL_ORDER_ADVICE, Status.ADRIFT: adrift})
         theta = self.problem.amplitudes(point)
-        free = self._solver.solve(self._own_loads @ theta)
+        free = self.at_rest(self._solver.solve(self._own_loads @ theta))
         free_slack = self.problem.gaps @ theta - self._sum(self._contact @ free)
         found = active_set(self._equalities, free_slack, free_slack < 0 if cold else start, pairs=self._pairs)
         answer = found_as(found, point, self._gather(free - self.per_force @ found.forces), self)
@@ -238,7 +246,7 @@ class FullOrderModel(WithOutputs):
 
     def solve_stiffness(self, own_rhs: np.ndarray) -> np.ndarray:
         """K^-1 times a vector, each rank with its own rows."""
-        return self._solver.solve(own_rhs)
+        return self.at_rest(self._solver.solve(own_rhs))
 
     # what completes an answer, see models.answer.Fields
 

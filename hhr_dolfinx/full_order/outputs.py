@@ -18,12 +18,12 @@ from hhr_dolfinx.contact.problem import ContactProblem, masked
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.forms.return_mapping import strain_vector
-from hhr_dolfinx.full_order.checks import check_present
 from hhr_dolfinx.full_order.locking import QUADRATURE
 from hhr_dolfinx.models.functional_kinds import Energy, FlowMises, Mises, MovingMises
 from hhr_dolfinx.models.functionals import Functional, Functionals
 from hhr_dolfinx.models.moving_cells import MovingCells
 from hhr_dolfinx.outputs import ElasticEnergy, VonMises
+from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.shapes import coordinate_names
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ class Probe:
     base: ContactProblem
     contact_rows: csr_matrix
     assembler: Assembler
-    nodes: Callable[[int], np.ndarray]
+    nodes: Callable[[Tag], np.ndarray]
     mises: Callable[[VonMises], Functional]
     energy: Callable[[ElasticEnergy], Functional]
 
@@ -200,16 +200,16 @@ def prepared_outputs(
     return found
 
 
-def _cells(discretisation: Discretisation, tag: int) -> np.ndarray:
+def _cells(discretisation: Discretisation, tag: Tag) -> np.ndarray:
     """Cells of a body on all ranks, as a mask in the order of ``cell_nodes``."""
     tags = [body.tag for body in discretisation.scene.bodies]
     if tag not in tags:
         raise SceneError(f"the cell tag {tag} is none of the bodies {tags} of scene '{discretisation.scene.name}'")
-    check_present("cell", discretisation._cell_tags, [tag], discretisation.comm)
+    discretisation.check_cells(tag)
     return np.concatenate(discretisation.comm.allgather(discretisation.cell_bodies())) == tags.index(tag)
 
 
-def _nodes(discretisation: Discretisation, problem: ContactProblem, tag: int) -> np.ndarray:
+def _nodes(discretisation: Discretisation, problem: ContactProblem, tag: Tag) -> np.ndarray:
     """Nodes of a body."""
     return np.unique(problem.cell_nodes[_cells(discretisation, tag)])
 

@@ -19,6 +19,7 @@ from hhr_dolfinx.full_order.discretisation import placed
 from hhr_dolfinx.full_order.locking import SIMPLICES, stiffness_degree
 from hhr_dolfinx.models.cells import CellRule
 from hhr_dolfinx.models.patches import SurfacePatch
+from hhr_dolfinx.parameters import Tag
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discretisation import Discretisation
@@ -137,7 +138,7 @@ class ShapedArrays:
             found.append(BodyArrays(self._owner.cells_of(body.tag).astype(np.int64), volume, shape, mean))
         return found
 
-    def _whole(self, tag: int) -> SurfacePatch:
+    def _whole(self, tag: Tag) -> SurfacePatch:
         """A whole surface, with the nodes behind its facets."""
         surface, cells = self._owner.surface(tag), self._problem.cell_nodes
         facets = surface.nodes[surface.facets]

@@ -31,7 +31,7 @@ def ordering_of(block_size: int, plane: str) -> str:
 
 
 def singular_stiffness(scene: str) -> str:
-    """Message for a stiffness that is singular; ``checks.check_held`` has refused bodies that move as a whole."""
+    """Message for a stiffness that is singular; ``full_order.motions`` has seen bodies that move as a whole."""
     return (
         f"the stiffness of scene '{scene}' is singular to round-off, though every body is held as a whole: look for "
         "parts that hang together at single nodes or edges, E many powers of ten apart, nu next to 0.5, needle-like "

@@ -240,7 +240,7 @@ def outcome(answer: Answer, raise_on_failure: bool, advice: Mapping[Status, str]
     if answer.status is Status.CONVERGED:
         return answer
     if raise_on_failure:
-        unsolvable = answer.status in (Status.SINGULAR, Status.NOT_FINITE)
+        unsolvable = answer.status in (Status.SINGULAR, Status.NOT_FINITE, Status.ADRIFT)
         kind = NotSolvableError if unsolvable else ConvergenceError
         why = ": ".join([answer.status.value, *([advice[answer.status]] if answer.status in advice else [])])
         place = np.ravel(answer.parameter).tolist()

@@ -110,6 +110,11 @@ class KnownStatuses:
         """Statuses to start from at a point, (m,) bool: those of the nearest known parameter."""
         return self.active[self.nearest(point)]
 
+    def starts(self, points: np.ndarray) -> np.ndarray:
+        """Statuses to start from at many points, (n, P): (n, m) bool, for the caller to change."""
+        offsets, directions = self.distances
+        return self.active[(offsets - points @ directions.T).argmin(axis=1)]
+
 
 def checked_start(start: Any, conditions: int) -> Any:
     """What a search may start from: ``nearest``, None, or statuses.
@@ -202,9 +207,9 @@ class CondensedModel(WithOutputs):
             self._door.check(point, outside)
         start = checked_start(start, self._m)
         if isinstance(start, str):
-            nearest = self.known.nearest(point)
-            start = self.known.active[nearest]
-            region = self._regions[nearest]
+            nearest = self.known.nearest(point) if self._regions else 0
+            region = self._regions[nearest] if self._regions else None
+            start = self.known.start(point) if region is None else self.known.active[nearest]
             if region is not None:
                 constant, slopes = region
                 m, values = self._m, constant + slopes @ point
@@ -217,6 +222,11 @@ class CondensedModel(WithOutputs):
         found = active_set(self._equalities, free_slack, start, pairs=self._pairs)
         unknown = response[self._m :] - self._per_force @ found.forces
         return outcome(found_as(found, point, unknown, self.fields), raise_on_failure, self._advice)
+
+    @property
+    def tabulated(self) -> bool:
+        """Whether answers of known statuses are: where amplitudes are affine, and tables not too large."""
+        return bool(self._regions)
 
     @property
     def responses(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -272,7 +282,7 @@ class CondensedModel(WithOutputs):
         size = len(distinct) * (self._m + len(self._response)) * (1 + len(self.parameters.names))
         if self.amplitudes.nonaffine or size > REGION_ENTRIES:
             self._equalities.prepare(distinct, PREPARED_BYTES)
-            return [None] * len(self.known.active)
+            return []
         # columns: the value at mu = 0, then the slope along each parameter
         response = self._response @ np.column_stack([self.amplitudes.constant, self.amplitudes.slopes])
         regions: list[tuple[np.ndarray, np.ndarray] | None] = []

@@ -57,6 +57,10 @@ def gradient_of(
     """
     of_slack, of_unknown = at_fixed_forces
     changes, opened = equalities.several(active, of_slack)
+    return Gradient(of_unknown - pushed(changes), changes, grazing(active, forces, slack), opened)
+
+
+def grazing(active: np.ndarray, forces: np.ndarray, slack: np.ndarray) -> np.ndarray:
+    """Conditions about to change their status, (m,) bool."""
     near = GRAZING * np.abs(forces).max(initial=0.0), GRAZING * np.abs(slack).max(initial=0.0)
-    grazing = np.where(active, forces <= near[0], slack <= near[1])
-    return Gradient(of_unknown - pushed(changes), changes, grazing, opened)
+    return np.where(active, forces <= near[0], slack <= near[1])

@@ -18,7 +18,7 @@ from hhr_dolfinx.models.error_bound import Estimates
 from hhr_dolfinx.parameters import ParameterSpace
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses
+    from hhr_dolfinx.models.condensed import CondensedModel
 
 ROUNDS = 6
 """Times that statuses are changed for many points together; what is left then is solved point by point."""
@@ -103,7 +103,7 @@ def condensed_answers(model: CondensedModel, points: np.ndarray, **how: Any) -> 
     """Answers of a condensed model to checked points, (n, P)."""
     response, schur, per_force = model.responses
     m, n = len(schur), len(points)
-    theta, active = amplitudes_at(model.amplitudes, points), nearest_statuses(model.known, points)
+    theta, active = amplitudes_at(model.amplitudes, points), model.known.starts(points)
     forces, iterations, left = _settled(schur, np.asarray(theta @ response[:m].T), active)
     unknown, status = np.empty((n, len(response) - m)), [Status.CONVERGED] * n
     for first in range(0, n, BLOCK):
@@ -115,12 +115,6 @@ def condensed_answers(model: CondensedModel, points: np.ndarray, **how: Any) -> 
         unknown[k], forces[k], active[k], status[k] = answer.unknown, answer.multipliers, answer.active, answer.status
         iterations[k] += answer.iterations
     return ManyAnswers(points, unknown, forces, active, status, iterations, model.fields)
-
-
-def nearest_statuses(known: KnownStatuses, points: np.ndarray) -> np.ndarray:
-    """Statuses to start from at every point, (n, m) bool, for the caller to change."""
-    offsets, directions = known.distances
-    return known.active[(offsets - points @ directions.T).argmin(axis=1)]
 
 
 def amplitudes_at(amplitudes: Amplitudes, points: np.ndarray) -> np.ndarray | csr_matrix:

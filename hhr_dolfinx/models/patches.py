@@ -14,6 +14,7 @@ from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import PairingWarning, ParameterError, SceneError
 from hhr_dolfinx.pairings.projection import shape_functions
 from hhr_dolfinx.pairings.surface import Surface, make_surface
+from hhr_dolfinx.parameters import Tag
 
 ROUND_OFF = 1e-12
 """Weight of a node in a condition below which it has nothing to do with it."""
@@ -31,7 +32,7 @@ class SurfacePatch:
         edge: nodes where the surface goes on beyond the patch, (e,).
     """
 
-    tag: int
+    tag: Tag
     facets: np.ndarray
     behind: np.ndarray
     edge: np.ndarray

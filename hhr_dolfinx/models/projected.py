@@ -51,6 +51,7 @@ class ReducedProblem:
             middle of the box. None where it does not.
         reshaped: makes the problem of any point where the shape depends on parameters; the rest is then that of the
             middle of the box. None where it does not.
+        motions: how many modes, the first ones, are rigid motions of bodies that nothing but contact holds.
     """
 
     stiffness: np.ndarray
@@ -61,6 +62,26 @@ class ReducedProblem:
     pairs: np.ndarray
     terms: ReducedTerms | None = None
     reshaped: RidAssembly | None = None
+    motions: int = 0
+
+    @property
+    def held(self) -> ReducedProblem:
+        """The problem without rigid motions, whose K~ is regular; itself where there are none."""
+        r, terms = self.motions, self.terms
+        if not r:
+            return self
+        if terms is not None:
+            stiffness, lifts = terms.stiffness[:, r:, r:], terms.lifts[:, r:]
+            terms = replace(terms, stiffness=stiffness, lifts=lifts, forces=terms.forces[r:])
+        return replace(
+            self,
+            stiffness=self.stiffness[r:, r:],
+            contact_test=self.contact_test[:, r:],
+            contact_trial=self.contact_trial[:, r:],
+            loads=self.loads[r:],
+            terms=terms,
+            motions=0,
+        )
 
     def weighted(self, weights: np.ndarray) -> ReducedProblem:
         """The problem for weights of the parts of its stiffness, (Q,), which is constant then; itself without parts."""

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 ADVICE: Mapping[Status, str] = MappingProxyType(
     {
         Status.SINGULAR: "add modes or use fewer contact points in the RID",
+        Status.ADRIFT: "solve in full to see which body that is, and hold or push it",
         Status.CYCLING: "the reduced model is not trustworthy here, add RID layers or change the basis",
     }
 )
@@ -145,6 +146,12 @@ class ReducedModel(WithOutputs):
         if self.known is None:
             raise ReductionError("a model in which nothing flows starts from known statuses: give them as known")
         trained = self.trained if isinstance(self.trained, TrainedRange) else None
+        if problem.motions:
+            from hhr_dolfinx.models.floating import FloatingReduction
+            from hhr_dolfinx.models.varying import VaryingModel
+
+            floating = FloatingReduction(problem, self.fields.amplitudes)
+            return VaryingModel(self.parameters, floating, self.known, self.fields, problem.pairs, trained, ADVICE)
         if problem.terms is not None or problem.reshaped is not None:
             from hhr_dolfinx.models.varying import VaryingModel
 

@@ -9,6 +9,9 @@ import numpy as np
 
 from hhr_dolfinx.models.condensed import KnownStatuses
 
+BLOCK = 1024
+"""Points whose slopes are gathered at once."""
+
 
 @dataclass(frozen=True)
 class LinearStarts(KnownStatuses):
@@ -44,3 +47,14 @@ class LinearStarts(KnownStatuses):
         """Statuses to start from at a point, (m,) bool."""
         near = self.nearest(point)
         return self.margins[near] + self.slopes[near] @ (point - self.points[near]) > 0
+
+    def starts(self, points: np.ndarray) -> np.ndarray:
+        """Statuses to start from at many points, (n, P): (n, m) bool, for the caller to change."""
+        offsets, directions = self.distances
+        active = np.empty((len(points), self.margins.shape[1]), dtype=bool)
+        for first in range(0, len(points), BLOCK):
+            part = points[first : first + BLOCK]
+            near = (offsets - part @ directions.T).argmin(axis=1)
+            moved = np.einsum("nmp,np->nm", self.slopes[near], part - self.points[near])
+            active[first : first + BLOCK] = self.margins[near] + moved > 0
+        return active

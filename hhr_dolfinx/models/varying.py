@@ -7,16 +7,19 @@ comes about is the business of an :class:`Elimination`: by factors of K~(mu), or
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import copy
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
+from hhr_dolfinx.contact.floating import FloatingEqualities, floating_set
 from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.models.answer import Answer, Fields, History, Path, WithOutputs, found_as, outcome
 from hhr_dolfinx.models.condensed import KnownStatuses, checked_start
-from hhr_dolfinx.models.gradient import gradient_of
+from hhr_dolfinx.models.gradient import Gradient, gradient_of, grazing
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedRange, check_outside
@@ -25,8 +28,29 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.many import ManyAnswers
 
 
+@dataclass(frozen=True, eq=False)
+class Floating:
+    """Rigid motions of bodies that nothing but contact holds, beside what elimination leaves (r motions).
+
+    Attributes:
+        equalities: on S with the motions.
+        driving: loads along the motions, (r,).
+        modes: the motions as primal unknowns, (n, r).
+        drift: maps forces and unknown to the derivatives along the parameters of what is out of balance along the
+            motions while both stay, (r, P).
+    """
+
+    equalities: FloatingEqualities
+    driving: np.ndarray
+    modes: np.ndarray
+    drift: Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
 class Elimination(Protocol):
-    """What is left of the primal unknown at one parameter (n unknowns, m conditions)."""
+    """What is left of the primal unknown at one parameter (n unknowns, m conditions).
+
+    One of bodies that only contact holds has an attribute ``floating`` besides, a :class:`Floating`.
+    """
 
     @property
     def schur(self) -> np.ndarray:
@@ -65,6 +89,8 @@ def answer_of(
     ``equalities`` are those of S, where another point with the same S has made them.
     """
     free_slack, schur = elimination.free_slack, elimination.schur
+    if getattr(elimination, "floating", None) is not None:
+        return _floating_answer(elimination, point, free_slack < 0 if start is None else start, pairs, fields, gradient)
     equalities = equalities_of(elimination) if equalities is None else equalities
     found = active_set(equalities, free_slack, free_slack < 0 if start is None else start, pairs=pairs)
     unknown = elimination.unknown(found.forces)
@@ -75,6 +101,25 @@ def answer_of(
     fixed = elimination.at_fixed_forces(found.forces, unknown)
     how = found.active, found.forces, slack, fixed, elimination.pushed
     return answer._replace(gradient=gradient_of(equalities, *how))
+
+
+def _floating_answer(
+    elimination: Any, point: np.ndarray, start: np.ndarray, pairs: Pairs | None, fields: Fields, gradient: bool
+) -> Answer:
+    """The same where rigid motions are unknowns too."""
+    floating: Floating = elimination.floating
+    equalities, free_slack = floating.equalities, elimination.free_slack
+    found, motions = floating_set(equalities, free_slack, floating.driving, start, pairs)
+    unknown = elimination.unknown(found.forces) + floating.modes @ motions
+    answer = found_as(found, point, unknown, fields)
+    if not gradient or found.status is not Status.CONVERGED:
+        return answer
+    slack = free_slack + elimination.schur @ found.forces - equalities.motions.taken @ motions
+    of_slack, of_unknown = elimination.at_fixed_forces(found.forces, unknown)
+    driven = floating.drift(found.forces, unknown)
+    changes, opened, moved = equalities.several(found.active, of_slack, driven)
+    of_unknown = of_unknown - elimination.pushed(changes) + floating.modes @ moved
+    return answer._replace(gradient=Gradient(of_unknown, changes, grazing(found.active, found.forces, slack), opened))
 
 
 def equalities_of(elimination: Elimination) -> SchurEqualities:
@@ -164,6 +209,12 @@ class VaryingModel(WithOutputs):
             answer = answer_of(before, point, start, *how, gradient=False, equalities=equalities)
             answers.append(outcome(answer, raise_on_failure, self._advice))
         return ManyAnswers.of(answers, self.fields)
+
+    def completed_by(self, fields: Fields) -> VaryingModel:
+        """The same model with other fields: on another mesh, or of another unknown."""
+        model = copy(self)
+        model.fields = fields
+        return model
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
         """Solve along a path; see :func:`solve_along`."""

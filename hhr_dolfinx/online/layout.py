@@ -15,6 +15,10 @@ CONDENSED_FLOW, CONDENSED_FLOW_VERSION = "hhr_dolfinx condensed flow model", 3
 """Format of files of condensed flow, see ``condensed_flow_file``."""
 LOCAL, LOCAL_VERSION = "hhr_dolfinx local models", 1
 """Format of files of local models, see ``local_file``; their models are of :data:`VERSION`."""
+SLOPES = {"known.margins", "known.slopes"}
+"""Of starts along derivatives; files of models whose answers are tabulated do not have them."""
+MOTIONS = "reduced.motions"
+"""How many modes are rigid motions; files of models without any do not have it."""
 CONE = "fields.force_snapshots"
 """What a file leaves out of a model whose bound completes forces."""
 VALUES = ("amplitudes", "laws", "outputs")
@@ -38,6 +42,7 @@ LAYOUT = {
     "reduced.contact_trial": ("float", "m", "ell"),
     "reduced.loads": ("float", "ell", "terms"),
     "reduced.pairs": ("int", "m"),
+    "reduced.motions": ("int",),
     "fields.basis": ("float", "N", "ell"),
     "fields.contact_basis": ("float", "N_lambda", "ell"),
     "fields.A_lambda": ("int", "m"),
@@ -56,6 +61,8 @@ LAYOUT = {
     "amplitudes.slopes": ("float", "affine terms", "P"),
     "known.points": ("float", "S", "P"),
     "known.active": ("bool", "S", "m"),
+    "known.margins": ("float", "S", "m"),
+    "known.slopes": ("float", "S", "m", "P"),
     "trained.lower": ("float", "P"),
     "trained.upper": ("float", "P"),
     "paths.slowest": ("float", "P"),

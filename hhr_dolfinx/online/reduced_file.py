@@ -23,11 +23,24 @@ from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.online.flow_parts import check_flow, flow_of, flow_taken_apart, part_of_flow
-from hhr_dolfinx.online.layout import CONE, INDICES, LAYOUT, MAY_BE_NONE, PACKED, TYPES, VALUES, Content
+from hhr_dolfinx.online.layout import (
+    CONE,
+    INDICES,
+    LAYOUT,
+    MAY_BE_NONE,
+    MOTIONS,
+    PACKED,
+    SLOPES,
+    TYPES,
+    VALUES,
+    Content,
+)
 from hhr_dolfinx.online.values import check_amplitudes, values_of, values_taken_apart
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plain import by_name
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
+
+_KNOWN = ("points", "active", "margins", "slopes")
 
 
 def reduced_parts(model: ReducedModel) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -116,7 +129,7 @@ def _layout(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
     parts |= {"trained", *(("paths",) if flows else ())} if trained else set()
     parts |= {"bound"} if "bound.schur" in names else set()
     parts |= {"output_bound"} if "output_bound.steepness" in names else set()
-    left_out = {CONE} - set(names)
+    left_out = {CONE, MOTIONS, *SLOPES} - set(names)
     return {name: kind for name, kind in LAYOUT.items() if name.split(".")[0] in parts and name not in left_out}
 
 
@@ -126,8 +139,10 @@ def _taken_apart(model: ReducedModel) -> dict[str, Any]:
     values = {f"{part}.{name}": item for part, value in parts.items() for name, item in vars(value).items()}
     if model.fields.force_snapshots is None:
         del values[CONE]
+    if not model.problem.motions:
+        del values[MOTIONS]
     if model.known is not None:
-        values |= {"known.points": model.known.points, "known.active": model.known.active}
+        values |= {f"known.{name}": item for name, item in vars(model.known).items() if name in _KNOWN}
     for part, kind in (("bound", ErrorBound), ("output_bound", object)):
         if (held := getattr(model.fields, part)) is not None and isinstance(held, kind):
             values |= {f"{part}.{name}": item for name, item in vars(held).items()}
@@ -165,6 +180,8 @@ def _checked(header: dict, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
         if array.size and not (array.min() >= 0 and array.max() < size):
             raise FileContentError(f"{name} has indices outside 0 .. {size - 1}")
     _check_contact(content)
+    if MOTIONS in arrays:
+        _check_motions(arrays, sizes)
     if "bound.schur" in arrays:
         _check_bound(arrays, sizes)
     return content
@@ -195,6 +212,13 @@ def _check_contact(content: Content) -> None:
         raise FileContentError("the trained range ends below its start")
     affine = arrays["amplitudes.constant"], arrays["amplitudes.slopes"]
     check_amplitudes(*affine, content.amplitudes, content.space, sizes["terms"])
+
+
+def _check_motions(arrays: Mapping[str, np.ndarray], sizes: Mapping[str, int]) -> None:
+    """Some modes, the first ones, on which K~ is zero."""
+    count, stiffness = int(arrays[MOTIONS]), arrays["reduced.stiffness"]
+    if not 0 < count < sizes["ell"] or stiffness[:, :count].any() or stiffness[:count].any():
+        raise FileContentError(f"{count} of {sizes['ell']} modes are no rigid motions")
 
 
 def _check_bound(arrays: Mapping[str, np.ndarray], sizes: Mapping[str, int]) -> None:
@@ -246,5 +270,14 @@ def _model(content: Content) -> ReducedModel:
         if fields.bound is None or fields.functionals is None or not own.fits(fields.functionals):
             raise FileContentError("its bounds of outputs are not those of its outputs")
         fields = replace(fields, output_bound=own)
-    known = KnownStatuses(**parts["known"]) if "known" in parts else None
+    known = _starts_of(parts["known"]) if "known" in parts else None
     return ReducedModel(ReducedProblem(**parts["reduced"]), content.space, fields, trained, known=known, flow=flow)
+
+
+def _starts_of(parts: dict[str, Any]) -> KnownStatuses:
+    """Known statuses, with derivatives where a file has them."""
+    if "slopes" not in parts:
+        return KnownStatuses(**parts)
+    from hhr_dolfinx.models.starts import LinearStarts
+
+    return LinearStarts(**parts)

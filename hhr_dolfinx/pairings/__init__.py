@@ -21,6 +21,7 @@ from typing import Protocol
 
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.pairings.surface import Surface, mean_normal, nodal_rows, tangential_order, unit, warn_of_overlap
+from hhr_dolfinx.parameters import Tag
 
 __all__ = [
     "ContactRows", "Pairing", "Surface", "mean_normal", "nodal_rows", "tangential_order", "unit", "warn_of_overlap",
@@ -31,7 +32,7 @@ class Pairing(Protocol):
     """What a scene expects of a contact pair."""
 
     @property
-    def tags(self) -> tuple[int, ...]:
+    def tags(self) -> tuple[Tag, ...]:
         """Facet tags of the surfaces."""
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:

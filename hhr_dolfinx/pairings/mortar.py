@@ -35,6 +35,7 @@ from hhr_dolfinx.pairings.surface import (
     warn_of_sag,
     warn_of_tilt,
 )
+from hhr_dolfinx.parameters import Tag
 
 COVERED = 0.1
 """Covered part of a node's area below which it has no condition: its gap would be extrapolated too far."""
@@ -57,8 +58,8 @@ class Mortar:
         multipliers: ``dual`` or ``standard``.
     """
 
-    slave: int
-    master: int
+    slave: Tag
+    master: Tag
     normal: tuple[float, ...] | None = None
     multipliers: str = "dual"
 
@@ -67,7 +68,7 @@ class Mortar:
             raise SceneError(f"multipliers '{self.multipliers}' are unknown, one of {', '.join(MULTIPLIERS)}")
 
     @property
-    def tags(self) -> tuple[int, ...]:
+    def tags(self) -> tuple[Tag, ...]:
         """Slave and master."""
         return (self.slave, self.master)
 

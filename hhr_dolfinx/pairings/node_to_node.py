@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.surface import Surface, check_facing, nodal_rows, tangential_order, unit, warn_of_overlap
+from hhr_dolfinx.parameters import Tag
 
 
 @dataclass(frozen=True)
@@ -23,12 +24,12 @@ class NodeToNode:
         normal: unit vector n, from the first to the second surface.
     """
 
-    first: int
-    second: int
+    first: Tag
+    second: Tag
     normal: tuple[float, ...]
 
     @property
-    def tags(self) -> tuple[int, ...]:
+    def tags(self) -> tuple[Tag, ...]:
         """Both surfaces."""
         return (self.first, self.second)
 

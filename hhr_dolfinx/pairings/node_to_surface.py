@@ -29,6 +29,7 @@ from hhr_dolfinx.pairings.surface import (
     warn_of_sag,
     warn_of_tilt,
 )
+from hhr_dolfinx.parameters import Tag
 
 BEYOND = 1e-6
 """Part of a facet by which a slave node may lie beyond the edge of the master surface: round-off of meshers."""
@@ -54,12 +55,12 @@ class NodeToSurface:
             and, against the smoothed outer normal of the master there, its own n for each node.
     """
 
-    slave: int
-    master: int
+    slave: Tag
+    master: Tag
     normal: tuple[float, ...] | None = None
 
     @property
-    def tags(self) -> tuple[int, ...]:
+    def tags(self) -> tuple[Tag, ...]:
         """Slave and master."""
         return (self.slave, self.master)
 
@@ -103,12 +104,12 @@ class DoublePass:
         normal: from the first to the second surface, or None; see :class:`NodeToSurface`.
     """
 
-    first: int
-    second: int
+    first: Tag
+    second: Tag
     normal: tuple[float, ...] | None = None
 
     @property
-    def tags(self) -> tuple[int, ...]:
+    def tags(self) -> tuple[Tag, ...]:
         """Both surfaces."""
         return (self.first, self.second)
 

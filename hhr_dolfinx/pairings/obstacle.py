@@ -10,7 +10,7 @@ import numpy as np
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.surface import Surface, check_facing, nodal_rows, tangential_order, unit, warn_of_overlap
-from hhr_dolfinx.parameters import is_number
+from hhr_dolfinx.parameters import Tag, is_number
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Obstacle:
         offset: position of the plane along n.
     """
 
-    surface: int
+    surface: Tag
     normal: tuple[float, ...]
     offset: float
 
@@ -35,7 +35,7 @@ class Obstacle:
             )
 
     @property
-    def tags(self) -> tuple[int, ...]:
+    def tags(self) -> tuple[Tag, ...]:
         """The surface of the body."""
         return (self.surface,)
 

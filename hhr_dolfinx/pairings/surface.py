@@ -12,6 +12,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import PairingWarning, SceneError
+from hhr_dolfinx.parameters import Tag
 
 CREASE = np.cos(np.deg2rad(40.0))
 """Facets that meet at more than 40 degrees form an edge; normals are not averaged across it."""
@@ -46,7 +47,7 @@ class Surface:
         depths: depth of the cell behind each facet, (f,): no body is thinner.
     """
 
-    tag: int
+    tag: Tag
     nodes: np.ndarray
     points: np.ndarray
     facets: np.ndarray
@@ -135,7 +136,7 @@ def touches_of(at_node: csc_matrix, nodes: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def make_surface(
-    tag: int,
+    tag: Tag,
     facet_nodes: np.ndarray,
     inner_points: np.ndarray,
     points: np.ndarray,

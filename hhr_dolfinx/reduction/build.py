@@ -24,13 +24,15 @@ from hhr_dolfinx.certify.trust import (
 )
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError, ReductionError
+from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.error_bound import Bound, ErrorBound
 from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.reduction.choice import basis_of, chosen_nodes
 from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.recipe import Recipe
-from hhr_dolfinx.reduction.rid import checked_nodes, reduced_domain
+from hhr_dolfinx.reduction.rid import reduced_domain
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
@@ -38,11 +40,10 @@ from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 if TYPE_CHECKING:
     from hhr_dolfinx.models.cubature_flow import CubatureFlow
     from hhr_dolfinx.models.reduced_flow import ReducedFlow
+    from hhr_dolfinx.models.starts import LinearStarts
 
 MOST_TRAINING_COMPARED = 50
 """Training solutions compared where none were held out, about."""
-ORTHONORMAL = 1e-8
-"""What round-off leaves of products of modes that are zero, and of modes on imposed dofs."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +146,7 @@ def build(
         if held_out is None:
             log.skip("held_out", "nothing was kept out of training: training answers were compared")
     with log.stage("basis"):
-        basis = _basis_of(recipe.basis, full.problem, snapshots)
+        basis = basis_of(recipe.basis, full.problem, snapshots)
     with log.stage("rid"):
         touching = full.problem.touching()
         nodes = chosen_nodes(full.problem, snapshots, recipe, basis)
@@ -178,7 +179,7 @@ def sizes(full: Any, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
     """
     problem = full.problem
     _check_given(full, snapshots, recipe, None)
-    basis = _basis_of(recipe.basis, problem, snapshots)
+    basis = basis_of(recipe.basis, problem, snapshots)
     nodes = chosen_nodes(problem, snapshots, recipe, basis)
     sets = reduced_domain(problem.touching(), nodes, recipe.domain.layers)
     kappa_max = np.inf if recipe.enrichment is None else recipe.enrichment.kappa_max
@@ -209,25 +210,6 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
         size = full.equilibrium.material.gauss_points
         if (given := len(solutions.states[0].state.cumulated)) != size:
             raise ReductionError(f"{name} have {given} Gauss points, the model {size}: they belong to another mesh")
-
-
-def _basis_of(step, problem, snapshots) -> np.ndarray:
-    """The basis of a step, of a user's own maybe, as the equations are written for it."""
-    basis, rows = np.asarray(step.modes(problem, snapshots)), len(problem.free)
-    if basis.ndim != 2 or len(basis) != rows or not 0 < basis.shape[1] <= rows or not np.isfinite(basis).all():
-        raise ReductionError(f"modes of {step!r} have the shape {basis.shape}: finite ones ({rows}, ell) are needed")
-    if np.abs(basis[~problem.free]).max(initial=0.0) > ORTHONORMAL:
-        raise ReductionError(f"modes of {step!r} move imposed dofs: make them of snapshots.displacements")
-    if np.abs(basis.T @ basis - np.eye(basis.shape[1])).max() > ORTHONORMAL:
-        raise ReductionError(f"modes of {step!r} are not orthonormal: return np.linalg.qr(modes)[0]")
-    return basis
-
-
-def chosen_nodes(problem: ContactProblem, snapshots: SnapshotSet, recipe: Recipe, basis: np.ndarray) -> np.ndarray:
-    """Numbers of the nodes around which the RID of a recipe is built, those of a user's own choices too."""
-    found = [np.asarray(step.nodes(problem, snapshots, basis)) for step in recipe.nodes]
-    known = [checked_nodes(one, len(problem.points), repr(step)) for one, step in zip(found, recipe.nodes, strict=True)]
-    return np.unique(np.concatenate(known))
 
 
 def _attempt(shared: _Offline, layers: int) -> ReducedModel:
@@ -268,6 +250,8 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
         model = ReducedModel(reduced, full.parameters, fields, range_, known=known, flow=flow)
         if problem.varies and flow is None:
             model = _eliminated_between(model, full, log)
+        elif isinstance(model._elastic, CondensedModel) and not model._elastic.tabulated:
+            model = model.changed(known=_starts_along(model._elastic))
     margin = _checked_margin(shared, model, layers)
     with log.stage("validation"):
         comparison, trained = _compared(shared, model)
@@ -322,11 +306,21 @@ def _functionals(full: Any, basis: np.ndarray) -> Any:
     return reshaped_functionals(full.functionals, full.problem, basis, SHAPE_GRID)
 
 
+def _starts_along(model: CondensedModel) -> LinearStarts:
+    """Starts of a model whose answers are not tabulated; the module is loaded where there is one."""
+    from hhr_dolfinx.reduction.starts import starts_along
+
+    return starts_along(model)
+
+
 def _eliminated_between(model: ReducedModel, full: Any, log: StageLog) -> ReducedModel:
     """A model whose K~ depends on parameters, eliminated between few of them; statuses start along derivatives."""
     from hhr_dolfinx.reduction.interpolate_reduced import interpolated_reduction, interpolated_shapes, reshaped_contact
     from hhr_dolfinx.reduction.starts import linear_starts
 
+    if model.problem.motions:
+        log.skip("interpolation", "contact alone holds bodies: K~ is factored for each query")
+        return model
     if full.problem.reshaped is None:
         compliances, _ = interpolated_reduction(model.problem, model.fields.amplitudes, model.parameters)
     else:

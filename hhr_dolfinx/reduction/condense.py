@@ -85,11 +85,7 @@ def condense(
         StabilityWarning: if a grid spent its budget before it had settled.
     """
     problem: ContactProblem = full.problem
-    if full.equilibrium is not None or not problem.varies:
-        raise ReductionError(
-            f"the stiffness of scene '{full.scene.name}' does not depend on parameters, or its bodies flow: "
-            "interpolated condensation is for elastic bodies that vary; take exact_condensation"
-        )
+    _check_scene(full)
     problem.require_whole()
     check_of_problem("snapshots", snapshots, problem)
     log = StageLog()
@@ -176,3 +172,18 @@ def _fields_seen(compliances: Compliances, solvers: list[Solver], known: LinearS
             point[part.interpolant.axes] = node
             found.append(solver.fields_at(point, forces))
     return found
+
+
+def _check_scene(full: Any) -> None:
+    """Raise ReductionError for a scene that interpolated condensation is not for."""
+    problem: ContactProblem = full.problem
+    if full.equilibrium is not None or not problem.varies:
+        raise ReductionError(
+            f"the stiffness of scene '{full.scene.name}' does not depend on parameters, or its bodies flow: "
+            "interpolated condensation is for elastic bodies that vary; take exact_condensation"
+        )
+    if problem.rigid is not None:
+        raise ReductionError(
+            f"contact alone holds bodies of scene '{full.scene.name}', and their elasticity depends on parameters: "
+            "interpolated condensation is not built in for these. Take a reduced model, training.build()"
+        )

@@ -256,12 +256,12 @@ def _digest_of(full: Any) -> bytes:
 
     The bounds of the parameters are left out: a wider box finds the solutions of the narrower one. Amplitudes that are
     not affine are left out too: each question holds what they are at its point. Of laws with formulas these stand here,
-    since a step may be cut, and what such a law answers in the questions. Where a machine assembles other last
-    digits, snapshots are solved anew.
+    since a step may be cut, and what such a law answers in the questions. Rigid motions follow from the rest. Where a
+    machine assembles other last digits, snapshots are solved anew.
     """
     digest = hashlib.sha256(f"{FORMAT} {VERSION} of hhr_dolfinx {__version__}\0".encode())
     problem: ContactProblem = full.problem
-    others = ("amplitudes", "parameters", "moduli", "reshaped")
+    others = ("amplitudes", "parameters", "moduli", "reshaped", "rigid", "resting", "pins", "loose")
     parts = [getattr(problem, item.name) for item in fields(problem) if item.name not in others]
     parts += [problem.parameters.names, problem.amplitudes.constant, problem.amplitudes.slopes]
     parts += [text for modulus in problem.moduli for text in (modulus.factor, modulus.rest)]

@@ -10,6 +10,8 @@ def advice(report: dict[str, Any]) -> str:
     """Which method a scene should use, and why: elastic, with a stiffness or a shape of parameters, or flowing."""
     if "condensed_full" not in report["times"]:
         return advice_flowing(report)
+    if report["times"]["condensed_full"] is None:
+        return advice_alone(report)
     return advice_varying(report) if "offline_condensed" in report["times"] else advice_exact(report)
 
 
@@ -33,6 +35,17 @@ def advice_exact(report: dict[str, Any]) -> str:
             "Use the hyper-reduced model where the displacement field is not needed for every query or memory is short."
         )
     return f"Use the hyper-reduced model: {figures}. Use exact condensation where no error can be afforded."
+
+
+def advice_alone(report: dict[str, Any]) -> str:
+    """Whether the hyper-reduced model is worth it where there is no condensation beside it."""
+    times, error = report["times"], report["errors"]["dual_full_floored"]
+    reduced, best = times["online"]["median"], times["fom_best"]["median"]
+    return (
+        f"Use {'the hyper-reduced model' if reduced < best else 'the full order'}: forces take {in_words(reduced)} by "
+        f"the hyper-reduced model and {in_words(best)} by the best full order (force errors {error['median']:.1%} "
+        f"median, {error['max']:.1%} at most). No condensation is built in for this scene."
+    )
 
 
 def advice_varying(report: dict[str, Any]) -> str:

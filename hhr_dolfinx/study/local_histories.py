@@ -26,7 +26,8 @@ from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.models.local_histories import LocalHistories
 from hhr_dolfinx.parameters import is_whole
-from hhr_dolfinx.reduction.build import build, chosen_nodes, usual_recipe
+from hhr_dolfinx.reduction.build import build, usual_recipe
+from hhr_dolfinx.reduction.choice import chosen_nodes
 from hhr_dolfinx.reduction.recipe import Recipe, Rid
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import StageLog

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from pathlib import Path
@@ -167,18 +168,31 @@ def field_grid(full: FullOrderModel, rid_cells: np.ndarray, fields: dict[str, np
 
 
 def plot_fields(grids: list[pyvista.UnstructuredGrid], names: list[str], path: Path) -> None:
-    """Scalar fields of points or cells side by side, each on its mesh."""
+    """Scalar fields of points or cells in rows of three, each on its mesh; the RID in two colours."""
     flat = np.ptp(grids[0].points[:, 2]) == 0
-    plotter = pyvista.Plotter(off_screen=True, shape=(1, len(names)), window_size=(420 * len(names), 700), border=False)
-    bar = {"vertical": False, "title_font_size": 16, "label_font_size": 13, "n_labels": 3, "color": "k"}
+    columns = min(len(names), 3)
+    rows = -(-len(names) // columns)
+    plotter = pyvista.Plotter(
+        off_screen=True, shape=(rows, columns), window_size=(620 * columns, 520 * rows), border=False
+    )
+    bar = {"vertical": False, "label_font_size": 15, "n_labels": 4, "color": "k", "position_y": 0.02, "fmt": "%.3g",
+           "width": 0.6, "position_x": 0.2}  # fmt: skip
     for k, (grid, name) in enumerate(zip(grids, names, strict=True)):
-        plotter.subplot(0, k)
-        plotter.add_mesh(
-            grid.copy(), scalars=name, cmap="viridis", scalar_bar_args={"title": name, **bar}, lighting=not flat
-        )
+        plotter.subplot(*divmod(k, columns))
+        drawn, title = grid.copy(), name
+        if name == "rid":
+            plotter.add_mesh(drawn, scalars=name, cmap=["#d9d9d9", "#c0392b"], show_scalar_bar=False, lighting=not flat)
+            title = f"RID: {int(grid.cell_data[name].sum())} of {grid.n_cells} cells"
+        else:
+            plotter.add_mesh(
+                drawn, scalars=name, cmap="viridis", scalar_bar_args={"title": name, **bar}, lighting=not flat
+            )
+            # the name stands above the picture, where it lies on nothing
+            plotter.scalar_bars[name].SetTitle("")
+        plotter.add_text(title, position="upper_edge", font_size=10, color="k")
         if flat:
             plotter.view_xy()
-            plotter.camera.tight(padding=0.15, adjust_render_window=False)
+            plotter.camera.tight(padding=0.35, adjust_render_window=False)
         else:
             # from the side of the planes of symmetry, where the inside of a quarter model shows
             plotter.view_vector((-1.0, -1.4, 0.6))
@@ -222,26 +236,43 @@ def plot_curves(
 
 
 def plot_work_precision(rows: list[dict[str, Any]], path: Path) -> None:
-    """Error against run time of every method; those exact to round-off stand as lines at their time."""
-    figure = Figure(figsize=(11, 4.5), layout="constrained")
-    axes = figure.subplots(1, 2)
-    for axis, error in zip(axes, ("primal_l2", "dual_full_floored"), strict=True):
-        measured = [row for row in rows if "online_s" in row]
-        for method in dict.fromkeys(row["method"] for row in measured):
-            points = sorted(
-                (row["online_s"] * 1e6, row[error], row["setting"]) for row in measured if row["method"] == method
-            )
-            if all(value < ROUND_OFF for _, value, _ in points):
-                axis.axvline(points[0][0], linestyle="--", color="grey")
-                upright = {"rotation": 90, "va": "top", "transform": axis.get_xaxis_transform()}
-                axis.text(points[0][0], 0.98, f" {method}", **upright)
-                continue
-            axis.loglog([p[0] for p in points], [p[1] for p in points], "o", label=method)
-            for x, y, setting in points:
-                axis.annotate(setting, (x, y), textcoords="offset points", xytext=(6, 3), fontsize=8)
-        axis.set(xscale="log", yscale="log", xlabel="time per query [us]", ylabel=f"median {error}")
-        axis.legend()
+    """Error against run time of every method, with the Pareto front; those exact to round-off stand as lines."""
+    measured = [row for row in rows if "online_s" in row]
+    shown = {"primal_l2": "displacement, median", "dual_full_floored": "forces on the whole surface, median",
+             "dual_full_floored_max": "forces on the whole surface, worst"}  # fmt: skip
+    figure = Figure(figsize=(15, 4.8), layout="constrained")
+    for axis, (error, label) in zip(figure.subplots(1, 3), shown.items(), strict=True):
+        axis.set(xscale="log", yscale="log", xlabel="time per query [us]", ylabel=f"error: {label}")
+        exact = [row for row in measured if row[error] < ROUND_OFF]
+        for k, row in enumerate(sorted(exact, key=lambda row: row["online_s"])):
+            at = row["online_s"] * 1e6
+            axis.axvline(at, linestyle="--", color="grey", linewidth=0.8)
+            # one below the other, since their times may be close
+            upright = {"rotation": 90, "va": "top", "ha": "right", "transform": axis.get_xaxis_transform()}
+            axis.text(at, 0.98 - 0.27 * (k % 3), row["method"], fontsize=8, color="grey", **upright)
+        points = [(row["online_s"] * 1e6, row[error], row) for row in measured if row[error] >= ROUND_OFF]
+        for method in dict.fromkeys(row["method"] for _, _, row in points):
+            own = [(x, y) for x, y, row in points if row["method"] == method]
+            axis.plot(*zip(*own, strict=True), "o", label=method)
+        front = _front([point for point in points if math.isfinite(point[1])])
+        if len(front) > 1:
+            axis.plot([x for x, _, _ in front], [y for _, y, _ in front], "-", color="black", linewidth=0.8, zorder=0)
+        for k, (x, y, row) in enumerate(front):
+            # what is on the front is told apart; all of them are in the table
+            place = {"xytext": (6, 8 if k % 2 else -14), "textcoords": "offset points"}
+            axis.annotate(row["setting"], (x, y), fontsize=8, **place)
+        if points:
+            axis.legend(fontsize=8)
     _save(figure, path)
+
+
+def _front(points: list[tuple[float, float, Any]]) -> list[tuple[float, float, Any]]:
+    """Points that no other one beats in time and error."""
+    found: list[tuple[float, float, Any]] = []
+    for point in sorted(points, key=lambda point: point[:2]):
+        if not found or point[1] < found[-1][1]:
+            found.append(point)
+    return found
 
 
 def _save(figure: Figure, path: Path) -> None:

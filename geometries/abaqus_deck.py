@@ -1,0 +1,197 @@
+"""Nodes, elements, sets and surfaces of an Abaqus or CalculiX deck (``.inp``).
+
+meshio reads such decks too, but knows no elements of plane strain or of revolution and no surfaces, and keeps the last
+one of several blocks of elements that name the same set.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from hhr_dolfinx.errors import FileContentError
+from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES
+from hhr_dolfinx.geometries.raw_mesh import RawMesh
+
+_PLANE = ("CPE", "CPS", "CAX", "CPEG", "S", "M3D", "R3D", "SFM3D")
+_COUNTS = {2: {3: "triangle", 6: "triangle", 4: "quadrilateral", 8: "quadrilateral"},
+           3: {4: "tetrahedron", 10: "tetrahedron", 8: "hexahedron", 20: "hexahedron"}}  # fmt: skip
+"""Kinds of cells by dimension and number of nodes."""
+
+
+@dataclass
+class _Deck:
+    """What has been read so far.
+
+    Attributes:
+        nodes: coordinates by number.
+        elements: kind and corners by number.
+        node_sets, element_sets: numbers by name in capitals.
+        faces: of surfaces by name in capitals: an element or a set, and a face.
+        spelling: names as they were first written, by kind of set and name in capitals.
+    """
+
+    nodes: dict[int, list[float]] = field(default_factory=dict)
+    elements: dict[int, tuple[str, list[int]]] = field(default_factory=dict)
+    node_sets: dict[str, list[int]] = field(default_factory=dict)
+    element_sets: dict[str, list[int]] = field(default_factory=dict)
+    faces: dict[str, list[tuple[str, str]]] = field(default_factory=dict)
+    spelling: dict[tuple[str, str], str] = field(default_factory=dict)
+    parts: set[str] = field(default_factory=set)
+
+    def named(self, kind: str, name: str) -> str:
+        """A name in capitals, as Abaqus compares them."""
+        self.spelling.setdefault((kind, name.upper()), name)
+        return name.upper()
+
+
+def read_deck(path: Path) -> RawMesh:
+    """The mesh of a deck, with its includes; raises FileContentError for what is none."""
+    deck = _Deck()
+    for line, keyword, options, rows in _blocks(path):
+        try:
+            _take(deck, keyword, options, rows)
+        except (ValueError, IndexError) as error:
+            raise FileContentError(f"{path}, block *{keyword} at line {line}: {error}") from None
+    return _mesh_of(deck, path)
+
+
+def _blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[str]]]]:
+    """Keyword, options and data lines of each block, and the line it begins at; included files in their place."""
+    options: dict[str, str] = {}
+    rows: list[list[str]] = []
+    keyword, start, more = "", 0, False
+    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
+        if line.startswith("**") or not line.strip():
+            continue
+        words = [word.strip() for word in line.split(",")]
+        if not line.lstrip().startswith("*"):
+            if more and rows and keyword == "ELEMENT":
+                # a line that ends in a comma goes on in the next one
+                rows[-1] = [*rows[-1], *(word for word in words if word)]
+            else:
+                rows.append([word for word in words if word] if keyword == "ELEMENT" else words)
+            more = line.rstrip().endswith(",")
+            continue
+        if keyword:
+            yield start, keyword, options, rows
+        keyword, start, rows, more = " ".join(words[0].lstrip("* ").upper().split()), number, [], False
+        pairs = (word.partition("=") for word in words[1:] if word)
+        options = {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
+        if keyword == "INCLUDE":
+            yield from _blocks(path.parent / options.get("INPUT", ""))
+            keyword = ""
+    if keyword:
+        yield start, keyword, options, rows
+
+
+def _take(deck: _Deck, keyword: str, options: dict[str, str], rows: list[list[str]]) -> None:
+    """Add a block to what has been read; others than those of a mesh are passed over."""
+    if keyword == "NODE":
+        deck.nodes |= {int(row[0]): [float(x) for x in row[1:4] if x] for row in rows}
+        if "NSET" in options:
+            deck.node_sets.setdefault(deck.named("nset", options["NSET"]), []).extend(int(row[0]) for row in rows)
+    elif keyword == "ELEMENT":
+        _elements(deck, options, rows)
+    elif keyword in ("NSET", "ELSET"):
+        sets = deck.node_sets if keyword == "NSET" else deck.element_sets
+        name = deck.named(keyword.lower(), options[keyword])
+        sets.setdefault(name, []).extend(_members(sets, rows, "GENERATE" in options))
+    elif keyword == "SURFACE":
+        name = deck.named("surface", options["NAME"])
+        if options.get("TYPE", "ELEMENT").upper() == "NODE":
+            deck.node_sets.setdefault(deck.named("nset", options["NAME"]), []).extend(
+                _members(deck.node_sets, rows, False)
+            )
+        else:
+            deck.faces.setdefault(name, []).extend((row[0], row[1].upper() if len(row) > 1 else "") for row in rows)
+    elif keyword == "INSTANCE":
+        deck.parts.add(options.get("PART", ""))
+        if rows or len(deck.parts) > 1:
+            raise ValueError("parts and instances that are moved are not understood: write a flat deck, in Abaqus by "
+                             "'Do not use parts and assemblies in input files'")  # fmt: skip
+    elif keyword == "SYSTEM" and rows:
+        raise ValueError("nodes in a coordinate system of their own (*SYSTEM) are not understood")
+
+
+def _elements(deck: _Deck, options: dict[str, str], rows: list[list[str]]) -> None:
+    """Add a block of elements; masses, springs and the like have no cells."""
+    name = options["TYPE"].upper()
+    kinds = _COUNTS[2 if name.startswith(_PLANE) else 3]
+    if name.startswith(("MASS", "SPRING", "DASHPOT", "T2D", "T3D", "B2", "B3", "D", "CONN", "GAP", "U")):
+        return
+    for row in rows:
+        number, *nodes = (int(word) for word in row)
+        if len(nodes) not in kinds:
+            raise ValueError(f"element {number} of type {name} has {len(nodes)} nodes, which is not understood")
+        kind = kinds[len(nodes)]
+        deck.elements[number] = kind, nodes[: CORNERS[kind]]
+    if "ELSET" in options:
+        members = deck.element_sets.setdefault(deck.named("elset", options["ELSET"]), [])
+        members.extend(int(row[0]) for row in rows)
+
+
+def _members(sets: dict[str, list[int]], rows: list[list[str]], ranges: bool) -> list[int]:
+    """Numbers of a set: one by one, as ranges, or those of other sets."""
+    found: list[int] = []
+    for row in rows:
+        words = [word for word in row if word]
+        if ranges:
+            first, last, step = (*(int(word) for word in words), 1)[:3]
+            found.extend(range(first, last + 1, step))
+            continue
+        for word in words:
+            if word.lstrip("+-").isdigit():
+                found.append(int(word))
+            elif word.upper() in sets:
+                found.extend(sets[word.upper()])
+            else:
+                raise ValueError(f"there is no set '{word}' before it")
+    return found
+
+
+def _mesh_of(deck: _Deck, path: Path) -> RawMesh:
+    """Arrays of a deck: cells of the highest dimension, and sets of them."""
+    dimensions = {DIMENSION[kind] for kind, _ in deck.elements.values()}
+    if not dimensions:
+        raise FileContentError(f"{path} has no elements of the plane or of space")
+    cells = {number: item for number, item in deck.elements.items() if DIMENSION[item[0]] == max(dimensions)}
+    kinds = {kind for kind, _ in cells.values()}
+    if len(kinds) > 1:
+        raise FileContentError(f"{path} mixes {' and '.join(sorted(kinds))}: mesh all bodies with cells of one kind")
+    (kind,) = kinds
+    lost = next((number for number, (_, nodes) in cells.items() if not deck.nodes.keys() >= set(nodes)), None)
+    if lost is not None:
+        raise FileContentError(f"{path}: element {lost} has a node that is not in the deck")
+    lengths = {len(point) for point in deck.nodes.values()}
+    if len(lengths) > 1:
+        raise FileContentError(f"{path}: some nodes have {min(lengths)} coordinates and others {max(lengths)}")
+    node_of = {number: k for k, number in enumerate(deck.nodes)}
+    row_of = {number: k for k, number in enumerate(cells)}
+    bodies = {deck.spelling["elset", name]: np.array([row_of[n] for n in numbers if n in row_of], dtype=np.int64)
+              for name, numbers in deck.element_sets.items()}  # fmt: skip
+    array = np.array([[node_of[n] for n in nodes] for _, nodes in cells.values()], dtype=np.int64)
+    surfaces = {deck.spelling["surface", name]: _faces(deck, faces, kind, array, row_of, name)
+                for name, faces in deck.faces.items()}  # fmt: skip
+    nodes = {deck.spelling["nset", name]: np.array([node_of[n] for n in numbers if n in node_of], dtype=np.int64)
+             for name, numbers in deck.node_sets.items()}  # fmt: skip
+    bodies = {name: rows for name, rows in bodies.items() if rows.size} or {"all": np.arange(len(array))}
+    return RawMesh(np.array(list(deck.nodes.values())), kind, array, bodies, surfaces, nodes)
+
+
+def _faces(
+    deck: _Deck, faces: list[tuple[str, str]], kind: str, cells: np.ndarray, row_of: dict[int, int], name: str
+) -> np.ndarray:
+    """Corners of the faces of a surface, (f, k)."""
+    corners, found = np.array(FACES[kind]), []
+    for given, face in faces:
+        numbers = [int(given)] if given.isdigit() else deck.element_sets.get(given.upper(), [])
+        rows = [row_of[n] for n in numbers if n in row_of]
+        number = int(face[1:]) if face[1:].isdigit() else 0
+        if not rows or not face.startswith("S") or not 1 <= number <= len(corners):
+            raise FileContentError(f"surface '{name}': '{given}, {face}' is no face of cells that are there")
+        found.append(cells[rows][:, corners[number - 1]])
+    return np.concatenate(found) if found else np.zeros((0, corners.shape[1]), dtype=np.int64)

@@ -1,0 +1,40 @@
+"""Kinds of cells by their names in mesh files: corners, faces, and the order in which DOLFINx lists nodes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+FACES = {
+    "triangle": ((0, 1), (1, 2), (2, 0)),
+    "quadrilateral": ((0, 1), (1, 2), (2, 3), (3, 0)),
+    "tetrahedron": ((0, 1, 2), (0, 1, 3), (1, 2, 3), (2, 0, 3)),
+    "hexahedron": ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+}
+"""Corners of the faces of a cell, in the order of Abaqus' and Exodus' faces 1, 2, ... of plane cells and of Abaqus' in
+space; nodes as most formats list them."""
+CORNERS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
+DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+KINDS = {
+    "triangle": "triangle", "triangle6": "triangle", "triangle7": "triangle",
+    "quad": "quadrilateral", "quad8": "quadrilateral", "quad9": "quadrilateral",
+    "tetra": "tetrahedron", "tetra10": "tetrahedron",
+    "hexahedron": "hexahedron", "hexahedron20": "hexahedron", "hexahedron27": "hexahedron",
+}  # fmt: skip
+"""Kinds of cells that are understood, by meshio's names; of curved ones the corners are taken."""
+FACET_KINDS = {"line": 2, "line3": 2, "triangle": 3, "triangle6": 3, "triangle7": 3, "quad": 4, "quad8": 4, "quad9": 4}
+"""Corners of what facets may be."""
+TENSOR = {"quadrilateral": [0, 1, 3, 2], "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6]}
+"""Places of the nodes of a cell in the order that DOLFINx wants."""
+TENSOR_FACET = [0, 1, 3, 2]
+
+
+def faces(kind: str, cells: np.ndarray) -> np.ndarray:
+    """Corners of all faces of cells, (c, faces, k)."""
+    return cells[:, np.array(FACES[kind])]
+
+
+def outer_faces(kind: str, cells: np.ndarray) -> np.ndarray:
+    """Corners of the faces that belong to one cell only, (f, k)."""
+    every = faces(kind, cells).reshape(-1, len(FACES[kind][0]))
+    _, first, count = np.unique(np.sort(every, axis=1), axis=0, return_index=True, return_counts=True)
+    return every[first[count == 1]]

@@ -1,0 +1,183 @@
+"""Meshes from files: gmsh's ``.msh``, Abaqus' ``.inp``, Exodus, MED, XDMF, and whatever else meshio reads.
+
+Bodies and surfaces have the names that the file gives them: physical groups of gmsh, sets and surfaces of Abaqus,
+blocks and side sets of Exodus, groups of MED. A set of nodes stands for the outer facets that it holds wholly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import redirect_stdout, suppress
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hhr_dolfinx.compat import NamedMesh, extra, linear_mesh, tags_of
+from hhr_dolfinx.errors import FileContentError, HHRError, SceneError
+from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACET_KINDS, KINDS
+from hhr_dolfinx.geometries.raw_mesh import Numbers, RawMesh, facets_by_number
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """A geometry: the mesh of a file, whose bodies and surfaces are known by their names.
+
+    Attributes:
+        path: the file.
+        scale: what its coordinates are multiplied by: 1e-3 for a file in mm and a scene in m.
+    """
+
+    path: Path | str
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.path, Path | str):
+            raise SceneError(f"the path {self.path!r} of a mesh file must be a text or a Path")
+        if not isinstance(self.scale, int | float) or not 0 < self.scale < np.inf:
+            raise SceneError(f"the scale {self.scale!r} of mesh file {self.path} must be a positive number")
+
+    def __call__(self, comm: Comm) -> NamedMesh:
+        """Read on the first rank, shared out among all.
+
+        Raises:
+            FileContentError: for a file that cannot be read, or holds no mesh of one kind of cells.
+        """
+        raw, error = None, None
+        if comm.rank == 0:
+            try:
+                raw = self.read()
+            except HHRError as found:
+                error = found
+        error = comm.bcast(error)
+        if error is not None:
+            raise error
+        return _shared(raw, comm, self.scale)
+
+    def read(self) -> RawMesh:
+        """What the file holds, before it is shared out."""
+        path = Path(self.path)
+        if not path.is_file():
+            beside = (
+                sorted(item.name for item in path.parent.glob(f"*{path.suffix}"))[:5] if path.parent.is_dir() else []
+            )
+            hint = f": {path.parent} has {', '.join(beside)}" if beside else f": {path.absolute()} is looked for"
+            raise FileContentError(f"there is no mesh file {path}{hint}")
+        try:
+            return _reader(path)(path).compact()
+        except HHRError:
+            raise
+        except Exception as error:
+            # readers of other people's files fail in many ways
+            raise FileContentError(f"mesh file {path} cannot be read: {type(error).__name__}: {error}") from error
+
+
+def _reader(path: Path) -> Any:
+    """What reads a file, by its ending."""
+    ending = path.suffix.lower()
+    if ending == ".inp":
+        from hhr_dolfinx.geometries.abaqus_deck import read_deck
+
+        return read_deck
+    if ending in (".e", ".ex2", ".exo", ".exii"):
+        from hhr_dolfinx.geometries.exodus import read_exodus
+
+        return read_exodus
+    return read_by_meshio
+
+
+def read_by_meshio(path: Path) -> RawMesh:
+    """Whatever meshio reads; sets by the names of gmsh, MED and meshio's own, else by numbers."""
+    with extra("mesh", f"the mesh file {path}"):
+        import meshio
+    said = StringIO()
+    # it says on the console what it cannot read, and ends the program
+    try:
+        with redirect_stdout(said):
+            mesh = meshio.read(path)
+    except SystemExit:
+        raise FileContentError(f"mesh file {path} cannot be read: {' '.join(said.getvalue().split())}") from None
+    there = [block.type for block in mesh.cells if block.type in KINDS]
+    if not there:
+        kinds = sorted({block.type for block in mesh.cells})
+        raise FileContentError(f"{path} has cells of kinds {kinds}, and none of {sorted(KINDS)}")
+    dim = max(DIMENSION[KINDS[kind]] for kind in there)
+    kinds = sorted({KINDS[kind] for kind in there if DIMENSION[KINDS[kind]] == dim})
+    if len(kinds) > 1:
+        raise FileContentError(f"{path} mixes {' and '.join(kinds)}: mesh all bodies with cells of one kind")
+    (kind,) = kinds
+    own = [k for k, block in enumerate(mesh.cells) if KINDS.get(block.type) == kind]
+    width = 2 if dim == 2 else {"tetrahedron": 3, "hexahedron": 4}[kind]
+    sides = [k for k, block in enumerate(mesh.cells) if FACET_KINDS.get(block.type) == width and k not in own]
+    cells, facets = _corners(mesh, own, CORNERS[kind]), _corners(mesh, sides, width)
+    bodies = _sets(mesh, own, dim)
+    surfaces = {name: facets[rows] for name, rows in _sets(mesh, sides, dim - 1).items()}
+    nodes = {str(name): np.asarray(rows) for name, rows in mesh.point_sets.items()}
+    return RawMesh(mesh.points, kind, cells, bodies or {1: np.arange(len(cells))}, surfaces, nodes)
+
+
+def _corners(mesh: Any, blocks: list[int], count: int) -> np.ndarray:
+    """Corners of the cells of some blocks, (c, count)."""
+    parts = [np.asarray(mesh.cells[k].data)[:, :count] for k in blocks]
+    return np.concatenate(parts) if parts else np.zeros((0, count), dtype=np.int64)
+
+
+def _sets(mesh: Any, blocks: list[int], dim: int) -> dict[str | int, np.ndarray]:
+    """Places in some blocks, one after another, by name or number."""
+    starts = np.cumsum([0, *(len(mesh.cells[k].data) for k in blocks)])
+    found: dict[str | int, list[np.ndarray]] = {}
+    for name, parts in mesh.cell_sets.items():
+        if not name.startswith("gmsh:"):
+            rows = [start + np.asarray(parts[k], dtype=np.int64) for start, k in zip(starts, blocks, strict=False)
+                    if parts[k] is not None]  # fmt: skip
+            found.setdefault(name, []).extend(rows)
+    names = _names_of_numbers(mesh, dim)
+    for key in ("gmsh:physical", "cell_tags", "medit:ref", "gambit:group", "su2:tag", "MaterialID"):
+        for start, k in zip(starts, blocks, strict=False):
+            if key in mesh.cell_data:
+                values = np.asarray(mesh.cell_data[key][k]).ravel()
+                for value in np.unique(values[values != 0]).tolist():
+                    rows = start + np.flatnonzero(values == value)
+                    for name in (value, *names.get(value, ())):
+                        if name is value or name not in mesh.cell_sets:
+                            found.setdefault(name, []).append(rows)
+    sets = {name: np.concatenate(parts) for name, parts in found.items() if parts}
+    # numbers of MED are negative, and stand for its groups
+    return {name: rows for name, rows in sets.items() if rows.size and not (isinstance(name, int) and name < 0)}
+
+
+def _names_of_numbers(mesh: Any, dim: int) -> Mapping[int, list[str]]:
+    """Names of a number of the cells of a dimension: physical groups of gmsh, groups of MED."""
+    names: dict[int, list[str]] = {}
+    for name, group in mesh.field_data.items():
+        with suppress(TypeError, ValueError, IndexError):
+            if int(group[1]) == dim:
+                names.setdefault(int(group[0]), []).append(name)
+    for number, own in getattr(mesh, "cell_tags", {}).items():
+        names.setdefault(int(number), []).extend(own)
+    return names
+
+
+def _arrays(raw: RawMesh, scale: float) -> tuple[tuple[np.ndarray, ...], Any]:
+    """Points, cells, tagged cells and facets, the tags of both; and the names of tags."""
+    bodies, (facets, surfaces) = Numbers.of(raw.bodies, len(raw.cells)), facets_by_number(raw)
+    cells = raw.ordered()
+    groups = [(name, (dim, numbers)) for dim, sets in ((raw.dim, bodies.sets), (raw.dim - 1, surfaces.sets))
+              for name, numbers in sets.items()]  # fmt: skip
+    return (raw.points * scale, cells, cells[bodies.items], facets, bodies.values, surfaces.values), groups
+
+
+def _shared(raw: RawMesh | None, comm: Comm, scale: float) -> NamedMesh:
+    """The mesh of the first rank, shared out."""
+    arrays, groups = ((), None) if raw is None else _arrays(raw, scale)
+    kind, groups, shapes = comm.bcast(raw and (raw.kind, groups, [array.shape[1:] for array in arrays]))
+    points, cells, *tagged = arrays or (np.zeros((0, *shape)) for shape in shapes)
+    mesh = linear_mesh(comm, points, cells, kind)
+    top = mesh.topology.dim
+    of_cells, of_facets = (tags_of(mesh, top - k, tagged[k], tagged[k + 2]) for k in (0, 1))
+    return NamedMesh(mesh, of_cells, of_facets, groups)

@@ -1,0 +1,140 @@
+"""A mesh as files have it: nodes, cells of one kind, and named sets that may overlap."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hhr_dolfinx.errors import FileContentError
+from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, TENSOR, TENSOR_FACET, outer_faces
+
+
+@dataclass(frozen=True)
+class RawMesh:
+    """Nodes, cells of one kind, and sets of them.
+
+    Attributes:
+        points: (nodes, 2 or 3).
+        kind: of the cells: ``triangle``, ``quadrilateral``, ``tetrahedron`` or ``hexahedron``.
+        cells: corners, (c, k), as most formats list them.
+        bodies: rows of ``cells`` by name or number.
+        surfaces: corners of facets, (f, k), by name or number.
+        nodes: sets of nodes by name; their facets are the outer ones whose corners all belong to the set.
+    """
+
+    points: np.ndarray
+    kind: str
+    cells: np.ndarray
+    bodies: Mapping[str | int, np.ndarray]
+    surfaces: Mapping[str | int, np.ndarray] = field(default_factory=dict)
+    nodes: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Refuse what is no mesh."""
+        if not len(self.cells):
+            raise FileContentError("no triangles, quadrilaterals, tetrahedra or hexahedra are in this file")
+        if self.cells.min() < 0 or self.cells.max() >= len(self.points):
+            raise FileContentError(
+                f"a cell names node {self.cells.max()}, and there are {len(self.points)}: the file is damaged"
+            )
+        if self.cells.shape[1] != CORNERS[self.kind]:
+            raise FileContentError(f"cells of kind {self.kind} have {self.cells.shape[1]} corners in this file")
+
+    @property
+    def dim(self) -> int:
+        """Of the cells."""
+        return DIMENSION[self.kind]
+
+    def all_surfaces(self) -> dict[str | int, np.ndarray]:
+        """Corners of facets by name or number, those of sets of nodes too."""
+        found = {name: facets for name, facets in self.surfaces.items() if len(facets)}
+        wanted = {name: nodes for name, nodes in self.nodes.items() if name not in found}
+        if wanted:
+            outer = outer_faces(self.kind, self.cells)
+            for name, nodes in wanted.items():
+                inside = np.zeros(len(self.points), dtype=bool)
+                inside[nodes] = True
+                if (whole := inside[outer].all(axis=1)).any():
+                    found[name] = outer[whole]
+        return found
+
+    def compact(self) -> RawMesh:
+        """The same without nodes that no cell has; in the plane without a coordinate that is always the same."""
+        used = np.unique(self.cells)
+        numbers = np.full(len(self.points), -1)
+        numbers[used] = np.arange(used.size)
+        points = self.points[used]
+        if self.dim == 2 and points.shape[1] == 3:
+            flat = np.ptp(points[:, 2]) <= 1e-12 * max(np.ptp(points, axis=0).max(), 1e-300)
+            points = points[:, :2] if flat else points
+        surfaces = {name: numbers[facets] for name, facets in self.surfaces.items()}
+        surfaces = {name: facets[(facets >= 0).all(axis=1)] for name, facets in surfaces.items()}
+        nodes = {name: numbers[one][numbers[one] >= 0] for name, one in self.nodes.items()}
+        return RawMesh(points, self.kind, numbers[self.cells], self.bodies, surfaces, nodes)
+
+    def ordered(self) -> np.ndarray:
+        """Corners of the cells in the order that DOLFINx wants."""
+        return self.cells[:, TENSOR[self.kind]] if self.kind in TENSOR else self.cells
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """A number for each item that is in some set, and what numbers make up each set.
+
+    Attributes:
+        items: places of the items, (n,).
+        values: their numbers, (n,).
+        sets: numbers of each set, by its name or number.
+    """
+
+    items: np.ndarray
+    values: np.ndarray
+    sets: dict[str | int, tuple[int, ...]]
+
+    @classmethod
+    def of(cls, sets: Mapping[str | int, np.ndarray], count: int) -> Numbers:
+        """Of sets of places among ``count`` items: items that are in the same sets have the same number.
+
+        An item in one set only, which has a number, keeps it.
+        """
+        names = list(sets)
+        inside = np.zeros((count, len(names)), dtype=bool)
+        for column, name in enumerate(names):
+            inside[sets[name], column] = True
+        items = np.flatnonzero(inside.any(axis=1))
+        patterns, which = np.unique(inside[items], axis=0, return_inverse=True)
+        taken = {name for name in names if isinstance(name, int)}
+        fresh = iter(n for n in range(1, len(patterns) + len(taken) + 1) if n not in taken)
+        numbers = []
+        for pattern in patterns:
+            own = [names[k] for k in np.flatnonzero(pattern)]
+            whole = [name for name in own if isinstance(name, int)]
+            numbers.append(whole[0] if len(whole) == 1 and _same(sets, own) else next(fresh))
+        found = np.array(numbers, dtype=np.int64)
+        members = {
+            name: tuple(sorted({int(n) for n in found[patterns[:, column]]})) for column, name in enumerate(names)
+        }
+        return cls(items, found[which.ravel()] if items.size else np.zeros(0, dtype=np.int64), members)
+
+
+def _same(sets: Mapping[str | int, np.ndarray], names: Iterable[str | int]) -> bool:
+    """Whether sets hold the same items: a number and its name."""
+    first, *others = (np.unique(sets[name]) for name in names)
+    return all(np.array_equal(first, other) for other in others)
+
+
+def facets_by_number(raw: RawMesh) -> tuple[np.ndarray, Numbers]:
+    """All facets of sets, each once, (f, k) in the order that DOLFINx wants, and their numbers."""
+    surfaces = raw.all_surfaces()
+    width = len(FACES[raw.kind][0])
+    if not surfaces:
+        return np.zeros((0, width), dtype=np.int64), Numbers.of({}, 0)
+    every = np.concatenate(list(surfaces.values()))
+    _, first, which = np.unique(np.sort(every, axis=1), axis=0, return_index=True, return_inverse=True)
+    ends = np.cumsum([len(facets) for facets in surfaces.values()])
+    parts = np.split(which.ravel(), ends[:-1])
+    numbers = Numbers.of(dict(zip(surfaces, parts, strict=True)), len(first))
+    facets = every[first]
+    return (facets[:, TENSOR_FACET] if width == 4 else facets)[numbers.items], numbers

@@ -1,0 +1,170 @@
+"""Active set of bodies that nothing but contact holds: their rigid motions are unknowns beside the contact forces.
+
+With r rigid motions, q their sizes, the contact problem that elimination leaves is
+
+    slack = free_slack + S lambda - G q >= 0,   lambda >= 0,   H lambda = driving,
+
+where G = B R is what motions take from the slack, and H lambda = driving the balance of forces along them; H is the
+transpose of G for a full model, and differs from it by the cut of the domain for a reduced one. On a set of statuses
+this is one linear system. Where it is singular, since the set does not hold all bodies, or where statuses cycle, weak
+springs hold the bodies: with a stiffness k the motions are q0 + (driving - H lambda) / k, and S + G H / k is that of
+bodies that are held. Moving the springs' ends q0 along is the proximal point method (R. T. Rockafellar, SIAM J. Control
+Optim. 14, 1976), which ends in finitely many steps for such problems.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, Statuses, active_set
+from hhr_dolfinx.errors import SingularError
+from hhr_dolfinx.linear.dense import LapackLU
+
+WEAKNESS = 1e3
+"""Compliance of the springs over that of the bodies: the weaker, the fewer steps, and the more digits are lost."""
+MOST_STEPS = 60
+"""Steps of the proximal point method; two or three are usual."""
+BALANCED = 1e-12
+"""Part of the forces by which they may be out of balance."""
+SINGULAR = 1e-8
+"""Residual of an equality problem, in parts of its right-hand side, from which on it is singular to round-off."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """What rigid motions are to the contact conditions (m conditions, r motions).
+
+    Attributes:
+        taken: G, what motions take from the slack, (m, r).
+        resultants: H, resultants of the contact forces along the motions, (r, m).
+    """
+
+    taken: np.ndarray
+    resultants: np.ndarray
+
+
+class FloatingEqualities:
+    """Equality problems on S with rigid motions.
+
+    Args:
+        schur: S, (m, m).
+        motions: G and H.
+    """
+
+    def __init__(self, schur: np.ndarray, motions: Motions):
+        self.schur, self.motions = schur, motions
+        count = motions.taken.shape[1]
+        # motions in a unit that makes their columns as large as those of S
+        sizes = np.abs(motions.taken).max(initial=0.0) or 1.0, np.abs(motions.resultants).max(initial=0.0) or 1.0
+        self._scale = float(np.abs(np.diag(schur)).mean() or 1.0) / np.array(sizes)
+        self._whole = np.block([[schur, -self._scale[0] * motions.taken],
+                                [self._scale[1] * motions.resultants, np.zeros((count, count))]])  # fmt: skip
+        self._equalities = SchurEqualities.of(self._whole, LapackLU)
+
+    def __call__(
+        self, active: np.ndarray, free_slack: np.ndarray, driving: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Forces and slack, (m,) each, and motions, (r,), for some statuses.
+
+        Raises:
+            SingularError: if the conditions that touch do not hold all bodies, or depend on each other.
+        """
+        both = np.concatenate([active, np.ones(driving.size, dtype=bool)])
+        right = np.concatenate([free_slack, -self._scale[1] * driving])
+        found, slack = self._equalities(both, right)
+        left = right[both] + self._whole[np.ix_(both, both)] @ found[both]
+        if not np.abs(left).max() <= SINGULAR * np.abs(right).max(initial=1e-300):
+            raise SingularError("the conditions that touch do not hold all bodies")
+        m = active.size
+        return found[:m], slack[:m], self._scale[0] * found[m:]
+
+    @cached_property
+    def compliance(self) -> float:
+        """1 / k of the springs."""
+        push = np.abs(np.einsum("mr,rm->m", self.motions.taken, self.motions.resultants)).mean()
+        return WEAKNESS * float(np.abs(np.diag(self.schur)).mean()) / (push or 1.0)
+
+    @cached_property
+    def sprung(self) -> SchurEqualities:
+        """Equality problems of bodies held by springs."""
+        held = self.schur + self.compliance * (self.motions.taken @ self.motions.resultants)
+        return SchurEqualities.of(held, LapackLU)
+
+    def several(self, active: np.ndarray, free_slacks: np.ndarray, drivings: np.ndarray) -> tuple[np.ndarray, ...]:
+        """The same for many right-hand sides, (m, k) and (r, k): forces, slacks (m, k) and motions (r, k).
+
+        Of what the set does not hold it takes the smallest motion.
+        """
+        both = np.concatenate([active, np.ones(len(drivings), dtype=bool)])
+        right = np.concatenate([free_slacks, -self._scale[1] * drivings])
+        found = np.zeros_like(right)
+        found[both] = -np.linalg.lstsq(self._whole[np.ix_(both, both)], right[both], rcond=SINGULAR)[0]
+        m = active.size
+        slacks = (right + self._whole @ found)[:m]
+        slacks[active] = 0.0
+        return found[:m], slacks, self._scale[0] * found[m:]
+
+
+def floating_set(
+    equalities: FloatingEqualities,
+    free_slack: np.ndarray,
+    driving: np.ndarray,
+    start: np.ndarray,
+    pairs: Pairs | None = None,
+) -> tuple[Statuses, np.ndarray]:
+    """Statuses and forces, and the motions, (r,), see the head of this file.
+
+    Args:
+        equalities: on S with the motions.
+        free_slack: slack without contact forces and motions, (m,).
+        driving: loads along the motions, (r,).
+        start: statuses to start from, (m,) bool.
+        pairs: contact pair of each condition.
+
+    Returns:
+        Forces solve the contact problem if the status is ``CONVERGED``; ``ADRIFT`` says that loads drive a motion
+        that no contact resists.
+    """
+    direct = _direct(equalities, free_slack, driving, start, pairs)
+    if direct is not None:
+        return direct
+    motions = equalities.motions
+    ends, spent = np.zeros(driving.size), 0
+    active = start
+    for _ in range(MOST_STEPS):
+        offset = ends + equalities.compliance * driving
+        found = active_set(equalities.sprung, free_slack - motions.taken @ offset, active, pairs=pairs)
+        spent += found.iterations
+        if found.status is not Status.CONVERGED:
+            return found._replace(iterations=spent, cycled=True), ends
+        left = driving - motions.resultants @ found.forces
+        ends, active = ends + equalities.compliance * left, found.active
+        sizes = np.abs(driving) + np.abs(motions.resultants) @ found.forces
+        if (np.abs(left) <= BALANCED * sizes.max()).all():
+            return found._replace(iterations=spent, cycled=True), ends
+        direct = _direct(equalities, free_slack, driving, active, pairs)
+        if direct is not None:
+            statuses, ends = direct
+            return statuses._replace(iterations=spent + statuses.iterations, cycled=True), ends
+    nothing = Statuses(np.zeros(start.size), start, spent, Status.ADRIFT, True)
+    return nothing, ends
+
+
+def _direct(
+    equalities: FloatingEqualities, free_slack: np.ndarray, driving: np.ndarray, start: np.ndarray, pairs: Pairs | None
+) -> tuple[Statuses, np.ndarray] | None:
+    """The plain active set; None where a set on the way is singular, or statuses cycle."""
+
+    def equality(active: np.ndarray, slack: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return equalities(active, slack, driving)[:2]
+
+    try:
+        found = active_set(equality, free_slack, start, pairs=pairs)
+        if found.status is not Status.CONVERGED or found.cycled:
+            return None
+        return found, equalities(found.active, free_slack, driving)[2]
+    except SingularError:
+        return None

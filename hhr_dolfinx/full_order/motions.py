@@ -1,0 +1,178 @@
+"""Rigid motions that imposed displacements leave to bodies: what contact has to hold, and what nothing does.
+
+K is singular along them. Those that contact resists join the unknowns of the active set, see ``contact.floating``. What
+neither contact resists nor a load drives, such as the turning of a round body without friction, is left at rest.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import linalg
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.errors import NotSolvableError, SceneWarning
+from hhr_dolfinx.scene import Scene
+
+ALMOST_NONE = 1e-9
+"""Part of the largest effect of a motion, or of a load, below which there is none but round-off."""
+
+
+@dataclass(frozen=True)
+class FreeBody:
+    """What hangs together and can move without strain.
+
+    Attributes:
+        name: of its bodies, for messages.
+        nodes: its nodes.
+        motions: all of its rigid motions, (k, nodes, dim), see :func:`rigid_motions`.
+        left: those that imposed displacements leave, orthonormal combinations, (l, k).
+    """
+
+    name: str
+    nodes: np.ndarray
+    motions: np.ndarray
+    left: np.ndarray
+
+    def columns(self, count: int) -> np.ndarray:
+        """The motions that are left on all nodes, (nodes dim, l)."""
+        found = np.zeros((len(self.left), count, self.motions.shape[2]))
+        found[:, self.nodes] = np.tensordot(self.left, self.motions, 1)
+        return found.reshape(len(self.left), -1).T
+
+
+def free_bodies(
+    scene: Scene, points: np.ndarray, cell_nodes: np.ndarray, bodies: np.ndarray, free: np.ndarray
+) -> list[FreeBody]:
+    """Bodies that can move without strain: rigid motions that vanish on their imposed dofs.
+
+    Args:
+        scene: the scene.
+        points: coordinates of the nodes, (nodes, dim).
+        cell_nodes: nodes of each cell, (cells, n).
+        bodies: place in the scene of the body of each cell, (cells,).
+        free: dofs that are not imposed, (N,) bool.
+    """
+    count, dim = points.shape
+    starts = np.repeat(cell_nodes[:, :1], cell_nodes.shape[1], axis=1)
+    graph = csr_matrix((np.ones(cell_nodes.size), (starts.ravel(), cell_nodes.ravel())), shape=(count, count))
+    _, part = connected_components(graph, directed=False)
+    imposed, found = ~free.reshape(count, dim), []
+    for number in np.unique(part[cell_nodes[:, 0]]):
+        nodes = np.flatnonzero(part == number)
+        motions = rigid_motions(points[nodes], scene.hypothesis)
+        held = motions[:, imposed[nodes]].T
+        # the imposed values of each motion that is free vanish
+        _, sizes, ways = np.linalg.svd(np.vstack([held, np.zeros((len(motions), len(motions)))]), full_matrices=False)
+        left = ways[sizes <= ALMOST_NONE * np.sqrt(max(len(held), 1))]
+        if len(left):
+            tags = sorted({str(scene.bodies[k].tag) for k in bodies[part[cell_nodes[:, 0]] == number]})
+            name = f"body {', '.join(tags)} of scene '{scene.name}', around {points[nodes].mean(axis=0).tolist()},"
+            found.append(FreeBody(name, nodes, motions, left))
+    return found
+
+
+def rigid_motions(points: np.ndarray, hypothesis: str) -> np.ndarray:
+    """Motions without strain: translations, then turns by the size of the body, (motions, nodes, dim)."""
+    count, dim = points.shape
+    if hypothesis == "axisymmetric":
+        return np.broadcast_to(np.array([[[0.0, 1.0]]]), (1, count, 2))
+    motions = [np.broadcast_to(axis, (count, dim)) for axis in np.eye(dim)]
+    away = (points - points.mean(axis=0)) / (np.ptp(points, axis=0).max() or 1.0)
+    for first, second in ((0, 1),) if dim == 2 else ((1, 2), (2, 0), (0, 1)):
+        turn = np.zeros((count, dim))
+        turn[:, first], turn[:, second] = -away[:, second], away[:, first]
+        motions.append(turn)
+    return np.array(motions)
+
+
+def with_motions(scene: Scene, problem: ContactProblem, bodies: np.ndarray) -> ContactProblem:
+    """The problem with the rigid motions that only contact holds; itself where all bodies are held.
+
+    Args:
+        scene: the scene.
+        problem: its problem.
+        bodies: place in the scene of the body of each cell, (cells,).
+
+    Raises:
+        NotSolvableError: for bodies without contact, motions that loads drive and no contact resists, and bodies that
+            flow or change their shape.
+
+    Warns:
+        SceneWarning: of motions that nothing resists and nothing drives.
+    """
+    found = free_bodies(scene, problem.points, problem.cell_nodes, bodies, problem.free)
+    if not found:
+        return problem
+    remedy = "Impose displacements that hold every body without its contacts"
+    for body in found:
+        touched = np.abs(problem.contact @ _all_dofs(body, problem.block_size, len(problem.free))).max(initial=0.0)
+        if touched == 0.0 or scene.shapes or any(one.law is not None for one in scene.bodies):
+            why = "" if touched == 0.0 else ". Contact alone may hold a body where nothing flows or changes its shape"
+            raise NotSolvableError(f"{body.name} can move freely: it {described(body, body.left)}{why}. {remedy}")
+    columns = [body.columns(len(problem.points)) for body in found]
+    # bodies have no nodes in common
+    motions = np.hstack([np.linalg.qr(part)[0] for part in columns])
+    effect = problem.contact @ motions
+    # with as many rows of zeros there is a value for each motion
+    _, sizes, ways = np.linalg.svd(np.vstack([effect, np.zeros((motions.shape[1],) * 2)]), full_matrices=False)
+    idle = sizes <= ALMOST_NONE * np.sqrt(len(effect)) * problem.contact_norm
+    resting = motions @ ways[idle].T
+    _check_resting(found, problem, resting)
+    pins = linalg.qr(motions.T * problem.free, mode="r", pivoting=True)[1][: motions.shape[1]]
+    rigid = None if idle.all() else motions @ ways[~idle].T
+    loose = "; ".join(f"{body.name} {described(body, body.left)}" for body in found)
+    return replace(problem, rigid=rigid, resting=resting, loose=loose, pins=np.sort(pins))
+
+
+def _all_dofs(body: FreeBody, dim: int, count: int) -> np.ndarray:
+    """A vector that is not zero on the dofs of a body, (N,), nor along any direction in particular."""
+    vector = np.zeros((count // dim, dim))
+    vector[body.nodes] = np.random.default_rng(0).uniform(1.0, 2.0, (len(body.nodes), dim))
+    return vector.ravel()
+
+
+def _check_resting(found: Iterable[FreeBody], problem: ContactProblem, resting: np.ndarray) -> None:
+    """Refuse motions, (N, l), that no contact resists and a load drives; warn of those that none drives."""
+    if not resting.shape[1]:
+        return
+    loads = abs(problem.loads).sum(axis=0).max()
+    for motion in resting.T:
+        texts = []
+        for body in found:
+            own = motion.reshape(len(problem.points), -1)[body.nodes]
+            if np.abs(own).max() > ALMOST_NONE * np.abs(motion).max():
+                flat = body.motions.reshape(len(body.motions), -1)
+                way = np.linalg.lstsq(flat.T, own.ravel(), rcond=None)[0]
+                texts.append(f"{body.name} {described(body, way[None] / np.linalg.norm(way))}")
+        text = " while ".join(texts)
+        if np.abs(problem.loads.T @ motion).max() > ALMOST_NONE * loads * np.abs(motion).max():
+            raise NotSolvableError(
+                f"{text}, which loads drive and no contact resists: there is no equilibrium. Hold it by a "
+                "displacement, or add the contact that does"
+            )
+        warnings.warn(
+            f"{text}, which no contact resists and no load drives: it is left at rest. Hold it by a displacement where "
+            "that is not meant",
+            SceneWarning,
+            stacklevel=2,
+        )
+
+
+def described(body: FreeBody, ways: np.ndarray) -> str:
+    """What kind of motions combinations of those of a body are, (n, k): along axes, along directions, or turns."""
+    dim = body.motions.shape[2]
+    if len(body.motions) == 1:
+        return "moves along axis 1"
+    shifts = dim
+    along = [axis for axis in range(shifts) if np.linalg.norm(ways[:, axis]) > 1 - 1e-6]
+    parts = [f"moves along axis {axis}" for axis in along]
+    if len(ways) > len(along):
+        turning = np.linalg.norm(ways[:, shifts:]) > 1e-6 * np.linalg.norm(ways)
+        parts.append("turns" if turning else f"moves along {np.round(ways[0, :shifts], 3).tolist()}")
+    return ", ".join(parts)

@@ -1,0 +1,45 @@
+"""Units of a scene, stated once: for labels, and for materials that are taken by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hhr_dolfinx.errors import SceneError
+
+LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
+"""Units of length in metres."""
+STRESSES = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "psi": 6894.757293168361, "ksi": 6894757.293168361}
+"""Units of stress in pascals."""
+
+
+@dataclass(frozen=True)
+class Units:
+    """Units of lengths and stresses; forces are stress times length squared.
+
+    Attributes:
+        length: one of ``m``, ``cm``, ``mm``, ``um``, ``in``.
+        stress: one of ``Pa``, ``kPa``, ``MPa``, ``GPa``, ``psi``, ``ksi``.
+    """
+
+    length: str = "m"
+    stress: str = "Pa"
+
+    def __post_init__(self) -> None:
+        for what, unit, known in (("length", self.length, LENGTHS), ("stress", self.stress, STRESSES)):
+            if unit not in known:
+                raise SceneError(f"the unit {unit!r} of {what} is unknown: take one of {', '.join(known)}")
+
+    @property
+    def force(self) -> str:
+        """Unit of force, in words."""
+        return {"mm MPa": "N", "m Pa": "N", "in psi": "lbf"}.get(
+            f"{self.length} {self.stress}", f"{self.stress} {self.length}²"
+        )
+
+    def stress_of(self, pascals: float) -> float:
+        """A stress in pascals as a number of the scene."""
+        return pascals / STRESSES[self.stress]
+
+    def length_of(self, metres: float) -> float:
+        """A length in metres as a number of the scene."""
+        return metres / LENGTHS[self.length]

@@ -1,0 +1,186 @@
+"""Bodies that nothing but contact holds: equilibrium, what they rest on, what is free after that, reduced models."""
+
+import dataclasses
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mpi4py import MPI
+from scipy.optimize import nnls
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.baselines.condensation import exact_condensation
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.contact.floating import FloatingEqualities, Motions, floating_set
+from hhr_dolfinx.errors import NotSolvableError, ReductionError, SceneWarning
+from hhr_dolfinx.geometries import stacked_blocks as blocks
+from hhr_dolfinx.geometries.two_blocks import side
+
+LOWER, UPPER = blocks.LOWER, blocks.UPPER
+LEFT = side(UPPER, 0, False)
+
+
+def scene(*, bulge=0.05, cells=(8, 4), tilt=0.0, sideways=0.0, young=1000.0, **changes):
+    """A block that lies on another one and is pressed down by a force."""
+    loads = (
+        hhr.Traction(blocks.outer_end(UPPER, 2), (sideways, -1.0), hhr.Amplitude(slopes={"p": 1.0})),
+        hhr.Traction(LEFT, (0.0, -1.0), tilt),
+    )
+    given = dict(
+        name="floating",
+        geometry=lambda comm: blocks.stacked_blocks(comm, lower=cells, upper=cells, bulge=bulge),
+        hypothesis="plane_strain",
+        bodies=(hhr.Body(LOWER, 2000.0, 0.3), hhr.Body(UPPER, young, 0.3)),
+        contacts=(hhr.NodeToNode(blocks.interface(LOWER, 2), blocks.interface(UPPER, 2), (0.0, 1.0)),),
+        displacements=tuple(hhr.Displacement(blocks.outer_end(LOWER, 2), k) for k in range(2)),
+        loads=loads,
+        parameters=hhr.ParameterSpace(("p",), (1.0,), (10.0,)),
+    )
+    return hhr.Scene(**(given | changes))
+
+
+@pytest.fixture(autouse=True)
+def quiet():
+    """All of them may slide along the interface, which a warning says."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "body 2 .* moves along axis 0", SceneWarning)
+        yield
+
+
+def residual(full, answer):
+    """Forces out of balance on free dofs, over the largest force."""
+    problem = full.problem.at(answer.parameter)
+    theta = problem.amplitudes(answer.parameter)
+    acting = problem.contact.T @ answer.forces()
+    left = problem.stiffness @ answer.displacement() + acting - problem.external @ theta
+    return np.abs(left[problem.free]).max() / np.abs(acting).max()
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.3, -0.3])
+@pytest.mark.parametrize("bulge", [0.0, 0.05, 0.5])
+def test_forces_hold_the_body_and_nothing_else_does(bulge, tilt):
+    """The force is known from balance alone: p on a width of 1, and tilt on a side that the gap makes shorter."""
+    full = hhr.FullOrderModel(scene(bulge=bulge, tilt=tilt), MPI.COMM_SELF)
+    for p in (1.0, 4.0, 10.0):
+        answer = full.solve(p)
+        assert residual(full, answer) < 1e-10
+        assert answer.forces().min() >= 0 and answer.forces().sum() == pytest.approx(p + tilt * (1 - bulge), rel=1e-10)
+        slack = full.problem.gaps @ full.problem.theta(p) - full.problem.contact @ answer.unknown
+        assert slack.min() > -1e-12
+        # the resultant stands where the loads do
+        place = full.problem.contact_points[:, 0] @ answer.forces()
+        assert place == pytest.approx(0.5 * p, abs=1e-9 * p)
+
+
+def test_what_nothing_drives_stays_at_rest():
+    full = hhr.FullOrderModel(scene(), MPI.COMM_SELF)
+    assert full.problem.resting.shape[1] == 1 and full.problem.rigid.shape[1] == 2
+    moved = full.solve(5.0).displacement().reshape(-1, 2)[full.problem.cell_nodes[-32:].ravel(), 0]
+    assert abs(full.problem.resting.T @ full.solve(5.0).displacement()).max() < 1e-12
+    assert np.abs(moved).max() < 0.1
+
+
+def test_a_hold_that_carries_nothing_changes_nothing():
+    """With its slide held by one node, where a flat pressure needs no force: the same forces."""
+    free = hhr.FullOrderModel(scene(tilt=0.2), MPI.COMM_SELF)
+    one = scene(tilt=0.2)
+    held = dataclasses.replace(one, displacements=(*one.displacements, hhr.Displacement(side(UPPER, 0, True), 0)))
+    # the side may move along itself: what it carries is what keeps it straight, a hundredth of the force
+    close = hhr.FullOrderModel(held, MPI.COMM_SELF)
+    assert close.problem.rigid.shape[1] == 1 and close.problem.resting.shape[1] == 0
+    assert close.solve(3.0).forces().sum() == pytest.approx(free.solve(3.0).forces().sum(), rel=1e-10)
+
+
+def test_what_nothing_holds_is_named_with_its_motion():
+    with pytest.warns(
+        SceneWarning, match=r"body 2 of scene 'floating', .* moves along axis 0, which no contact resists"
+    ):
+        hhr.FullOrderModel(scene(), MPI.COMM_SELF)
+    with pytest.raises(
+        NotSolvableError, match=r"body 2 .* moves along axis 0, which loads drive and no contact resists"
+    ):
+        hhr.FullOrderModel(scene(sideways=0.1), MPI.COMM_SELF)
+    lone = scene(contacts=(hhr.Obstacle(blocks.interface(LOWER, 2), (0.0, 1.0), 2.0),))
+    with pytest.raises(NotSolvableError, match=r"body 2 .* can move freely: it moves along axis 0, .*turns\. Impose"):
+        hhr.FullOrderModel(lone, MPI.COMM_SELF)
+
+
+def test_a_body_that_is_pulled_away_has_no_answer():
+    full = hhr.FullOrderModel(scene(parameters=hhr.ParameterSpace(("p",), (-1.0,), (10.0,))), MPI.COMM_SELF)
+    assert full.solve(-0.5, raise_on_failure=False).status is Status.ADRIFT
+    message = r"pull it away.* push it: body 2 .* moves along axis 0, moves along axis 1, turns"
+    with pytest.raises(NotSolvableError, match=message):
+        full.solve(-0.5)
+
+
+@pytest.mark.parametrize("young", [1000.0, "E"])
+def test_gradients_are_those_of_differences(young):
+    space = hhr.ParameterSpace(("p", "E"), (1.0, 500.0), (10.0, 2000.0))
+    made = scene(
+        young=young, tilt=0.2, parameters=space if young == "E" else hhr.ParameterSpace(("p",), (1.0,), (10.0,))
+    )
+    full = hhr.FullOrderModel(made, MPI.COMM_SELF)
+    reduced = hhr.train(made, full.parameters.grid([4] * len(made.parameters.names)), comm=MPI.COMM_SELF).build()
+    at = np.array([5.0, 900.0])[: len(made.parameters.names)]
+    for model in (full, reduced):
+        answer = model.solve(at, gradient=True)
+        for place in range(at.size):
+            step = np.zeros(at.size)
+            step[place] = 1e-4 * at[place]
+            one, two = model.solve(at + step), model.solve(at - step)
+            for name in ("unknown", "multipliers"):
+                slope = (getattr(one, name) - getattr(two, name)) / (2 * step[place])
+                size = np.abs(getattr(answer, name)).max() / at[place]
+                np.testing.assert_allclose(getattr(answer.gradient, name)[:, place], slope, atol=1e-6 * size)
+
+
+@pytest.mark.parametrize("young", [1000.0, "1000 * (1 + p / 20)"])
+def test_reduced_models_and_condensation_answer_alike(young, tmp_path):
+    made = scene(cells=(16, 8), young=young, tilt=0.2)
+    training = hhr.train(made, [16], comm=MPI.COMM_SELF)
+    full, model = training.full_order, training.build()
+    hhr.save_model(tmp_path / "model.npz", model)
+    again, models = hhr.load_model(tmp_path / "model.npz"), [model]
+    if young == 1000.0:
+        known = training.snapshots.known_statuses()
+        models += [exact_condensation(full, known, field=field) for field in (True, False)]
+    else:
+        with pytest.raises(ReductionError, match="contact alone holds bodies of scene 'floating'"):
+            training.condense()
+    assert model.problem.motions == 2
+    # the default basis leaves out 1e-11 of the squares of a training on 16 points: 3e-6
+    for point in full.parameters.random(5, seed=3):
+        exact = full.solve(point)
+        for other in models:
+            answer = other.solve(point)
+            assert np.linalg.norm(answer.forces() - exact.forces()) < 1e-5 * np.linalg.norm(exact.forces())
+            off = np.linalg.norm(answer.displacement() - exact.displacement())
+            assert off < 1e-5 * np.linalg.norm(exact.displacement())
+        assert np.array_equal(again.solve(point).multipliers, model.solve(point).multipliers)
+
+
+@given(seed=st.integers(0, 10_000), m=st.integers(3, 12), r=st.integers(1, 3))
+@settings(max_examples=60, deadline=None)
+def test_the_active_set_finds_what_a_quadratic_program_does(seed, m, r):
+    """Of random problems, from random statuses: forces are those of min 1/2 λ S λ + g λ with G^T λ = e, λ >= 0."""
+    rng = np.random.default_rng(seed)
+    root = rng.standard_normal((m, m)) + 0.5 * np.eye(m)
+    schur, taken = root @ root.T + 0.1 * np.eye(m), rng.standard_normal((m, r))
+    slack, driving = rng.standard_normal(m), taken.T @ np.maximum(rng.standard_normal(m), 0)
+    start = rng.random(m) > 0.5
+    found, motions = floating_set(FloatingEqualities(schur, Motions(taken, taken.T)), slack, driving, start)
+    assert found.status is Status.CONVERGED
+    left = slack + schur @ found.forces - taken @ motions
+    size = 1 + np.abs(found.forces).max() + np.abs(motions).max()
+    assert found.forces.min() >= -1e-9 * size and left.min() > -1e-7 * size
+    assert abs(found.forces @ left) < 1e-6 * size**2
+    np.testing.assert_allclose(taken.T @ found.forces, driving, atol=1e-9 * size)
+    # the same by non-negative least squares, with the balance as a stiff equation
+    lower = np.linalg.cholesky(schur)
+    stiff = 1e4
+    other = nnls(
+        np.vstack([lower.T, stiff * taken.T]), np.concatenate([-np.linalg.solve(lower, slack), stiff * driving])
+    )[0]
+    np.testing.assert_allclose(found.forces, other, atol=1e-4 * size)
