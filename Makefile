@@ -3,7 +3,7 @@
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: demo pellet nonmatching plastic sphere materials rod press calibrate certified local indicator greedy indent patch extreme recipes lint test slow setup
+.PHONY: demo pellet nonmatching plastic sphere materials rod press calibrate certified local indicator greedy indent scene patch extreme recipes lint test slow setup
 
 demo: setup
 	.venv/bin/python demos/hertz_half_discs.py
@@ -46,6 +46,9 @@ greedy: setup
 
 indent: setup
 	.venv/bin/python demos/indentation.py
+
+scene: setup
+	.venv/bin/python demos/your_scene.py
 
 patch: setup
 	.venv/bin/python demos/contact_patch_test.py

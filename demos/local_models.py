@@ -117,7 +117,9 @@ def measured(name: str, given: Variant, options: Namespace) -> tuple[dict[str, A
     tests = [full.parameters.random(40 if options.quick else 200, options.seed + seed) for seed in (7, 77)]
     references = References.at(np.vstack(tests), full, training.snapshots, options.progress(f"{name}, test points"))
     errors = {label: references.errors(model) for label, model in models.items()}
-    fresh = full.parameters.random(45 if options.quick else 205, options.seed + 1000)
+    # a set is warm when each of its models has been asked; with materials the full order takes a minute for these
+    count = 205 if full.problem.varies else 1005
+    fresh = full.parameters.random(45 if options.quick else count, options.seed + 1000)
     known = training.snapshots.known_statuses()
     warm = time_queries({"fom_best": lambda point: full.solve(point, start=known.active[known.nearest(point)]),
                          **{label: model.solve for label, model in models.items()}}, fresh)  # fmt: skip

@@ -35,14 +35,14 @@ def scene(mesh: Path | str = MESH) -> hhr.Scene:
             hhr.Body("stop", young=3000.0, poisson=0.35),  # a plastic
         ),
         contacts=(
-            hhr.NodeToSurface("roller round", "spring top"),
-            hhr.NodeToSurface("stop round", "spring bottom"),
+            hhr.NodeToSurface("roller_round", "spring_top"),
+            hhr.NodeToSurface("stop_round", "spring_bottom"),
         ),
         displacements=(
             *hhr.Displacement.clamp("clamp", 2),
-            *hhr.Displacement.clamp("stop flat", 2),
-            hhr.Displacement("roller flat", 0),
-            hhr.Displacement("roller flat", 1, hhr.Amplitude(slopes={"travel": -1.0})),
+            *hhr.Displacement.clamp("stop_flat", 2),
+            hhr.Displacement("roller_flat", 0),
+            hhr.Displacement("roller_flat", 1, hhr.Amplitude(slopes={"travel": -1.0})),
         ),
         openings=(hhr.Opening(1, hhr.Amplitude(slopes={"lowered": 1.0})),),
         parameters=hhr.ParameterSpace(("travel", "lowered"), (0.05, 0.0), (1.0, 0.3)),
@@ -53,8 +53,13 @@ def scene(mesh: Path | str = MESH) -> hhr.Scene:
     )
 
 
+def from_abaqus() -> hhr.Scene:
+    """The same scene on the mesh of an Abaqus deck: hhr check demos/your_scene.py:from_abaqus."""
+    return scene(MESH.with_suffix(".inp"))
+
+
 SETTINGS = hhr.StudySettings(hhr.Sobol(64), queries=200)
-VIEW = hhr.View(points=((0.9, 0.1),), deformed=True)
+VIEW = hhr.View(points=((0.9, 0.1),), stress=UNITS.stress, deformed=True)
 
 
 def main() -> None:

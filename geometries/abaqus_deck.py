@@ -174,8 +174,10 @@ def _mesh_of(deck: _Deck, path: Path) -> RawMesh:
     bodies = {deck.spelling["elset", name]: np.array([row_of[n] for n in numbers if n in row_of], dtype=np.int64)
               for name, numbers in deck.element_sets.items()}  # fmt: skip
     array = np.array([[node_of[n] for n in nodes] for _, nodes in cells.values()], dtype=np.int64)
-    surfaces = {deck.spelling["surface", name]: _faces(deck, faces, kind, array, row_of, name)
-                for name, faces in deck.faces.items()}  # fmt: skip
+    surfaces = {}
+    for name, faces in deck.faces.items():
+        spelt = deck.spelling["surface", name]
+        surfaces[spelt] = _faces(deck, faces, kind, array, row_of, spelt)
     nodes = {deck.spelling["nset", name]: np.array([node_of[n] for n in numbers if n in node_of], dtype=np.int64)
              for name, numbers in deck.node_sets.items()}  # fmt: skip
     bodies = {name: rows for name, rows in bodies.items() if rows.size} or {"all": np.arange(len(array))}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hhr_dolfinx.compat import extra, gmsh_to_mesh
@@ -34,6 +35,14 @@ def mesh_of(make: Callable[[], None], comm: Comm, dim: int, options: Mapping[str
         if comm.rank == 0:
             make()
         return gmsh_to_mesh(gmsh.model, comm, gdim=dim)
+
+
+def converted(path: Path, target: Path) -> Path:
+    """A mesh file of another program as gmsh's own, with its groups."""
+    with _session(_OPTIONS):
+        gmsh.merge(str(path))
+        gmsh.write(str(target))
+    return target
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +23,9 @@ from hhr_dolfinx.geometries.raw_mesh import Numbers, RawMesh, facets_by_number
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
+
+BY_GMSH = (".med", ".unv", ".bdf", ".nas", ".cgns")
+"""Endings of files that are read by gmsh: meshio reads MED by h5py, which does not get on with the HDF5 of DOLFINx."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,11 @@ class MeshFile:
         Raises:
             FileContentError: for a file that cannot be read, or holds no mesh of one kind of cells.
         """
+        path = Path(self.path)
+        if path.suffix.lower() == ".xdmf" and path.is_file():
+            from hhr_dolfinx.geometries.xdmf import read_xdmf
+
+            return read_xdmf(path, comm, self.scale)
         raw, error = None, None
         if comm.rank == 0:
             try:
@@ -88,7 +97,15 @@ def _reader(path: Path) -> Any:
         from hhr_dolfinx.geometries.exodus import read_exodus
 
         return read_exodus
-    return read_by_meshio
+    return read_by_gmsh if ending in BY_GMSH else read_by_meshio
+
+
+def read_by_gmsh(path: Path) -> RawMesh:
+    """What gmsh reads and names better than meshio, by way of its own format."""
+    from hhr_dolfinx.geometries.gmsh_model import converted
+
+    with TemporaryDirectory() as folder:
+        return read_by_meshio(converted(path, Path(folder) / "mesh.msh"))
 
 
 def read_by_meshio(path: Path) -> RawMesh:
@@ -131,11 +148,12 @@ def _sets(mesh: Any, blocks: list[int], dim: int) -> dict[str | int, np.ndarray]
     """Places in some blocks, one after another, by name or number."""
     starts = np.cumsum([0, *(len(mesh.cells[k].data) for k in blocks)])
     found: dict[str | int, list[np.ndarray]] = {}
+    sets = {name.strip() for name in mesh.cell_sets}
     for name, parts in mesh.cell_sets.items():
         if not name.startswith("gmsh:"):
             rows = [start + np.asarray(parts[k], dtype=np.int64) for start, k in zip(starts, blocks, strict=False)
                     if parts[k] is not None]  # fmt: skip
-            found.setdefault(name, []).extend(rows)
+            found.setdefault(name.strip(), []).extend(rows)
     names = _names_of_numbers(mesh, dim)
     for key in ("gmsh:physical", "cell_tags", "medit:ref", "gambit:group", "su2:tag", "MaterialID"):
         for start, k in zip(starts, blocks, strict=False):
@@ -144,11 +162,10 @@ def _sets(mesh: Any, blocks: list[int], dim: int) -> dict[str | int, np.ndarray]
                 for value in np.unique(values[values != 0]).tolist():
                     rows = start + np.flatnonzero(values == value)
                     for name in (value, *names.get(value, ())):
-                        if name is value or name not in mesh.cell_sets:
+                        if name is value or name not in sets:
                             found.setdefault(name, []).append(rows)
-    sets = {name: np.concatenate(parts) for name, parts in found.items() if parts}
-    # numbers of MED are negative, and stand for its groups
-    return {name: rows for name, rows in sets.items() if rows.size and not (isinstance(name, int) and name < 0)}
+    joined = {name: np.concatenate(parts) for name, parts in found.items() if parts}
+    return {name: rows for name, rows in joined.items() if rows.size and not (isinstance(name, int) and name < 0)}
 
 
 def _names_of_numbers(mesh: Any, dim: int) -> Mapping[int, list[str]]:
@@ -157,7 +174,7 @@ def _names_of_numbers(mesh: Any, dim: int) -> Mapping[int, list[str]]:
     for name, group in mesh.field_data.items():
         with suppress(TypeError, ValueError, IndexError):
             if int(group[1]) == dim:
-                names.setdefault(int(group[0]), []).append(name)
+                names.setdefault(int(group[0]), []).append(name.strip())
     for number, own in getattr(mesh, "cell_tags", {}).items():
         names.setdefault(int(number), []).extend(own)
     return names

@@ -26,8 +26,8 @@ def half_disc(name: str, place: float, pole: float, up: float) -> None:
     body = occ.addPlaneSurface([occ.addCurveLoop([*arcs, flat])])
     occ.synchronize()
     gmsh.model.addPhysicalGroup(2, [body], name=name)
-    gmsh.model.addPhysicalGroup(1, arcs, name=f"{name} round")
-    gmsh.model.addPhysicalGroup(1, [flat], name=f"{name} flat")
+    gmsh.model.addPhysicalGroup(1, arcs, name=f"{name}_round")
+    gmsh.model.addPhysicalGroup(1, [flat], name=f"{name}_flat")
 
 
 def spring() -> None:
@@ -37,7 +37,7 @@ def spring() -> None:
     occ.synchronize()
     bottom, _, top, clamp = (tag for _, tag in gmsh.model.getBoundary([(2, body)], oriented=False))
     gmsh.model.addPhysicalGroup(2, [body], name="spring")
-    for name, curve in (("spring bottom", bottom), ("spring top", top), ("clamp", clamp)):
+    for name, curve in (("spring_bottom", bottom), ("spring_top", top), ("clamp", clamp)):
         gmsh.model.addPhysicalGroup(1, [curve], name=name)
 
 

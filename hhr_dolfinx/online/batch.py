@@ -37,9 +37,11 @@ Progress = Callable[[Iterable], Iterable]
 Answering = ReducedModel | LocalModels | FallbackModel
 """What answers tables."""
 
+PARQUET = ".parquet"
+"""Ending of tables that are no text."""
 OK = "ok"
 """Status of a row that has an answer."""
-_COLUMNS = ("status", "largest_displacement", "total_force")
+_STATUS = "status"
 
 
 class Answers(NamedTuple):
@@ -143,11 +145,15 @@ def answer_points(
 
 
 def read_points(path: str | Path, space: ParameterSpace) -> list[TableRow]:
-    """Rows of a CSV file (UTF-8, commas) whose header names the parameters; empty lines are left out.
+    """Rows of a CSV file (UTF-8, commas) whose header names the parameters; empty lines are left out. Or of Parquet.
 
     Raises:
         ParameterError: if the file is missing, cannot be read, or its header does not name each parameter once.
     """
+    if Path(path).suffix == PARQUET:
+        from hhr_dolfinx.online.parquet import read_columns
+
+        return [TableRow(k, row) for k, row in enumerate(read_columns(Path(path), space.names), start=2)]
     try:
         # with or without the byte-order mark that spreadsheets write
         with open(path, newline="", encoding="utf-8-sig") as file:
@@ -210,7 +216,7 @@ def answer_table(
 def write_answers(
     path: str | Path, space: ParameterSpace, answers: Answers, cells: Sequence[Sequence[str]] | None = None
 ) -> int:
-    """Write answers as CSV with a header; returns the number of rows that have none.
+    """Write answers as CSV with a header, or as Parquet; returns the number of rows that have none.
 
     Args:
         path: the file.
@@ -221,21 +227,32 @@ def write_answers(
     Raises:
         FileError: if the file cannot be written.
     """
+    columns = _columns_of(answers)
+    if Path(path).suffix == PARQUET:
+        from hhr_dolfinx.online.parquet import write_columns
+
+        named = dict(zip(space.names, answers.points.T, strict=True))
+        write_columns(Path(path), {**named, _STATUS: answers.status, **columns})
+        return sum(status != OK for status in answers.status)
     given = answers.points.tolist() if cells is None else cells
-    count = answers.forces.shape[1]
     with replacing(path, text=True) as file:
         writer = csv.writer(file)
-        columns = {**answers.outputs, **answers.estimates}
-        if answers.fell_back is not None:
-            columns["fell_back"] = answers.fell_back.astype(float)
-        if answers.model is not None:
-            columns["model"] = np.where(answers.model == LEAF, np.nan, answers.model)
-        writer.writerow([*space.names, *_COLUMNS, *columns, *(f"force_{k}" for k in range(count))])
+        writer.writerow([*space.names, _STATUS, *columns])
         for k, (row, status) in enumerate(zip(given, answers.status, strict=True)):
-            forces, others = answers.forces[k], [column[k] for column in columns.values()]
-            values = [answers.largest_displacement[k], forces.sum(), *others, *forces]
-            writer.writerow([*row, status, *(_text(value) if status == OK else "" for value in values)])
+            texts = (_text(column[k]) if status == OK else "" for column in columns.values())
+            writer.writerow([*row, status, *texts])
     return sum(status != OK for status in answers.status)
+
+
+def _columns_of(answers: Answers) -> dict[str, np.ndarray]:
+    """Numbers of all rows by the heads of their columns, in their order."""
+    columns = {"largest_displacement": answers.largest_displacement, "total_force": answers.forces.sum(axis=1)}
+    columns |= {**answers.outputs, **answers.estimates}
+    if answers.fell_back is not None:
+        columns["fell_back"] = answers.fell_back.astype(float)
+    if answers.model is not None:
+        columns["model"] = np.where(answers.model == LEAF, np.nan, answers.model)
+    return columns | {f"force_{k}": force for k, force in enumerate(answers.forces.T)}
 
 
 def _text(value: float) -> str:

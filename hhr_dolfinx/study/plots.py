@@ -173,7 +173,7 @@ def plot_fields(grids: list[pyvista.UnstructuredGrid], names: list[str], path: P
     columns = min(len(names), 3)
     rows = -(-len(names) // columns)
     plotter = pyvista.Plotter(
-        off_screen=True, shape=(rows, columns), window_size=(620 * columns, 520 * rows), border=False
+        off_screen=True, shape=(rows, columns), window_size=(620 * columns, _height(grids[0]) * rows), border=False
     )
     bar = {"vertical": False, "label_font_size": 15, "n_labels": 4, "color": "k", "position_y": 0.02, "fmt": "%.3g",
            "width": 0.6, "position_x": 0.2}  # fmt: skip
@@ -198,6 +198,12 @@ def plot_fields(grids: list[pyvista.UnstructuredGrid], names: list[str], path: P
             plotter.view_vector((-1.0, -1.4, 0.6))
     plotter.screenshot(path)
     plotter.close()
+
+
+def _height(grid: pyvista.UnstructuredGrid) -> int:
+    """Pixels that a flat mesh needs beside 620 across, with room for its name and a bar; of others a square."""
+    width, height, depth = np.ptp(grid.points, axis=0)
+    return 620 if depth else int(np.clip(620 * height / max(width, 1e-300) + 170, 300, 800))
 
 
 def plot_maps(points: np.ndarray, maps: dict[str, np.ndarray], labels: tuple[str, str], path: Path) -> None:
@@ -263,6 +269,9 @@ def plot_work_precision(rows: list[dict[str, Any]], path: Path) -> None:
             axis.annotate(row["setting"], (x, y), fontsize=8, **place)
         if points:
             axis.legend(fontsize=8)
+        else:
+            axis.set_yticks([])
+            axis.text(0.5, 0.08, "all are exact to round-off", ha="center", transform=axis.transAxes)
     _save(figure, path)
 
 

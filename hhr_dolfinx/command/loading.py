@@ -1,0 +1,77 @@
+"""From words of a command line to scenes, models and points; what is wrong is told in one sentence."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from hhr_dolfinx.errors import ParameterError, SceneError
+from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.plugins import find
+from hhr_dolfinx.scene import Scene
+
+
+def scene_of(name: str) -> Scene:
+    """The scene of ``file.py``, ``file.py:name`` or an entry point: a Scene, or a function that returns one.
+
+    Raises:
+        SceneError: for what is none.
+    """
+    found = find("scenes", name)
+    if inspect.isfunction(found):
+        asked = inspect.signature(found).parameters.values()
+        needed = [item.name for item in asked if item.default is item.empty and item.kind is item.POSITIONAL_OR_KEYWORD]
+        if needed:
+            raise SceneError(f"{name}: the function needs {', '.join(needed)}; give them defaults, or name another one")
+        found = found()
+    if not isinstance(found, Scene):
+        raise SceneError(f"{name} is {type(found).__name__} and no Scene: name one, 'file.py:name'")
+    return found
+
+
+def beside(name: str, attribute: str) -> Any:
+    """What a scene's file has besides, such as ``SETTINGS`` or ``VIEW``; None where it has none, or is no file."""
+    path = name.rpartition(":")[0] if ":" in name else name
+    if not path.endswith(".py"):
+        return None
+    try:
+        return find("scenes", f"{path}:{attribute}")
+    except SceneError:
+        return None
+
+
+def point_of(words: Iterable[str], space: ParameterSpace) -> dict[str, float]:
+    """A point from ``name=value`` words, one or several in each, separated by commas.
+
+    Raises:
+        ParameterError: for a word without a number, or a name that is not there or is there twice.
+    """
+    found: dict[str, float] = {}
+    for word in (part.strip() for given in words for part in given.split(",")):
+        name, equals, text = (piece.strip() for piece in word.partition("="))
+        try:
+            value = float(text)
+        except ValueError:
+            value = None
+        if not equals or value is None:
+            raise ParameterError(f"'{word}' gives no parameter a number: write --at {space.names[0]}=0.5")
+        if name not in space.names or name in found:
+            raise ParameterError(f"'{name}' is {'there twice' if name in found else 'no parameter'}: there are "
+                                 f"{', '.join(space.names)}")  # fmt: skip
+        found[name] = value
+    missing = [name for name in space.names if name not in found]
+    if missing:
+        bounds = ", ".join(
+            f"{name} in [{low:g}, {high:g}]"
+            for name, low, high in zip(space.names, space.lower, space.upper, strict=True)
+            if name in missing
+        )
+        raise ParameterError(f"no value is given for {bounds}: add --at {missing[0]}=...")
+    return found
+
+
+def is_model(name: str) -> bool:
+    """Whether a name is that of a model in a file."""
+    return Path(name).suffix == ".npz"

@@ -1,0 +1,343 @@
+"""The commands of ``hhr``.
+
+Exit codes: 0 all is well; 1 something has no answer, or a check found mistakes; 2 wrong words; 3 a scene, a model or a
+file is refused; 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import logging
+import sys
+import warnings
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Any
+
+from hhr_dolfinx.compat import extra
+from hhr_dolfinx.errors import HHRError
+
+with extra("study", "the command hhr"):
+    import click
+
+NO_ANSWER, REFUSED, INTERRUPTED = 1, 3, 130
+Command = Callable[..., Any]
+
+
+def guarded(command: Command) -> Command:
+    """A command whose errors are sentences and exit codes, and which says so when it is interrupted."""
+
+    @wraps(command)
+    def run(*args: Any, **kwargs: Any) -> Any:
+        warnings.showwarning = _show
+        try:
+            return command(*args, **kwargs)
+        except HHRError as error:
+            _say(f"error: {error}")
+            sys.exit(REFUSED)
+        except KeyboardInterrupt:
+            _say("interrupted: answers that were done are kept, and the same command goes on from there")
+            sys.exit(INTERRUPTED)
+
+    return run
+
+
+def _show(message: Any, category: Any, *_: Any, **__: Any) -> None:
+    """Warnings as sentences, once, on the first rank."""
+    _say(f"warning: {message}")
+
+
+def _say(text: str) -> None:
+    """On the error stream, by the first rank."""
+    if _first_rank():
+        click.echo(text, err=True)
+
+
+def _first_rank() -> bool:
+    """Whether this process speaks; a model that answers needs no MPI."""
+    module = sys.modules.get("mpi4py.MPI")
+    return module is None or module.COMM_WORLD.rank == 0
+
+
+def _spoken() -> tuple[Any, Any]:
+    """The console of the first rank, and its progress bars by label."""
+    from mpi4py import MPI
+
+    from hhr_dolfinx.study.console import make_console, progress_on
+
+    console = make_console(quiet=MPI.COMM_WORLD.rank > 0)
+    return console, progress_on(console)
+
+
+def _examples(*lines: str) -> str:
+    return "\b\n" + "\n".join(f"  {line}" for line in ("Examples:", *lines))
+
+
+SCENE = click.argument("scene")
+OUT = click.option("--out", type=click.Path(path_type=Path), help="folder of the results [out/<scene>]")
+AT = click.option("--at", "words", multiple=True, help="value of a parameter, name=value; once for each")
+TRAINING = (
+    click.option("--grid", help="train on a regular grid: counts along the parameters, as 16,16"),
+    click.option("--sobol", type=click.IntRange(2), help="train on so many Sobol points"),
+    click.option("--greedy", type=float, help="train where a model is worst, up to this error of the forces"),
+    click.option("--budget", type=click.IntRange(2), help="most answers of a greedy training"),
+)
+
+
+def _with(options: Any) -> Callable[[Command], Command]:
+    """Several options at once."""
+
+    def decorate(command: Command) -> Command:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorate
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--verbose", is_flag=True, help="say what goes on, stage by stage")
+@click.version_option(package_name="hhr_dolfinx")
+def hhr(verbose: bool) -> None:
+    """Contact problems for many parameters: reduced models that know their error.
+
+    A SCENE is a Python file in which `scene` is one, or a function that returns one (file.py), or something else in it
+    (file.py:name).
+    """
+    if verbose:
+        logging.basicConfig(level=logging.INFO, format="%(message)s")
+
+
+@hhr.command(epilog=_examples("hhr check my_scene.py", "hhr check my_scene.py --at load=3 --picture scene.png"))
+@SCENE
+@AT
+@click.option("--picture", type=click.Path(path_type=Path), help="where to draw it [<scene>_check.png]")
+@guarded
+def check(scene: str, words: tuple[str, ...], picture: Path | None) -> None:
+    """Look at a scene without solving it: tags, supports, surfaces, gaps, loads, parameters; with a picture."""
+    from hhr_dolfinx.command.loading import point_of, scene_of
+    from hhr_dolfinx.study.scene_check import check_scene
+
+    console, _ = _spoken()
+    made = scene_of(scene)
+    found = check_scene(made, point_of(words, made.parameters) if words else None)
+    for finding in found.findings:
+        console.print(f"{finding.level:8} {finding.text}", highlight=False)
+    if found.drawable:
+        path = picture or Path(f"{made.name}_check.png")
+        found.draw(path)
+        console.print(f"picture: {path}")
+    sys.exit(NO_ANSWER if found.mistakes else 0)
+
+
+@hhr.command(epilog=_examples("hhr train my_scene.py --sobol 64", "mpirun -n 4 hhr train my_scene.py --greedy 0.01"))
+@SCENE
+@_with(TRAINING)
+@OUT
+@guarded
+def train(scene: str, out: Path | None, **how: Any) -> None:
+    """Solve the scene for training parameters, build a reduced model, check it, and save it as model.npz.
+
+    Answers are kept in the folder as they are found: a command that was interrupted goes on.
+    """
+    from mpi4py import MPI
+
+    from hhr_dolfinx.command.loading import beside, scene_of
+    from hhr_dolfinx.online.model_file import save_model
+    from hhr_dolfinx.study.training import train as trained
+
+    console, progress = _spoken()
+    made = scene_of(scene)
+    folder = out or Path("out") / made.name
+    training = trained(
+        made, _training_of(how, beside(scene, "SETTINGS")), folder=folder / "snapshots", progress=progress
+    )
+    if MPI.COMM_WORLD.rank:
+        return
+    model = training.build()
+    save_model(folder / "model.npz", model)
+    basis, cells = model.fields.basis, model.offline.sets.cells
+    console.print(
+        f"{made.name}: {basis.shape[0]} dofs and {len(model.fields.gaps)} contacts -> {basis.shape[1]} modes and "
+        f"{len(model.fields.A_lambda)} contacts on {len(cells)} of {len(training.full_order.problem.cell_nodes)} cells"
+    )
+    console.print(f"model: {folder / 'model.npz'}")
+
+
+def _training_of(how: dict[str, Any], settings: Any) -> Any:
+    """How to train: as asked for, or as the scene's file says, or on 64 Sobol points."""
+    from hhr_dolfinx.sampling import Sobol
+
+    given = [name for name in ("grid", "sobol", "greedy") if how[name] is not None]
+    if len(given) > 1 or (how["budget"] is not None and given != ["greedy"]):
+        raise click.UsageError("give one of --grid, --sobol and --greedy; --budget belongs to --greedy")
+    if given == ["grid"]:
+        try:
+            return [int(word) for word in how["grid"].split(",")]
+        except ValueError:
+            raise click.UsageError(f"--grid {how['grid']} must be counts, as 16,16") from None
+    if given == ["greedy"]:
+        from hhr_dolfinx.study.greedy import Greedy
+
+        return Greedy(tolerance=how["greedy"], budget=how["budget"] or 200)
+    if given == ["sobol"]:
+        return Sobol(how["sobol"])
+    return Sobol(64) if settings is None else settings.training
+
+
+@hhr.command(epilog=_examples("hhr solve my_scene.py --at load=3", "hhr solve out/my_scene/model.npz --at load=3"))
+@click.argument("what")
+@AT
+@click.option("--out", type=click.Path(path_type=Path), help="write fields there, for ParaView (.vtkhdf or .vtu)")
+@guarded
+def solve(what: str, words: tuple[str, ...], out: Path | None) -> None:
+    """Answer one parameter, by a SCENE in full or by a reduced model from a file (.npz)."""
+    from hhr_dolfinx.command.loading import is_model, point_of, scene_of
+
+    model: Any
+    if is_model(what):
+        from hhr_dolfinx.online.model_file import load_model
+
+        model = load_model(what)
+    else:
+        from hhr_dolfinx.full_order.full import FullOrderModel
+
+        model = FullOrderModel(scene_of(what))
+    answer = model.solve(point_of(words, model.parameters))
+    forces, displacement = answer.forces(), answer.displacement().reshape(-1, _dimension_of(model))
+    rows = {"largest displacement": (displacement**2).sum(axis=1).max() ** 0.5, "sum of contact forces": forces.sum(),
+            "conditions that touch": int((forces > 0).sum())}  # fmt: skip
+    outputs = answer.outputs() if _has_outputs(model) else None
+    if outputs is not None:
+        rows |= {f"{name} [{outputs.units[name]}]": value for name, value in outputs.values.items()}
+    estimate = answer.estimate() if is_model(what) else None
+    if estimate is not None:
+        rows |= {f"{estimate.kind} of displacement": estimate.primal_relative,
+                 f"{estimate.kind} of forces": estimate.dual_relative}  # fmt: skip
+    if _first_rank():
+        for name, value in rows.items():
+            click.echo(f"{name}: {value:.6g}")
+    if out is not None:
+        if is_model(what):
+            raise click.UsageError("--out needs a mesh, which a model in a file has not: solve the scene")
+        from hhr_dolfinx.study.fields import write_fields
+
+        write_fields(out, model, answer)
+
+
+def _dimension_of(model: Any) -> int:
+    return model.dimension if hasattr(model, "dimension") else model.problem.block_size
+
+
+def _has_outputs(model: Any) -> bool:
+    return getattr(getattr(model, "fields", model), "functionals", None) is not None
+
+
+@hhr.command(epilog=_examples("hhr study my_scene.py --grid 16,16 --tests 200", "hhr report out/my_scene"))
+@SCENE
+@_with(TRAINING)
+@click.option("--tests", type=click.IntRange(1), default=200, show_default=True, help="random test points")
+@click.option("--queries", type=click.IntRange(6), default=200, show_default=True, help="timed queries of each method")
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="of random points")
+@OUT
+@guarded
+def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **how: Any) -> None:
+    """Train, then measure errors and times beside the full order and condensation; report, pictures and model."""
+    from dataclasses import replace
+
+    from hhr_dolfinx.command.loading import beside, scene_of
+    from hhr_dolfinx.study.study import StudySettings, study_scene
+    from hhr_dolfinx.study.view import View
+
+    console, progress = _spoken()
+    made, settings = scene_of(scene), beside(scene, "SETTINGS")
+    given = _training_of(how, settings)
+    settings = replace(settings or StudySettings(given), training=given, seed=seed, queries=queries)
+    if not any(body.law is not None for body in made.bodies):
+        settings = replace(settings, tests=tests)
+    folder = out or Path("out") / made.name
+    found = study_scene(made, settings, folder, progress=progress)
+    if found is None:
+        return
+    middle = tuple((low + high) / 2 for low, high in zip(made.parameters.lower, made.parameters.upper, strict=True))
+    unit = "Pa" if made.units is None else made.units.stress
+    found.write(folder, console, beside(scene, "VIEW") or View(points=(middle,), stress=unit))
+
+
+@hhr.command(
+    epilog=_examples(
+        "hhr answer model.npz questions.csv --out answers.csv", "mpirun -n 2 hhr answer model.npz q.parquet"
+    )
+)
+@click.argument("model", type=click.Path(path_type=Path))
+@click.argument("table", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="the answers, .csv or .parquet [answers.csv]")
+@guarded
+def answer(model: Path, table: Path, out: Path | None) -> None:
+    """Answer a table of parameters, one row each, with outputs and bounds of errors. Rows may fail, others go on."""
+    from hhr_dolfinx.online.batch import answer_table, read_points
+    from hhr_dolfinx.online.model_file import load_model
+
+    console, progress = _spoken()
+    loaded: Any = load_model(model)
+    rows = read_points(table, loaded.parameters)
+    bad = answer_table(loaded, rows, out or Path("answers.csv"), console, progress("answers"))
+    sys.exit(NO_ANSWER if bad else 0)
+
+
+@hhr.command(epilog=_examples("hhr report out/my_scene"))
+@click.argument("folder", type=click.Path(path_type=Path))
+@guarded
+def report(folder: Path) -> None:
+    """Make report.html of the report.json and the pictures in a folder: one file that needs nothing else."""
+    from hhr_dolfinx.study.page import write_page
+
+    click.echo(write_page(folder))
+
+
+@hhr.command(epilog=_examples("hhr export my_scene.py --at load=3 --out my_scene.inp"))
+@SCENE
+@AT
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="the deck, .inp")
+@guarded
+def export(scene: str, words: tuple[str, ...], out: Path) -> None:
+    """Write the problem of one parameter as a deck for CalculiX or Abaqus, to check it there."""
+    from mpi4py import MPI
+
+    from hhr_dolfinx.command.loading import point_of, scene_of
+    from hhr_dolfinx.full_order.deck import write_deck
+    from hhr_dolfinx.full_order.discretisation import Discretisation
+
+    made = scene_of(scene)
+    write_deck(out, Discretisation(made, MPI.COMM_SELF), point_of(words, made.parameters))
+    click.echo(out)
+
+
+@hhr.command("list", epilog=_examples("hhr list", "hhr list pairings"))
+@click.argument("kind", required=False)
+@guarded
+def list_(kind: str | None) -> None:
+    """Show what scenes may name: geometries, pairings, laws, forms, materials, scenes of other packages."""
+    from hhr_dolfinx.materials.table import MATERIALS
+    from hhr_dolfinx.plugins import OWN, names
+
+    kinds = [*OWN, "materials"]
+    if kind is not None and kind not in kinds:
+        raise click.UsageError(f"there are no {kind}: kinds are {', '.join(kinds)}")
+    for one in [kind] if kind else kinds:
+        click.echo(f"{one}:")
+        if one == "materials":
+            for name, found in MATERIALS.items():
+                click.echo(f"  {name}: E = {found.young / 1e9:g} GPa, nu = {found.poisson:g} ({found.source})")
+        else:
+            for name, source in sorted(names(one).items()):
+                click.echo(f"  {name} ({source})")
+
+
+def main() -> None:
+    """What the installed command runs."""
+    hhr(prog_name="hhr")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,87 @@
+"""Fields of answers on their mesh, for ParaView: ``.vtkhdf`` or ``.vtu``, a file for each step of a history."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from dolfinx.plot import vtk_mesh
+
+from hhr_dolfinx.compat import extra
+from hhr_dolfinx.errors import FileError, SceneError
+from hhr_dolfinx.files import replacing
+from hhr_dolfinx.materials.elasticity import von_mises
+from hhr_dolfinx.models.answer import Answer, History
+
+with extra("pictures", "fields for ParaView"):
+    import pyvista
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.full import FullOrderModel
+
+ENDINGS = (".vtkhdf", ".vtu")
+
+
+def write_fields(path: str | Path, full: FullOrderModel, answer: Answer | History) -> list[Path]:
+    """Write displacement, contact pressure and gap at nodes, and stress and body of cells.
+
+    Args:
+        path: with the ending ``.vtkhdf`` (VTK >= 9.3) or ``.vtu``. Steps of a history have numbers in their names, and
+            stand with their times in a collection beside them, ``.pvd``.
+        full: the model of the mesh, on one rank; the answers may be those of a reduced model of its scene.
+        answer: an answer, or a history.
+
+    Returns:
+        The files, the collection first.
+
+    Raises:
+        FileError: for another ending, or a VTK that cannot write it.
+        SceneError: on several ranks.
+    """
+    path = Path(path)
+    if path.suffix not in ENDINGS:
+        raise FileError(f"{path}: fields are written as {' or '.join(ENDINGS)}")
+    if full.comm.size > 1:
+        raise SceneError("fields are written on one rank: give a full model on MPI.COMM_SELF")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not isinstance(answer, History):
+        return [_written(path, grid_of(full, answer))]
+    steps = list(answer.answers)
+    names = [path.with_stem(f"{path.stem}_{k:04d}") for k in range(len(steps))]
+    for name, step in zip(names, steps, strict=True):
+        _written(name, grid_of(full, step))
+    collection = path.with_suffix(".pvd")
+    with replacing(collection, text=True) as file:
+        file.write('<VTKFile type="Collection" version="0.1"><Collection>\n')
+        for name, step in zip(names, steps, strict=True):
+            file.write(f'<DataSet timestep="{step.time:.17g}" file={quoteattr(name.name)}/>\n')
+        file.write("</Collection></VTKFile>\n")
+    return [collection, *names]
+
+
+def _written(path: Path, grid: pyvista.UnstructuredGrid) -> Path:
+    try:
+        grid.save(path)
+    except (OSError, ValueError) as error:
+        raise FileError(f"{path} cannot be written ({error}): try the ending .vtu") from error
+    return path
+
+
+def grid_of(full: FullOrderModel, answer: Answer) -> pyvista.UnstructuredGrid:
+    """The mesh with all fields of an answer."""
+    problem = full.problem.at(answer.parameter)
+    # points are the nodes of the space, in the order of its dofs
+    grid = pyvista.UnstructuredGrid(*vtk_mesh(full.discretisation.space))
+    theta, displacement = problem.amplitudes(answer.parameter), answer.displacement()
+    vectors = displacement.reshape(grid.n_points, -1)
+    pressure, gap = np.zeros(grid.n_points), np.full(grid.n_points, np.nan)
+    np.add.at(pressure, problem.contact_slaves, answer.forces() / problem.contact_areas)
+    gap[problem.contact_slaves] = problem.gaps @ theta - problem.contact @ (displacement - problem.lifts @ theta)
+    grid.point_data["displacement"] = np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
+    grid.point_data["contact_pressure"], grid.point_data["gap"] = pressure, gap
+    stress = answer.stress().reshape(grid.n_cells, -1, answer.stress().shape[-1]).mean(axis=1)
+    grid.cell_data["stress_kelvin"], grid.cell_data["von_mises"] = stress, von_mises(stress)
+    grid.cell_data["body"] = full.discretisation.cell_bodies()
+    return grid

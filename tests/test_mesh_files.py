@@ -1,0 +1,305 @@
+"""Mesh files: the same mesh, names and answers from every format; sets that overlap; what cannot be read."""
+
+import dataclasses
+import shutil
+
+import gmsh
+import meshio
+import numpy as np
+import pytest
+import your_scene
+from dolfinx import io
+from mpi4py import MPI
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import FileContentError, SceneError, SceneWarning
+from hhr_dolfinx.full_order.deck import write_deck
+from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.geometries.raw_mesh import Numbers
+
+POINT = {"travel": 0.9, "lowered": 0.0}
+MESH = meshio.read(your_scene.MESH)
+
+
+@pytest.fixture(scope="module")
+def exact():
+    model = hhr.FullOrderModel(your_scene.scene(), MPI.COMM_SELF)
+    return model, model.solve(POINT)
+
+
+def answers_alike(path, exact, scene=None):
+    """Forces in the order of places along the surfaces: nodes may have other numbers."""
+    scene = your_scene.scene(path) if scene is None else scene
+    model, answer = hhr.FullOrderModel(scene, MPI.COMM_SELF), exact[1]
+    found = model.solve(POINT)
+    np.testing.assert_allclose(model.problem.contact_points, exact[0].problem.contact_points, atol=1e-9)
+    np.testing.assert_allclose(found.forces(), answer.forces(), atol=1e-8 * answer.forces().max())
+    assert list(found.outputs().values.values()) == pytest.approx(list(answer.outputs().values.values()), rel=1e-8)
+
+
+def sides_of(tag):
+    """Nodes of the lines with a number, (n, 2)."""
+    marks = MESH.cell_data["gmsh:physical"]
+    blocks = [block.data[own == tag] for block, own in zip(MESH.cells, marks, strict=True) if block.type == "line"]
+    return np.concatenate(blocks)
+
+
+def as_abaqus(path, *, nodes=False, quoted=False):
+    """The mesh as a deck by hand: elements by body in two blocks each, surfaces by faces or by nodes."""
+    lines = ["*Heading", "** a comment", "*Node, nset=all"]
+    lines += [f"{10 * k + 7}, {x:.16e}, {y:.16e}" for k, (x, y, _) in enumerate(MESH.points)]
+    number, faces = 0, {}
+    for block, name in zip(MESH.cells[-3:], ("spring", "roller", "stop"), strict=True):
+        for part in np.array_split(block.data, 2):
+            lines.append(f"*Element, type=CPE3, elset={name}")
+            for cell in part.tolist():
+                number += 1
+                lines.append(", ".join(str(n) for n in (number, *(10 * k + 7 for k in cell))))
+                for face in range(3):
+                    faces[frozenset((cell[face], cell[(face + 1) % 3]))] = number, face + 1
+    for name, (tag, dim) in MESH.field_data.items():
+        if dim != 1:
+            continue
+        sides = sides_of(tag)
+        word = f'"{name}"' if quoted else name
+        if nodes:
+            members = sorted({10 * int(k) + 7 for k in sides.ravel()})
+            lines.append(f"*NSET, NSET={word}")
+            lines += [", ".join(map(str, members[k : k + 16])) for k in range(0, len(members), 16)]
+        else:
+            lines.append(f"*Surface, name={word}, type=ELEMENT")
+            lines += [f"{n}, S{face}" for n, face in (faces[frozenset(side)] for side in sides.tolist())]
+    path.write_text("\n".join([*lines, "*Step", "*Static", "*End Step"]) + "\n")
+    return path
+
+
+def by_gmsh(path):
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.open(str(your_scene.MESH))
+    gmsh.option.setNumber("Mesh.MshFileVersion", 2.2)
+    gmsh.write(str(path))
+    gmsh.finalize()
+    return path
+
+
+@pytest.mark.parametrize("how", ["surfaces", "sets of nodes", "quoted names"])
+def test_a_deck_of_abaqus_gives_the_same_answer(how, tmp_path, exact):
+    path = as_abaqus(tmp_path / "mesh.inp", nodes=how == "sets of nodes", quoted=how == "quoted names")
+    answers_alike(path, exact)
+
+
+@pytest.mark.parametrize("name", ["mesh.med", "old.msh"])
+def test_what_gmsh_writes_gives_the_same_answer(name, tmp_path, exact):
+    answers_alike(by_gmsh(tmp_path / name), exact)
+
+
+def test_the_deck_that_a_scene_writes_is_the_scene_again(tmp_path, exact):
+    path = tmp_path / "out.inp"
+    write_deck(path, Discretisation(your_scene.scene(), MPI.COMM_SELF), POINT)
+    answers_alike(path, exact)
+    again = tmp_path / "again.inp"
+    write_deck(again, Discretisation(your_scene.scene(path), MPI.COMM_SELF), POINT)
+    answers_alike(again, exact)
+
+
+def test_the_deck_beside_the_mesh_is_of_the_same_scene(exact):
+    answers_alike(your_scene.MESH.with_suffix(".inp"), exact)
+
+
+def test_exodus_by_blocks_and_side_sets(tmp_path, exact):
+    import netCDF4
+
+    path = tmp_path / "mesh.e"
+    with netCDF4.Dataset(path, "w", format="NETCDF3_64BIT_OFFSET") as data:
+        data.createDimension("len_string", 33)
+        data.createDimension("num_nodes", len(MESH.points))
+        data.createDimension("num_el_blk", 3)
+        for axis, column in zip("xy", MESH.points.T, strict=False):
+            data.createVariable(f"coord{axis}", "f8", ("num_nodes",))[:] = column
+        faces, number = {}, 0
+        for k, block in enumerate(MESH.cells[-3:], start=1):
+            data.createDimension(f"num_el_in_blk{k}", len(block.data))
+            data.createDimension(f"num_nod_per_el{k}", 3)
+            connected = data.createVariable(f"connect{k}", "i4", (f"num_el_in_blk{k}", f"num_nod_per_el{k}"))
+            connected.elem_type = "TRI3"
+            connected[:] = block.data + 1
+            for cell in block.data.tolist():
+                number += 1
+                for face in range(3):
+                    faces[frozenset((cell[face], cell[(face + 1) % 3]))] = number, face + 1
+        names = [name for name, (_, dim) in MESH.field_data.items() if dim == 1]
+        data.createDimension("num_side_sets", len(names))
+        for kind, count, items in (("eb", "num_el_blk", ("spring", "roller", "stop")), ("ss", "num_side_sets", names)):
+            data.createVariable(f"{kind}_prop1", "i4", (count,))[:] = 1 + np.arange(len(items))
+            words = data.createVariable(f"{kind}_names", "S1", (count, "len_string"))
+            for row, item in enumerate(items):
+                words[row, : len(item)] = np.array(list(item), dtype="S1")
+        for k, name in enumerate(names, start=1):
+            tag = MESH.field_data[name][0]
+            sides = sides_of(tag)
+            pairs = np.array([faces[frozenset(side)] for side in sides.tolist()])
+            data.createDimension(f"num_side_ss{k}", len(pairs))
+            for what, column in zip(("elem", "side"), pairs.T, strict=True):
+                data.createVariable(f"{what}_ss{k}", "i4", (f"num_side_ss{k}",))[:] = column
+    answers_alike(path, exact)
+
+
+def test_xdmf_as_dolfinx_writes_it_by_numbers(tmp_path, exact):
+    mesh, cells, facets = hhr.MeshFile(your_scene.MESH)(MPI.COMM_SELF)
+    cells.name, facets.name = "cells", "facets"
+    with io.XDMFFile(MPI.COMM_SELF, str(tmp_path / "mesh.xdmf"), "w") as file:
+        file.write_mesh(mesh)
+        for tags in (cells, facets):
+            mesh.topology.create_connectivity(tags.dim, 2)
+            file.write_meshtags(tags, mesh.geometry)
+    numbers = {name: int(tag) for name, (tag, _) in MESH.field_data.items()}
+    scene = your_scene.scene(tmp_path / "mesh.xdmf")
+    bodies = tuple(dataclasses.replace(body, tag=numbers[body.tag]) for body in scene.bodies)
+    contacts = tuple(hhr.NodeToSurface(numbers[pair.tags[0]], numbers[pair.tags[1]]) for pair in scene.contacts)
+    displacements = tuple(dataclasses.replace(item, tag=numbers[item.tag]) for item in scene.displacements)
+    scene = dataclasses.replace(scene, bodies=bodies, contacts=contacts, displacements=displacements)
+    answers_alike(None, exact, scene)
+
+
+def test_numbers_of_the_file_are_as_good_as_names(exact):
+    scene = your_scene.scene()
+    numbers = {name: int(tag) for name, (tag, _) in MESH.field_data.items()}
+    bodies = tuple(dataclasses.replace(body, tag=numbers[body.tag]) for body in scene.bodies)
+    answers_alike(None, exact, dataclasses.replace(scene, bodies=bodies))
+
+
+def test_a_file_in_other_units(tmp_path, exact):
+    small = meshio.Mesh(MESH.points * 1e-3, MESH.cells, cell_data=MESH.cell_data, field_data=MESH.field_data)
+    meshio.gmsh.write(tmp_path / "m.msh", small, fmt_version="2.2")
+    scene = dataclasses.replace(your_scene.scene(), geometry=hhr.MeshFile(tmp_path / "m.msh", scale=1e3))
+    answers_alike(None, exact, scene)
+
+
+@pytest.mark.parametrize(
+    ("kind", "cells"),
+    [
+        ("quad", [[0, 1, 4, 3], [1, 2, 5, 4]]),
+        *((kind, None) for kind in ("quad8", "hexahedron", "hexahedron20", "tetra10")),
+    ],
+)
+def test_bricks_and_curved_cells_are_taken_by_their_corners(kind, cells, tmp_path):
+    """Two unit cells side by side, or one; their volume is that of straight cells."""
+    if kind == "quad":
+        points = np.array([[x, y, 0] for y in (0.0, 1) for x in (0.0, 1, 2)])
+        mesh, volume = meshio.Mesh(points, [(kind, np.array(cells))]), 2.0
+    else:
+        gmsh.initialize()
+        gmsh.option.setNumber("General.Terminal", 0)
+        dim = 2 if kind == "quad8" else 3
+        tag = gmsh.model.occ.addRectangle(0, 0, 0, 1, 1) if dim == 2 else gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        gmsh.model.occ.synchronize()
+        if not kind.startswith("tetra"):
+            gmsh.option.setNumber("Mesh.MeshSizeMin", 1)
+            gmsh.model.mesh.setTransfiniteAutomatic()
+            gmsh.option.setNumber("Mesh.RecombineAll", 1)
+        gmsh.model.addPhysicalGroup(dim, [tag], name="body")
+        gmsh.model.mesh.generate(dim)
+        gmsh.option.setNumber("Mesh.SecondOrderIncomplete", 1)
+        if kind[-1].isdigit():
+            gmsh.model.mesh.setOrder(2)
+        gmsh.write(str(tmp_path / "c.msh"))
+        gmsh.finalize()
+        mesh, volume = None, 1.0
+    if mesh is not None:
+        mesh.write(tmp_path / "c.vtk")
+    path = tmp_path / ("c.msh" if mesh is None else "c.vtk")
+    found = hhr.MeshFile(path)(MPI.COMM_SELF)[0]
+    from dolfinx import fem
+    from ufl import dx
+
+    one = fem.Constant(found, 1.0)
+    assert fem.assemble_scalar(fem.form(one * dx(found))) == pytest.approx(volume, rel=1e-12)
+
+
+def test_sets_that_overlap_have_numbers_for_what_they_share():
+    sets = {"all": np.arange(6), 3: np.array([0, 1]), "a": np.array([0, 1]), "b": np.array([1, 2]), 9: np.array([5])}
+    found = Numbers.of(sets, 8)
+    assert found.items.tolist() == [0, 1, 2, 3, 4, 5]
+    for name, members in sets.items():
+        assert sorted(found.items[np.isin(found.values, found.sets[name])].tolist()) == sorted(members.tolist())
+    alone = Numbers.of({3: np.array([0, 1]), "a": np.array([0, 1]), "b": np.array([2])}, 3)
+    assert alone.sets[3] == alone.sets["a"] == (3,)
+
+
+def test_overlapping_sets_of_a_deck_are_surfaces_and_bodies(tmp_path, exact):
+    """A set of all elements, and one of nodes around everything, beside those that are used."""
+    path = as_abaqus(tmp_path / "mesh.inp", nodes=True)
+    text = path.read_text().replace("*Step", "*NSET, NSET=around\nall\n*ELSET, ELSET=metal\nspring, roller\n*Step")
+    path.write_text(text)
+    answers_alike(path, exact)
+    both = dataclasses.replace(
+        your_scene.scene(path), bodies=(hhr.Body("metal", 210e3, 0.3), your_scene.scene().bodies[2]))  # fmt: skip
+    answers_alike(None, exact, both)
+    with pytest.raises(SceneError, match=r"bodies '(spring|roller)' and 'metal' have cells in common"):
+        hhr.FullOrderModel(dataclasses.replace(both, bodies=(*your_scene.scene().bodies, hhr.Body("metal", 1.0, 0.3))))
+
+
+WRONG = {
+    "nothing.msh": (None, "there is no mesh file .*nothing.msh: .* has other.msh"),
+    "text.msh": ("not a mesh", "text.msh cannot be read"),
+    "empty.inp": ("*Heading\n", "has no elements of the plane or of space"),
+    "parts.inp": ("*Instance, name=A, part=P\n1, 2, 3\n", "line 1: parts and instances that are moved"),
+    "set.inp": ("*Node\n1, 0, 0\n*Nset, nset=a\nnone\n", "line 3: there is no set 'none' before it"),
+    "lost.inp": ("*Node\n1, 0, 0\n*Element, type=CPE3, elset=a\n1, 1, 2, 3\n", "element 1 has a node that is not in"),
+    "face.inp": (
+        "*Node\n1, 0, 0\n2, 1, 0\n3, 0, 1\n*Element, type=CPE3, elset=a\n1, 1, 2, 3\n*Surface, name=s\na, S5\n",
+        "surface 's': 'a, S5' is no face",
+    ),
+    "mixed.inp": (
+        "*Node\n1,0,0\n2,1,0\n3,0,1\n4,1,1\n*Element,type=CPE3\n1,1,2,3\n*Element,type=CPE4\n2,1,2,4,3\n",
+        "mixes quadrilateral and triangle",
+    ),
+    "no.xdmf": ("<Xdmf><Domain/></Xdmf>", "has no grid of triangles"),
+    "bad.xdmf": ("<Xdmf>", "is no XDMF"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_files_that_are_no_meshes_are_refused_with_the_reason(name, tmp_path):
+    text, message = WRONG[name]
+    shutil.copy(your_scene.MESH, tmp_path / "other.msh")
+    if text is not None:
+        (tmp_path / name).write_text(text)
+    with pytest.raises(FileContentError, match=message):
+        hhr.MeshFile(tmp_path / name)(MPI.COMM_SELF)
+
+
+WORDS = {(3,): "path 3 of a mesh file", ("a.msh", 0.0): "scale 0.0", ("a.msh", "mm"): "scale 'mm'"}
+
+
+@pytest.mark.parametrize("given", WORDS)
+def test_arguments_that_are_none(given):
+    with pytest.raises(SceneError, match=WORDS[given]):
+        hhr.MeshFile(*given)
+
+
+def test_names_in_a_scene_whose_mesh_has_none():
+    scene = dataclasses.replace(
+        your_scene.scene(), geometry=lambda comm: tuple(hhr.MeshFile(your_scene.MESH)(comm)))  # fmt: skip
+    with pytest.raises(SceneError, match="no surface of the mesh has a name, and 'clamp' is asked for"):
+        hhr.FullOrderModel(scene)
+
+
+def test_a_model_by_names_is_saved_and_read(tmp_path, exact):
+    training = hhr.train(your_scene.scene(), hhr.Sobol(16), comm=MPI.COMM_SELF)
+    with pytest.warns(UserWarning):  # few answers
+        model = training.build()
+    hhr.save_model(tmp_path / "m.npz", model)
+    again = hhr.load_model(tmp_path / "m.npz").solve(POINT)
+    assert np.array_equal(again.multipliers, model.solve(POINT).multipliers)
+
+
+def test_a_roller_that_nothing_but_contact_holds_is_named(tmp_path):
+    scene = your_scene.scene()
+    free = tuple(item for item in scene.displacements if item.tag != "roller_flat")
+    load = hhr.Traction("roller_flat", (0.0, -1.0), hhr.Amplitude(slopes={"travel": 3.0}))
+    with pytest.warns(SceneWarning, match="body roller .* which no contact resists"):
+        model = hhr.FullOrderModel(dataclasses.replace(scene, displacements=free, loads=(load,)), MPI.COMM_SELF)
+    answer = model.solve({"travel": 0.5, "lowered": 0.0})
+    assert answer.outputs()["force on the roller"] == pytest.approx(0.5 * 3.0 * 12.0, rel=1e-10)
