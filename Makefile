@@ -3,7 +3,7 @@
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: demo pellet nonmatching plastic sphere materials rod press calibrate certified local indicator greedy indent scene patch extreme recipes lint test slow setup
+.PHONY: demo pellet nonmatching plastic sphere materials rod press calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes lint test slow setup
 
 demo: setup
 	.venv/bin/python demos/hertz_half_discs.py
@@ -49,6 +49,12 @@ indent: setup
 
 scene: setup
 	.venv/bin/python demos/your_scene.py
+
+held: setup
+	.venv/bin/python demos/held_by_contact.py
+
+benchmarks: setup
+	.venv/bin/python demos/benchmarks.py
 
 patch: setup
 	.venv/bin/python demos/contact_patch_test.py
