@@ -31,8 +31,8 @@ def scene(mesh: Path | str = MESH) -> hhr.Scene:
         units=UNITS,
         bodies=(
             hhr.Body.of("spring", "steel", UNITS),
-            hhr.Body.of("roller", "steel", UNITS),
-            hhr.Body("stop", young=3000.0, poisson=0.35),  # a plastic
+            hhr.Body("roller", young=3000.0, poisson=0.35),  # of plastic, as the stop
+            hhr.Body("stop", young=3000.0, poisson=0.35),
         ),
         contacts=(
             hhr.NodeToSurface("roller_round", "spring_top"),
@@ -47,8 +47,8 @@ def scene(mesh: Path | str = MESH) -> hhr.Scene:
         openings=(hhr.Opening(1, hhr.Amplitude(slopes={"lowered": 1.0})),),
         parameters=hhr.ParameterSpace(("travel", "lowered"), (0.05, 0.0), (1.0, 0.3)),
         outputs=(
-            hhr.ContactForce("force on the roller", contact=0, direction=(0.0, 1.0)),
-            hhr.LargestPressure("pressure on the stop", contact=1),
+            hhr.ContactForce("force on the roller", contact=0, direction=(0.0, 1.0), unit="N/mm"),
+            hhr.LargestPressure("pressure on the stop", contact=1, unit="MPa"),
         ),
     )
 
@@ -58,8 +58,8 @@ def from_abaqus() -> hhr.Scene:
     return scene(MESH.with_suffix(".inp"))
 
 
-SETTINGS = hhr.StudySettings(hhr.Sobol(64), queries=200)
-VIEW = hhr.View(points=((0.9, 0.1),), stress=UNITS.stress, deformed=True)
+SETTINGS = hhr.StudySettings(hhr.Sobol(256), queries=200)
+VIEW = hhr.View(points=((0.9, 0.1),), label="x [mm]", stress=UNITS.stress, deformed=True)
 
 
 def main() -> None:

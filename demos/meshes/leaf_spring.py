@@ -5,22 +5,28 @@
 Lengths in mm. Bodies and surfaces have names, as physical groups.
 """
 
+import math
 from pathlib import Path
 
 import gmsh
 
-LENGTH, THICKNESS, RADIUS = 60.0, 4.0, 6.0
+LENGTH, THICKNESS, RADIUS = 60.0, 4.0, 10.0
 ROLLER, STOP = 48.0, 32.0
 """Where roller and stop touch the spring."""
 GAP = 0.2
 """Between the spring and the stop; the roller touches the spring."""
-FINE, COARSE = 0.3, 1.5
+FINE, COARSE = 0.15, 2.0
 
 
-def half_disc(name: str, place: float, pole: float, up: float) -> None:
-    """A half-disc whose pole looks down or up, with its round and its flat side."""
-    occ, middle = gmsh.model.occ, pole + up * RADIUS
-    points = [occ.addPoint(place + x, middle + y, 0) for x, y in ((-RADIUS, 0), (0, -up * RADIUS), (RADIUS, 0), (0, 0))]
+def segment(name: str, place: float, pole: float, up: float) -> None:
+    """A segment of a disc, 60 degrees to each side of its pole, which looks down or up; its round and its flat side.
+
+    No more than that can touch: nodes that look aside find nothing that they face.
+    """
+    occ = gmsh.model.occ
+    wide, high = RADIUS * math.sin(math.pi / 3), RADIUS * (1 - math.cos(math.pi / 3))
+    places = ((-wide, up * high), (0, 0), (wide, up * high), (0, up * RADIUS))
+    points = [occ.addPoint(place + x, pole + y, 0) for x, y in places]
     arcs = [occ.addCircleArc(points[0], points[3], points[1]), occ.addCircleArc(points[1], points[3], points[2])]
     flat = occ.addLine(points[2], points[0])
     body = occ.addPlaneSurface([occ.addCurveLoop([*arcs, flat])])
@@ -47,7 +53,7 @@ def fine_where_bodies_touch() -> None:
     places = []
     for x, y in ((ROLLER, THICKNESS), (STOP, 0.0)):
         ball = field.add("Ball")
-        shape = {"XCenter": x, "YCenter": y, "Radius": 1.5, "Thickness": 8.0, "VIn": FINE, "VOut": COARSE}
+        shape = {"XCenter": x, "YCenter": y, "Radius": 1.2, "Thickness": 9.0, "VIn": FINE, "VOut": COARSE}
         for key, value in shape.items():
             field.setNumber(ball, key, value)
         places.append(ball)
@@ -63,8 +69,8 @@ def main() -> None:
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     spring()
-    half_disc("roller", ROLLER, THICKNESS, 1.0)
-    half_disc("stop", STOP, -GAP, -1.0)
+    segment("roller", ROLLER, THICKNESS, 1.0)
+    segment("stop", STOP, -GAP, -1.0)
     fine_where_bodies_touch()
     gmsh.model.mesh.generate(2)
     gmsh.write(str(Path(__file__).with_suffix(".msh")))
