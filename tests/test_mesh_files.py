@@ -236,7 +236,7 @@ def test_overlapping_sets_of_a_deck_are_surfaces_and_bodies(tmp_path, exact):
     scene = your_scene.scene(path)
     both = dataclasses.replace(scene, bodies=(scene.bodies[0], dataclasses.replace(scene.bodies[1], tag="plastic")))
     answers_alike(None, exact, both)
-    with pytest.raises(SceneError, match="bodies '(?:roller|stop)' and 'plastic' have cells in common"):
+    with pytest.raises(SceneError, match=r"bodies '(?:roller|stop)' and 'plastic' have cells in common"):
         hhr.FullOrderModel(dataclasses.replace(scene, bodies=(*scene.bodies, hhr.Body("plastic", 1.0, 0.3))))
 
 
