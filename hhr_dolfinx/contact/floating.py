@@ -23,10 +23,10 @@ from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, Statu
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.linear.dense import LapackLU
 
-WEAKNESS = 1e3
-"""Compliance of the springs over that of the bodies: the weaker, the fewer steps, and the more digits are lost."""
-MOST_STEPS = 60
-"""Steps of the proximal point method; two or three are usual."""
+WEAKNESS = (1e3, 1e5, 1e7)
+"""Compliances of the springs over that of the bodies: the weaker, the fewer steps, and the more digits are lost."""
+MOST_STEPS = 30
+"""Steps of the proximal point method with springs of one kind; two or three are usual."""
 BALANCED = 1e-12
 """Part of the forces by which they may be out of balance."""
 SINGULAR = 1e-8
@@ -82,16 +82,11 @@ class FloatingEqualities:
         return found[:m], slack[:m], self._scale[0] * found[m:]
 
     @cached_property
-    def compliance(self) -> float:
-        """1 / k of the springs."""
-        push = np.abs(np.einsum("mr,rm->m", self.motions.taken, self.motions.resultants)).mean()
-        return WEAKNESS * float(np.abs(np.diag(self.schur)).mean()) / (push or 1.0)
-
-    @cached_property
-    def sprung(self) -> SchurEqualities:
-        """Equality problems of bodies held by springs."""
-        held = self.schur + self.compliance * (self.motions.taken @ self.motions.resultants)
-        return SchurEqualities.of(held, LapackLU)
+    def springs(self) -> tuple[tuple[float, SchurEqualities], ...]:
+        """Compliances of springs, 1 / k, and equality problems of bodies that they hold."""
+        push = self.motions.taken @ self.motions.resultants
+        size = float(np.abs(np.diag(self.schur)).mean()) / (np.abs(np.diag(push)).mean() or 1.0)
+        return tuple((size * weak, SchurEqualities.of(self.schur + size * weak * push, LapackLU)) for weak in WEAKNESS)
 
     def several(self, active: np.ndarray, free_slacks: np.ndarray, drivings: np.ndarray) -> tuple[np.ndarray, ...]:
         """The same for many right-hand sides, (m, k) and (r, k): forces, slacks (m, k) and motions (r, k).
@@ -131,26 +126,26 @@ def floating_set(
     direct = _direct(equalities, free_slack, driving, start, pairs)
     if direct is not None:
         return direct
-    motions = equalities.motions
-    ends, spent = np.zeros(driving.size), 0
-    active = start
-    for _ in range(MOST_STEPS):
-        offset = ends + equalities.compliance * driving
-        found = active_set(equalities.sprung, free_slack - motions.taken @ offset, active, pairs=pairs)
+    motions, sizes = equalities.motions, np.abs(driving)
+    # forces that close nothing but round-off of the gaps: without loads there are no others to compare with
+    nothing = BALANCED * np.abs(free_slack).max() / (np.abs(np.diag(equalities.schur)).mean() or 1.0)
+    ends, spent, active = np.zeros(driving.size), 0, start
+    for compliance, sprung in (spring for spring in equalities.springs for _ in range(MOST_STEPS)):
+        offset = ends + compliance * driving
+        found = active_set(sprung, free_slack - motions.taken @ offset, active, pairs=pairs)
         spent += found.iterations
         if found.status is not Status.CONVERGED:
             return found._replace(iterations=spent, cycled=True), ends
         left = driving - motions.resultants @ found.forces
-        ends, active = ends + equalities.compliance * left, found.active
-        sizes = np.abs(driving) + np.abs(motions.resultants) @ found.forces
-        if (np.abs(left) <= BALANCED * sizes.max()).all():
+        ends, active = ends + compliance * left, found.active
+        largest = (sizes + np.abs(motions.resultants) @ found.forces).max()
+        if (np.abs(left) <= BALANCED * largest + nothing).all():
             return found._replace(iterations=spent, cycled=True), ends
         direct = _direct(equalities, free_slack, driving, active, pairs)
         if direct is not None:
             statuses, ends = direct
             return statuses._replace(iterations=spent + statuses.iterations, cycled=True), ends
-    nothing = Statuses(np.zeros(start.size), start, spent, Status.ADRIFT, True)
-    return nothing, ends
+    return Statuses(np.zeros(start.size), start, spent, Status.ADRIFT, True), ends
 
 
 def _direct(
