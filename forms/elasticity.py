@@ -11,7 +11,7 @@ Every hypothesis works with the full 3x3 strain, so that one contraction
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import ufl
@@ -65,6 +65,12 @@ def stiffness(u: Expr, v: Expr, young: float, poisson: float, hypothesis: str, d
     """Bilinear form a(u, v) = ∫ σ(u) : ε(v) w dx of thesis (1.9) on the measure ``dx``."""
     weight = volume_weight(dx.ufl_domain(), hypothesis)
     return weight * ufl.inner(stress(u, young, poisson, hypothesis), strain(v, hypothesis, poisson)) * dx
+
+
+def own_stiffness(u: Expr, v: Expr, stress_of: Callable[[Expr], Expr], hypothesis: str, dx: ufl.Measure) -> ufl.Form:
+    """The same for a stress that is a function of the strain, 3x3, of a user's own."""
+    weight = volume_weight(dx.ufl_domain(), hypothesis)
+    return weight * ufl.inner(stress_of(strain(u, hypothesis)), strain(v, hypothesis)) * dx
 
 
 def isotropic_parts(strain_of_u: Expr, hypothesis: str) -> tuple[Expr, Expr]:

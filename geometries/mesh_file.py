@@ -105,7 +105,13 @@ def read_by_gmsh(path: Path) -> RawMesh:
     from hhr_dolfinx.geometries.gmsh_model import converted
 
     with TemporaryDirectory() as folder:
-        return read_by_meshio(converted(path, Path(folder) / "mesh.msh"))
+        target = Path(folder) / "mesh.msh"
+        try:
+            converted(path, target)
+        except Exception:
+            # that of Debian has no MED; meshio may read it, or say why not
+            return read_by_meshio(path)
+        return read_by_meshio(target)
 
 
 def read_by_meshio(path: Path) -> RawMesh:

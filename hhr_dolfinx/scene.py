@@ -37,6 +37,9 @@ class Body:
         law: how it flows, a :class:`~hhr_dolfinx.materials.laws.Flow`; None for an elastic body.
         grading: of a body that is graded or layered: what its modulus is multiplied by, as a function of the
             coordinates, UFL to UFL; None for 1.
+        stress: linear elasticity of your own in UFL, such as that of wood: a function of the strain, 3x3, that returns
+            the stress, 3x3, with a symmetric stiffness. ``young`` and ``poisson`` are typical sizes then, of which
+            nothing is computed. None for Hooke's law.
     """
 
     tag: Tag
@@ -44,9 +47,17 @@ class Body:
     poisson: float | str
     law: Flow | None = None
     grading: Callable[[Any], Any] | None = None
+    stress: Callable[[Any], Any] | None = None
 
     def __post_init__(self):
         check_tag("body", self.tag)
+        if self.stress is not None and not callable(self.stress):
+            raise SceneError(f"body {self.tag}: the stress {self.stress!r} must be a function of the strain, in UFL")
+        if self.stress is not None and (self.law is not None or self.grading is not None or self.varies):
+            raise SceneError(
+                f"body {self.tag} has a stress of its own, and a law, a grading or formulas besides: that is not built "
+                "in, write all of it into the stress"
+            )
         for name, value in (("young", self.young), ("poisson", self.poisson)):
             if isinstance(value, str):
                 from hhr_dolfinx.formulas import formula_of
@@ -243,6 +254,13 @@ class Scene:
                     f"shapes[{place}] of scene '{self.name}' is of body {shape.tag}: give one shape for each of the "
                     f"bodies {sorted(tags)} that changes"
                 )
+        own = [body.tag for body in self.bodies if body.stress is not None]
+        others = any(body.law is not None or body.grading is not None or body.varies for body in self.bodies)
+        if own and (others or self.shapes or self.hypothesis == "plane_stress"):
+            raise SceneError(
+                f"bodies {own} of scene '{self.name}' have a stress of their own: that is built in where nothing "
+                "flows, no elasticity or shape depends on parameters or on the place, and not in plane stress"
+            )
         if self.shapes and any(body.law is not None for body in self.bodies):
             raise SceneError(f"bodies of scene '{self.name}' flow, and their shape depends on parameters: not built in")
 

@@ -51,6 +51,7 @@ def _check(discretisation: Discretisation, point: np.ndarray) -> None:
         "bodies flow": any(body.law is not None for body in scene.bodies),
         "shapes depend on parameters": bool(scene.shapes),
         "bodies are graded": any(body.grading is not None for body in scene.bodies),
+        "bodies have a stress of their own": any(body.stress is not None for body in scene.bodies),
         "a surface meets a rigid obstacle": any(len(item.tags) == 1 for item in scene.contacts),
         "gaps are added": any(_opening(discretisation, k, point) for k in range(len(scene.contacts))),
     }

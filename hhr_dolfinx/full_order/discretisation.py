@@ -141,8 +141,13 @@ class Discretisation:
     def _stiffness_form(self):
         """Of the bodies under full integration; compiled where it is used: bodies that flow assemble elsewhere."""
         scene, functions = self.scene, (self._trial, self._test)
-        parts = (elasticity.stiffness(*functions, body.young, body.poisson, scene.hypothesis, self.cells(body.tag))
-                 for body, mean in zip(scene.bodies, self.mean_dilatation, strict=True) if not mean)  # fmt: skip
+        parts = []
+        for body, mean in zip(scene.bodies, self.mean_dilatation, strict=True):
+            dx = self.cells(body.tag)
+            if body.stress is not None:
+                parts.append(elasticity.own_stiffness(*functions, body.stress, scene.hypothesis, dx))
+            elif not mean:
+                parts.append(elasticity.stiffness(*functions, body.young, body.poisson, scene.hypothesis, dx))
         return fem.form(sum(parts))
 
     @cached_property

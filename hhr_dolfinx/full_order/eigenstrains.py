@@ -49,6 +49,8 @@ def eigenstress(
             f"an eigenstrain is that of cell tag {tag}, and the bodies of scene '{scene.name}' have the tags "
             f"{[body.tag for body in scene.bodies]}"
         )
+    if scene.bodies[places[0]].stress is not None:
+        raise SceneError(f"body {tag!r} has a stress of its own, and a load that is a strain of it is not built in")
     if any(body.law is not None for body in scene.bodies):
         return [(Formula("1"), np.zeros(discretisation.size))]
     body, hypothesis, mean = scene.bodies[places[0]], scene.hypothesis, discretisation.mean_dilatation[places[0]]

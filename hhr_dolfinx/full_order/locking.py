@@ -36,7 +36,7 @@ def keeps_volume(body: Body, scene: Scene) -> bool:
 
     One whose Poisson's ratio depends on parameters does if it would anywhere in the box.
     """
-    if scene.hypothesis == "plane_stress":
+    if scene.hypothesis == "plane_stress" or body.stress is not None:
         return False
     return body.law is not None or _largest_ratio(body, scene) > NEARLY_INCOMPRESSIBLE
 

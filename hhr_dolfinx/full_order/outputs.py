@@ -246,6 +246,8 @@ def _mises(
     first = sum(discretisation.comm.allgather(_own_cells(discretisation))[: discretisation.comm.rank])
     own = cells[(cells >= first) & (cells < first + _own_cells(discretisation))] - first
     place = next(k for k, body in enumerate(discretisation.scene.bodies) if body.tag == output.tag)
+    if discretisation.scene.bodies[place].stress is not None:
+        raise SceneError(f"output '{output.name}': body {output.tag!r} has a stress of its own: ask answer.stress()")
     strain, dofs, factors, volumes = _gathered(discretisation, _tabulated(discretisation, own.astype(np.int32), place))
     count, components, _ = strain.shape
     rows = np.broadcast_to(np.arange(count * components).reshape(count, components, 1), strain.shape)

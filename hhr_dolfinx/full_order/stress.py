@@ -49,6 +49,8 @@ def _of_body(
         from hhr_dolfinx.full_order.eigenstrains import eigenstrain_at
 
         eigenstrain = eigenstrain_at(discretisation, place, point)
+    if body.stress is not None:
+        return body.stress(elasticity.strain(field, scene.hypothesis))
     if not body.varies and body.grading is None and eigenstrain is None:
         return elasticity.stress(field, body.young, body.poisson, scene.hypothesis, dilatation)
     from hhr_dolfinx.full_order.varying import stress_of
