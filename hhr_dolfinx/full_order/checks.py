@@ -210,7 +210,10 @@ def check_tags(scene: Scene, mesh: dmesh.Mesh, tags: Any, names: TagNames, comm:
     count = mesh.topology.index_map(mesh.topology.dim).size_local
     untagged = comm.allreduce(count - int((tags[0].indices < count).sum()))
     if untagged:
-        raise SceneError(f"{untagged} cells have no tag: every cell must belong to a body")
+        raise SceneError(
+            f"{untagged} cells have no tag: every cell must belong to a body of scene '{scene.name}'. Put them into a "
+            "physical group, and give this a Body"
+        )
 
 
 def check_present(kind: str, tags: dmesh.MeshTags, wanted: Iterable[Tag], names: TagNames, comm: MPI.Comm) -> set[int]:
