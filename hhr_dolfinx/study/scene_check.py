@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitude
 from hhr_dolfinx.contact.problem import ContactProblem
@@ -192,7 +193,8 @@ def _load(found: SceneCheck, load: Any) -> None:
     dim = discretisation.mesh.geometry.dim
     terms = checked_terms(load, discretisation.assembler(load))
     name = f"{type(load).__name__} on {getattr(load, 'tag', 'the scene')!r}"
-    if not any(term.columns.count_nonzero() for term in terms):
+    columns = [csc_matrix(term.columns) for term in terms]
+    if not any(part.count_nonzero() for part in columns):
         found.say(MISTAKE, f"{name} reaches nothing: its nodal forces are zero. Name another tag, or leave it out")
         return
     if all(_vanishes(term.amplitude) for term in terms):
@@ -200,11 +202,11 @@ def _load(found: SceneCheck, load: Any) -> None:
             NOTE, f"{name} has the amplitude 0 for all parameters, and does nothing: give it another, or leave it out"
         )
         return
-    if all(term.columns.shape[1] == 1 for term in terms):
-        total = sum(term.columns.toarray().reshape(-1, dim).sum(axis=0) for term in terms)
+    if all(part.shape[1] == 1 for part in columns):
+        total = sum(part.toarray().reshape(-1, dim).sum(axis=0) for part in columns)
         found.say(OK, f"{name}: resultant {np.round(total, 6).tolist()} for the amplitude 1")
     else:
-        found.say(OK, f"{name}: {sum(term.columns.shape[1] for term in terms)} columns that depend on parameters")
+        found.say(OK, f"{name}: {sum(part.shape[1] for part in columns)} columns that depend on parameters")
 
 
 def _vanishes(amplitude: Any) -> bool:

@@ -134,9 +134,9 @@ def look_at_common_nodes(found: SceneCheck) -> None:
             if common.any():
                 found.say(
                     NOTE,
-                    f"contact {place}: surfaces {first.tag!r} and {second.tag!r} share {int(common.sum())} nodes, e.g. at "
-                    f"{first.points[common][0].tolist()}: they are glued there and cannot open. Give each body nodes "
-                    "of its own, in gmsh without a fragment or removeDuplicateNodes",
+                    f"contact {place}: surfaces {first.tag!r} and {second.tag!r} share {int(common.sum())} nodes, e.g. "
+                    f"at {first.points[common][0].tolist()}: they are glued there and cannot open. Give each body "
+                    "nodes of its own, in gmsh without a fragment or removeDuplicateNodes",
                 )
 
 
