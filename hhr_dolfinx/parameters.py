@@ -105,14 +105,18 @@ class ParameterSpace:
         if not isinstance(mu, np.ndarray) and isinstance(mu, Mapping):  # the second question takes its time
             missing = set(self.names) ^ set(mu)
             if missing:
-                raise ParameterError(f"parameters {sorted(missing)} do not match {self.names}")
+                raise ParameterError(
+                    f"parameters {sorted(missing)} do not match {self.names}: give each of these a value, and no other"
+                )
             mu = [mu[name] for name in self.names]
         try:
             point = np.array(mu, dtype=float, ndmin=1)
         except (TypeError, ValueError, OverflowError):
             raise ParameterError(f"expected {len(self.names)} numbers for {self.names}, got {mu!r}") from None
         if point.shape != (len(self.names),):
-            raise ParameterError(f"expected {len(self.names)} parameters {self.names}, got shape {point.shape}")
+            raise ParameterError(
+                f"expected {len(self.names)} parameters {self.names}, got shape {point.shape}: give a value for each"
+            )
         for value, (low, high) in zip(point.tolist(), self._box):  # noqa: B905 (hot path)
             if not low <= value <= high:  # NaN fails too
                 raise ParameterError(self._complaint(point))

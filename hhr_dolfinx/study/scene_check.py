@@ -77,7 +77,10 @@ def _names(found: SceneCheck) -> None:
     assert discretisation is not None  # looked at by check_scene
     used: set[Any] = {item.tag for item in scene.displacements} | {tag for item in scene.contacts for tag in item.tags}
     used |= {getattr(load, "tag", None) for load in scene.loads}
-    idle = sorted(name for name in discretisation.names.facets if isinstance(name, str) and name not in used)
+    facets = discretisation.names.facets
+    # a set of all nodes has the facets of all surfaces
+    taken = {number for tag in used if isinstance(tag, int | str) for number in facets.get(tag, (tag,))}
+    idle = sorted(name for name, own in facets.items() if isinstance(name, str) and not taken & set(own))
     if idle:
         found.say(NOTE, f"the mesh has surfaces that nothing names: {', '.join(idle)}")
 
