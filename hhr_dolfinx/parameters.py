@@ -106,7 +106,8 @@ class ParameterSpace:
             missing = set(self.names) ^ set(mu)
             if missing:
                 raise ParameterError(
-                    f"parameters {sorted(missing)} do not match {self.names}: give each of the latter a value, and no other"
+                    f"parameters {sorted(missing)} do not match {self.names}: give each of the latter a value, "
+                    "and no other"
                 )
             mu = [mu[name] for name in self.names]
         try:
