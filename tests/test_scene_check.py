@@ -10,6 +10,7 @@ from dataclasses import replace
 import hertz_half_discs
 import numpy as np
 import pytest
+import ufl
 import your_scene
 from scenes import pressed_block
 
@@ -188,8 +189,8 @@ def test_resultants_of_a_block(name):
 
 
 def test_a_load_that_reaches_nothing_is_a_mistake():
-    """A centrifugal force of a body on the axis about its middle has forces; one of a field that is zero has none."""
-    load = hhr.ThermalExpansion(block.SOLID, 1e-5, 100.0, field=lambda x: 0 * x[0])
+    """A body that is hot where it is not."""
+    load = hhr.ThermalExpansion(block.SOLID, 1e-5, 100.0, field=lambda x: ufl.conditional(x[0] > 100.0, 1.0, 0.0))
     (mistake,) = texts(check_scene(replace(pressed_block("plane_strain"), loads=(load,))), MISTAKE)
     assert "ThermalExpansion on 1 reaches nothing" in mistake
 
@@ -259,3 +260,20 @@ def test_where_there_is_no_mesh_nothing_is_drawn():
     found = check_scene(replace(your_scene.scene(), geometry=hhr.MeshFile("nowhere.msh")))
     assert len(found.mistakes) == len(found.findings) == 1
     assert not found.drawable
+
+
+def test_a_picture_of_a_mistake_is_drawn(tmp_path):
+    """Of a displacement of an axis that is not there, and of loads on surfaces and on bodies, in space too."""
+    scene = your_scene.scene()
+    wrong = replace(
+        scene,
+        displacements=(*scene.displacements, hhr.Displacement("spring_top", 2)),
+        loads=(hhr.Pressure("spring_top", 1.0), hhr.BodyForce("spring", (0.0, -1.0), 1.0)),
+    )
+    found = check_scene(wrong)
+    assert len(found.mistakes) == 1
+    found.draw(tmp_path / "plane.png")
+    pressed = pressed_block("solid")
+    space = replace(pressed, loads=(hhr.Pressure(block.side(0, upper=True), 1.0),), units=hhr.Units("mm", "MPa"))
+    check_scene(space).draw(tmp_path / "space.png")
+    assert min((tmp_path / name).stat().st_size for name in ("plane.png", "space.png")) > 10_000
