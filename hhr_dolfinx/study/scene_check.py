@@ -12,7 +12,6 @@ from hhr_dolfinx.amplitudes import Amplitude
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.motions import described, free_bodies
-from hhr_dolfinx.loads import checked_terms
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.study.scene_findings import MISTAKE, NOTE, OK, SceneCheck
@@ -195,9 +194,11 @@ def _loads(found: SceneCheck) -> None:
 def _load(found: SceneCheck, load: Any) -> None:
     discretisation: Any = found.discretisation
     dim = discretisation.mesh.geometry.dim
-    terms = checked_terms(load, discretisation.assembler(load))
+    terms = load.terms(discretisation.assembler(load))
     name = f"{type(load).__name__} on {getattr(load, 'tag', 'the scene')!r}"
-    columns = [csc_matrix(term.columns) for term in terms]
+    columns = [
+        csc_matrix(np.atleast_2d(one).T if np.ndim(one) == 1 else one) for one in (term.columns for term in terms)
+    ]
     if not any(part.count_nonzero() for part in columns):
         found.say(MISTAKE, f"{name} reaches nothing: its nodal forces are zero. Name another tag, or leave it out")
         return

@@ -17,7 +17,6 @@ from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.scene import Body
 from hhr_dolfinx.study.scene_findings import NOTE, OK, SceneCheck
-from hhr_dolfinx.units import LENGTHS, STRESSES
 
 BAD_CELL = 0.1
 """Scaled Jacobian of a cell below which it is told of."""
@@ -195,12 +194,11 @@ def _paired_bodies(found: SceneCheck, inside: list[np.ndarray]) -> set[tuple[int
 
 
 def young_of(body: Body, space: ParameterSpace) -> float:
-    """Young's modulus in the middle of the box."""
+    """Young's modulus, in the middle of the box where it is a parameter; NaN where it is another formula."""
     if not isinstance(body.young, str):
         return float(body.young)
-    from hhr_dolfinx.formulas import Scalar
-
-    return float(Scalar(body.young, space.names).value(np.mean([space.lower, space.upper], axis=0)))
+    place = space.names.index(body.young) if body.young in space.names else None
+    return np.nan if place is None else (space.lower[place] + space.upper[place]) / 2
 
 
 def _modulus(found: SceneCheck, body: Body) -> None:
@@ -209,7 +207,7 @@ def _modulus(found: SceneCheck, body: Body) -> None:
     if units is None:
         return
     young = young_of(body, found.scene.parameters)
-    pascals = young * STRESSES[units.stress]
+    pascals = units.pascals(young)
     unit = f"give E in {units.stress}, the unit of stress of the scene"
     if pascals < SOFT:
         text = f"is softer than plastics (1 GPa), as rubber and foam are: where a stiffer one is meant, {unit}"
@@ -220,8 +218,12 @@ def _modulus(found: SceneCheck, body: Body) -> None:
 
 def _stiffness_apart(found: SceneCheck) -> None:
     """Bodies whose moduli are far from each other."""
-    bodies = sorted(found.scene.bodies, key=lambda body: young_of(body, found.scene.parameters))
-    soft, stiff = (young_of(body, found.scene.parameters) for body in (bodies[0], bodies[-1]))
+    space = found.scene.parameters
+    known = [body for body in found.scene.bodies if not np.isnan(young_of(body, space))]
+    bodies = sorted(known, key=lambda body: young_of(body, space))
+    if not bodies:
+        return
+    soft, stiff = (young_of(body, space) for body in (bodies[0], bodies[-1]))
     if stiff > APART * soft:
         found.say(
             NOTE,
@@ -234,7 +236,7 @@ def _stiffness_apart(found: SceneCheck) -> None:
 def _unit_of_length(found: SceneCheck, look: MeshLook) -> None:
     """A mesh that is tiny or huge in the unit of the scene."""
     units = found.scene.units
-    if units is None or SMALL <= look.extent * LENGTHS[units.length] <= LARGE:
+    if units is None or SMALL <= units.metres(look.extent) <= LARGE:
         return
     made = found.scene.geometry
     what = f"the mesh of file {made.path}" if isinstance(made, MeshFile) else f"the mesh of scene '{found.scene.name}'"
