@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 BY_GMSH = (".med", ".unv", ".bdf", ".nas", ".cgns")
 """Endings of files that are read by gmsh: meshio reads MED by h5py, which does not get on with the HDF5 of DOLFINx."""
 
+ENDINGS = (".msh", ".inp", ".e", ".xdmf", ".vtk", ".vtu", *BY_GMSH)
+"""Endings of the usual formats, for messages."""
+
 
 @dataclass(frozen=True)
 class MeshFile:
@@ -72,18 +75,33 @@ class MeshFile:
         """What the file holds, before it is shared out."""
         path = Path(self.path)
         if not path.is_file():
-            beside = (
-                sorted(item.name for item in path.parent.glob(f"*{path.suffix}"))[:5] if path.parent.is_dir() else []
-            )
-            hint = f": {path.parent} has {', '.join(beside)}" if beside else f": {path.absolute()} is looked for"
-            raise FileContentError(f"there is no mesh file {path}{hint}")
+            raise FileContentError(f"there is no mesh file {path}: {_found_instead(path)}")
         try:
             return _reader(path)(path).compact()
         except HHRError:
             raise
         except Exception as error:
             # readers of other people's files fail in many ways
-            raise FileContentError(f"mesh file {path} cannot be read: {type(error).__name__}: {error}") from error
+            raise FileContentError(
+                f"mesh file {path} cannot be read: {type(error).__name__}: {error} {_advice(path)}"
+            ) from error
+
+
+def _found_instead(path: Path) -> str:
+    """What there is where a file is not: those of its name or ending."""
+    if not path.parent.is_dir():
+        return f"there is no folder {path.parent.absolute()}. Give the path from where the command is run"
+    beside = [item.name for item in path.parent.iterdir() if path.stem == item.stem or path.suffix == item.suffix]
+    if beside:
+        return f"{path.parent.absolute()} has {', '.join(sorted(beside)[:5])}"
+    return f"{path.absolute()} is looked for. Give the path from where the command is run"
+
+
+def _advice(path: Path) -> str:
+    """What to do with a file that no reader takes."""
+    if path.suffix.lower() in (".step", ".stp", ".iges", ".igs", ".brep", ".geo", ".stl"):
+        return f"{path.suffix} is geometry and no mesh: mesh its volumes in gmsh, and save them as .msh"
+    return f"Write it again, or in another format: {', '.join(ENDINGS)}"
 
 
 def _reader(path: Path) -> Any:

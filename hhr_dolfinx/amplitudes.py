@@ -40,7 +40,10 @@ class Amplitude:
         """Slopes in the order of the parameters, (P,)."""
         unknown = set(self.slopes) - set(space.names)
         if unknown:
-            raise SceneError(f"an amplitude names {sorted(unknown)}, the scene's parameters are {space.names}")
+            raise SceneError(
+                f"an amplitude names {sorted(unknown)}, the scene's parameters are {space.names}: correct the name, or "
+                "add it to the ParameterSpace"
+            )
         return np.array([self.slopes.get(name, 0.0) for name in space.names])
 
 

@@ -116,7 +116,9 @@ class Formula:
         except SceneError:
             raise
         except SyntaxError as error:
-            raise SceneError(f"the formula {self.text[:80]!r} cannot be read: {error.msg}") from None
+            raise SceneError(
+                f"the formula {self.text[:80]!r} cannot be read: {error.msg}. Write numbers without units: '2 * E'"
+            ) from None
         except (RecursionError, MemoryError, ValueError) as error:
             raise SceneError(f"the formula {self.text[:80]!r} cannot be read: {error}") from None
 
@@ -184,7 +186,10 @@ class Scalar:
         if "pi" in self.names:
             raise SceneError("a parameter is named 'pi', which formulas take for 3.14...: rename it")
         if unknown:
-            raise SceneError(f"the formula {self.text[:80]!r} names {sorted(unknown)}, the parameters are {self.names}")
+            raise SceneError(
+                f"the formula {self.text[:80]!r} names {sorted(unknown)}, the parameters are {self.names}: correct the "
+                "name, or add it to the ParameterSpace"
+            )
 
     def __reduce__(self) -> tuple:
         return Scalar, (self.text, self.names)

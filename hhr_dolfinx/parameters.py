@@ -73,12 +73,21 @@ class ParameterSpace:
         if len(set(self.names)) < len(self.names):
             raise SceneError(f"a parameter is named twice in {self.names}: each needs a name of its own")
         if not self.names or not len(self.names) == len(self.lower) == len(self.upper):
-            raise SceneError(f"parameters {self.names} need one lower and one upper bound each")
+            raise SceneError(
+                f"parameters {self.names} need one lower and one upper bound each, and have {len(self.lower)} and "
+                f"{len(self.upper)}: give each its own"
+            )
         if not all(is_number(value) for value in (*self.lower, *self.upper)):
             raise SceneError(f"bounds {self.lower} .. {self.upper} of {self.names} must be finite numbers")
         bounds = np.array([self.lower, self.upper], dtype=float)
         if not (bounds[0] < bounds[1]).all():
-            raise SceneError(f"bounds {self.lower} .. {self.upper} of {self.names} must be increasing")
+            place = int((~(bounds[0] < bounds[1])).argmax())
+            name, (low, high) = self.names[place], bounds[:, place].tolist()
+            remedy = "swap them" if low > high else "one that does not vary is a number where it is used, no parameter"
+            raise SceneError(
+                f"bounds {self.lower} .. {self.upper} of {self.names} must be increasing, and those of '{name}' are "
+                f"{low:g} .. {high:g}: {remedy}"
+            )
 
     @cached_property
     def _box(self) -> list[tuple[float, float]]:
@@ -96,14 +105,19 @@ class ParameterSpace:
         if not isinstance(mu, np.ndarray) and isinstance(mu, Mapping):  # the second question takes its time
             missing = set(self.names) ^ set(mu)
             if missing:
-                raise ParameterError(f"parameters {sorted(missing)} do not match {self.names}")
+                raise ParameterError(
+                    f"parameters {sorted(missing)} do not match {self.names}: give each of the latter a value, "
+                    "and no other"
+                )
             mu = [mu[name] for name in self.names]
         try:
             point = np.array(mu, dtype=float, ndmin=1)
         except (TypeError, ValueError, OverflowError):
             raise ParameterError(f"expected {len(self.names)} numbers for {self.names}, got {mu!r}") from None
         if point.shape != (len(self.names),):
-            raise ParameterError(f"expected {len(self.names)} parameters {self.names}, got shape {point.shape}")
+            raise ParameterError(
+                f"expected {len(self.names)} parameters {self.names}, got shape {point.shape}: give a value for each"
+            )
         for value, (low, high) in zip(point.tolist(), self._box):  # noqa: B905 (hot path)
             if not low <= value <= high:  # NaN fails too
                 raise ParameterError(self._complaint(point))

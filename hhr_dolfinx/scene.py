@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Real
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -82,6 +84,7 @@ class Body:
         if not fits or not (isinstance(poisson, str) or -1 < poisson < 0.5):
             raise SceneError(
                 f"body {self.tag}: E = {self.young} must be positive and finite, and nu = {self.poisson} in (-1, 0.5)"
+                f"{_remedy_of_constants(young, poisson)}"
             )
 
     @classmethod
@@ -96,7 +99,10 @@ class Body:
         """
         from hhr_dolfinx.materials.table import elastic
 
-        found = elastic(material)
+        try:
+            found = elastic(material)
+        except SceneError as error:
+            raise SceneError(f"body {tag}: {error}") from None
         return cls(tag, young=units.stress_of(found.young), poisson=found.poisson, **more)
 
     @property
@@ -209,11 +215,20 @@ class Scene:
         if self.units is not None and not isinstance(self.units, Units):
             raise SceneError(f"units = {self.units!r} must be Units, such as Units('mm', 'MPa')")
         if self.hypothesis not in elasticity.HYPOTHESES:
-            raise SceneError(f"unknown hypothesis '{self.hypothesis}', one of {', '.join(elasticity.HYPOTHESES)}")
+            raise SceneError(
+                f"unknown hypothesis '{self.hypothesis}', one of {', '.join(elasticity.HYPOTHESES)} is needed"
+            )
         if not isinstance(self.name, str) or not self.name.isidentifier():
-            raise SceneError(f"scene name {self.name!r} must be an identifier: it prefixes PETSc options")
+            word = re.sub(r"\W", "_", str(self.name)).lstrip("0123456789") or "my_scene"
+            raise SceneError(
+                f"scene name {self.name!r} must be an identifier: it prefixes PETSc options. Call it '{word}'"
+            )
         if not callable(self.geometry):
-            raise SceneError(f"geometry = {self.geometry!r} must be a function of a communicator: lambda comm: ...")
+            path = f"'{self.geometry}'" if isinstance(self.geometry, str | Path) else "path"
+            raise SceneError(
+                f"geometry = {self.geometry!r} must be a function of a communicator: for a mesh file write "
+                f"MeshFile({path}), for a mesh of your own lambda comm: ..."
+            )
         if not isinstance(self.parameters, ParameterSpace):
             raise SceneError(f"parameters = {self.parameters!r} must be a ParameterSpace")
         for name, what, fits in _PARTS:
@@ -221,16 +236,20 @@ class Scene:
             object.__setattr__(self, name, items)
             for place, item in enumerate(items):
                 if not fits(item):
-                    raise SceneError(f"{name}[{place}] of scene '{self.name}' is {item!r}: it must be {what}")
+                    star = ". Put a star before it, *..., to list what it holds" if _holds(item, fits) else ""
+                    raise SceneError(f"{name}[{place}] of scene '{self.name}' is {item!r}: it must be {what}{star}")
         if not self.bodies:
-            raise SceneError("a scene needs at least one body")
+            raise SceneError(f"scene '{self.name}' needs at least one body: bodies=(Body(tag, young, poisson),)")
         for body in self.bodies:
             if body.varies:
                 body.check(self.parameters)
         self._check_flow()
         self._check_shapes()
         if not self.contacts:
-            raise SceneError("a scene without contact pairs is a linear problem: nothing to hyper-reduce")
+            raise SceneError(
+                f"scene '{self.name}': a scene without contact pairs is a linear problem: nothing to hyper-reduce. "
+                "Name the surfaces that may touch, contacts=(NodeToSurface(slave, master),)"
+            )
         self._check_places()
         self._check_names()
 
@@ -288,7 +307,10 @@ class Scene:
             for tag in item.tags:
                 check_tag(f"surface of contact {place}", tag)
             if len(set(item.tags)) < len(item.tags):
-                raise SceneError(f"contact {place} pairs surface {item.tags[0]} with itself: each side needs a tag")
+                raise SceneError(
+                    f"contact {place} pairs surface {item.tags[0]} with itself: each side needs a tag. Name the "
+                    "surface of the other body, or split one that folds onto itself"
+                )
             for before, other in enumerate(self.contacts[:place]):
                 if _same_pair(item, other):
                     raise SceneError(
@@ -301,7 +323,11 @@ class Scene:
                 raise SceneError(f"two outputs are called '{name}': each needs a name of its own")
         for opening in self.openings:
             if opening.contact >= len(self.contacts):
-                raise SceneError(f"an opening names contact {opening.contact}, of {len(self.contacts)} counted from 0")
+                pairs = ", ".join(f"{place} of {tuple(item.tags)}" for place, item in enumerate(self.contacts))
+                raise SceneError(
+                    f"an opening names contact {opening.contact}, of {len(self.contacts)} counted from 0: name one of "
+                    f"{pairs}"
+                )
 
     def _check_names(self):
         """Raise SceneError for names of parameters that the box does not have."""
@@ -309,7 +335,10 @@ class Scene:
         for item in driven:
             amplitude: Any = getattr(item, "amplitude", None)
             if isinstance(amplitude, Amplitude):
-                amplitude.row(self.parameters)
+                try:
+                    amplitude.row(self.parameters)
+                except SceneError as error:
+                    raise SceneError(f"{item!r}: {error}") from None
             elif hasattr(amplitude, "variables"):
                 check_formula(amplitude, self.parameters, f"the amplitude of {item!r}")
             if hasattr(item, "check"):
@@ -331,6 +360,22 @@ _PARTS = (
     ("outputs", "an output with name, unit and prepared, such as LargestPressure", _has("name", "unit", "prepared")),
 )
 """Fields of a scene that hold several items, what each item must be, and how that is seen."""
+
+
+def _holds(item: Any, fits: Callable[[Any], bool]) -> bool:
+    """Whether an item is a list of what is meant, such as all displacements of a clamp."""
+    return isinstance(item, tuple | list) and len(item) > 0 and all(fits(one) for one in item)
+
+
+def _remedy_of_constants(young: float | str, poisson: float | str) -> str:
+    """What to write instead of constants that are impossible."""
+    if not isinstance(young, str) and not (is_number(young) and young > 0):
+        return ". Give E in the unit of stress of the scene, 210e3 for steel in MPa"
+    if isinstance(poisson, str) or not poisson >= 0.5:
+        return ". Give nu as a ratio, 0.3 for steel"
+    if poisson > 1:
+        return f". Give nu as a ratio and not in percent: {poisson / 100:g}"
+    return ". Where the volume is kept, as in rubber, take nu = 0.499"
 
 
 def _same_pair(one, other) -> bool:

@@ -40,6 +40,14 @@ class Units:
         """A stress in pascals as a number of the scene."""
         return pascals / STRESSES[self.stress]
 
+    def pascals(self, stress: float) -> float:
+        """A stress of the scene in pascals."""
+        return stress * STRESSES[self.stress]
+
+    def metres(self, length: float) -> float:
+        """A length of the scene in metres."""
+        return length * LENGTHS[self.length]
+
     def length_of(self, metres: float) -> float:
         """A length in metres as a number of the scene."""
         return metres / LENGTHS[self.length]

@@ -93,7 +93,8 @@ def _check_mesh(scene, mesh, comm):
         remedy = (
             "all its points lie in one plane: build it with two coordinates, gmsh_to_mesh(model, comm, gdim=2)"
             if planar
-            else "shells, membranes and bars are not supported: mesh the volume of the bodies"
+            else "shells, membranes and bars are not supported: mesh the volume of the bodies, and save it; in "
+            "gmsh give the volumes a physical group"
         )
         raise SceneError(
             f"the mesh of scene '{scene.name}' has cells of dimension {tdim} in a space of dimension {gdim}: {remedy}"
@@ -210,7 +211,10 @@ def check_tags(scene: Scene, mesh: dmesh.Mesh, tags: Any, names: TagNames, comm:
     count = mesh.topology.index_map(mesh.topology.dim).size_local
     untagged = comm.allreduce(count - int((tags[0].indices < count).sum()))
     if untagged:
-        raise SceneError(f"{untagged} cells have no tag: every cell must belong to a body")
+        raise SceneError(
+            f"{untagged} cells have no tag: every cell must belong to a body of scene '{scene.name}'. Put them into a "
+            "physical group, and give this a Body"
+        )
 
 
 def check_present(kind: str, tags: dmesh.MeshTags, wanted: Iterable[Tag], names: TagNames, comm: MPI.Comm) -> set[int]:
@@ -271,7 +275,11 @@ def conditions_with_unknowns(
     """
     unknown = abs(rows.matrix) @ free.astype(float) > 0
     if not unknown.any():
-        raise SceneError("the contact pairs are empty: all of their nodes have imposed displacements")
+        tags = [item.tags for item in scene.contacts]
+        raise SceneError(
+            f"the contact pairs are empty: all of their nodes have imposed displacements. Leave out displacements of "
+            f"scene '{scene.name}' on nodes of the surfaces {tags}"
+        )
     space, imposed = scene.parameters, np.flatnonzero(~unknown)
     affine = gaps[imposed, : amplitudes.constant.size]
     start, slopes = affine @ amplitudes.constant, affine @ amplitudes.slopes

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 import ufl
@@ -243,14 +243,24 @@ class Discretisation:
         for number, item in enumerate(self.scene.displacements):
             dofs = self._tagged_dofs(item.tag, item.component)
             clash = dofs[owner[dofs] >= 0]
-            if any(self.scene.displacements[n].amplitude != item.amplitude for n in set(owner[clash])):
-                raise SceneError(f"displacements {set(owner[clash])} and {number} impose different values on one node")
+            for other in set(owner[clash].tolist()):
+                if self.scene.displacements[other].amplitude != item.amplitude:
+                    self._refuse_clash(number, other, int(clash[owner[clash] == other][0]))
             dofs = np.setdiff1d(dofs, clash)
             owner[dofs] = number
             if item.amplitude != Amplitude():
                 entries = np.ones(dofs.size), (dofs, np.zeros_like(dofs))
                 terms.append(Term(item.amplitude, csc_matrix(entries, shape=(self.size, 1))))
         return terms, owner < 0
+
+    def _refuse_clash(self, number: int, other: int, dof: int) -> NoReturn:
+        """Raise SceneError for two displacements, by their places in the scene, that differ at a dof."""
+        dim, items = self.mesh.geometry.dim, self.scene.displacements
+        raise SceneError(
+            f"displacements {other} on tag {items[other].tag} and {number} on tag {items[number].tag} impose different "
+            f"values on one node, of component {dof % dim} at {self._points()[dof // dim].tolist()}: leave one of them "
+            "out, or give surfaces that no node has in common"
+        )
 
     def assembler(self, load: Any) -> Assembler:
         """What a load, or an output, may ask for."""
@@ -289,7 +299,11 @@ class Discretisation:
     def _tagged_dofs(self, tag, component):
         fdim = self.mesh.topology.dim - 1
         if not 0 <= component < self.mesh.geometry.dim:
-            raise SceneError(f"component {component} of the displacement on tag {tag} does not exist")
+            raise SceneError(
+                f"component {component} of the displacement on tag {tag} does not exist: the mesh of scene "
+                f"'{self.scene.name}' has {self.mesh.geometry.dim} dimensions, take a component below that, counted "
+                "from 0"
+            )
         local = fem.locate_dofs_topological(
             self.space.sub(component), fdim, tagged(self._facet_tags, self.names.facet(tag))
         )

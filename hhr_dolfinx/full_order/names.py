@@ -70,7 +70,9 @@ def _found(kind: str, tag: Tag, there: Sets, other: str, others: Sets) -> tuple[
             "give their numbers"
         )
     near = difflib.get_close_matches(tag.lower(), [name.lower() for name in names], n=1)
-    hint = f" Is '{next(name for name in names if name.lower() == near[0])}' meant?" if near else ""
+    hint = " Name one of these, or give the mesh a group of this name."
+    if near:
+        hint = f" Is '{next(name for name in names if name.lower() == near[0])}' meant?"
     if tag in others:
         hint = f" '{tag}' is a {other} of it: a {kind} is needed here."
     raise SceneError(f"no {kind} of the mesh is called '{tag}': its {plural[kind]} are {', '.join(names)}.{hint}")

@@ -22,13 +22,13 @@ from hhr_dolfinx.full_order.locking import QUADRATURE
 from hhr_dolfinx.models.functional_kinds import Energy, FlowMises, Mises, MovingMises
 from hhr_dolfinx.models.functionals import Functional, Functionals
 from hhr_dolfinx.models.moving_cells import MovingCells
-from hhr_dolfinx.outputs import ElasticEnergy, VonMises
+from hhr_dolfinx.outputs import ElasticEnergy, Output, VonMises
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.shapes import coordinate_names
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discretisation import Discretisation
-    from hhr_dolfinx.full_order.flow import FullEquilibrium
+    from hhr_dolfinx.full_order.flow import FullEquilibrium, GaussModel
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.loads import Assembler
     from hhr_dolfinx.scene import Scene
@@ -181,30 +181,43 @@ def prepared_outputs(
     base: ContactProblem,
 ) -> Functionals:
     """The same of a mesh with its problem, of what flows on it, and of the mesh in which places are found."""
-    items = []
-    for output in discretisation.scene.outputs:
-        probe = Probe(
-            scene=discretisation.scene,
-            problem=problem,
-            base=base,
-            contact_rows=discretisation.whole_contact,
-            assembler=discretisation.assembler(output),
-            nodes=partial(_nodes, discretisation, problem),
-            mises=partial(_mises, discretisation, base, equilibrium),
-            energy=partial(_energy, discretisation, problem, equilibrium),
-        )
-        items.append(output.prepared(probe))
+    items = [
+        output.prepared(probe_of(output, discretisation, problem, equilibrium, base))
+        for output in discretisation.scene.outputs
+    ]
     found = Functionals(tuple(items), problem.free.size, problem.amplitudes)
     gauss_points = 0 if equilibrium is None else equilibrium.operator.gauss_points
     found.check(problem.parameters, len(problem.gaps), gauss_points)
     return found
 
 
+def probe_of(
+    output: Output,
+    discretisation: Discretisation,
+    problem: ContactProblem,
+    gauss: FullEquilibrium | GaussModel | None,
+    base: ContactProblem,
+) -> Probe:
+    """What one output may ask; arguments as those of :func:`prepared_outputs`, of what flows the Gauss points only."""
+    return Probe(
+        scene=discretisation.scene,
+        problem=problem,
+        base=base,
+        contact_rows=discretisation.whole_contact,
+        assembler=discretisation.assembler(output),
+        nodes=partial(_nodes, discretisation, problem),
+        mises=partial(_mises, discretisation, base, gauss),
+        energy=partial(_energy, discretisation, problem, gauss),
+    )
+
+
 def _cells(discretisation: Discretisation, tag: Tag) -> np.ndarray:
     """Cells of a body on all ranks, as a mask in the order of ``cell_nodes``."""
     tags = [body.tag for body in discretisation.scene.bodies]
     if tag not in tags:
-        raise SceneError(f"the cell tag {tag} is none of the bodies {tags} of scene '{discretisation.scene.name}'")
+        raise SceneError(
+            f"the cell tag {tag} is none of the bodies {tags} of scene '{discretisation.scene.name}': name one of them"
+        )
     discretisation.check_cells(tag)
     return np.concatenate(discretisation.comm.allgather(discretisation.cell_bodies())) == tags.index(tag)
 
@@ -215,7 +228,10 @@ def _nodes(discretisation: Discretisation, problem: ContactProblem, tag: Tag) ->
 
 
 def _mises(
-    discretisation: Discretisation, problem: ContactProblem, equilibrium: FullEquilibrium | None, output: VonMises
+    discretisation: Discretisation,
+    problem: ContactProblem,
+    gauss: FullEquilibrium | GaussModel | None,
+    output: VonMises,
 ) -> Functional:
     """Von Mises' stress of the cells of an output."""
     try:
@@ -238,9 +254,9 @@ def _mises(
         inside &= within.all(axis=1)
     mean, cells = output.kind == "mean", np.flatnonzero(inside)
     nothing = 0, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0)
-    if equilibrium is not None:
-        points = equilibrium.operator.points_of(cells)
-        shares = equilibrium.operator.weights.ravel()[points]
+    if gauss is not None:
+        points = gauss.operator.points_of(cells)
+        shares = gauss.operator.weights.ravel()[points]
         of_points = points.astype(np.int64), shares / shares.sum() if mean else np.zeros(0)
         return FlowMises(output.name, output.unit, *nothing, *of_points)
     first = sum(discretisation.comm.allgather(_own_cells(discretisation))[: discretisation.comm.rank])
@@ -345,10 +361,13 @@ def _gathered(discretisation: Discretisation, parts: tuple[np.ndarray, ...]) -> 
 
 
 def _energy(
-    discretisation: Discretisation, problem: ContactProblem, equilibrium: FullEquilibrium | None, output: ElasticEnergy
+    discretisation: Discretisation,
+    problem: ContactProblem,
+    gauss: FullEquilibrium | GaussModel | None,
+    output: ElasticEnergy,
 ) -> Functional:
     """Elastic energy by the work of all forces."""
-    if equilibrium is not None:
+    if gauss is not None:
         raise SceneError(
             f"output '{output.name}': bodies of scene '{discretisation.scene.name}' flow, and the work of forces is "
             "not their elastic energy: leave it out"

@@ -156,6 +156,12 @@ def check_allowance(tolerance: Any, every: Any, name: str) -> None:
         raise ParameterError(f"{name} = {every!r} must be a number of answers, such as 20")
 
 
+def _remedy(full: Any) -> str:
+    """Whose model is wrong, and which one is needed."""
+    name = getattr(getattr(full, "scene", None), "name", "unknown")
+    return f". It is of scene '{name}': give the FullOrderModel of the scene that was trained, or train this one"
+
+
 def _check_alike(reduced: Any, full: Any) -> None:
     """Check that a reduced model has a bound, and a full one is that of its scene: box, gaps, S and an answer.
 
@@ -172,11 +178,15 @@ def _check_alike(reduced: Any, full: Any) -> None:
         raise ReductionError(f"the reduced model has the parameters {one}, and the full one {other}")
     for mine, exact in ((reduced.fields.gaps, full.problem.gaps), (reduced.fields.bound.schur, full.schur)):
         if mine.shape != exact.shape or np.abs(mine - exact).max() > ALIKE * np.abs(exact).max():
-            raise ReductionError("the full model is that of another scene or mesh: its gaps or its stiffness differ")
+            raise ReductionError(
+                f"the full model is that of another scene or mesh: its gaps or its stiffness differ{_remedy(full)}"
+            )
     point = one.random(1, seed=1)[0]
     answer, problem = full.solve(point, raise_on_failure=False), full.problem.at(point)
     if answer.converged:
         slack = problem.gaps @ problem.theta(point) - problem.contact @ answer.unknown
         found = reduced.fields.bound.at(point[None], reduced.fields.amplitudes(point)).slack(answer.forces()[None])[0]
         if np.abs(found - slack).max() > ALIKE * max(np.abs(found).max(), np.abs(problem.gaps).max()):
-            raise ReductionError("the full model is that of another scene: its loads or its materials differ")
+            raise ReductionError(
+                f"the full model is that of another scene: its loads or its materials differ{_remedy(full)}"
+            )

@@ -2,169 +2,73 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csc_matrix
 
-from hhr_dolfinx.contact.problem import ContactProblem, ContactRows
-from hhr_dolfinx.errors import HHRError
+from hhr_dolfinx.amplitudes import Amplitude
+from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.motions import described, free_bodies
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.study.scene_findings import MISTAKE, NOTE, OK, SceneCheck
+from hhr_dolfinx.study.scene_mesh import depth_inside, look_at_common_nodes, look_at_joints, look_at_mesh
 
-OK, NOTE, MISTAKE = "ok", "note", "mistake"
-BAD_CELL = 0.1
-"""Scaled Jacobian of a cell below which it is told of."""
 TOUCHING = 1e-6
 """Gaps below so many times the sag of facets are none: bodies are drawn in touch."""
-SMALL_GAP = 1.0
-"""Gaps below so many times the sag of facets are made by the mesh rather than by the bodies."""
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One sentence about a scene.
-
-    Attributes:
-        level: ``ok``, ``note`` or ``mistake``.
-        text: what was found, and what to do.
-    """
-
-    level: str
-    text: str
-
-
-@dataclass
-class SceneCheck:
-    """What was found.
-
-    Attributes:
-        scene: the scene.
-        findings: in the order of the look.
-        discretisation: its mesh; None where there is none.
-        pairs: surfaces and rows of each contact pair; no rows where they were refused.
-    """
-
-    scene: Scene
-    findings: list[Finding] = field(default_factory=list)
-    discretisation: Discretisation | None = None
-    pairs: list[tuple[list[Surface], ContactRows | None]] = field(default_factory=list)
-
-    @property
-    def mistakes(self) -> list[Finding]:
-        """Those that keep the scene from being solved, or from meaning anything."""
-        return [finding for finding in self.findings if finding.level == MISTAKE]
-
-    @property
-    def drawable(self) -> bool:
-        """Whether there is a mesh to draw."""
-        return self.discretisation is not None
-
-    def draw(self, path: Path) -> None:
-        """A picture of bodies, contact surfaces, supports and loads."""
-        from hhr_dolfinx.study.scene_picture import draw_scene
-
-        draw_scene(self, path)
-
-    def say(self, level: str, text: str) -> None:
-        """Add a finding."""
-        self.findings.append(Finding(level, text))
-
-    @contextmanager
-    def heard(self) -> Iterator[None]:
-        """Warnings of a block become notes, errors mistakes."""
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            try:
-                yield
-            except HHRError as error:
-                self.say(MISTAKE, str(error))
-        for item in caught:
-            if issubclass(item.category, UserWarning):
-                self.say(NOTE, str(item.message))
+SMALL_GAP = 2.0
+"""Gaps below so many times the sag of facets are made by the mesh rather than by the bodies: a round side that touches
+between two of its nodes is off by the sag."""
+OVERLAP = 2.0
+"""Overlaps beyond so many times the sag of facets are those of the bodies rather than of the mesh."""
 
 
 def check_scene(scene: Scene, point: Any = None) -> SceneCheck:
-    """Look at a scene at a parameter, or in the middle of its box; nothing is factored or solved."""
+    """Look at a scene at a parameter, or in the middle of its box; nothing is factored or solved.
+
+    Raises:
+        ParameterError: for a point outside the box.
+    """
     found = SceneCheck(scene)
+    space = scene.parameters
+    middle = np.mean([space.lower, space.upper], axis=0) if point is None else space.point(point)
     with found.heard():
         found.discretisation = Discretisation(scene, MPI.COMM_SELF)
     if found.discretisation is None:
         return found
-    space = scene.parameters
-    middle = np.mean([space.lower, space.upper], axis=0) if point is None else space.point(point)
-    _bodies(found)
+    look_at_mesh(found)
     _names(found)
     _pairs(found)
+    look_at_joints(found)
+    look_at_common_nodes(found)
     if found.mistakes:
         return found
-    problem = None
+    problem, gauss = None, None
     with found.heard():
-        problem = _problem(found.discretisation)
+        problem, gauss = _problem(found.discretisation)
     if problem is not None:
         _gaps(found, problem, middle)
-        with found.heard():
-            _supports(found, problem)
+        _supports(found, problem)
         _loads(found)
+        _outputs(found, problem, gauss)
     return found
 
 
-def _problem(discretisation: Discretisation) -> ContactProblem:
-    """The problem, whose stiffness is assembled; where bodies flow by the Gauss points that they have in any case."""
+def _problem(discretisation: Discretisation) -> tuple[ContactProblem, Any]:
+    """The problem, whose stiffness is assembled, and Gauss points where bodies flow: they have them in any case."""
+    gauss = None
     if any(body.law is not None for body in discretisation.scene.bodies):
         from hhr_dolfinx.full_order.flow import GaussModel
 
         gauss = GaussModel.of(discretisation.scene, MPI.COMM_SELF)
-        return discretisation.checked(discretisation.contact_problem(gauss.stiffness, gauss.moduli))
-    return discretisation.checked(discretisation.contact_problem(*discretisation.stiffness_terms()))
-
-
-def _length(scene: Scene) -> str:
-    return "" if scene.units is None else f" {scene.units.length}"
-
-
-def _bodies(found: SceneCheck) -> None:
-    """Cells, extent and shape of each body."""
-    discretisation: Any = found.discretisation
-    cells, points = discretisation._cell_nodes(), discretisation._points()
-    owner, unit = discretisation.cell_bodies(), _length(found.scene)
-    for place, body in enumerate(found.scene.bodies):
-        corners = points[cells[owner == place]]
-        extent = np.ptp(corners.reshape(-1, points.shape[1]), axis=0)
-        size = " x ".join(f"{value:.4g}" for value in extent)
-        found.say(OK, f"body {body.tag!r}: {len(corners)} cells, {size}{unit}, E = {body.young}, nu = {body.poisson}")
-        worst, where = _worst_cell(corners)
-        if worst < BAD_CELL:
-            found.say(
-                NOTE,
-                f"body {body.tag!r} has bad cells, the worst at {np.round(where, 6).tolist()} with a quality of "
-                f"{worst:.2g} of 1: stresses are wrong there. Mesh it more evenly",
-            )
-
-
-def _worst_cell(corners: np.ndarray) -> tuple[float, np.ndarray]:
-    """Smallest scaled Jacobian of cells, (c, k, dim), and where: volume at a corner over the edges that meet there.
-
-    Stretched bricks have 1, a sliver next to 0.
-    """
-    count, dim = corners.shape[1:]
-    numbers = range(count)
-    worst = np.ones(len(corners))
-    for at in numbers:
-        others = [n for n in numbers if n != at] if count == dim + 1 else [at ^ (1 << axis) for axis in range(dim)]
-        edges = corners[:, others] - corners[:, [at]]
-        lengths = np.linalg.norm(edges, axis=2).prod(axis=1)
-        worst = np.minimum(worst, np.abs(np.linalg.det(edges)) / lengths)
-    where = int(worst.argmin())
-    return float(worst[where]), corners[where].mean(axis=0)
+    terms = discretisation.stiffness_terms() if gauss is None else (gauss.stiffness, gauss.moduli)
+    problem = discretisation.contact_problem(*terms)
+    if discretisation.reshaped is not None:
+        problem = discretisation.reshaped.attached(problem)
+    return discretisation.checked(problem), gauss
 
 
 def _names(found: SceneCheck) -> None:
@@ -173,7 +77,10 @@ def _names(found: SceneCheck) -> None:
     assert discretisation is not None  # looked at by check_scene
     used: set[Any] = {item.tag for item in scene.displacements} | {tag for item in scene.contacts for tag in item.tags}
     used |= {getattr(load, "tag", None) for load in scene.loads}
-    idle = sorted(name for name in discretisation.names.facets if isinstance(name, str) and name not in used)
+    facets = discretisation.names.facets
+    # a set of all nodes has the facets of all surfaces
+    taken = {number for tag in used if isinstance(tag, int | str) for number in facets.get(tag, (tag,))}
+    idle = sorted(name for name, own in facets.items() if isinstance(name, str) and not taken & set(own))
     if idle:
         found.say(NOTE, f"the mesh has surfaces that nothing names: {', '.join(idle)}")
 
@@ -192,28 +99,60 @@ def _pairs(found: SceneCheck) -> None:
 
 def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None:
     """Distances of the surfaces beside the sag of their facets."""
-    gaps, unit = problem.gaps @ problem.amplitudes(point), _length(found.scene)
+    gaps, unit = problem.gaps @ problem.amplitudes(point), found.length
     for place, (surfaces, _) in enumerate(found.pairs):
-        own = gaps[problem.contact_pairs == place]
-        if not own.size:
-            continue
-        sag = max(sag_of(surface) for surface in surfaces)
+        rows = np.flatnonzero(problem.contact_pairs == place)
         names = " and ".join(repr(surface.tag) for surface in surfaces)
-        text = (
+        if not rows.size:
+            found.say(NOTE, f"contact {place} of {names}: displacements are imposed on all of its nodes, and it does "
+                      "nothing. Leave it out, or hold other surfaces")  # fmt: skip
+            continue
+        sag, own = max(sag_of(surface) for surface in surfaces), gaps[rows]
+        found.say(
+            OK,
             f"contact {place} of {names}: {own.size} conditions, gaps from {own.min():.3g} to {own.max():.3g}{unit}, "
-            f"facets sag by {sag:.2g}{unit}"
+            f"facets sag by {sag:.2g}{unit}",
         )
-        found.say(OK, text)
-        if own.min() < -max(sag, 1e-12) * 2:
-            found.say(
-                NOTE, f"contact {place} of {names}: bodies overlap by {-own.min():.3g}{unit} before anything moves"
-            )
-        elif TOUCHING * sag < own.min() < SMALL_GAP * sag:
+        _overlap(found, place, -float(own.min()), sag, point)
+        small = [float(own.min()), _least_gap(problem, rows)]
+        small = [gap for gap in small if TOUCHING * sag < gap < SMALL_GAP * sag]
+        if small:
             found.say(
                 NOTE,
-                f"contact {place} of {names}: the smallest gap, {own.min():.3g}{unit}, is less than the sag of facets, "
-                f"{sag:.2g}{unit}: which nodes touch first is made by the mesh. Refine the curved surfaces",
+                f"contact {place} of {names}: the smallest gap, {small[0]:.3g}{unit}, is below twice the sag of "
+                f"facets, {sag:.2g}{unit}: which nodes touch first is made by the mesh. Refine the curved surfaces",
             )
+
+
+def _least_gap(problem: ContactProblem, rows: np.ndarray) -> float:
+    """Smallest gap of some conditions in the box, by what of it is affine."""
+    amplitudes, space = problem.amplitudes, problem.parameters
+    affine = problem.gaps[rows][:, : len(amplitudes.constant)]
+    slopes = affine @ amplitudes.slopes
+    ends = np.minimum(slopes * np.array(space.lower), slopes * np.array(space.upper)).sum(axis=1)
+    return float((affine @ amplitudes.constant + ends).min())
+
+
+def _overlap(found: SceneCheck, place: int, depth: float, sag: float, point: np.ndarray) -> None:
+    """Bodies that overlap by their gaps, (m,), or as they are drawn, which pairings do not see where it is deep."""
+    scene, surfaces = found.scene, found.pairs[place][0]
+    names, why = " and ".join(repr(surface.tag) for surface in surfaces), ""
+    opened = sum(
+        item.amplitude.constant + float(item.amplitude.row(scene.parameters) @ point)
+        for item in scene.openings
+        if item.contact == place
+    )
+    for first, second in (surfaces, surfaces[::-1]) if len(surfaces) == 2 else ():
+        count, deep = depth_inside(found, first, second)
+        if deep - opened > max(depth, OVERLAP * sag):
+            depth = deep - opened
+            why = f", and {count} nodes of {first.tag!r} lie inside the body of {second.tag!r}"
+    if depth > OVERLAP * max(sag, 1e-12):
+        found.say(
+            NOTE,
+            f"contact {place} of {names}: bodies overlap by {depth:.3g}{found.length} before anything moves{why}. Move "
+            "them apart in the mesh, or by an Opening; leave it where a press fit is meant",
+        )
 
 
 def sag_of(surface: Surface) -> float:
@@ -236,27 +175,61 @@ def _supports(found: SceneCheck, problem: ContactProblem) -> None:
     assert discretisation is not None
     free = free_bodies(scene, problem.points, problem.cell_nodes, discretisation.cell_bodies(), problem.free)
     for body in free:
-        found.say(NOTE, f"{body.name} is held by contact alone, and without it {described(body, body.left)}")
+        found.say(
+            NOTE,
+            f"{body.name} is held by contact alone, and without it {described(body, body.left)}. Where that is not "
+            "meant, hold it by a Displacement",
+        )
     if not free:
         found.say(OK, "displacements hold every body")
 
 
 def _loads(found: SceneCheck) -> None:
     """Resultant of each load for the amplitude 1; loads that reach nothing."""
-    discretisation: Any = found.discretisation
-    dim = discretisation.mesh.geometry.dim
     for load in found.scene.loads:
         with found.heard():
-            parts = [csc_matrix(np.atleast_2d(term.columns).T if np.ndim(term.columns) == 1 else term.columns)
-                     for term in load.terms(discretisation.assembler(load))]  # fmt: skip
-            name = f"{type(load).__name__} on {getattr(load, 'tag', 'the scene')!r}"
-            if not any(part.count_nonzero() for part in parts):
-                found.say(
-                    MISTAKE, f"{name} reaches nothing: its nodal forces are zero. Name another tag, or leave it out"
-                )
-                continue
-            if all(part.shape[1] == 1 for part in parts):
-                total = sum(part.toarray().reshape(-1, dim).sum(axis=0) for part in parts)
-                found.say(OK, f"{name}: resultant {np.round(total, 6).tolist()} for the amplitude 1")
-            else:
-                found.say(OK, f"{name}: {sum(part.shape[1] for part in parts)} columns that depend on parameters")
+            _load(found, load)
+
+
+def _load(found: SceneCheck, load: Any) -> None:
+    discretisation: Any = found.discretisation
+    dim = discretisation.mesh.geometry.dim
+    terms = load.terms(discretisation.assembler(load))
+    name = f"{type(load).__name__} on {getattr(load, 'tag', 'the scene')!r}"
+    columns = [
+        csc_matrix(np.atleast_2d(one).T if np.ndim(one) == 1 else one) for one in (term.columns for term in terms)
+    ]
+    if not any(part.count_nonzero() for part in columns):
+        found.say(MISTAKE, f"{name} reaches nothing: its nodal forces are zero. Name another tag, or leave it out")
+        return
+    if all(_vanishes(term.amplitude) for term in terms):
+        found.say(
+            NOTE, f"{name} has the amplitude 0 for all parameters, and does nothing: give it another, or leave it out"
+        )
+        return
+    if all(part.shape[1] == 1 for part in columns):
+        total = np.sum([part.toarray().reshape(-1, dim).sum(axis=0) for part in columns], axis=0)
+        # forces that balance leave round-off
+        total[np.abs(total) < 1e-12 * sum(abs(part).sum() for part in columns)] = 0.0
+        found.say(OK, f"{name}: resultant [{', '.join(f'{value:.6g}' for value in total)}] for the amplitude 1")
+    else:
+        found.say(OK, f"{name}: {sum(part.shape[1] for part in columns)} columns that depend on parameters")
+
+
+def _vanishes(amplitude: Any) -> bool:
+    """Whether an amplitude is zero whatever the parameters are."""
+    return isinstance(amplitude, Amplitude) and not amplitude.constant and not any(amplitude.slopes.values())
+
+
+def _outputs(found: SceneCheck, problem: ContactProblem, gauss: Any) -> None:
+    """Outputs of what is not there."""
+    assert found.discretisation is not None
+    from hhr_dolfinx.full_order.outputs import probe_of
+
+    read = []
+    for output in found.scene.outputs:
+        with found.heard():
+            output.prepared(probe_of(output, found.discretisation, problem, gauss, problem))
+            read.append(repr(output.name))
+    if read:
+        found.say(OK, f"outputs: {', '.join(read)}")

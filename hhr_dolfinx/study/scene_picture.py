@@ -19,10 +19,12 @@ with extra("pictures", "pictures of a scene"):
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.study.scene_check import SceneCheck
+    from hhr_dolfinx.study.scene_findings import SceneCheck
 
 AROUND = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
 """Corners of a face in the order in which they go round, of triangles and tensor-ordered quadrilaterals."""
+HELD = "^sDvp*h"
+"""Marks of surfaces with imposed displacements, one after another."""
 
 
 def draw_scene(found: SceneCheck, path: Path) -> None:
@@ -53,25 +55,29 @@ def _plane(found: SceneCheck, axes: Any) -> None:
         lines = [line for surface in surfaces for line in surface.points[surface.facets]]
         label = f"contact {place}: " + " and ".join(str(surface.tag) for surface in surfaces)
         axes.add_collection(LineCollection(lines, colors=f"C{count + place}", linewidth=2.5, label=label))
-    for tag in dict.fromkeys(item.tag for item in found.scene.displacements):
-        components = sorted({item.component for item in found.scene.displacements if item.tag == tag})
-        held = _nodes(found, tag, components[0])
-        which = ", ".join("xyz"[k] for k in components)
-        axes.plot(
-            *held.T[:2], marker="^", linestyle="none", markersize=5, color="black", label=f"displacement {tag}: {which}"
-        )
-    for load in dict.fromkeys(getattr(load, "tag", None) for load in found.scene.loads):
-        if load is not None and load in _facets(found):
-            loaded = _nodes(found, load, 0)
-            axes.plot(*loaded.T[:2], marker="v", linestyle="none", markersize=5, color="crimson", label=f"load {load}")
+    _marks(found, axes, 5)
     axes.set_aspect("equal")
     axes.autoscale_view()
 
 
-def _nodes(found: SceneCheck, tag: Any, component: int) -> np.ndarray:
-    """Coordinates of the nodes of a surface, which may lie inside."""
+def _marks(found: SceneCheck, axes: Any, size: float) -> None:
+    """Marks on the nodes that are held or moved, and on those under a load, in the plane or in space."""
+    items = found.scene.displacements
+    for place, tag in enumerate(dict.fromkeys(item.tag for item in items)):
+        which = ", ".join("xyz"[k] for k in sorted({item.component for item in items if item.tag == tag}) if k < 3)
+        look: dict[str, Any] = {"marker": HELD[place % len(HELD)], "color": "black", "fillstyle": "none"}
+        label = f"displacement {tag}: {which}"
+        axes.plot(*_nodes(found, tag).T, linestyle="none", markersize=size, label=label, **look)
+    for loaded in dict.fromkeys(getattr(load, "tag", None) for load in found.scene.loads):
+        if loaded is not None and loaded in _facets(found):
+            look = {"marker": ".", "color": "crimson"}
+            axes.plot(*_nodes(found, loaded).T, linestyle="none", markersize=size, label=f"load {loaded}", **look)
+
+
+def _nodes(found: SceneCheck, tag: Any) -> np.ndarray:
+    """Coordinates of the nodes of a surface, which may lie inside, (n, dim)."""
     discretisation: Any = found.discretisation
-    return discretisation._points()[discretisation._tagged_dofs(tag, component) // discretisation.mesh.geometry.dim]
+    return discretisation._points()[discretisation._tagged_dofs(tag, 0) // discretisation.mesh.geometry.dim]
 
 
 def _facets(found: SceneCheck) -> set:
@@ -103,8 +109,8 @@ def _space(found: SceneCheck, axes: Any) -> None:
         label = f"contact {place}: " + " and ".join(str(surface.tag) for surface in surfaces)
         faces = [face[AROUND[len(face)]] for surface in surfaces for face in surface.points[surface.facets]]
         axes.add_collection3d(Poly3DCollection(faces, facecolor=f"C{shift + place}", alpha=0.9, label=label))
-    for tag in dict.fromkeys(item.tag for item in found.scene.displacements):
-        axes.plot(*_nodes(found, tag, 0).T, "^", markersize=3, color="black", label=f"displacement {tag}")
+    _marks(found, axes, 4)
     low, high = points.min(axis=0), points.max(axis=0)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(high - low)
+    axes.set_zlabel("z" if found.scene.units is None else f"z [{found.scene.units.length}]")

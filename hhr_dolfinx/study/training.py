@@ -243,6 +243,7 @@ def _checked(scene: Scene, training: Any, held_out: Any, seed: Any) -> tuple[Any
 
 def training_points(scene: Scene, training: Any) -> np.ndarray:
     """Training points, (S, P): on a regular grid for counts along each parameter, sampled, or as they are given."""
+    asked = training
     try:
         if hasattr(training, "points"):
             training = np.asarray(training.points(scene.parameters))
@@ -252,7 +253,8 @@ def training_points(scene: Scene, training: Any) -> np.ndarray:
         raise StudyError(f"training of scene '{scene.name}': {error}") from None
     if len(points) < 2:
         raise StudyError(
-            f"training of scene '{scene.name}' on {training!r} points: a reduced model needs at least 2 of them"
+            f"training of scene '{scene.name}' on {asked!r} points: a reduced model needs at least 2 of them. Give "
+            "it more, Sobol(64) or a grid such as (16, 16)"
         )
     return points
 
