@@ -7,6 +7,7 @@ file is refused; 130 interrupted.
 from __future__ import annotations
 
 import logging
+import os
 import sys
 import warnings
 from collections.abc import Callable
@@ -21,30 +22,51 @@ with extra("study", "the command hhr"):
     import click
 
 NO_ANSWER, REFUSED, INTERRUPTED = 1, 3, 130
+KEPT = dict.fromkeys(("train", "study"), ": answers that were done are kept, and the same command goes on from there")
+"""What is left of commands that are interrupted, by name."""
+FIELDS, TABLES, DECKS = (".vtkhdf", ".vtu"), (".csv", ".parquet"), (".inp",)
 Command = Callable[..., Any]
 
 
 def guarded(command: Command) -> Command:
-    """A command whose errors are sentences and exit codes, and which says so when it is interrupted."""
+    """A command whose errors are sentences and exit codes, and which says so when it is interrupted.
+
+    A fault of this package, which no sentence explains, keeps its traceback.
+    """
 
     @wraps(command)
     def run(*args: Any, **kwargs: Any) -> Any:
-        warnings.showwarning = _show
-        try:
-            return command(*args, **kwargs)
-        except HHRError as error:
-            _say(f"error: {error}")
+        with warnings.catch_warnings():
+            warnings.showwarning = _once()
+            try:
+                return command(*args, **kwargs)
+            except HHRError as error:
+                _say(f"error: {error}")
+            except KeyboardInterrupt:
+                _say("interrupted" + KEPT.get(command.__name__, ""))
+                sys.exit(INTERRUPTED)
+            except Exception as error:
+                from hhr_dolfinx.plugins import place_of
+
+                place = place_of(error)
+                if not place:
+                    raise
+                _say(f"error: {place}: {type(error).__name__}: {error}")
             sys.exit(REFUSED)
-        except KeyboardInterrupt:
-            _say("interrupted: answers that were done are kept, and the same command goes on from there")
-            sys.exit(INTERRUPTED)
 
     return run
 
 
-def _show(message: Any, category: Any, *_: Any, **__: Any) -> None:
-    """Warnings as sentences, once, on the first rank."""
-    _say(f"warning: {message}")
+def _once() -> Callable[..., None]:
+    """Shows warnings as sentences, each once, on the first rank."""
+    shown = set()
+
+    def show(message: Any, category: Any, *_: Any, **__: Any) -> None:
+        if str(message) not in shown:
+            shown.add(str(message))
+            _say(f"warning: {message}")
+
+    return show
 
 
 def _say(text: str) -> None:
@@ -142,18 +164,19 @@ def train(scene: str, out: Path | None, **how: Any) -> None:
     """
     from mpi4py import MPI
 
-    from hhr_dolfinx.command.loading import beside, scene_of
+    from hhr_dolfinx.command.loading import scene_of
     from hhr_dolfinx.online.model_file import save_model
     from hhr_dolfinx.study.training import train as trained
 
     console, progress = _spoken()
     made = scene_of(scene)
     folder = out or Path("out") / made.name
-    training = trained(
-        made, _training_of(how, beside(scene, "SETTINGS")), folder=folder / "snapshots", progress=progress
-    )
+    training = trained(made, _training_of(how, _settings_of(scene)), folder=folder / "snapshots", progress=progress)
     if MPI.COMM_WORLD.rank:
         return
+    for item in training.log.skipped:
+        if item["stage"] == "snapshots":  # what was there already
+            console.print(item["why"], highlight=False)
     model = training.build()
     save_model(folder / "model.npz", model)
     basis, cells = model.fields.basis, model.offline.sets.cells
@@ -162,6 +185,22 @@ def train(scene: str, out: Path | None, **how: Any) -> None:
         f"{len(model.fields.A_lambda)} contacts on {len(cells)} of {len(training.full_order.problem.cell_nodes)} cells"
     )
     console.print(f"model: {folder / 'model.npz'}")
+
+
+def _settings_of(scene: str) -> Any:
+    """The ``SETTINGS`` beside a scene, or None.
+
+    Raises:
+        SceneError: for what is none.
+    """
+    from hhr_dolfinx.command.loading import beside
+    from hhr_dolfinx.errors import SceneError
+    from hhr_dolfinx.study.study import StudySettings
+
+    settings = beside(scene, "SETTINGS")
+    if settings is not None and not isinstance(settings, StudySettings):
+        raise SceneError(f"SETTINGS beside {scene} must be hhr.StudySettings, and is {type(settings).__name__}")
+    return settings
 
 
 def _training_of(how: dict[str, Any], settings: Any) -> Any:
@@ -192,8 +231,11 @@ def _training_of(how: dict[str, Any], settings: Any) -> Any:
 @guarded
 def solve(what: str, words: tuple[str, ...], out: Path | None) -> None:
     """Answer one parameter, by a SCENE in full or by a reduced model from a file (.npz)."""
-    from hhr_dolfinx.command.loading import is_model, point_of, scene_of
+    from hhr_dolfinx.command.loading import checked_target, is_model, point_of, scene_of
 
+    if out is not None and is_model(what):
+        raise click.UsageError("--out needs a mesh, which a model in a file has not: solve the scene")
+    checked_target(out, FIELDS)
     model: Any
     if is_model(what):
         from hhr_dolfinx.online.model_file import load_model
@@ -209,7 +251,8 @@ def solve(what: str, words: tuple[str, ...], out: Path | None) -> None:
             "conditions that touch": int((forces > 0).sum())}  # fmt: skip
     outputs = answer.outputs() if _has_outputs(model) else None
     if outputs is not None:
-        rows |= {f"{name} [{outputs.units[name]}]": value for name, value in outputs.values.items()}
+        heads = {name: f"{name} [{unit}]" if unit else name for name, unit in outputs.units.items()}
+        rows |= {heads[name]: value for name, value in outputs.values.items()}
     estimate = answer.estimate() if is_model(what) else None
     if estimate is not None:
         rows |= {f"{estimate.kind} of displacement": estimate.primal_relative,
@@ -218,8 +261,6 @@ def solve(what: str, words: tuple[str, ...], out: Path | None) -> None:
         for name, value in rows.items():
             click.echo(f"{name}: {value:.6g}")
     if out is not None:
-        if is_model(what):
-            raise click.UsageError("--out needs a mesh, which a model in a file has not: solve the scene")
         from hhr_dolfinx.study.fields import write_fields
 
         write_fields(out, model, answer)
@@ -250,7 +291,7 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
     from hhr_dolfinx.study.view import View
 
     console, progress = _spoken()
-    made, settings = scene_of(scene), beside(scene, "SETTINGS")
+    made, settings = scene_of(scene), _settings_of(scene)
     given = _training_of(how, settings)
     settings = replace(settings or StudySettings(given), training=given, seed=seed, queries=queries)
     if not any(body.law is not None for body in made.bodies):
@@ -275,9 +316,11 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
 @guarded
 def answer(model: Path, table: Path, out: Path | None) -> None:
     """Answer a table of parameters, one row each, with outputs and bounds of errors. Rows may fail, others go on."""
+    from hhr_dolfinx.command.loading import checked_target
     from hhr_dolfinx.online.batch import answer_table, read_points
     from hhr_dolfinx.online.model_file import load_model
 
+    checked_target(out, TABLES)
     console, progress = _spoken()
     loaded: Any = load_model(model)
     rows = read_points(table, loaded.parameters)
@@ -304,10 +347,11 @@ def export(scene: str, words: tuple[str, ...], out: Path) -> None:
     """Write the problem of one parameter as a deck for CalculiX or Abaqus, to check it there."""
     from mpi4py import MPI
 
-    from hhr_dolfinx.command.loading import point_of, scene_of
+    from hhr_dolfinx.command.loading import checked_target, point_of, scene_of
     from hhr_dolfinx.full_order.deck import write_deck
     from hhr_dolfinx.full_order.discretisation import Discretisation
 
+    checked_target(out, DECKS)
     made = scene_of(scene)
     write_deck(out, Discretisation(made, MPI.COMM_SELF), point_of(words, made.parameters))
     click.echo(out)
@@ -336,6 +380,8 @@ def list_(kind: str | None) -> None:
 
 def main() -> None:
     """What the installed command runs."""
+    # a reader that has seen enough, `hhr list | head`, is no crash, which PETSc would make of it
+    os.environ["PETSC_OPTIONS"] = f"{os.environ.get('PETSC_OPTIONS', '')} -no_signal_handler"
     hhr(prog_name="hhr")
 
 
