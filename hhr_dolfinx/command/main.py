@@ -227,10 +227,14 @@ def _training_of(how: dict[str, Any], settings: Any) -> Any:
 @hhr.command(epilog=_examples("hhr solve my_scene.py --at load=3", "hhr solve out/my_scene/model.npz --at load=3"))
 @click.argument("what")
 @AT
+@click.option("--duration", type=float, help="where bodies flow: seconds of the one step from rest [1]")
 @click.option("--out", type=click.Path(path_type=Path), help="write fields there, for ParaView (.vtkhdf or .vtu)")
 @guarded
-def solve(what: str, words: tuple[str, ...], out: Path | None) -> None:
-    """Answer one parameter, by a SCENE in full or by a reduced model from a file (.npz)."""
+def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path | None) -> None:
+    """Answer one parameter, by a SCENE in full or by a reduced model from a file (.npz).
+
+    Where bodies flow, which depends on the path, the answer is that of one step from rest.
+    """
     from hhr_dolfinx.command.loading import checked_target, is_model, point_of, scene_of
 
     if out is not None and is_model(what):
@@ -245,9 +249,15 @@ def solve(what: str, words: tuple[str, ...], out: Path | None) -> None:
         from hhr_dolfinx.full_order.full import FullOrderModel
 
         model = FullOrderModel(scene_of(what))
-    answer = model.solve(point_of(words, model.parameters))
+    point, step = point_of(words, model.parameters), {}
+    if _flows(model):
+        step = {"duration": 1.0 if duration is None else duration}
+    elif duration is not None:
+        raise click.UsageError("nothing flows: leave out --duration")
+    answer = model.solve(point, **step)
     forces, displacement = answer.forces(), answer.displacement().reshape(-1, _dimension_of(model))
-    rows = {"largest displacement": (displacement**2).sum(axis=1).max() ** 0.5, "sum of contact forces": forces.sum(),
+    rows = {"seconds of one step from rest": step["duration"]} if step else {}
+    rows |= {"largest displacement": (displacement**2).sum(axis=1).max() ** 0.5, "sum of contact forces": forces.sum(),
             "conditions that touch": int((forces > 0).sum())}  # fmt: skip
     outputs = answer.outputs() if _has_outputs(model) else None
     if outputs is not None:
@@ -268,6 +278,11 @@ def solve(what: str, words: tuple[str, ...], out: Path | None) -> None:
 
 def _dimension_of(model: Any) -> int:
     return model.dimension if hasattr(model, "dimension") else model.problem.block_size
+
+
+def _flows(model: Any) -> bool:
+    """Whether bodies flow, in a scene or in a reduced model of one."""
+    return getattr(model, "equilibrium", None) is not None
 
 
 def _has_outputs(model: Any) -> bool:
