@@ -54,6 +54,8 @@ OWN: Mapping[str, Mapping[str, str]] = MappingProxyType(
 
 _LOADED: dict[Path, tuple[int, ModuleType]] = {}
 """Files that were run, with the time of their last change."""
+_FOLDERS: set[Path] = set()
+"""Where they lie, and those that could not be run."""
 
 
 def find(kind: str, name: str) -> Any:
@@ -100,10 +102,9 @@ def names(kind: str) -> dict[str, str]:
 
 def place_of(error: BaseException) -> str:
     """Where an error came out of a file that was loaded here, or of one beside it: file and line; else nothing."""
-    folders = {path.parent for path in _LOADED}
     place = ""
     for frame in traceback.extract_tb(error.__traceback__):
-        if Path(frame.filename).resolve().parent in folders:
+        if Path(frame.filename).resolve().parent in _FOLDERS:
             place = f"{Path(frame.filename).name}, line {frame.lineno}"
     return place
 
@@ -165,6 +166,7 @@ def _run(path: Path, whole: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     folder = str(whole.parent)
     _forget_others(whole.parent)
+    _FOLDERS.add(whole.parent)
     sys.path.insert(0, folder)
     # dataclasses of the file look for their module by its name
     sys.modules[name] = module
@@ -193,10 +195,10 @@ def _name_of(whole: Path) -> str:
 
 def _forget_others(folder: Path) -> None:
     """Let a file import what lies beside it, where a file of another folder has imported something of that name."""
-    others = {str(path.parent) for path in _LOADED} - {str(folder)}
+    others = _FOLDERS - {folder}
     for path in folder.glob("*.py"):
         there = getattr(sys.modules.get(path.stem), "__file__", None)
-        if there is not None and str(Path(there).parent) in others and Path(there) not in _LOADED:
+        if there is not None and Path(there).parent in others and Path(there) not in _LOADED:
             del sys.modules[path.stem]
 
 

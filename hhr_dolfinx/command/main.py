@@ -40,21 +40,26 @@ def guarded(command: Command) -> Command:
             warnings.showwarning = _once()
             try:
                 return command(*args, **kwargs)
-            except HHRError as error:
-                _say(f"error: {error}")
             except KeyboardInterrupt:
                 _say("interrupted" + KEPT.get(command.__name__, ""))
                 sys.exit(INTERRUPTED)
             except Exception as error:
-                from hhr_dolfinx.plugins import place_of
-
-                place = place_of(error)
-                if not place:
-                    raise
-                _say(f"error: {place}: {type(error).__name__}: {error}")
+                _say(f"error: {_explained(error)}")
             sys.exit(REFUSED)
 
     return run
+
+
+def _explained(error: Exception) -> str:
+    """An error in words, with its place where it came out of a file of the user; a fault of this package is raised."""
+    from hhr_dolfinx.plugins import place_of
+
+    place = place_of(error)
+    if isinstance(error, HHRError):
+        return f"{place}: {error}" if place else str(error)
+    if not place:
+        raise error
+    return f"{place}: {type(error).__name__}: {error}"
 
 
 def _once() -> Callable[..., None]:
