@@ -197,7 +197,7 @@ def _errors(errors: Mapping[str, Any]) -> str:
 
 
 def _times(times: Mapping[str, Any]) -> str:
-    base = _mapping(times.get("online") or times.get("condensed")).get("median")
+    base: Any = _mapping(times.get("online") or times.get("condensed")).get("median")
     rows = []
     for key, figures in times.items():
         if _is_summary(figures):
