@@ -9,91 +9,18 @@ from __future__ import annotations
 import logging
 import os
 import sys
-import warnings
 from collections.abc import Callable
-from functools import wraps
 from pathlib import Path
 from typing import Any
 
+from hhr_dolfinx.command.speaking import Command, first_rank, guarded, spoken
 from hhr_dolfinx.compat import extra
-from hhr_dolfinx.errors import HHRError
 
 with extra("study", "the command hhr"):
     import click
 
-NO_ANSWER, REFUSED, INTERRUPTED = 1, 3, 130
-KEPT = dict.fromkeys(("train", "study"), ": answers that were done are kept, and the same command goes on from there")
-"""What is left of commands that are interrupted, by name."""
+NO_ANSWER = 1
 FIELDS, TABLES, DECKS = (".vtkhdf", ".vtu"), (".csv", ".parquet"), (".inp",)
-Command = Callable[..., Any]
-
-
-def guarded(command: Command) -> Command:
-    """A command whose errors are sentences and exit codes, and which says so when it is interrupted.
-
-    A fault of this package, which no sentence explains, keeps its traceback.
-    """
-
-    @wraps(command)
-    def run(*args: Any, **kwargs: Any) -> Any:
-        with warnings.catch_warnings():
-            warnings.showwarning = _once()
-            try:
-                return command(*args, **kwargs)
-            except KeyboardInterrupt:
-                _say("interrupted" + KEPT.get(command.__name__, ""))
-                sys.exit(INTERRUPTED)
-            except Exception as error:
-                _say(f"error: {_explained(error)}")
-            sys.exit(REFUSED)
-
-    return run
-
-
-def _explained(error: Exception) -> str:
-    """An error in words, with its place where it came out of a file of the user; a fault of this package is raised."""
-    from hhr_dolfinx.plugins import place_of
-
-    place = place_of(error)
-    if isinstance(error, HHRError):
-        return f"{place}: {error}" if place else str(error)
-    if not place:
-        raise error
-    return f"{place}: {type(error).__name__}: {error}"
-
-
-def _once() -> Callable[..., None]:
-    """Shows warnings as sentences, each once, on the first rank."""
-    shown = set()
-
-    def show(message: Any, category: Any, *_: Any, **__: Any) -> None:
-        if str(message) not in shown:
-            shown.add(str(message))
-            _say(f"warning: {message}")
-
-    return show
-
-
-def _say(text: str) -> None:
-    """On the error stream, by the first rank."""
-    if _first_rank():
-        click.echo(text, err=True)
-
-
-def _first_rank() -> bool:
-    """Whether this process speaks; a model that answers needs no MPI."""
-    module = sys.modules.get("mpi4py.MPI")
-    return module is None or module.COMM_WORLD.rank == 0
-
-
-def _spoken() -> tuple[Any, Any]:
-    """The console of the first rank, and its progress bars by label."""
-    from mpi4py import MPI
-
-    from hhr_dolfinx.study.console import make_console, progress_on
-
-    console = make_console(quiet=MPI.COMM_WORLD.rank > 0)
-    return console, progress_on(console)
 
 
 def _examples(*lines: str) -> str:
@@ -145,7 +72,7 @@ def check(scene: str, words: tuple[str, ...], picture: Path | None) -> None:
     from hhr_dolfinx.command.loading import point_of, scene_of
     from hhr_dolfinx.study.scene_check import check_scene
 
-    console, _ = _spoken()
+    console, _ = spoken()
     made = scene_of(scene)
     found = check_scene(made, point_of(words, made.parameters) if words else None)
     for finding in found.findings:
@@ -173,7 +100,7 @@ def train(scene: str, out: Path | None, **how: Any) -> None:
     from hhr_dolfinx.online.model_file import save_model
     from hhr_dolfinx.study.training import train as trained
 
-    console, progress = _spoken()
+    console, progress = spoken()
     made = scene_of(scene)
     folder = out or Path("out") / made.name
     training = trained(made, _training_of(how, _settings_of(scene)), folder=folder / "snapshots", progress=progress)
@@ -272,7 +199,7 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
     if estimate is not None:
         rows |= {f"{estimate.kind} of displacement": estimate.primal_relative,
                  f"{estimate.kind} of forces": estimate.dual_relative}  # fmt: skip
-    if _first_rank():
+    if first_rank():
         for name, value in rows.items():
             click.echo(f"{name}: {value:.6g}")
     if out is not None:
@@ -310,7 +237,7 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
     from hhr_dolfinx.study.study import StudySettings, study_scene
     from hhr_dolfinx.study.view import View
 
-    console, progress = _spoken()
+    console, progress = spoken()
     made, settings = scene_of(scene), _settings_of(scene)
     given = _training_of(how, settings)
     settings = replace(settings or StudySettings(given), training=given, seed=seed, queries=queries)
@@ -341,7 +268,7 @@ def answer(model: Path, table: Path, out: Path | None) -> None:
     from hhr_dolfinx.online.model_file import load_model
 
     checked_target(out, TABLES)
-    console, progress = _spoken()
+    console, progress = spoken()
     loaded: Any = load_model(model)
     rows = read_points(table, loaded.parameters)
     bad = answer_table(loaded, rows, out or Path("answers.csv"), console, progress("answers"))
