@@ -7,7 +7,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from hhr_dolfinx.errors import ParameterError, SceneError
+from hhr_dolfinx.errors import FileError, ParameterError, SceneError
+from hhr_dolfinx.files import make_folder
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins import find
 from hhr_dolfinx.scene import Scene
@@ -49,7 +50,7 @@ def point_of(words: Iterable[str], space: ParameterSpace) -> dict[str, float]:
         ParameterError: for a word without a number, or a name that is not there or is there twice.
     """
     found: dict[str, float] = {}
-    for word in (part.strip() for given in words for part in given.split(",")):
+    for word in (part.strip() for given in words for part in given.split(",") if part.strip()):
         name, equals, text = (piece.strip() for piece in word.partition("="))
         try:
             value = float(text)
@@ -75,3 +76,18 @@ def point_of(words: Iterable[str], space: ParameterSpace) -> dict[str, float]:
 def is_model(name: str) -> bool:
     """Whether a name is that of a model in a file."""
     return Path(name).suffix == ".npz"
+
+
+def checked_target(path: Path | None, endings: tuple[str, ...]) -> None:
+    """Refuse, before anything is computed, a file that could not be written after it; None is none.
+
+    Raises:
+        FileError: for another ending, a folder of this name, or a folder around it that cannot be made.
+    """
+    if path is None:
+        return
+    if path.suffix not in endings:
+        raise FileError(f"{path} must end in {' or '.join(endings)}")
+    if path.is_dir():
+        raise FileError(f"{path} is a folder: choose another name")
+    make_folder(path.parent)

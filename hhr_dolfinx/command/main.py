@@ -7,66 +7,20 @@ file is refused; 130 interrupted.
 from __future__ import annotations
 
 import logging
+import os
 import sys
-import warnings
 from collections.abc import Callable
-from functools import wraps
 from pathlib import Path
 from typing import Any
 
+from hhr_dolfinx.command.speaking import Command, first_rank, guarded, spoken
 from hhr_dolfinx.compat import extra
-from hhr_dolfinx.errors import HHRError
 
 with extra("study", "the command hhr"):
     import click
 
-NO_ANSWER, REFUSED, INTERRUPTED = 1, 3, 130
-Command = Callable[..., Any]
-
-
-def guarded(command: Command) -> Command:
-    """A command whose errors are sentences and exit codes, and which says so when it is interrupted."""
-
-    @wraps(command)
-    def run(*args: Any, **kwargs: Any) -> Any:
-        warnings.showwarning = _show
-        try:
-            return command(*args, **kwargs)
-        except HHRError as error:
-            _say(f"error: {error}")
-            sys.exit(REFUSED)
-        except KeyboardInterrupt:
-            _say("interrupted: answers that were done are kept, and the same command goes on from there")
-            sys.exit(INTERRUPTED)
-
-    return run
-
-
-def _show(message: Any, category: Any, *_: Any, **__: Any) -> None:
-    """Warnings as sentences, once, on the first rank."""
-    _say(f"warning: {message}")
-
-
-def _say(text: str) -> None:
-    """On the error stream, by the first rank."""
-    if _first_rank():
-        click.echo(text, err=True)
-
-
-def _first_rank() -> bool:
-    """Whether this process speaks; a model that answers needs no MPI."""
-    module = sys.modules.get("mpi4py.MPI")
-    return module is None or module.COMM_WORLD.rank == 0
-
-
-def _spoken() -> tuple[Any, Any]:
-    """The console of the first rank, and its progress bars by label."""
-    from mpi4py import MPI
-
-    from hhr_dolfinx.study.console import make_console, progress_on
-
-    console = make_console(quiet=MPI.COMM_WORLD.rank > 0)
-    return console, progress_on(console)
+NO_ANSWER = 1
+FIELDS, TABLES, DECKS = (".vtkhdf", ".vtu"), (".csv", ".parquet"), (".inp",)
 
 
 def _examples(*lines: str) -> str:
@@ -118,7 +72,7 @@ def check(scene: str, words: tuple[str, ...], picture: Path | None) -> None:
     from hhr_dolfinx.command.loading import point_of, scene_of
     from hhr_dolfinx.study.scene_check import check_scene
 
-    console, _ = _spoken()
+    console, _ = spoken()
     made = scene_of(scene)
     found = check_scene(made, point_of(words, made.parameters) if words else None)
     for finding in found.findings:
@@ -142,18 +96,19 @@ def train(scene: str, out: Path | None, **how: Any) -> None:
     """
     from mpi4py import MPI
 
-    from hhr_dolfinx.command.loading import beside, scene_of
+    from hhr_dolfinx.command.loading import scene_of
     from hhr_dolfinx.online.model_file import save_model
     from hhr_dolfinx.study.training import train as trained
 
-    console, progress = _spoken()
+    console, progress = spoken()
     made = scene_of(scene)
     folder = out or Path("out") / made.name
-    training = trained(
-        made, _training_of(how, beside(scene, "SETTINGS")), folder=folder / "snapshots", progress=progress
-    )
+    training = trained(made, _training_of(how, _settings_of(scene)), folder=folder / "snapshots", progress=progress)
     if MPI.COMM_WORLD.rank:
         return
+    for item in training.log.skipped:
+        if item["stage"] == "snapshots":  # what was there already
+            console.print(item["why"], highlight=False)
     model = training.build()
     save_model(folder / "model.npz", model)
     basis, cells = model.fields.basis, model.offline.sets.cells
@@ -162,6 +117,22 @@ def train(scene: str, out: Path | None, **how: Any) -> None:
         f"{len(model.fields.A_lambda)} contacts on {len(cells)} of {len(training.full_order.problem.cell_nodes)} cells"
     )
     console.print(f"model: {folder / 'model.npz'}")
+
+
+def _settings_of(scene: str) -> Any:
+    """The ``SETTINGS`` beside a scene, or None.
+
+    Raises:
+        SceneError: for what is none.
+    """
+    from hhr_dolfinx.command.loading import beside
+    from hhr_dolfinx.errors import SceneError
+    from hhr_dolfinx.study.study import StudySettings
+
+    settings = beside(scene, "SETTINGS")
+    if settings is not None and not isinstance(settings, StudySettings):
+        raise SceneError(f"SETTINGS beside {scene} must be hhr.StudySettings, and is {type(settings).__name__}")
+    return settings
 
 
 def _training_of(how: dict[str, Any], settings: Any) -> Any:
@@ -188,12 +159,19 @@ def _training_of(how: dict[str, Any], settings: Any) -> Any:
 @hhr.command(epilog=_examples("hhr solve my_scene.py --at load=3", "hhr solve out/my_scene/model.npz --at load=3"))
 @click.argument("what")
 @AT
+@click.option("--duration", type=float, help="where bodies flow: seconds of the one step from rest [1]")
 @click.option("--out", type=click.Path(path_type=Path), help="write fields there, for ParaView (.vtkhdf or .vtu)")
 @guarded
-def solve(what: str, words: tuple[str, ...], out: Path | None) -> None:
-    """Answer one parameter, by a SCENE in full or by a reduced model from a file (.npz)."""
-    from hhr_dolfinx.command.loading import is_model, point_of, scene_of
+def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path | None) -> None:
+    """Answer one parameter, by a SCENE in full or by a reduced model from a file (.npz).
 
+    Where bodies flow, which depends on the path, the answer is that of one step from rest.
+    """
+    from hhr_dolfinx.command.loading import checked_target, is_model, point_of, scene_of
+
+    if out is not None and is_model(what):
+        raise click.UsageError("--out needs a mesh, which a model in a file has not: solve the scene")
+    checked_target(out, FIELDS)
     model: Any
     if is_model(what):
         from hhr_dolfinx.online.model_file import load_model
@@ -203,23 +181,28 @@ def solve(what: str, words: tuple[str, ...], out: Path | None) -> None:
         from hhr_dolfinx.full_order.full import FullOrderModel
 
         model = FullOrderModel(scene_of(what))
-    answer = model.solve(point_of(words, model.parameters))
+    point, step = point_of(words, model.parameters), {}
+    if _flows(model):
+        step = {"duration": 1.0 if duration is None else duration}
+    elif duration is not None:
+        raise click.UsageError("nothing flows: leave out --duration")
+    answer = model.solve(point, **step)
     forces, displacement = answer.forces(), answer.displacement().reshape(-1, _dimension_of(model))
-    rows = {"largest displacement": (displacement**2).sum(axis=1).max() ** 0.5, "sum of contact forces": forces.sum(),
+    rows = {"seconds of one step from rest": step["duration"]} if step else {}
+    rows |= {"largest displacement": (displacement**2).sum(axis=1).max() ** 0.5, "sum of contact forces": forces.sum(),
             "conditions that touch": int((forces > 0).sum())}  # fmt: skip
     outputs = answer.outputs() if _has_outputs(model) else None
     if outputs is not None:
-        rows |= {f"{name} [{outputs.units[name]}]": value for name, value in outputs.values.items()}
+        heads = {name: f"{name} [{unit}]" if unit else name for name, unit in outputs.units.items()}
+        rows |= {heads[name]: value for name, value in outputs.values.items()}
     estimate = answer.estimate() if is_model(what) else None
     if estimate is not None:
         rows |= {f"{estimate.kind} of displacement": estimate.primal_relative,
                  f"{estimate.kind} of forces": estimate.dual_relative}  # fmt: skip
-    if _first_rank():
+    if first_rank():
         for name, value in rows.items():
             click.echo(f"{name}: {value:.6g}")
     if out is not None:
-        if is_model(what):
-            raise click.UsageError("--out needs a mesh, which a model in a file has not: solve the scene")
         from hhr_dolfinx.study.fields import write_fields
 
         write_fields(out, model, answer)
@@ -227,6 +210,11 @@ def solve(what: str, words: tuple[str, ...], out: Path | None) -> None:
 
 def _dimension_of(model: Any) -> int:
     return model.dimension if hasattr(model, "dimension") else model.problem.block_size
+
+
+def _flows(model: Any) -> bool:
+    """Whether bodies flow, in a scene or in a reduced model of one."""
+    return getattr(model, "equilibrium", None) is not None
 
 
 def _has_outputs(model: Any) -> bool:
@@ -249,8 +237,8 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
     from hhr_dolfinx.study.study import StudySettings, study_scene
     from hhr_dolfinx.study.view import View
 
-    console, progress = _spoken()
-    made, settings = scene_of(scene), beside(scene, "SETTINGS")
+    console, progress = spoken()
+    made, settings = scene_of(scene), _settings_of(scene)
     given = _training_of(how, settings)
     settings = replace(settings or StudySettings(given), training=given, seed=seed, queries=queries)
     if not any(body.law is not None for body in made.bodies):
@@ -275,10 +263,12 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
 @guarded
 def answer(model: Path, table: Path, out: Path | None) -> None:
     """Answer a table of parameters, one row each, with outputs and bounds of errors. Rows may fail, others go on."""
+    from hhr_dolfinx.command.loading import checked_target
     from hhr_dolfinx.online.batch import answer_table, read_points
     from hhr_dolfinx.online.model_file import load_model
 
-    console, progress = _spoken()
+    checked_target(out, TABLES)
+    console, progress = spoken()
     loaded: Any = load_model(model)
     rows = read_points(table, loaded.parameters)
     bad = answer_table(loaded, rows, out or Path("answers.csv"), console, progress("answers"))
@@ -304,10 +294,11 @@ def export(scene: str, words: tuple[str, ...], out: Path) -> None:
     """Write the problem of one parameter as a deck for CalculiX or Abaqus, to check it there."""
     from mpi4py import MPI
 
-    from hhr_dolfinx.command.loading import point_of, scene_of
+    from hhr_dolfinx.command.loading import checked_target, point_of, scene_of
     from hhr_dolfinx.full_order.deck import write_deck
     from hhr_dolfinx.full_order.discretisation import Discretisation
 
+    checked_target(out, DECKS)
     made = scene_of(scene)
     write_deck(out, Discretisation(made, MPI.COMM_SELF), point_of(words, made.parameters))
     click.echo(out)
@@ -336,6 +327,8 @@ def list_(kind: str | None) -> None:
 
 def main() -> None:
     """What the installed command runs."""
+    # a reader that has seen enough, `hhr list | head`, is no crash, which PETSc would make of it
+    os.environ["PETSC_OPTIONS"] = f"{os.environ.get('PETSC_OPTIONS', '')} -no_signal_handler"
     hhr(prog_name="hhr")
 
 

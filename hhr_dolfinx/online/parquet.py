@@ -33,7 +33,7 @@ def read_columns(path: Path, names: tuple[str, ...]) -> list[list[str]]:
             f"{path} has no column {wrong} or has it twice: its columns must name {names}, and are {table.column_names}"
         )
     columns = [table.column(name).to_pylist() for name in names]
-    return [["" if value is None else repr(value).strip("'") for value in row] for row in zip(*columns, strict=True)]
+    return [["" if value is None else str(value) for value in row] for row in zip(*columns, strict=True)]
 
 
 def write_columns(path: Path, columns: Mapping[str, Any]) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import secrets
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
@@ -11,7 +13,7 @@ from dolfinx.plot import vtk_mesh
 
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import FileError, SceneError
-from hhr_dolfinx.files import replacing
+from hhr_dolfinx.files import make_folder, replacing
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.models.answer import Answer, History
 
@@ -45,7 +47,7 @@ def write_fields(path: str | Path, full: FullOrderModel, answer: Answer | Histor
         raise FileError(f"{path}: fields are written as {' or '.join(ENDINGS)}")
     if full.comm.size > 1:
         raise SceneError("fields are written on one rank: give a full model on MPI.COMM_SELF")
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     if not isinstance(answer, History):
         return [_written(path, grid_of(full, answer))]
     steps = list(answer.answers)
@@ -62,10 +64,15 @@ def write_fields(path: str | Path, full: FullOrderModel, answer: Answer | Histor
 
 
 def _written(path: Path, grid: pyvista.UnstructuredGrid) -> Path:
+    """A file as a whole; VTK only prints what goes wrong, which shows in the file that is not there."""
+    part = path.with_stem(f".{path.stem}.{secrets.token_hex(8)}")
     try:
-        grid.save(path)
+        grid.save(part)
+        os.replace(part, path)
     except (OSError, ValueError) as error:
-        raise FileError(f"{path} cannot be written ({error}): try the ending .vtu") from error
+        raise FileError(f"{path} cannot be written ({error}): try the ending .vtu, or another folder") from error
+    finally:
+        part.unlink(missing_ok=True)
     return path
 
 

@@ -21,21 +21,24 @@ table { border-collapse: collapse; margin: 1rem 0; } th, td { padding: .25rem .8
 th:first-child, td:first-child { text-align: left; } tr:nth-child(even) { background: #f4f4f4; }
 th { border-bottom: 2px solid #888; } .advice { background: #eef6ee; border-left: 4px solid #3a7; padding: .8rem 1rem; }
 figure { margin: 1.5rem 0; } img { max-width: 100%; border: 1px solid #ddd; } figcaption { color: #555; }
+details { margin: .5rem 0; } summary { cursor: pointer; }
 .small { color: #555; font-size: 90%; }
 """
 
 ERRORS = {
     "primal_l2": "displacement, mean square", "primal_energy": "displacement, in energy",
-    "primal_euclid": "displacement, node by node", "dual_rid_floored": "contact forces inside the reduced domain",
+    "primal_euclid": "displacement, node by node", "energy_minimum": "energy above its minimum",
+    "dual_rid": "contact forces inside the reduced domain, whatever their size",
+    "dual_rid_floored": "contact forces inside the reduced domain",
+    "dual_full": "contact forces on the whole surface, whatever their size",
     "dual_full_floored": "contact forces on the whole surface", "resultant": "resultant of the contact forces",
-    "stress": "stress", "sigma_rr": "first normal stress", "plastic_strain": "plastic strain",
 }  # fmt: skip
-"""What errors are called for readers who do not know the code."""
+"""What errors are called for readers who do not know the code; others have the names of their keys."""
 TIMES = {
     "fom_naive": "a first program: everything assembled and factored for each query",
     "fom_best": "the full order at its best: the stiffness factored once", "condensed": "condensation, contact forces",
     "condensed_full": "condensation, fields and forces", "online": "the reduced model, contact forces",
-    "online_full": "the reduced model, fields and forces",
+    "online_lapack": "the same, each system factored by LAPACK", "online_full": "the reduced model, fields and forces",
 }  # fmt: skip
 PICTURES = {
     "work_precision.png": "Error against time of one query. What lies on the black line is beaten by nothing in both.",
@@ -45,6 +48,15 @@ PICTURES = {
     "largest_plastic_strain.png": "Largest plastic strain over time.",
     "iterations_of_a_step.png": "Iterations of the steps of a history.",
 }  # fmt: skip
+SIZES = {
+    "N": "unknowns", "N_lambda": "contact conditions", "ell_bar": "modes", "N_lambda_C": "kept contact conditions",
+    "rid_cells": "cells of the reduced domain", "snapshots": "training answers",
+}  # fmt: skip
+TOLD = {
+    "scene", "seed", "advice", "outputs", "work_precision", "kkt", "break_even", "skipped", "machine",
+    "versions",
+}  # fmt: skip
+"""Parts of a report that have a place of their own on the page; the others follow as they are."""
 
 
 def write_page(folder: str | Path) -> Path:
@@ -52,6 +64,7 @@ def write_page(folder: str | Path) -> Path:
 
     Raises:
         FileContentError: if there is no report, or it is none.
+        FileError: if the page cannot be written.
     """
     folder = Path(folder)
     source = folder if folder.suffix == ".json" else folder / "report.json"
@@ -61,30 +74,36 @@ def write_page(folder: str | Path) -> Path:
         raise FileContentError(
             f"there is no report {source}: run a study first, hhr study SCENE --out {folder}"
         ) from None
-    except (OSError, ValueError) as error:
+    except NotADirectoryError:
+        raise FileContentError(f"{folder} is no folder: name the one that holds a report.json") from None
+    except (OSError, ValueError, RecursionError) as error:
         raise FileContentError(f"{source} is no report ({error})") from error
-    if not isinstance(report, dict) or "scene" not in report:
-        raise FileContentError(f"{source} is no report: it names no scene")
+    if not isinstance(report, dict) or not report:
+        raise FileContentError(f"{source} is no report: it names no figures")
     path = source.with_suffix(".html")
+    page = page_of({"scene": source.absolute().parent.name, **report}, source.parent)
     with replacing(path, text=True) as file:
-        file.write(page_of(report, source.parent))
+        # half characters, which JSON can hold, are none in UTF-8
+        file.write(page.encode(errors="replace").decode())
     return path
 
 
 def page_of(report: Mapping[str, Any], folder: Path) -> str:
-    """The page of a report and the pictures in a folder."""
+    """The page of a report and the pictures in a folder; what the report has not, the page leaves out."""
     name = escape(str(report["scene"]))
-    parts = [f"<h1>{name}</h1>", _sizes(report), _advice(report)]
-    if "errors" in report:
-        parts += ["<h2>How large are the errors?</h2>", _errors(report)]
-    if "times" in report:
-        parts += ["<h2>How long does an answer take?</h2>", _times(report)]
-    parts += [
-        _outputs(report),
-        _methods(report),
+    parts = [
+        f"<h1>{name}</h1>",
+        _sizes(_mapping(report.get("sizes"))),
+        _advice(report.get("advice")),
+        _errors(_mapping(report.get("errors"))),
+        _times(_mapping(report.get("times"))),
+        _break_even(_mapping(report.get("break_even"))),
+        _outputs(_mapping(report.get("outputs"))),
+        _methods(_mappings(report.get("work_precision"))),
         _pictures(folder),
-        _checks(report),
-        _left_out(report),
+        _checks(_mapping(report.get("kkt"))),
+        _left_out(_mappings(report.get("skipped"))),
+        _others(report),
         _machine(report),
     ]
     body = "\n".join(part for part in parts if part)
@@ -94,9 +113,32 @@ def page_of(report: Mapping[str, Any], folder: Path) -> str:
     )
 
 
+def _mapping(value: Any) -> Mapping[str, Any]:
+    """A part of a report that is a table by name; nothing where it is missing or none."""
+    return value if isinstance(value, Mapping) else {}
+
+
+def _mappings(value: Any) -> list[Mapping[str, Any]]:
+    """The rows of a part of a report."""
+    return [row for row in value if isinstance(row, Mapping)] if isinstance(value, list) else []
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and not math.isnan(value)
+
+
+def _is_summary(value: Any) -> bool:
+    return isinstance(value, Mapping) and "median" in value
+
+
+def _section(title: str, *parts: str) -> str:
+    """Parts under a title; nothing where there are none."""
+    return f"<h2>{escape(title)}</h2>" + "".join(parts) if any(parts) else ""
+
+
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table of texts, which are escaped here."""
-    return "<table>" + _line(head, "th") + "".join(_line(row, "td") for row in rows) + "</table>"
+    """A table of texts, which are escaped here; nothing for no rows."""
+    return "<table>" + _line(head, "th") + "".join(_line(row, "td") for row in rows) + "</table>" if rows else ""
 
 
 def _line(cells: Sequence[str], tag: str) -> str:
@@ -104,109 +146,150 @@ def _line(cells: Sequence[str], tag: str) -> str:
 
 
 def _percent(value: Any) -> str:
-    if not isinstance(value, int | float) or math.isnan(value):
+    if not _is_number(value):
         return "-"
     if math.isinf(value):
         return "no answer"
-    return "round-off" if value < 1e-10 else f"{100 * value:.2g} %"
+    return "round-off" if abs(value) < 1e-10 else f"{100 * value:.2g} %"
 
 
-def _sizes(report: Mapping[str, Any]) -> str:
-    sizes = report.get("sizes", {})
-    told = {"N": "unknowns", "N_lambda": "contact conditions", "ell_bar": "modes", 
-            "N_lambda_C": "kept contact conditions",
-            "rid_cells": "cells of the reduced domain", "snapshots": "training answers"}  # fmt: skip
-    found = [f"{sizes[key]} {what}" for key, what in told.items() if key in sizes]
+def _seconds(value: Any) -> str:
+    return in_words(value) if _is_number(value) and math.isfinite(value) else "-"
+
+
+def _text(value: Any) -> str:
+    """Anything of a report as text."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "-"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list):
+        return ", ".join(_text(item) for item in value)
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_text(item)}" for name, item in value.items())
+    return str(value)
+
+
+def _words(name: Any) -> str:
+    return str(name).replace("_", " ")
+
+
+def _sizes(sizes: Mapping[str, Any]) -> str:
+    found = [f"{_text(sizes[key])} {what}" for key, what in SIZES.items() if sizes.get(key) is not None]
     return f'<p class="small">{escape(", ".join(found))}</p>' if found else ""
 
 
-def _advice(report: Mapping[str, Any]) -> str:
-    text = report.get("advice")
+def _advice(text: Any) -> str:
     return f'<p class="advice">{escape(str(text))}</p>' if text else ""
 
 
-def _errors(report: Mapping[str, Any]) -> str:
-    rows = []
-    for key, figures in report["errors"].items():
-        if isinstance(figures, Mapping) and "median" in figures and key in ERRORS:
-            rows.append([ERRORS[key], *(_percent(figures.get(name)) for name in ("median", "p95", "max"))])
+def _errors(errors: Mapping[str, Any]) -> str:
+    rows = [
+        [ERRORS.get(key, _words(key)), *(_percent(figures.get(name)) for name in ("median", "p95", "max"))]
+        for key, figures in errors.items()
+        if _is_summary(figures)
+    ]
     note = "<p class='small'>Relative to the full order, at parameters that no model was trained on.</p>"
-    return _table(["error of", "half of the answers below", "95 % below", "worst"], rows) + note
+    table = _table(["error of", "half of the answers below", "95 % below", "worst"], rows)
+    return _section("How large are the errors?", table and table + note)
 
 
-def _times(report: Mapping[str, Any]) -> str:
-    times = report["times"]
-    base = (times.get("online") or times.get("condensed") or {}).get("median")
+def _times(times: Mapping[str, Any]) -> str:
+    base: Any = _mapping(times.get("online") or times.get("condensed")).get("median")
     rows = []
-    for key, what in TIMES.items():
-        figures = times.get(key)
-        if isinstance(figures, Mapping) and "median" in figures:
-            rows.append(
-                [what, in_words(figures["median"]), in_words(figures["p95"]), f"{figures['median'] / base:.1f}"]
-            )
-    text = _table(["way to answer", "median", "95 %", "times the reduced model"], rows)
-    offline = times.get("offline")
-    if offline:
-        text += f"<p>Before the first answer: {escape(in_words(sum(offline.values())))} of training and building.</p>"
-    even = report.get("break_even") or {}
-    told = [f"{count:.0f} queries ({what})" for what, count in even.items() if isinstance(count, int | float)]
-    return text + (f"<p>It pays after {escape(', '.join(told))}.</p>" if told else "")
+    for key, figures in times.items():
+        if _is_summary(figures):
+            median = figures["median"]
+            ratio = f"{median / base:.1f}" if _is_number(median) and _is_number(base) and base > 0 else "-"
+            rows.append([TIMES.get(key, _words(key)), _seconds(median), _seconds(figures.get("p95")), ratio])
+    stages = {name: value for name, value in _mapping(times.get("offline")).items() if _is_number(value)}
+    told = f"<p>Before the first answer: {escape(_seconds(sum(stages.values())))} of training and building.</p>"
+    return _section(
+        "How long does an answer take?",
+        _table(["way to answer", "median", "95 %", "times the reduced model"], rows),
+        told if stages else "",
+    )
 
 
-def _outputs(report: Mapping[str, Any]) -> str:
-    outputs = report.get("outputs")
-    if not outputs:
-        return ""
+def _break_even(even: Mapping[str, Any]) -> str:
+    told = [f"{count:.0f} queries ({what})" for what, count in even.items() if _is_number(count)]
+    return f"<p>It pays after {escape(', '.join(told))}.</p>" if told else ""
+
+
+def _outputs(outputs: Mapping[str, Any]) -> str:
     rows = []
     for name, item in outputs.items():
-        errors = [_percent(item.get(key)) for key in ("median", "p95", "max")]
-        rows.append([f"{name} [{item.get('unit') or '-'}]", f"{item['largest']:.4g}", *errors])
-    return "<h2>Outputs</h2>" + _table(["output", "largest", "median error", "95 %", "worst"], rows)
+        figures = _mapping(item)
+        errors = [_percent(figures.get(key)) for key in ("median", "p95", "max")]
+        head = f"{name} [{figures['unit']}]" if figures.get("unit") else name
+        rows.append([head, _text(figures.get("largest")), *errors])
+    return _section("Outputs", _table(["output", "largest", "median error", "95 %", "worst"], rows))
 
 
-def _methods(report: Mapping[str, Any]) -> str:
+def _methods(methods: Sequence[Mapping[str, Any]]) -> str:
     rows = []
-    for row in report.get("work_precision", []):
+    for row in methods:
+        named = [_text(row.get("method")), _text(row.get("setting"))]
         if "refused" in row:
-            rows.append([row["method"], row["setting"], "refused", "", row["refused"]])
+            rows.append([*named, "refused", "", "", "", _text(row["refused"])])
         else:
-            errors = [_percent(row.get(key)) for key in ("dual_full_floored", "dual_full_floored_max")]
-            rows.append([row["method"], row["setting"], in_words(row["online_s"]), *errors])
-    if not rows:
-        return ""
-    head = ["method", "setting", "time", "forces, median", "forces, worst"]
-    return "<h2>All methods that were measured</h2>" + _table(head, rows)
+            errors = [_percent(row.get(key)) for key in ("primal_l2", "dual_full_floored", "dual_full_floored_max")]
+            rows.append([*named, _seconds(row.get("online_s")), *errors, _text(row.get("warning", ""))])
+    head = ["method", "setting", "time", "displacement", "forces, median", "forces, worst", "remark"]
+    return _section("All methods that were measured", _table(head, rows))
 
 
 def _pictures(folder: Path) -> str:
-    found = [path for path in sorted(folder.glob("*.png"))]
     order = {name: place for place, name in enumerate(PICTURES)}
-    found.sort(key=lambda path: (order.get(path.name, len(order)), path.name))
+    found = [path for path in folder.glob("*.png") if path.is_file()]
     figures = []
-    for path in found:
+    for path in sorted(found, key=lambda path: (order.get(path.name, len(order)), path.name)):
         data = base64.b64encode(path.read_bytes()).decode()
-        caption = PICTURES.get(path.name, path.stem.replace("_", " "))
-        figures.append(
-            f'<figure><img alt="{escape(caption)}" src="data:image/png;base64,{data}">'
-            f"<figcaption>{escape(caption)}</figcaption></figure>"
-        )
-    return "<h2>Pictures</h2>" + "".join(figures) if figures else ""
+        caption = escape(PICTURES.get(path.name, _words(path.stem)))
+        image = f'<img alt="{caption}" src="data:image/png;base64,{data}">'
+        figures.append(f"<figure>{image}<figcaption>{caption}</figcaption></figure>")
+    return _section("Pictures", *figures)
 
 
-def _checks(report: Mapping[str, Any]) -> str:
-    kkt = report.get("kkt")
-    if not isinstance(kkt, Mapping):
-        return ""
-    rows = [[name.replace("_", " "), f"{value:.2g}"] for name, value in kkt.items() if isinstance(value, int | float)]
-    return "<h2>What is left of the equations</h2>" + _table(["residual of what is handed out", "largest"], rows)
+def _checks(residuals: Mapping[str, Any]) -> str:
+    rows = [[_words(name), f"{value:.2g}"] for name, value in residuals.items() if _is_number(value)]
+    return _section("What is left of the equations", _table(["residual of what is handed out", "largest"], rows))
 
 
-def _left_out(report: Mapping[str, Any]) -> str:
-    rows = [[str(item.get("stage", "")), str(item.get("why", ""))] for item in report.get("skipped", [])]
-    return "<h2>What was left out, and why</h2>" + _table(["what", "why"], rows) if rows else ""
+def _left_out(items: Sequence[Mapping[str, Any]]) -> str:
+    rows = [[_text(item.get("stage")), _text(item.get("why"))] for item in items]
+    return _section("What was left out, and why", _table(["what", "why"], rows))
+
+
+def _others(report: Mapping[str, Any]) -> str:
+    """What has no place of its own, folded, each part as the table that it is."""
+    shown = {key: value for key, value in report.items() if key not in TOLD}
+    for key in ("errors", "times"):
+        shown[key] = {name: item for name, item in _mapping(report.get(key)).items() if not _is_summary(item)}
+    return _section("Everything else", *(_folded(_words(key), _plain(value)) for key, value in shown.items()))
+
+
+def _folded(title: str, content: str) -> str:
+    return f"<details><summary>{escape(title)}</summary>{content}</details>" if content else ""
+
+
+def _plain(value: Any) -> str:
+    """A part of a report as a table: rows that share their keys, or values by name."""
+    if rows := _mappings(value):
+        head = list(dict.fromkeys(name for row in rows for name in row))
+        return _table([_words(name) for name in head], [[_text(row.get(name, "")) for name in head] for row in rows])
+    if isinstance(value, Mapping):
+        parts = {name: item for name, item in value.items() if isinstance(item, Mapping | list) and item}
+        own = _table(["", "value"], [[_words(name), _text(item)] for name, item in value.items() if name not in parts])
+        return own + "".join(_folded(_words(name), _plain(item)) for name, item in parts.items())
+    return f"<p>{escape(_text(value))}</p>" if value not in (None, []) else ""
 
 
 def _machine(report: Mapping[str, Any]) -> str:
-    parts = {**(report.get("machine") or {}), **(report.get("versions") or {})}
-    told = ", ".join(f"{name} {value}" for name, value in parts.items() if isinstance(value, str | int | float))
+    parts = {**_mapping(report.get("machine")), **_mapping(report.get("versions"))}
+    if "seed" in report:
+        parts["seed"] = report["seed"]
+    told = ", ".join(f"{name} {_text(value)}" for name, value in parts.items())
     return f'<p class="small">{escape(told)}</p>' if told else ""

@@ -138,8 +138,9 @@ class Study:
     report: dict[str, Any]
 
     def write(self, folder: str | Path, console: Console | None = None, view: View | None = None) -> None:
-        """Write and print the report, keep the model, draw the pictures of a view."""
+        """Write and print the report, keep the model, draw the pictures of a view; all of them in ``report.html``."""
         from hhr_dolfinx.online.model_file import save_model
+        from hhr_dolfinx.study.page import write_page
 
         console, folder = console or make_console(), checked_folder(folder)
         write_report(self.report, folder)
@@ -150,6 +151,7 @@ class Study:
             from hhr_dolfinx.study.plots import draw_study
 
             draw_study(self, view, folder)
+        write_page(folder)
         console.print(f"report, pictures, fields and model are in {folder}", markup=False)
 
 

@@ -1,0 +1,88 @@
+"""How commands speak: errors and warnings as sentences on the error stream, by the first rank."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Callable
+from functools import wraps
+from typing import Any
+
+from hhr_dolfinx.compat import extra
+from hhr_dolfinx.errors import HHRError
+
+with extra("study", "the command hhr"):
+    import click
+
+REFUSED, INTERRUPTED = 3, 130
+KEPT = dict.fromkeys(("train", "study"), ": answers that were done are kept, and the same command goes on from there")
+"""What is left of commands that are interrupted, by name."""
+Command = Callable[..., Any]
+
+
+def guarded(command: Command) -> Command:
+    """A command whose errors are sentences and exit codes, and which says so when it is interrupted.
+
+    A fault of this package, which no sentence explains, keeps its traceback.
+    """
+
+    @wraps(command)
+    def run(*args: Any, **kwargs: Any) -> Any:
+        with warnings.catch_warnings():
+            warnings.showwarning = _once()
+            try:
+                return command(*args, **kwargs)
+            except KeyboardInterrupt:
+                _say("interrupted" + KEPT.get(command.__name__, ""))
+                sys.exit(INTERRUPTED)
+            except Exception as error:
+                _say(f"error: {_explained(error)}")
+            sys.exit(REFUSED)
+
+    return run
+
+
+def _explained(error: Exception) -> str:
+    """An error in words, with its place where it came out of a file of the user; a fault of this package is raised."""
+    from hhr_dolfinx.plugins import place_of
+
+    place = place_of(error)
+    if isinstance(error, HHRError):
+        return f"{place}: {error}" if place else str(error)
+    if not place:
+        raise error
+    return f"{place}: {type(error).__name__}: {error}"
+
+
+def _once() -> Callable[..., None]:
+    """Shows warnings as sentences, each once, on the first rank."""
+    shown = set()
+
+    def show(message: Any, category: Any, *_: Any, **__: Any) -> None:
+        if str(message) not in shown:
+            shown.add(str(message))
+            _say(f"warning: {message}")
+
+    return show
+
+
+def _say(text: str) -> None:
+    """On the error stream, by the first rank."""
+    if first_rank():
+        click.echo(text, err=True)
+
+
+def first_rank() -> bool:
+    """Whether this process speaks; a model that answers needs no MPI."""
+    module = sys.modules.get("mpi4py.MPI")
+    return module is None or module.COMM_WORLD.rank == 0
+
+
+def spoken() -> tuple[Any, Any]:
+    """The console of the first rank, and its progress bars by label."""
+    from mpi4py import MPI
+
+    from hhr_dolfinx.study.console import make_console, progress_on
+
+    console = make_console(quiet=MPI.COMM_WORLD.rank > 0)
+    return console, progress_on(console)

@@ -1,0 +1,413 @@
+"""The command ``hhr``, as people use it: words, files, pipes, ranks, mistakes, and Ctrl-C."""
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_mpi import run_program
+
+import hhr_dolfinx as hhr
+
+pytest.importorskip("click")
+from click.testing import CliRunner
+
+from hhr_dolfinx.command.main import hhr as command
+from hhr_dolfinx.study.page import write_page
+
+DEMO = str(Path(__file__).parents[1] / "demos" / "your_scene.py")
+PROGRAM = ["-m", "hhr_dolfinx.command.main"]
+POINT = {"travel": 0.5, "lowered": 0.1}
+AT = ["--at", "travel=0.5,lowered=0.1"]
+TRAIN = ["train", DEMO, "--sobol", "12"]
+
+
+def invoke(*words):
+    """A command in this process: its exit code, and all that it said."""
+    result = CliRunner().invoke(command, [str(word) for word in words], prog_name="hhr")
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exc_info
+    assert "Traceback" not in result.output
+    return result.exit_code, result.output
+
+
+def run(*words, cwd=None):
+    """A command in a process of its own, whose output is a pipe."""
+    words = [sys.executable, *PROGRAM, *map(str, words)]
+    found = subprocess.run(words, capture_output=True, text=True, cwd=cwd, env=ENVIRONMENT, timeout=120)
+    for text in (found.stdout, found.stderr):
+        assert "\x1b" not in text and "\r" not in text and "Traceback" not in text, text
+    return found
+
+
+ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "FORCE_COLOR"} | {"OMP_NUM_THREADS": "1"}
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """Folder of a training, and what was said."""
+    folder = tmp_path_factory.mktemp("trained") / "of this scene"
+    found = run(*TRAIN, "--out", folder)
+    assert found.returncode == 0, found.stderr
+    return folder, found
+
+
+@pytest.fixture(scope="module")
+def model(trained):
+    return hhr.load_model(trained[0] / "model.npz")
+
+
+@pytest.fixture(scope="module")
+def full():
+    import your_scene
+
+    return hhr.FullOrderModel(your_scene.scene())
+
+
+def told(output):
+    """Numbers by name, of lines ``name: number``."""
+    return {name: float(value) for name, value in (line.rsplit(": ", 1) for line in output.splitlines())}
+
+
+def test_every_command_helps_with_examples():
+    code, output = invoke("--help")
+    assert code == 0 and set(command.commands) == {
+        "check", "train", "solve", "study", "answer", "report", "export", "list"
+    }  # fmt: skip
+    for name in command.commands:
+        for word in ("--help", "-h"):
+            code, said = invoke(name, word)
+            assert code == 0 and "Examples:\n" in said and f"hhr {name}" in said.split("Examples:")[1]
+        assert f"  {name} " in output
+    assert invoke("--version")[0] == 0
+
+
+def test_training_says_each_thing_once(trained):
+    folder, found = trained
+    lines = found.stdout.splitlines()
+    assert lines[:2] == ["snapshots: 12 to do", "held out: 100 to do"]
+    assert "2026 dofs and 66 contacts -> " in lines[2] and lines[3:] == [f"model: {folder / 'model.npz'}"]
+    # twelve points are few, which is said
+    warned = [line for line in found.stderr.splitlines() if line]
+    assert warned and all(line.startswith("warning: ") for line in warned) and len(set(warned)) == len(warned)
+
+
+def test_a_second_training_goes_on_from_the_first(trained):
+    folder, found = trained
+    before = (folder / "model.npz").stat().st_mtime_ns
+    again = run(*TRAIN, "--out", folder)
+    assert again.returncode == 0 and f"112 of 112 answers were read from {folder / 'snapshots'}" in again.stdout
+    assert (folder / "model.npz").stat().st_mtime_ns > before and again.stderr == found.stderr
+
+
+def test_an_interrupted_training_keeps_its_answers(tmp_path):
+    words = [sys.executable, *PROGRAM, "train", DEMO, "--sobol", "128", "--out", str(tmp_path)]
+    started = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT)
+    end = time.monotonic() + 60
+    while len(list(tmp_path.glob("snapshots/*.npz"))) < 5 and started.poll() is None and time.monotonic() < end:
+        time.sleep(0.005)
+    started.send_signal(signal.SIGINT)
+    stdout, stderr = started.communicate(timeout=60)
+    assert started.returncode == 130, stdout + stderr
+    assert stderr == "interrupted: answers that were done are kept, and the same command goes on from there\n"
+    kept = len(list(tmp_path.glob("snapshots/*.npz")))
+    assert 5 <= kept < 128 and not list(tmp_path.glob("snapshots/*.part")) and not (tmp_path / "model.npz").exists()
+    again = run(*words[3:])
+    assert again.returncode == 0 and f"{kept} of 228 answers were read" in again.stdout, again.stdout + again.stderr
+
+
+def test_scene_and_model_answer_alike(trained, full, model):
+    code, output = invoke("solve", DEMO, *AT)
+    exact, answer = told(output), full.solve(POINT)
+    assert code == 0 and exact["sum of contact forces"] == pytest.approx(answer.forces().sum(), rel=1e-5)
+    largest = np.linalg.norm(answer.displacement().reshape(-1, 2), axis=1).max()
+    assert exact["largest displacement"] == pytest.approx(largest, rel=1e-5)
+    assert exact["conditions that touch"] == (answer.forces() > 0).sum()
+    assert exact["force on the roller"] == pytest.approx(answer.outputs().values["force on the roller"], rel=1e-5)
+    words = ["--at", "lowered = 0.1", "--at", "travel=5e-1,"]
+    code, output = invoke("solve", trained[0] / "model.npz", *words)
+    found = told(output)
+    assert code == 0 and found.pop("bound of displacement") < 0.01 and found.pop("bound of forces") < 0.01
+    assert found == pytest.approx(exact, rel=1e-4)
+
+
+@pytest.mark.parametrize("ending", [".vtu", ".vtkhdf"])
+def test_fields_are_those_of_the_answer(ending, tmp_path, full):
+    pyvista = pytest.importorskip("pyvista")
+    path = tmp_path / "a folder" / f"fields of it{ending}"
+    code, output = invoke("solve", DEMO, *AT, "--out", path)
+    assert code == 0, output
+    grid, answer = pyvista.read(path), full.solve(POINT)
+    vectors = answer.displacement().reshape(-1, 2)
+    np.testing.assert_allclose(grid.point_data["displacement"][:, :2], vectors, rtol=1e-10, atol=1e-14)
+    np.testing.assert_allclose(np.asarray(grid.points)[:, :2], full.problem.points, atol=1e-6)
+    assert grid.n_cells == 1796 and {"von_mises", "body"} <= set(grid.cell_data)
+    assert sorted(item.name for item in path.parent.iterdir()) == [path.name]
+
+
+def questions(path, header, rows):
+    with open(path, "w", newline="", encoding="utf-8-sig") as file:
+        csv.writer(file).writerows([header, *rows])
+    return path
+
+
+def columns_of(path):
+    with open(path, newline="", encoding="utf-8") as file:
+        rows = list(csv.reader(file))
+    return {name: [row[k] for row in rows[1:]] for k, name in enumerate(rows[0])}
+
+
+def test_tables_of_text_and_parquet_have_the_numbers_of_the_model(trained, model, tmp_path):
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    points = model.parameters.random(7, seed=3)
+    # columns in another order, one more, a byte order mark, and a space in the name
+    text = questions(tmp_path / "my questions.csv", ["lowered", "note", "travel"], [[b, "ä", a] for a, b in points])
+    table = pyarrow.table({"note": ["x"] * 7, "lowered": points[:, 1], "travel": points[:, 0]})
+    parquet.write_table(table, tmp_path / "q.parquet")
+    file = trained[0] / "model.npz"
+    for given, out in ((text, tmp_path / "a.csv"), (tmp_path / "q.parquet", tmp_path / "b" / "a.parquet")):
+        code, output = invoke("answer", file, given, "--out", out)
+        assert code == 0 and "7 answers and 0 bad rows" in output, output
+    found = columns_of(tmp_path / "a.csv")
+    other = parquet.read_table(tmp_path / "b" / "a.parquet").to_pydict()
+    assert list(found) == list(other) and found["status"] == other["status"] == ["ok"] * 7
+    for k, point in enumerate(points):
+        answer = model.solve(point)
+        forces = [other[f"force_{place}"][k] for place in range(66)]
+        np.testing.assert_allclose(forces, answer.forces(), rtol=1e-9, atol=1e-9)
+        assert other["travel"][k] == point[0] and float(found["lowered"][k]) == point[1]
+        assert other["force on the roller"][k] == pytest.approx(answer.outputs().values["force on the roller"])
+    for name in set(found) - {"status"}:
+        np.testing.assert_allclose(np.array(found[name], dtype=float), other[name], rtol=1e-11, atol=1e-12)
+
+
+def test_rows_that_have_no_answer_do_not_stop_the_others(trained, tmp_path):
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    file = trained[0] / "model.npz"
+    rows = [[0.5, 0.1], ["x", 0.1], [9, 0.1], ["nan", 0.1], [0.5, ""], [0.6, 0.2], [0.5]]
+    text = questions(tmp_path / "q.csv", ["travel", "lowered"], rows)
+    code, output = invoke("answer", file, text, "--out", tmp_path / "a.csv")
+    assert code == 1 and "2 answers and 5 bad rows" in output
+    for said in ("line 3 (x, 0.1): travel = 'x' is no number", "line 4 (9, 0.1): travel = 9 is outside", "line 6"):
+        assert said in output
+    assert [status == "ok" for status in columns_of(tmp_path / "a.csv")["status"]] == [1, 0, 0, 0, 0, 1, 0]
+    travel = pyarrow.array([0.5, None, 9.0, float("nan"), 0.6])
+    parquet.write_table(pyarrow.table({"travel": travel, "lowered": [0.1] * 5}), tmp_path / "q.parquet")
+    code, output = invoke("answer", file, tmp_path / "q.parquet", "--out", tmp_path / "a.parquet")
+    found = parquet.read_table(tmp_path / "a.parquet").to_pydict()
+    assert code == 1 and [status == "ok" for status in found["status"]] == [1, 0, 0, 0, 1]
+    assert found["total_force"][1] is None and found["total_force"][0] > 0
+    texts = pyarrow.table({"travel": ["0.5", "it's"], "lowered": pyarrow.array([0, 0])})
+    parquet.write_table(texts, tmp_path / "t.parquet")
+    code, output = invoke("answer", file, tmp_path / "t.parquet", "--out", tmp_path / "t.csv")
+    assert code == 1 and columns_of(tmp_path / "t.csv")["travel"] == ["0.5", "it's"]
+
+
+def test_tables_without_rows_have_a_header_of_answers(trained, tmp_path):
+    file = trained[0] / "model.npz"
+    for ending in (".csv", ".parquet"):
+        given = questions(tmp_path / "none.csv", ["travel", "lowered"], [])
+        code, output = invoke("answer", file, given, "--out", tmp_path / f"a{ending}")
+        assert code == 0 and "0 answers and 0 bad rows" in output
+    assert columns_of(tmp_path / "a.csv")["total_force"] == []
+    code, _ = invoke("answer", file, tmp_path / "a.parquet", "--out", tmp_path / "b.csv")
+    assert code == 0 and (tmp_path / "b.csv").read_text() == (tmp_path / "a.csv").read_text()
+
+
+def test_two_ranks_answer_as_one(trained, tmp_path):
+    folder, _ = trained
+    words = [*PROGRAM, *TRAIN, "--out", str(tmp_path / "of two")]
+    found = run_program(2, words)
+    assert found.returncode == 0, found.stdout + found.stderr
+    assert found.stdout.count("snapshots: ") == 1 and found.stdout.count("model: ") == 1
+    assert found.stderr.count("warning: ") == trained[1].stderr.count("warning: ")
+    points = [[0.2, 0.0], [0.5, 0.1], [0.9, 0.1], [7, 0.1], [0.33, 0.29]]
+    given = questions(tmp_path / "q.csv", ["travel", "lowered"], points)
+    code, _ = invoke("answer", folder / "model.npz", given, "--out", tmp_path / "one.csv")
+    words = ["answer", str(tmp_path / "of two" / "model.npz"), str(given), "--out", str(tmp_path / "two.csv")]
+    found = run_program(2, [*PROGRAM, *words])
+    assert code == found.returncode == 1 and "4 answers and 1 bad rows on 2 ranks" in found.stdout, found.stderr
+    one, two = (columns_of(tmp_path / name) for name in ("one.csv", "two.csv"))
+    assert one.keys() == two.keys() and one["status"] == two["status"]
+    for name in set(one) - {"status"}:
+        if not name.startswith(("bound", "indicator")):
+            values = [np.array([cell or "nan" for cell in found[name]], dtype=float) for found in (one, two)]
+            np.testing.assert_allclose(*values, rtol=1e-7, atol=1e-7, err_msg=name)
+
+
+def test_ranks_refuse_as_one(tmp_path):
+    found = run_program(2, [*PROGRAM, "train", str(tmp_path / "no.py")])
+    assert found.returncode == 3 and found.stderr.count("error: there is no file") == 1
+
+
+def test_a_deck_is_written(tmp_path, full):
+    (tmp_path / "closed.py").write_text(
+        "from dataclasses import replace\nimport hhr_dolfinx as hhr\nimport your_scene\n"
+        "box = hhr.ParameterSpace(('travel',), (0.05,), (1.0,))\n"
+        "scene = replace(your_scene.scene(), openings=(), parameters=box)\n"
+    )
+    path = tmp_path / "decks" / "closed.inp"
+    code, output = invoke("export", tmp_path / "closed.py", "--at", "travel=0.5", "--out", path)
+    assert code == 0 and output == f"{path}\n"
+    deck = path.read_text().upper()
+    assert all(word in deck for word in ("*NODE", "*ELEMENT", "*CONTACT PAIR", "*BOUNDARY", "*STEP"))
+    code, output = invoke("export", DEMO, *AT, "--out", path)
+    assert code == 3 and "gaps are added" in output
+
+
+def test_a_study_has_a_page(tmp_path):
+    found = run("study", DEMO, "--sobol", "12", "--tests", "6", "--queries", "6", "--out", tmp_path)
+    assert found.returncode == 0, found.stderr
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert page.count("<img ") == len(list(tmp_path.glob("*.png"))) == 3 and (tmp_path / "model.npz").exists()
+    (tmp_path / "report.html").unlink()
+    code, output = invoke("report", tmp_path)
+    assert code == 0 and output == f"{tmp_path / 'report.html'}\n"
+    assert (tmp_path / "report.html").read_text(encoding="utf-8") == page
+    assert write_page(tmp_path) == tmp_path / "report.html"
+
+
+def test_a_check_draws_and_finds(tmp_path):
+    code, output = invoke("check", DEMO, "--at", "travel=1,lowered=0", "--picture", tmp_path / "it.png")
+    assert code == 0 and "body 'spring': 1002 cells" in output and "displacements hold every body" in output
+    assert (tmp_path / "it.png").read_bytes().startswith(b"\x89PNG")
+    (tmp_path / "wrong.py").write_text(
+        "from dataclasses import replace\nimport hhr_dolfinx as hhr\nimport your_scene\n"
+        "pair = hhr.NodeToSurface('roller_rund', 'spring_top')\n"
+        "scene = replace(your_scene.scene(), openings=(), outputs=(), contacts=(pair,))\n"
+    )
+    code, output = invoke("check", tmp_path / "wrong.py", "--picture", tmp_path / "wrong.png")
+    assert code == 1 and "mistake" in output and "roller_r" in output
+    (tmp_path / "refused.py").write_text((tmp_path / "wrong.py").read_text().replace("openings=(), ", ""))
+    code, output = invoke("check", tmp_path / "refused.py")
+    assert code == 3 and "error: refused.py, line 5: an opening names contact 1" in output
+
+
+def test_lists():
+    code, output = invoke("list")
+    assert code == 0 and "  NodeToSurface (hhr_dolfinx)\n" in output and "  steel: E = 210 GPa" in output
+    assert invoke("list", "laws")[1] == "laws:\n  Norton (hhr_dolfinx)\n  Plasticity (hhr_dolfinx)\n"
+
+
+FILES = {
+    "late.py": "def scene():\n    return 1 / 0\n",
+    "three.py": "scene = 3\n",
+    "needs.py": "def scene(mesh, *, size=1):\n    pass\n",
+    "syntax.py": "\ndef f(:\n",
+    "settings.py": "from your_scene import scene\nSETTINGS = {'training': 3}\n",
+    "geometry.py": "from dataclasses import replace\nimport your_scene\ndef mine(comm):\n    raise ValueError('none')\n"
+    "scene = replace(your_scene.scene(), geometry=mine)\n",
+    "stops.py": "from dataclasses import replace\nimport your_scene\ndef mine(comm):\n    raise KeyboardInterrupt\n"
+    "scene = replace(your_scene.scene(), geometry=mine)\n",
+    "prints.py": "print('it runs')\nimport your_scene\nscene = your_scene.scene()\n",
+    "file": "", "broken.npz": "abc", "two.csv": "travel,travel\n1,2\n", "half.csv": "travel;lowered\n0,5;0,1\n",
+    "good.csv": "travel,lowered\n0.5,0.1\n", "latin.csv": b"travel,lowered\n\xe4,1\n", "bad.parquet": "abc",
+}  # fmt: skip
+MISTAKES = [
+    (2, "Usage: hhr", []),
+    (2, "No such command 'solv'", ["solv"]),
+    (2, "Missing argument 'SCENE'", ["check"]),
+    (3, "there is no file", ["check", "no.py"]),
+    (3, "none of the scenes is called 'folder'", ["check", "folder"]),
+    (3, "late.py, line 2: ZeroDivisionError", ["check", "late.py"]),
+    (3, "three.py is int and no Scene", ["check", "three.py"]),
+    (3, "the function needs mesh;", ["solve", "needs.py"]),
+    (3, "syntax.py, line 2: SyntaxError", ["solve", "syntax.py"]),
+    (3, "geometry.py, line 4: ValueError: none", ["solve", "geometry.py", *AT]),
+    (3, "SETTINGS beside settings.py must be hhr.StudySettings, and is dict", ["train", "settings.py"]),
+    (130, "interrupted\n", ["check", "stops.py"]),
+    (130, "interrupted: answers that were done are kept", ["train", "stops.py", "--sobol", "4"]),
+    (3, "there is no model file no.npz", ["solve", "no.npz", *AT]),
+    (3, "broken.npz is damaged", ["solve", "broken.npz", *AT]),
+    (3, "no value is given for lowered in [0, 0.3]", ["solve", "MODEL", "--at", "travel=0.5"]),
+    (3, "no value is given for travel in [0.05, 1], lowered", ["solve", "MODEL"]),
+    (3, "'travel' is there twice", ["solve", "MODEL", *AT, "--at", "travel=0.5"]),
+    (3, "'load' is no parameter", ["solve", "MODEL", "--at", "load=1"]),
+    (3, "'travel' gives no parameter a number", ["solve", "MODEL", "--at", "travel"]),
+    (3, "'travel=a' gives", ["solve", "MODEL", "--at", "travel=a"]),
+    (3, "travel = nan is outside", ["solve", "MODEL", "--at", "travel=nan,lowered=0"]),
+    (3, "travel = inf", ["solve", "MODEL", "--at", "travel=inf,lowered=0"]),
+    (3, "travel = 4 is outside", ["solve", "MODEL", "--at", "travel=4,lowered=0"]),
+    (2, "--out needs a mesh", ["solve", "MODEL", *AT, "--out", "a.vtu"]),
+    (2, "nothing flows", ["solve", "MODEL", *AT, "--duration", "2"]),
+    (3, "must end in .vtkhdf or .vtu", ["solve", DEMO, *AT, "--out", "a.pvd"]),
+    (3, "folder.vtu is a folder", ["solve", DEMO, *AT, "--out", "folder.vtu"]),
+    (3, "a file stands where a folder is needed", ["solve", DEMO, *AT, "--out", "file/a.vtu"]),
+    (3, "file is a file", ["train", DEMO, "--out", "file"]),
+    (2, "give one of --grid, --sobol and --greedy", ["train", DEMO, "--sobol", "4", "--grid", "2,2"]),
+    (2, "--budget belongs to --greedy", ["study", DEMO, "--budget", "4"]),
+    (2, "--grid 4;4 must be counts", ["train", DEMO, "--grid", "4;4"]),
+    (3, "counts [4] of a grid must be 2", ["train", DEMO, "--grid", "4"]),
+    (3, "tolerance = nan", ["train", DEMO, "--greedy", "nan"]),
+    (3, "there is no table", ["answer", "MODEL", "no.csv"]),
+    (3, "there is no table", ["answer", "MODEL", "no.parquet"]),
+    (3, "bad.parquet cannot be read as Parquet", ["answer", "MODEL", "bad.parquet"]),
+    (3, "latin.csv cannot be read as a table of UTF-8", ["answer", "MODEL", "latin.csv"]),
+    (3, "half.csv has no column", ["answer", "MODEL", "half.csv"]),
+    (3, "two.csv has no column", ["answer", "MODEL", "two.csv"]),
+    (3, "folder cannot be read", ["answer", "MODEL", "folder"]),
+    (3, "must end in .csv or .parquet", ["answer", "MODEL", "good.csv", "--out", "a.xlsx"]),
+    (3, "folder.csv is a folder", ["answer", "MODEL", "good.csv", "--out", "folder.csv"]),
+    (3, "must end in .inp", ["export", DEMO, *AT, "--out", "a.txt"]),
+    (2, "Missing option '--out'", ["export", DEMO, *AT]),
+    (3, "there is no report", ["report", "folder"]),
+    (3, "file is no folder", ["report", "file"]),
+    (2, "there are no pairing: kinds are", ["list", "pairing"]),
+]
+
+
+@pytest.mark.parametrize(("code", "said", "words"), MISTAKES, ids=[" ".join(row[2])[-60:] for row in MISTAKES])
+def test_mistakes_end_in_a_sentence(code, said, words, trained, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name, text in FILES.items():
+        Path(name).write_bytes(text.encode() if isinstance(text, str) else text)
+    for name in ("folder", "folder.vtu", "folder.csv"):
+        Path(name).mkdir()
+    before = sorted(Path().rglob("*"))
+    found, output = invoke(*(trained[0] / "model.npz" if word == "MODEL" else word for word in words))
+    assert found == code and said in output, output
+    assert (
+        code not in (2, 3) or [path for path in sorted(Path().rglob("*")) if "__pycache__" not in str(path)] == before
+    )
+
+
+def test_a_scene_that_prints_runs_once(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("prints.py").write_text(FILES["prints.py"])
+    code, output = invoke("solve", "prints.py", *AT)
+    assert code == 0 and output.count("it runs") == 1
+
+
+def test_a_fault_of_the_program_keeps_its_traceback(monkeypatch):
+    def fails(*_):
+        raise RuntimeError("a fault")
+
+    monkeypatch.setattr("hhr_dolfinx.command.loading.scene_of", fails)
+    found = CliRunner().invoke(command, ["check", DEMO])
+    assert isinstance(found.exception, RuntimeError) and found.exit_code == 1
+
+
+@pytest.mark.parametrize("words", [["list"], ["check", DEMO, "--picture", "it.png"]], ids=["list", "check"])
+def test_a_reader_that_has_seen_enough_is_no_crash(words, tmp_path):
+    command_line = [sys.executable, *PROGRAM, *words]
+    started = subprocess.Popen(
+        command_line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path, env=ENVIRONMENT
+    )
+    started.stdout.close()
+    assert started.stderr.read() == ""
+    started.stderr.close()
+    assert started.wait(60) == 1
+
+
+def test_tables_may_be_answered_with_nothing_but_the_model(trained, tmp_path):
+    """A model in a file needs no MPI for one answer, and starts in the time of an import."""
+    found = run("solve", trained[0] / "model.npz", *AT, cwd=tmp_path)
+    assert found.returncode == 0 and found.stderr == "" and list(tmp_path.iterdir()) == []
