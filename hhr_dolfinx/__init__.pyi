@@ -2,6 +2,7 @@
 
 from .amplitudes import Amplitude as Amplitude
 from .baselines.condensation import exact_condensation as exact_condensation
+from .body import Body as Body
 from .certify.trust import TrustLimits as TrustLimits
 from .full_order.full import FullOrderModel as FullOrderModel
 from .geometries.mesh_file import MeshFile as MeshFile
@@ -60,7 +61,6 @@ from .reduction.recipe import Zone as Zone
 from .sampling import LatinHypercube as LatinHypercube
 from .sampling import Lattice as Lattice
 from .sampling import Sobol as Sobol
-from .scene import Body as Body
 from .scene import Displacement as Displacement
 from .scene import Opening as Opening
 from .scene import Scene as Scene

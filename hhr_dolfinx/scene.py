@@ -6,131 +6,23 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhr_dolfinx.amplitudes import Amplitude, check_amplitude, check_formula
+from hhr_dolfinx.body import Body
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.loads import Load
 from hhr_dolfinx.pairings import Pairing
-from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_tag, is_number, is_whole
+from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_tag, is_whole
 from hhr_dolfinx.units import Units
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.materials.laws import Flow
     from hhr_dolfinx.outputs import Output
     from hhr_dolfinx.shapes import Shape
-
-
-@dataclass(frozen=True)
-class Body:
-    """A body, elastic or with a flow.
-
-    Attributes:
-        tag: cell tag.
-        young: Young's modulus E, in the unit of stress of the scene: a number, or a formula of the parameters as text,
-            ``"E1"`` or ``"200e3 * (1 - 2e-4 * T)"``, see :mod:`hhr_dolfinx.formulas`. Where bodies flow it may differ
-            from history to history, but not along one.
-        poisson: Poisson's ratio, likewise; a number where bodies flow.
-        law: how it flows, a :class:`~hhr_dolfinx.materials.laws.Flow`; None for an elastic body.
-        grading: of a body that is graded or layered: what its modulus is multiplied by, as a function of the
-            coordinates, UFL to UFL; None for 1.
-        stress: linear elasticity of your own in UFL, such as that of wood: a function of the strain, 3x3, that returns
-            the stress, 3x3, with a symmetric stiffness. ``young`` and ``poisson`` are typical sizes then, of which
-            nothing is computed. None for Hooke's law.
-    """
-
-    tag: Tag
-    young: float | str
-    poisson: float | str
-    law: Flow | None = None
-    grading: Callable[[Any], Any] | None = None
-    stress: Callable[[Any], Any] | None = None
-
-    def __post_init__(self):
-        check_tag("body", self.tag)
-        if self.stress is not None and not callable(self.stress):
-            raise SceneError(f"body {self.tag}: the stress {self.stress!r} must be a function of the strain, in UFL")
-        if self.stress is not None and (self.law is not None or self.grading is not None or self.varies):
-            raise SceneError(
-                f"body {self.tag} has a stress of its own, and a law, a grading or formulas besides: that is not built "
-                "in, write all of it into the stress"
-            )
-        for name, value in (("young", self.young), ("poisson", self.poisson)):
-            if isinstance(value, str):
-                from hhr_dolfinx.formulas import formula_of
-
-                formula_of(value, f"{name} of body {self.tag}")
-            elif not isinstance(value, Real):
-                raise SceneError(
-                    f"body {self.tag}: {name} = {value!r} must be a number, or a formula of the parameters as text"
-                )
-        if self.law is not None and self.uneven:
-            raise SceneError(
-                f"body {self.tag} flows, and its Poisson's ratio depends on parameters, or its elasticity on the "
-                "place: that is not built in, only young may be a formula. Give it a constant poisson, or a scene for "
-                "each of its values, and no grading"
-            )
-        if self.grading is not None and not callable(self.grading):
-            raise SceneError(f"body {self.tag}: the grading {self.grading!r} must be a function of the coordinates")
-        if self.law is not None and (isinstance(self.law, type) or not callable(getattr(self.law, "flow", None))):
-            raise SceneError(f"body {self.tag}: the law {self.law!r} must be an object with a method flow")
-        young, poisson = self.young, self.poisson
-        fits = isinstance(young, str) or (is_number(young) and young > 0)
-        if not fits or not (isinstance(poisson, str) or -1 < poisson < 0.5):
-            raise SceneError(
-                f"body {self.tag}: E = {self.young} must be positive and finite, and nu = {self.poisson} in (-1, 0.5)"
-                f"{_remedy_of_constants(young, poisson)}"
-            )
-
-    @classmethod
-    def of(cls, tag: Tag, material: str, units: Units, **more: Any) -> Body:
-        """A body of a material by name, such as ``steel``, see :mod:`hhr_dolfinx.materials.table`.
-
-        Args:
-            tag: cell tag.
-            material: name of the material.
-            units: of the scene.
-            more: further attributes.
-        """
-        from hhr_dolfinx.materials.table import elastic
-
-        try:
-            found = elastic(material)
-        except SceneError as error:
-            raise SceneError(f"body {tag}: {error}") from None
-        return cls(tag, young=units.stress_of(found.young), poisson=found.poisson, **more)
-
-    @property
-    def varies(self) -> bool:
-        """Whether its elasticity depends on parameters."""
-        return isinstance(self.young, str) or isinstance(self.poisson, str)
-
-    @property
-    def uneven(self) -> bool:
-        """Whether more of its elasticity than a factor that all of it has depends on parameters or on the place."""
-        return isinstance(self.poisson, str) or self.grading is not None
-
-    def check(self, parameters: ParameterSpace) -> None:
-        """Raise SceneError for a modulus or a ratio that is impossible somewhere in the box."""
-        from hhr_dolfinx.formulas import Scalar, check_over_box
-
-        ratio = "keep Poisson's ratio in (-1, 0.5), or narrow the box"
-        for name, value, low, high, remedy in (
-            ("young", self.young, 0.0, math.inf, "Young's modulus must be positive everywhere in the box: narrow it"),
-            ("poisson", self.poisson, -1.0, 0.5, ratio),
-        ):
-            if isinstance(value, str):
-                what = f"{name} of body {self.tag}"
-                try:
-                    scalar = Scalar(value, parameters.names)
-                except SceneError as error:
-                    raise SceneError(f"{what}: {error}") from None
-                check_over_box(scalar, parameters, what, low, high, remedy)
 
 
 @dataclass(frozen=True)
@@ -365,17 +257,6 @@ _PARTS = (
 def _holds(item: Any, fits: Callable[[Any], bool]) -> bool:
     """Whether an item is a list of what is meant, such as all displacements of a clamp."""
     return isinstance(item, tuple | list) and len(item) > 0 and all(fits(one) for one in item)
-
-
-def _remedy_of_constants(young: float | str, poisson: float | str) -> str:
-    """What to write instead of constants that are impossible."""
-    if not isinstance(young, str) and not (is_number(young) and young > 0):
-        return ". Give E in the unit of stress of the scene, 210e3 for steel in MPa"
-    if isinstance(poisson, str) or not poisson >= 0.5:
-        return ". Give nu as a ratio, 0.3 for steel"
-    if poisson > 1:
-        return f". Give nu as a ratio and not in percent: {poisson / 100:g}"
-    return ". Where the volume is kept, as in rubber, take nu = 0.499"
 
 
 def _same_pair(one, other) -> bool:

@@ -90,7 +90,7 @@ def test_training_says_each_thing_once(trained):
     folder, found = trained
     lines = found.stdout.splitlines()
     assert lines[:2] == ["snapshots: 12 to do", "held out: 100 to do"]
-    assert "2026 dofs and 66 contacts -> " in lines[2] and lines[3:] == [f"model: {folder / 'model.npz'}"]
+    assert "3128 dofs and 86 contacts -> " in lines[2] and lines[3:] == [f"model: {folder / 'model.npz'}"]
     # twelve points are few, which is said
     warned = [line for line in found.stderr.splitlines() if line]
     assert warned and all(line.startswith("warning: ") for line in warned) and len(set(warned)) == len(warned)
@@ -127,7 +127,9 @@ def test_scene_and_model_answer_alike(trained, full, model):
     largest = np.linalg.norm(answer.displacement().reshape(-1, 2), axis=1).max()
     assert exact["largest displacement"] == pytest.approx(largest, rel=1e-5)
     assert exact["conditions that touch"] == (answer.forces() > 0).sum()
-    assert exact["force on the roller"] == pytest.approx(answer.outputs().values["force on the roller"], rel=1e-5)
+    assert exact["force on the roller [N/mm]"] == pytest.approx(
+        answer.outputs().values["force on the roller"], rel=1e-5
+    )
     words = ["--at", "lowered = 0.1", "--at", "travel=5e-1,"]
     code, output = invoke("solve", trained[0] / "model.npz", *words)
     found = told(output)
@@ -145,7 +147,7 @@ def test_fields_are_those_of_the_answer(ending, tmp_path, full):
     vectors = answer.displacement().reshape(-1, 2)
     np.testing.assert_allclose(grid.point_data["displacement"][:, :2], vectors, rtol=1e-10, atol=1e-14)
     np.testing.assert_allclose(np.asarray(grid.points)[:, :2], full.problem.points, atol=1e-6)
-    assert grid.n_cells == 1796 and {"von_mises", "body"} <= set(grid.cell_data)
+    assert grid.n_cells == 2868 and {"von_mises", "body"} <= set(grid.cell_data)
     assert sorted(item.name for item in path.parent.iterdir()) == [path.name]
 
 
@@ -179,10 +181,10 @@ def test_tables_of_text_and_parquet_have_the_numbers_of_the_model(trained, model
     assert list(found) == list(other) and found["status"] == other["status"] == ["ok"] * 7
     for k, point in enumerate(points):
         answer = model.solve(point)
-        forces = [other[f"force_{place}"][k] for place in range(66)]
+        forces = [other[f"force_{place}"][k] for place in range(86)]
         np.testing.assert_allclose(forces, answer.forces(), rtol=1e-9, atol=1e-9)
         assert other["travel"][k] == point[0] and float(found["lowered"][k]) == point[1]
-        assert other["force on the roller"][k] == pytest.approx(answer.outputs().values["force on the roller"])
+        assert other["force on the roller [N/mm]"][k] == pytest.approx(answer.outputs().values["force on the roller"])
     for name in set(found) - {"status"}:
         np.testing.assert_allclose(np.array(found[name], dtype=float), other[name], rtol=1e-11, atol=1e-12)
 
@@ -277,7 +279,7 @@ def test_a_study_has_a_page(tmp_path):
 
 def test_a_check_draws_and_finds(tmp_path):
     code, output = invoke("check", DEMO, "--at", "travel=1,lowered=0", "--picture", tmp_path / "it.png")
-    assert code == 0 and "body 'spring': 1002 cells" in output and "displacements hold every body" in output
+    assert code == 0 and "body 'spring': 1520 cells" in output and "displacements hold every body" in output
     assert (tmp_path / "it.png").read_bytes().startswith(b"\x89PNG")
     (tmp_path / "wrong.py").write_text(
         "from dataclasses import replace\nimport hhr_dolfinx as hhr\nimport your_scene\n"

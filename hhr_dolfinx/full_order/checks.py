@@ -15,12 +15,13 @@ from mpi4py import MPI
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.body import Body
 from hhr_dolfinx.contact.problem import ContactProblem, ContactRows
 from hhr_dolfinx.errors import NotSolvableError, SceneError, SceneWarning
 from hhr_dolfinx.full_order.names import TagNames
 from hhr_dolfinx.linear.sparse import singular_stiffness
 from hhr_dolfinx.parameters import Tag
-from hhr_dolfinx.scene import Body, Scene
+from hhr_dolfinx.scene import Scene
 
 CORNERS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
 """Cells that are supported, with their number of corners."""

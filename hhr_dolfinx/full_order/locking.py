@@ -12,8 +12,9 @@ from __future__ import annotations
 
 import warnings
 
+from hhr_dolfinx.body import Body
 from hhr_dolfinx.errors import LockingWarning
-from hhr_dolfinx.scene import Body, Scene
+from hhr_dolfinx.scene import Scene
 
 NEARLY_INCOMPRESSIBLE = 0.45
 """Poisson's ratio above which an elastic body takes the mean dilatation.

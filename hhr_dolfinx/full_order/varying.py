@@ -16,9 +16,9 @@ from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
+from hhr_dolfinx.body import Body
 from hhr_dolfinx.forms import elasticity, volume
 from hhr_dolfinx.formulas import Modulus, Scalar
-from hhr_dolfinx.scene import Body
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discretisation import Discretisation

@@ -12,10 +12,10 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from hhr_dolfinx.body import Body
 from hhr_dolfinx.geometries.mesh_file import MeshFile
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.scene import Body
 from hhr_dolfinx.study.scene_findings import NOTE, OK, SceneCheck
 
 BAD_CELL = 0.1
