@@ -118,6 +118,7 @@ def with_motions(scene: Scene, problem: ContactProblem, bodies: np.ndarray) -> C
     columns = [body.columns(len(problem.points)) for body in found]
     # bodies have no nodes in common
     motions = np.hstack([np.linalg.qr(part)[0] for part in columns])
+    owner = np.repeat(np.arange(len(columns)), [part.shape[1] for part in columns])
     effect = problem.contact @ motions
     # with as many rows of zeros there is a value for each motion
     _, sizes, ways = np.linalg.svd(np.vstack([effect, np.zeros((motions.shape[1],) * 2)]), full_matrices=False)
@@ -125,9 +126,27 @@ def with_motions(scene: Scene, problem: ContactProblem, bodies: np.ndarray) -> C
     resting = motions @ ways[idle].T
     _check_resting(found, problem, resting)
     pins = linalg.qr(motions.T * problem.free, mode="r", pivoting=True)[1][: motions.shape[1]]
-    rigid = None if idle.all() else motions @ ways[~idle].T
+    rigid = None if idle.all() else motions @ _by_body(effect, ways[idle], owner)
     loose = "; ".join(f"{body.name} {described(body, body.left)}" for body in found)
     return replace(problem, rigid=rigid, resting=resting, loose=loose, pins=np.sort(pins))
+
+
+def _by_body(effect: np.ndarray, idle: np.ndarray, body: np.ndarray) -> np.ndarray:
+    """Orthonormal combinations, (k, r), of k motions that have an effect, (m, k), beside those without one, (l, k).
+
+    Each is of one of the bodies, (k,), but where idle motions are of several at once: loads of a light body would be
+    lost in round-off of those of a heavy one. Those of a body differ in their effects as much as they can.
+    """
+    projector = idle.T @ idle
+    _, group = connected_components((np.abs(projector) > ALMOST_NONE) | (body[:, None] == body), directed=False)
+    found = []
+    for number in np.unique(group):
+        own = np.flatnonzero(group == number)
+        kept = own.size - round(float(np.trace(projector[np.ix_(own, own)])))
+        part = np.zeros((len(body), kept))
+        part[own] = np.linalg.svd(np.vstack([effect[:, own], np.zeros((own.size, own.size))]), full_matrices=False)[2][:kept].T
+        found.append(part)
+    return np.hstack(found)
 
 
 def _all_dofs(body: FreeBody, dim: int, count: int) -> np.ndarray:
