@@ -29,7 +29,7 @@ MOST_STEPS = 30
 """Steps of the proximal point method with springs of one kind; two or three are usual."""
 BALANCED = 1e-12
 """Part of the forces by which they may be out of balance."""
-ROUND_OFF = 1e-14
+ROUND_OFF = 1e-13
 """Part of the forces on all bodies that is round-off in the balance of one."""
 SINGULAR = 1e-8
 """Residual of an equality problem, in parts of its right-hand side, from which on it is singular to round-off."""
@@ -81,19 +81,19 @@ class FloatingEqualities:
         m = active.size
         left = right[both] + self._whole[np.ix_(both, both)] @ found[both]
         held = np.abs(left).max() <= SINGULAR * np.abs(right).max(initial=1e-300)
-        if not held or not self.balanced(found[:m], driving, SINGULAR).all():
+        if not held or not self.balanced(found[:m], driving).all():
             raise SingularError("the conditions that touch do not hold all bodies")
         return found[:m], slack[:m], self._units[0] * found[m:]
 
-    def balanced(self, forces: np.ndarray, driving: np.ndarray, part: float, nothing: float = 0.0) -> np.ndarray:
-        """Whether forces, (m,), balance loads along each motion, (r,), to a part of its own, and to round-off of all.
+    def balanced(self, forces: np.ndarray, driving: np.ndarray, nothing: float = 0.0) -> np.ndarray:
+        """Whether forces, (m,), balance loads along each motion, (r,), but for part of its own, and round-off of all.
 
         Those of one motion may be far below those of another one, of a heavier body.
         """
         resultants, units = self.motions.resultants, self._units[1]
         left = units * np.abs(driving - resultants @ forces)
         sizes = units * (np.abs(driving) + np.abs(resultants) @ np.abs(forces))
-        return left <= part * sizes + ROUND_OFF * sizes.max(initial=0.0) + units * nothing
+        return left <= SINGULAR * sizes + ROUND_OFF * sizes.max(initial=0.0) + units * nothing
 
     @cached_property
     def springs(self) -> tuple[tuple[np.ndarray, SchurEqualities], ...]:
@@ -144,7 +144,7 @@ def floating_set(
         return direct
     motions = equalities.motions
     # forces that close nothing but round-off of the gaps: without loads there are no others to compare with
-    nothing = BALANCED * np.abs(free_slack).max() / (np.abs(np.diag(equalities.schur)).mean() or 1.0)
+    nothing = 1e-14 * np.abs(free_slack).max() / (np.abs(np.diag(equalities.schur)).mean() or 1.0)
     ends, spent, active = np.zeros(driving.size), 0, start
     for compliance, sprung in (spring for spring in equalities.springs for _ in range(MOST_STEPS)):
         offset = ends + compliance * driving
@@ -154,7 +154,9 @@ def floating_set(
             return found._replace(iterations=spent, cycled=True), ends
         left = driving - motions.resultants @ found.forces
         ends, active = ends + compliance * left, found.active
-        if equalities.balanced(found.forces, driving, BALANCED, nothing).all():
+        largest = (np.abs(driving) + np.abs(motions.resultants) @ found.forces).max()
+        close = np.abs(left) <= BALANCED * largest + nothing
+        if (close & equalities.balanced(found.forces, driving, nothing)).all():
             return found._replace(iterations=spent, cycled=True), ends
         direct = _direct(equalities, free_slack, driving, active, pairs)
         if direct is not None:

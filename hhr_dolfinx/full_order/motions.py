@@ -7,7 +7,7 @@ neither contact resists nor a load drives, such as the turning of a round body w
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,8 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import NotSolvableError, SceneWarning
 from hhr_dolfinx.scene import Scene
 
+WEAK = 0.1
+"""Part of the effect of other motions below which that of a turn may come from the facets of a round surface."""
 ALMOST_NONE = 1e-9
 """Part of the largest effect of a motion, or of a load, below which there is none but round-off."""
 
@@ -127,8 +129,35 @@ def with_motions(scene: Scene, problem: ContactProblem, bodies: np.ndarray) -> C
     _check_resting(found, problem, resting)
     pins = linalg.qr(motions.T * problem.free, mode="r", pivoting=True)[1][: motions.shape[1]]
     rigid = None if idle.all() else motions @ _by_body(effect, ways[idle], owner)
+    if rigid is not None:
+        _warn_of_weak(found, problem, motions, effect)
     loose = "; ".join(f"{body.name} {described(body, body.left)}" for body in found)
     return replace(problem, rigid=rigid, resting=resting, loose=loose, pins=np.sort(pins))
+
+
+def _warn_of_weak(
+    found: Sequence[FreeBody], problem: ContactProblem, motions: np.ndarray, effect: np.ndarray
+) -> None:
+    """Warn of turns, among motions (N, k) with an effect (m, k), that only the facets of round surfaces resist.
+
+    Turned far enough they open every gap, as no round body does.
+    """
+    start = 0
+    for body in found:
+        own = slice(start, start + len(body.left))
+        start = own.stop
+        _, sizes, ways = np.linalg.svd(effect[:, own], full_matrices=False)
+        for size, way in zip(sizes, ways, strict=True):
+            turn = (motions[:, own] @ way).reshape(len(problem.points), -1)[body.nodes]
+            shifted = np.abs(turn.mean(axis=0)).max() > 0.1 * np.abs(turn).max()
+            if ALMOST_NONE * sizes[0] < size < WEAK * sizes[0] and not shifted:
+                warnings.warn(
+                    f"{body.name} turns, which contact resists {size / sizes[0]:.1g} times as much as its other motions. "
+                    "If its surfaces are round only their facets do so, and turned far they open every gap: hold the "
+                    "turn by a displacement, or let nodes face each other",
+                    SceneWarning,
+                    stacklevel=2,
+                )
 
 
 def _by_body(effect: np.ndarray, idle: np.ndarray, body: np.ndarray) -> np.ndarray:
