@@ -1,7 +1,8 @@
 """The problem of one parameter as a deck for CalculiX or Abaqus, so that a scene can be checked in another code.
 
 Loads are nodal forces and imposed displacements are numbers: what is checked is mesh, materials, supports and contact.
-Contact is by penalty, node to surface; its stiffness is in the deck to be changed.
+Contact is by penalty, surface to surface: CalculiX does not converge node to surface where nodes face edges, as on
+matching meshes. Its stiffness is in the deck to be changed.
 """
 
 from __future__ import annotations
@@ -158,7 +159,7 @@ def _contacts(discretisation: Discretisation, point: np.ndarray) -> Iterator[str
     yield from ("*SURFACE INTERACTION, NAME=CONTACT", "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR")
     yield f"{PENALTY * stiffest / min(sizes):.6e}, {1e-6 * stiffest:.6e}"
     for item in scene.contacts:
-        yield "*CONTACT PAIR, INTERACTION=CONTACT, TYPE=NODE TO SURFACE"
+        yield "*CONTACT PAIR, INTERACTION=CONTACT, TYPE=SURFACE TO SURFACE"
         yield f"{_word(item.tags[0])}, {_word(item.tags[1])}"
 
 

@@ -149,8 +149,8 @@ def _warn_of_weak(
         _, sizes, ways = np.linalg.svd(effect[:, own], full_matrices=False)
         for size, way in zip(sizes, ways, strict=True):
             turn = (motions[:, own] @ way).reshape(len(problem.points), -1)[body.nodes]
-            shifted = np.abs(turn.mean(axis=0)).max() > 0.1 * np.abs(turn).max()
-            if ALMOST_NONE * sizes[0] < size < WEAK * sizes[0] and not shifted:
+            turning = np.abs(turn - turn.mean(axis=0)).max() > 0.5 * np.abs(turn).max()
+            if ALMOST_NONE * sizes[0] < size < WEAK * sizes[0] and turning:
                 warnings.warn(
                     f"{body.name} turns, which contact resists {size / sizes[0]:.1g} times as much as its other motions. "
                     "If its surfaces are round only their facets do so, and turned far they open every gap: hold the "
