@@ -140,10 +140,8 @@ def _take(deck: _Deck, keyword: str, options: dict[str, str], rows: list[list[st
 
 
 def _place(words: list[str]) -> list[float]:
-    """Coordinates of a node: what is left blank is zero, and Fortran writes 1.0D+00."""
-    while words and not words[-1]:
-        words = words[:-1]
-    return [float(word.upper().replace("D", "E")) if word else 0.0 for word in words]
+    """Three coordinates of a node: what is left out or blank is zero, and Fortran writes 1.0D+00."""
+    return [float(word.upper().replace("D", "E")) if word else 0.0 for word in (*words, "", "", "")[:3]]
 
 
 def _elements(deck: _Deck, options: dict[str, str], rows: list[list[str]]) -> None:
@@ -202,9 +200,6 @@ def _mesh_of(deck: _Deck, path: Path) -> RawMesh:
     lost = next((number for number, (_, nodes) in cells.items() if not deck.nodes.keys() >= set(nodes)), None)
     if lost is not None:
         raise FileContentError(f"{path}: element {lost} has a node that is not in the deck")
-    lengths = {len(point) for point in deck.nodes.values()}
-    if len(lengths) > 1:
-        raise FileContentError(f"{path}: some nodes have {min(lengths)} coordinates and others {max(lengths)}")
     node_of = {number: k for k, number in enumerate(deck.nodes)}
     row_of = {number: k for k, number in enumerate(cells)}
     bodies = {deck.spelling["elset", name]: np.array([row_of[n] for n in numbers if n in row_of], dtype=np.int64)

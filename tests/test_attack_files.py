@@ -43,11 +43,11 @@ def folder(tmp_path_factory):
     gmsh.model.occ.synchronize()
     for dim, members, name in ((2, [lower], "a b"), (2, [upper], "upper"), (2, [lower, upper], "both"),
                                (1, [1, 2], "corner"), (1, [5, 6], "upper"), (1, [2], "right")):  # fmt: skip
-        gmsh.model.addPhysicalGroup(dim, members, name=name)
+        gmsh.model.addPhysicalGroup(dim, members, tag=78 if name == "corner" else -1, name=name)
     gmsh.model.addPhysicalGroup(1, [1], tag=77)
     gmsh.model.mesh.setSize(gmsh.model.getEntities(0), 0.5)
     gmsh.model.mesh.generate(2)
-    for version in (2.2, 4.0, 4.1):
+    for version in (2.2, 4.1):
         for binary in (0, 1):
             gmsh.option.setNumber("Mesh.MshFileVersion", version)
             gmsh.option.setNumber("Mesh.Binary", binary)
@@ -59,7 +59,7 @@ def folder(tmp_path_factory):
     return path
 
 
-FILES = [f"{version}_{binary}.msh" for version in (2.2, 4.0, 4.1) for binary in (0, 1)]
+FILES = [f"{version}_{binary}.msh" for version in (2.2, 4.1) for binary in (0, 1)]
 
 
 @pytest.mark.parametrize("name", [*FILES, "flat.med", "flat.inp"])
@@ -72,11 +72,11 @@ def test_groups_of_gmsh_that_overlap_or_share_a_name(name, folder):
         assert size_of(found, key, dim) == pytest.approx(size, rel=1e-12), key
     if name.endswith("msh"):
         # numbers are as good as names, of lines that are in several groups too
-        for key, dim, size in ((77, 1, 2), (78 if 78 in names_of(found, 1) else 1, 1, 3)):
+        for key, dim, size in ((77, 1, 2), (78, 1, 3)):
             assert size_of(found, key, dim) == pytest.approx(size, rel=1e-12), key
 
 
-DECK = '''*HEADING
+DECK = """*HEADING
  a deck, by hand
   ** a comment that is set in
 *node, nset="all nodes"
@@ -94,7 +94,7 @@ DECK = '''*HEADING
 *NODE OUTPUT
  U
 *Elset, elset=every, generate
-7, 1007, 1000
+7, 1000, 993
 *ELSET, ELSET=BOTH
 "left part", right
 *NSET, NSET=base, GENERATE
@@ -109,7 +109,7 @@ both, S3
 base, 1.
 *STEP
 *END STEP
-'''
+"""
 
 
 def test_a_deck_with_every_oddity(tmp_path):

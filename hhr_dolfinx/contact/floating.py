@@ -59,7 +59,7 @@ class FloatingEqualities:
     def __init__(self, schur: np.ndarray, motions: Motions):
         self.schur, self.motions = schur, motions
         count = motions.taken.shape[1]
-        # each motion in a unit that makes its column as large as those of S: turns of what is almost round change little
+        # each motion in a unit that makes its column as large as those of S: turns of what is almost round do little
         self._size = float(np.abs(np.diag(schur)).mean() or 1.0)
         columns = np.abs(motions.taken).max(axis=0, initial=0.0), np.abs(motions.resultants).max(axis=1, initial=0.0)
         self._units = tuple(self._size / np.where(column > 0, column, 1.0) for column in columns)

@@ -135,9 +135,7 @@ def with_motions(scene: Scene, problem: ContactProblem, bodies: np.ndarray) -> C
     return replace(problem, rigid=rigid, resting=resting, loose=loose, pins=np.sort(pins))
 
 
-def _warn_of_weak(
-    found: Sequence[FreeBody], problem: ContactProblem, motions: np.ndarray, effect: np.ndarray
-) -> None:
+def _warn_of_weak(found: Sequence[FreeBody], problem: ContactProblem, motions: np.ndarray, effect: np.ndarray) -> None:
     """Warn of turns, among motions (N, k) with an effect (m, k), that only the facets of round surfaces resist.
 
     Turned far enough they open every gap, as no round body does.
@@ -152,7 +150,7 @@ def _warn_of_weak(
             turning = np.abs(turn - turn.mean(axis=0)).max() > 0.5 * np.abs(turn).max()
             if ALMOST_NONE * sizes[0] < size < WEAK * sizes[0] and turning:
                 warnings.warn(
-                    f"{body.name} turns, which contact resists {size / sizes[0]:.1g} times as much as its other motions. "
+                    f"{body.name} turns, which contact resists {size / sizes[0]:.1g} times as much as others of it. "
                     "If its surfaces are round only their facets do so, and turned far they open every gap: hold the "
                     "turn by a displacement, or let nodes face each other",
                     SceneWarning,
@@ -173,7 +171,9 @@ def _by_body(effect: np.ndarray, idle: np.ndarray, body: np.ndarray) -> np.ndarr
         own = np.flatnonzero(group == number)
         kept = own.size - round(float(np.trace(projector[np.ix_(own, own)])))
         part = np.zeros((len(body), kept))
-        part[own] = np.linalg.svd(np.vstack([effect[:, own], np.zeros((own.size, own.size))]), full_matrices=False)[2][:kept].T
+        # with as many rows of zeros there is a value for each motion
+        padded = np.vstack([effect[:, own], np.zeros((own.size, own.size))])
+        part[own] = np.linalg.svd(padded, full_matrices=False)[2][:kept].T
         found.append(part)
     return np.hstack(found)
 
