@@ -134,7 +134,7 @@ def test_a_cube_tips_over_when_the_force_leaves_its_base():
 
 
 def test_loads_that_only_shear_are_refused_however_small_their_slope():
-    shear = hhr.Traction(side(2, 1, True), (1, 0), slope("q", 1e-12))
+    shear = hhr.Traction(side(2, 1, True), (1e-12, 0), slope("q"))
     space = hhr.ParameterSpace(("p", "q"), (0.0, 0.0), (1.0, 1e12))
     with pytest.raises(NotSolvableError, match=r"body 2 .* moves along axis 0, which loads drive"):
         hhr.FullOrderModel(stack(loads=(shear,)), MPI.COMM_SELF)

@@ -189,7 +189,8 @@ def _check_resting(found: Iterable[FreeBody], problem: ContactProblem, resting: 
     """Refuse motions, (N, l), that no contact resists and a load drives; warn of those that none drives."""
     if not resting.shape[1]:
         return
-    loads = abs(problem.loads).sum(axis=0).max()
+    # each by its own size: one that is small may have a large amplitude
+    loads = np.asarray(abs(problem.loads).sum(axis=0)).ravel()
     for motion in resting.T:
         texts = []
         for body in found:
@@ -199,7 +200,7 @@ def _check_resting(found: Iterable[FreeBody], problem: ContactProblem, resting: 
                 way = np.linalg.lstsq(flat.T, own.ravel(), rcond=None)[0]
                 texts.append(f"{body.name} {described(body, way[None] / np.linalg.norm(way))}")
         text = " while ".join(texts)
-        if np.abs(problem.loads.T @ motion).max() > ALMOST_NONE * loads * np.abs(motion).max():
+        if (np.abs(problem.loads.T @ motion) > ALMOST_NONE * loads * np.abs(motion).max()).any():
             raise NotSolvableError(
                 f"{text}, which loads drive and no contact resists: there is no equilibrium. Hold it by a "
                 "displacement, or add the contact that does"
