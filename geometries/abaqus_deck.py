@@ -6,6 +6,7 @@ one of several blocks of elements that name the same set.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +17,12 @@ from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
-_PLANE = ("CPE", "CPS", "CAX", "CPEG", "S", "M3D", "R3D", "SFM3D")
+_LINES = ("T2D", "T3D", "B2", "B3", "R2D2", "RAX2", "SAX1", "SAX2")
+_PLANE = ("CPE", "CPS", "CAX", "S", "M3D", "R3D")
+_NOT_PLANE = ("SPRING", "SC6", "SC8")
+_SOLID = ("C3D", "SC8", "F3D")
+_NO_CELLS = ("MASS", "SPRING", "DASHPOT", "D", "CONN", "GAP", "ROTARYI", "U", "RB")
+"""First letters of types of elements. Lines, and plane ones in space, name facets; gmsh writes surfaces so."""
 _COUNTS = {2: {3: "triangle", 6: "triangle", 4: "quadrilateral", 8: "quadrilateral"},
            3: {4: "tetrahedron", 10: "tetrahedron", 8: "hexahedron", 20: "hexahedron"}}  # fmt: skip
 """Kinds of cells by dimension and number of nodes."""
@@ -59,31 +65,46 @@ def read_deck(path: Path) -> RawMesh:
     return _mesh_of(deck, path)
 
 
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Lines that say something with their numbers, those of included files in their place; keywords in one line."""
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    kept = [(number, line.strip()) for number, line in enumerate(text.splitlines(), start=1)]
+    lines = iter([(number, line) for number, line in kept if line and not line.startswith("**")])
+    for number, line in lines:
+        while line.startswith("*") and line.endswith(","):
+            line += next(lines, (0, "*"))[1]
+        found = re.match(r"\*\s*INCLUDE\s*,\s*INPUT\s*=\s*(.*)", line, re.IGNORECASE)
+        if found:
+            yield from _lines(path.parent / found[1].strip().strip('"'))
+        else:
+            yield number, line
+
+
+def _words(line: str) -> list[str]:
+    """What commas part, without the quotes of names."""
+    return [word.strip().strip('"') for word in re.findall(r'((?:"[^"]*"|[^,"])*)(?:,|$)', line)][: line.count(",") + 1]
+
+
 def _blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[str]]]]:
     """Keyword, options and data lines of each block, and the line it begins at; included files in their place."""
     options: dict[str, str] = {}
     rows: list[list[str]] = []
     keyword, start, more = "", 0, False
-    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
-        if line.startswith("**") or not line.strip():
-            continue
-        words = [word.strip() for word in line.split(",")]
-        if not line.lstrip().startswith("*"):
+    for number, line in _lines(path):
+        words = _words(line)
+        if not line.startswith("*"):
             if more and rows and keyword == "ELEMENT":
                 # a line that ends in a comma goes on in the next one
                 rows[-1] = [*rows[-1], *(word for word in words if word)]
             else:
                 rows.append([word for word in words if word] if keyword == "ELEMENT" else words)
-            more = line.rstrip().endswith(",")
+            more = line.endswith(",")
             continue
         if keyword:
             yield start, keyword, options, rows
         keyword, start, rows, more = " ".join(words[0].lstrip("* ").upper().split()), number, [], False
         pairs = (word.partition("=") for word in words[1:] if word)
         options = {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
-        if keyword == "INCLUDE":
-            yield from _blocks(path.parent / options.get("INPUT", ""))
-            keyword = ""
     if keyword:
         yield start, keyword, options, rows
 
@@ -91,7 +112,7 @@ def _blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[st
 def _take(deck: _Deck, keyword: str, options: dict[str, str], rows: list[list[str]]) -> None:
     """Add a block to what has been read; others than those of a mesh are passed over."""
     if keyword == "NODE":
-        deck.nodes |= {int(row[0]): [float(x) for x in row[1:4] if x] for row in rows}
+        deck.nodes |= {int(row[0]): _place(row[1:4]) for row in rows}
         if "NSET" in options:
             deck.node_sets.setdefault(deck.named("nset", options["NSET"]), []).extend(int(row[0]) for row in rows)
     elif keyword == "ELEMENT":
@@ -104,7 +125,8 @@ def _take(deck: _Deck, keyword: str, options: dict[str, str], rows: list[list[st
         name = deck.named("surface", options["NAME"])
         if options.get("TYPE", "ELEMENT").upper() == "NODE":
             deck.node_sets.setdefault(deck.named("nset", options["NAME"]), []).extend(
-                _members(deck.node_sets, rows, False)
+                # behind a node or a set there may be its area
+                _members(deck.node_sets, [row[:1] for row in rows], False)
             )
         else:
             deck.faces.setdefault(name, []).extend((row[0], row[1].upper() if len(row) > 1 else "") for row in rows)
@@ -117,18 +139,30 @@ def _take(deck: _Deck, keyword: str, options: dict[str, str], rows: list[list[st
         raise ValueError("nodes in a coordinate system of their own (*SYSTEM) are not understood")
 
 
+def _place(words: list[str]) -> list[float]:
+    """Three coordinates of a node: what is left out or blank is zero, and Fortran writes 1.0D+00."""
+    return [float(word.upper().replace("D", "E")) if word else 0.0 for word in (*words, "", "", "")[:3]]
+
+
 def _elements(deck: _Deck, options: dict[str, str], rows: list[list[str]]) -> None:
     """Add a block of elements; masses, springs and the like have no cells."""
     name = options["TYPE"].upper()
-    kinds = _COUNTS[2 if name.startswith(_PLANE) else 3]
-    if name.startswith(("MASS", "SPRING", "DASHPOT", "T2D", "T3D", "B2", "B3", "D", "CONN", "GAP", "U")):
+    if name.startswith(_LINES):
+        kinds = {2: "line", 3: "line"}
+    elif name.startswith(_PLANE) and not name.startswith(_NOT_PLANE):
+        kinds = _COUNTS[2]
+    elif name.startswith(_SOLID):
+        kinds = _COUNTS[3]
+    elif name.startswith(_NO_CELLS):
         return
+    else:
+        raise ValueError(f"elements of type {name} are not understood")
     for row in rows:
         number, *nodes = (int(word) for word in row)
         if len(nodes) not in kinds:
             raise ValueError(f"element {number} of type {name} has {len(nodes)} nodes, which is not understood")
         kind = kinds[len(nodes)]
-        deck.elements[number] = kind, nodes[: CORNERS[kind]]
+        deck.elements[number] = kind, nodes[: CORNERS.get(kind, 2)]
     if "ELSET" in options:
         members = deck.element_sets.setdefault(deck.named("elset", options["ELSET"]), [])
         members.extend(int(row[0]) for row in rows)
@@ -155,10 +189,10 @@ def _members(sets: dict[str, list[int]], rows: list[list[str]], ranges: bool) ->
 
 def _mesh_of(deck: _Deck, path: Path) -> RawMesh:
     """Arrays of a deck: cells of the highest dimension, and sets of them."""
-    dimensions = {DIMENSION[kind] for kind, _ in deck.elements.values()}
+    dimensions = {DIMENSION[kind] for kind, _ in deck.elements.values() if kind in DIMENSION}
     if not dimensions:
         raise FileContentError(f"{path} has no elements of the plane or of space")
-    cells = {number: item for number, item in deck.elements.items() if DIMENSION[item[0]] == max(dimensions)}
+    cells = {number: item for number, item in deck.elements.items() if DIMENSION.get(item[0]) == max(dimensions)}
     kinds = {kind for kind, _ in cells.values()}
     if len(kinds) > 1:
         raise FileContentError(f"{path} mixes {' and '.join(sorted(kinds))}: mesh all bodies with cells of one kind")
@@ -166,15 +200,12 @@ def _mesh_of(deck: _Deck, path: Path) -> RawMesh:
     lost = next((number for number, (_, nodes) in cells.items() if not deck.nodes.keys() >= set(nodes)), None)
     if lost is not None:
         raise FileContentError(f"{path}: element {lost} has a node that is not in the deck")
-    lengths = {len(point) for point in deck.nodes.values()}
-    if len(lengths) > 1:
-        raise FileContentError(f"{path}: some nodes have {min(lengths)} coordinates and others {max(lengths)}")
     node_of = {number: k for k, number in enumerate(deck.nodes)}
     row_of = {number: k for k, number in enumerate(cells)}
     bodies = {deck.spelling["elset", name]: np.array([row_of[n] for n in numbers if n in row_of], dtype=np.int64)
               for name, numbers in deck.element_sets.items()}  # fmt: skip
     array = np.array([[node_of[n] for n in nodes] for _, nodes in cells.values()], dtype=np.int64)
-    surfaces = {}
+    surfaces = _facet_sets(deck, max(dimensions), node_of, len(FACES[kind][0]))
     for name, faces in deck.faces.items():
         spelt = deck.spelling["surface", name]
         surfaces[spelt] = _faces(deck, faces, kind, array, row_of, spelt)
@@ -182,6 +213,17 @@ def _mesh_of(deck: _Deck, path: Path) -> RawMesh:
              for name, numbers in deck.node_sets.items()}  # fmt: skip
     bodies = {name: rows for name, rows in bodies.items() if rows.size} or {"all": np.arange(len(array))}
     return RawMesh(np.array(list(deck.nodes.values())), kind, array, bodies, surfaces, nodes)
+
+
+def _facet_sets(deck: _Deck, dim: int, node_of: dict[int, int], width: int) -> dict[str | int, np.ndarray]:
+    """Corners of facets of sets of elements that are facets themselves, (f, width), by name."""
+    found: dict[str | int, np.ndarray] = {}
+    for name, numbers in deck.element_sets.items():
+        there = [deck.elements[n] for n in numbers if n in deck.elements]
+        own = [nodes for kind, nodes in there if DIMENSION.get(kind, 1) == dim - 1 and len(nodes) == width]
+        if own and all(n in node_of for nodes in own for n in nodes):
+            found[deck.spelling["elset", name]] = np.array([[node_of[n] for n in nodes] for nodes in own])
+    return found
 
 
 def _faces(

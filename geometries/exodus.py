@@ -62,6 +62,9 @@ def _side_sets(data: Any, kind: str, cells: np.ndarray) -> dict[str | int, np.nd
     found: dict[str | int, np.ndarray] = {}
     count = len(data.dimensions["num_side_sets"]) if "num_side_sets" in data.dimensions else 0
     for k, (number, name) in enumerate(_labels(data, "ss", count), start=1):
+        # of empty ones there is no variable
+        if f"elem_ss{k}" not in data.variables:
+            continue
         elements, sides = (
             np.asarray(data.variables[f"{what}_ss{k}"][:], dtype=np.int64) - 1 for what in ("elem", "side")
         )
@@ -73,7 +76,8 @@ def _side_sets(data: Any, kind: str, cells: np.ndarray) -> dict[str | int, np.nd
 def _node_sets(data: Any) -> dict[str, np.ndarray]:
     count = len(data.dimensions["num_node_sets"]) if "num_node_sets" in data.dimensions else 0
     return {name or f"nodes {number}": np.asarray(data.variables[f"node_ns{k}"][:], dtype=np.int64) - 1
-            for k, (number, name) in enumerate(_labels(data, "ns", count), start=1)}  # fmt: skip
+            for k, (number, name) in enumerate(_labels(data, "ns", count), start=1)
+            if f"node_ns{k}" in data.variables}  # fmt: skip
 
 
 def _labels(data: Any, kind: str, count: int) -> list[tuple[int, str]]:

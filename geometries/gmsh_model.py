@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from hhr_dolfinx.compat import extra, gmsh_to_mesh
 
@@ -37,12 +40,37 @@ def mesh_of(make: Callable[[], None], comm: Comm, dim: int, options: Mapping[str
         return gmsh_to_mesh(gmsh.model, comm, gdim=dim)
 
 
-def converted(path: Path, target: Path) -> Path:
-    """A mesh file of another program as gmsh's own, with its groups."""
+@dataclass(frozen=True)
+class Entity:
+    """Elements of one kind of a geometrical entity.
+
+    Attributes:
+        dim: of the elements.
+        corners: rows of the nodes of their corners, (n, k).
+        groups: number and name of the physical groups that it is in; an empty text where there is no name.
+    """
+
+    dim: int
+    corners: np.ndarray
+    groups: tuple[tuple[int, str], ...]
+
+
+def entities_of(path: Path) -> tuple[np.ndarray, list[Entity]]:
+    """What a mesh file holds as gmsh reads it: points, (n, 3), and elements, of lines and more."""
     with _session(_OPTIONS):
         gmsh.merge(str(path))
-        gmsh.write(str(target))
-    return target
+        numbers, places, _ = gmsh.model.mesh.getNodes()
+        row_of = np.full(int(numbers.max(initial=0)) + 1, -1)
+        row_of[numbers.astype(np.int64)] = np.arange(numbers.size)
+        found = []
+        for dim, tag in gmsh.model.getEntities():
+            groups = tuple((int(n), gmsh.model.getPhysicalName(dim, n).strip())
+                           for n in gmsh.model.getPhysicalGroupsForEntity(dim, tag))  # fmt: skip
+            kinds, _, nodes = gmsh.model.mesh.getElements(dim, tag)
+            for kind, own in zip(kinds, nodes, strict=True):
+                _, _, _, count, _, corners = gmsh.model.mesh.getElementProperties(kind)
+                found.append(Entity(dim, row_of[own.astype(np.int64).reshape(-1, count)[:, :corners]], groups))
+        return places.reshape(-1, 3), [entity for entity in found if entity.dim > 0]
 
 
 @contextmanager

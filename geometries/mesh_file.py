@@ -6,29 +6,35 @@ blocks and side sets of Exodus, groups of MED. A set of nodes stands for the out
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhr_dolfinx.compat import NamedMesh, extra, linear_mesh, tags_of
 from hhr_dolfinx.errors import FileContentError, HHRError, SceneError
-from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACET_KINDS, KINDS
+from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, FACET_KINDS, KINDS
 from hhr_dolfinx.geometries.raw_mesh import Numbers, RawMesh, facets_by_number
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
+
+    from hhr_dolfinx.geometries.gmsh_model import Entity
 
 BY_GMSH = (".med", ".unv", ".bdf", ".nas", ".cgns")
 """Endings of files that are read by gmsh: meshio reads MED by h5py, which does not get on with the HDF5 of DOLFINx."""
 
 ENDINGS = (".msh", ".inp", ".e", ".xdmf", ".vtk", ".vtu", *BY_GMSH)
 """Endings of the usual formats, for messages."""
+
+
+Groups = list[tuple[str, tuple[int, int]]]
+"""Names with number and dimension."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +83,7 @@ class MeshFile:
         if not path.is_file():
             raise FileContentError(f"there is no mesh file {path}: {_found_instead(path)}")
         try:
-            return _reader(path)(path).compact()
+            return _reader(path)(path).once().compact()
         except HHRError:
             raise
         except Exception as error:
@@ -115,21 +121,63 @@ def _reader(path: Path) -> Any:
         from hhr_dolfinx.geometries.exodus import read_exodus
 
         return read_exodus
-    return read_by_gmsh if ending in BY_GMSH else read_by_meshio
+    return read_by_gmsh if ending in BY_GMSH or _version(path) >= 4 else read_by_meshio
+
+
+def _version(path: Path) -> float:
+    """Of gmsh's own format; 0 for a file of another one.
+
+    From version 4 on groups are of entities, which may be in several, and meshio keeps the first of them. Before, they
+    are of elements, each of which is in the file once for each group; gmsh would add them to whole entities.
+    """
+    if path.suffix.lower() != ".msh":
+        return 0.0
+    with path.open("rb") as file, suppress(ValueError, IndexError):
+        for line in file:
+            if line.strip() == b"$MeshFormat":
+                return float(next(file).split()[0])
+    return 0.0
 
 
 def read_by_gmsh(path: Path) -> RawMesh:
-    """What gmsh reads and names better than meshio, by way of its own format."""
-    from hhr_dolfinx.geometries.gmsh_model import converted
+    """What gmsh reads and names better than meshio."""
+    from hhr_dolfinx.geometries.gmsh_model import entities_of
 
-    with TemporaryDirectory() as folder:
-        target = Path(folder) / "mesh.msh"
-        try:
-            converted(path, target)
-        except Exception:
-            # that of Debian has no MED; meshio may read it, or say why not
-            return read_by_meshio(path)
-        return read_by_meshio(target)
+    try:
+        points, entities = entities_of(path)
+    except Exception as error:
+        if "compiled" not in str(error):
+            raise
+        # that of Debian has no MED; meshio may read it, or say why not
+        return read_by_meshio(path)
+    kinds = {(DIMENSION[kind], CORNERS[kind]): kind for kind in CORNERS}
+    there = {(entity.dim, entity.corners.shape[1]) for entity in entities}
+    dim = max((one[0] for one in there & kinds.keys()), default=0)
+    if not dim:
+        raise FileContentError(f"{path} has no triangles, quadrilaterals, tetrahedra or hexahedra")
+    found = sorted(kinds.get(one, f"cells of {one[1]} corners") for one in there if one[0] == dim)
+    if len(found) > 1:
+        raise FileContentError(f"{path} mixes {' and '.join(found)}: mesh all bodies with cells of one kind")
+    (kind,) = found
+    cells, bodies = _joined([entity for entity in entities if entity.dim == dim], CORNERS[kind])
+    width = len(FACES[kind][0])
+    sides = [entity for entity in entities if entity.dim == dim - 1 and entity.corners.shape[1] == width]
+    facets, surfaces = _joined(sides, width)
+    return RawMesh(points, kind, cells, bodies or {1: np.arange(len(cells))},
+                   {name: facets[rows] for name, rows in surfaces.items()})  # fmt: skip
+
+
+def _joined(entities: list[Entity], width: int) -> tuple[np.ndarray, dict[str | int, np.ndarray]]:
+    """Corners of all elements, (n, width), and rows of each group by its number and by its name."""
+    starts = np.cumsum([0, *(len(entity.corners) for entity in entities)])
+    found: dict[str | int, list[np.ndarray]] = {}
+    for start, entity in zip(starts, entities, strict=False):
+        for number, name in entity.groups:
+            for tag in (number, name) if name else (number,):
+                found.setdefault(tag, []).append(start + np.arange(len(entity.corners)))
+    corners = [entity.corners for entity in entities]
+    every = np.concatenate(corners) if corners else np.zeros((0, width), dtype=np.int64)
+    return every, {tag: np.unique(np.concatenate(rows)) for tag, rows in found.items()}
 
 
 def read_by_meshio(path: Path) -> RawMesh:
@@ -156,10 +204,20 @@ def read_by_meshio(path: Path) -> RawMesh:
     width = 2 if dim == 2 else {"tetrahedron": 3, "hexahedron": 4}[kind]
     sides = [k for k, block in enumerate(mesh.cells) if FACET_KINDS.get(block.type) == width and k not in own]
     cells, facets = _corners(mesh, own, CORNERS[kind]), _corners(mesh, sides, width)
-    bodies = _sets(mesh, own, dim)
-    surfaces = {name: facets[rows] for name, rows in _sets(mesh, sides, dim - 1).items()}
+    groups = _physical_names(path)
+    bodies = _sets(mesh, own, dim, groups)
+    surfaces = {name: facets[rows] for name, rows in _sets(mesh, sides, dim - 1, groups).items()}
     nodes = {str(name): np.asarray(rows) for name, rows in mesh.point_sets.items()}
     return RawMesh(mesh.points, kind, cells, bodies or {1: np.arange(len(cells))}, surfaces, nodes)
+
+
+def _physical_names(path: Path) -> Groups:
+    """Names of gmsh with number and dimension: a body and a surface may share one, of which meshio keeps the last."""
+    if path.suffix.lower() != ".msh":
+        return []
+    text = path.read_bytes().partition(b"$PhysicalNames")[2].partition(b"$EndPhysicalNames")[0]
+    found = re.findall(r'^\s*(\d+)\s+(\d+)\s+"(.*)"\s*$', text.decode(errors="replace"), re.MULTILINE)
+    return [(name, (int(number), int(dim))) for dim, number, name in found]
 
 
 def _corners(mesh: Any, blocks: list[int], count: int) -> np.ndarray:
@@ -168,7 +226,7 @@ def _corners(mesh: Any, blocks: list[int], count: int) -> np.ndarray:
     return np.concatenate(parts) if parts else np.zeros((0, count), dtype=np.int64)
 
 
-def _sets(mesh: Any, blocks: list[int], dim: int) -> dict[str | int, np.ndarray]:
+def _sets(mesh: Any, blocks: list[int], dim: int, groups: Groups) -> dict[str | int, np.ndarray]:
     """Places in some blocks, one after another, by name or number."""
     starts = np.cumsum([0, *(len(mesh.cells[k].data) for k in blocks)])
     found: dict[str | int, list[np.ndarray]] = {}
@@ -178,7 +236,7 @@ def _sets(mesh: Any, blocks: list[int], dim: int) -> dict[str | int, np.ndarray]
             rows = [start + np.asarray(parts[k], dtype=np.int64) for start, k in zip(starts, blocks, strict=False)
                     if parts[k] is not None]  # fmt: skip
             found.setdefault(name.strip(), []).extend(rows)
-    names = _names_of_numbers(mesh, dim)
+    names = _names_of_numbers(mesh, dim, groups)
     for key in ("gmsh:physical", "cell_tags", "medit:ref", "gambit:group", "su2:tag", "MaterialID"):
         for start, k in zip(starts, blocks, strict=False):
             if key in mesh.cell_data:
@@ -192,10 +250,10 @@ def _sets(mesh: Any, blocks: list[int], dim: int) -> dict[str | int, np.ndarray]
     return {name: rows for name, rows in joined.items() if rows.size and not (isinstance(name, int) and name < 0)}
 
 
-def _names_of_numbers(mesh: Any, dim: int) -> Mapping[int, list[str]]:
+def _names_of_numbers(mesh: Any, dim: int, groups: Groups) -> Mapping[int, list[str]]:
     """Names of a number of the cells of a dimension: physical groups of gmsh, groups of MED."""
     names: dict[int, list[str]] = {}
-    for name, group in mesh.field_data.items():
+    for name, group in groups or mesh.field_data.items():
         with suppress(TypeError, ValueError, IndexError):
             if int(group[1]) == dim:
                 names.setdefault(int(group[0]), []).append(name.strip())

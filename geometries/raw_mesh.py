@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -59,6 +59,16 @@ class RawMesh:
                 if (whole := inside[outer].all(axis=1)).any():
                     found[name] = outer[whole]
         return found
+
+    def once(self) -> RawMesh:
+        """The same with each cell once: files of gmsh before version 4 have it once for each group that it is in."""
+        _, first, which = np.unique(np.sort(self.cells, axis=1), axis=0, return_index=True, return_inverse=True)
+        if first.size == len(self.cells):
+            return self
+        order = np.argsort(first)
+        row_of = np.argsort(order)[which.ravel()]
+        bodies = {name: np.unique(row_of[rows]) for name, rows in self.bodies.items()}
+        return replace(self, cells=self.cells[first[order]], bodies=bodies)
 
     def compact(self) -> RawMesh:
         """The same without nodes that no cell has; in the plane without a coordinate that is always the same."""

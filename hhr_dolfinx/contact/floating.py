@@ -23,12 +23,14 @@ from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, Statu
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.linear.dense import LapackLU
 
-WEAKNESS = (1e3, 1e5, 1e7)
+WEAKNESS = (1e3, 1e5, 1e7, 1e9)
 """Compliances of the springs over that of the bodies: the weaker, the fewer steps, and the more digits are lost."""
 MOST_STEPS = 30
 """Steps of the proximal point method with springs of one kind; two or three are usual."""
 BALANCED = 1e-12
 """Part of the forces by which they may be out of balance."""
+ROUND_OFF = 1e-13
+"""Part of the forces on all bodies that is round-off in the balance of one."""
 SINGULAR = 1e-8
 """Residual of an equality problem, in parts of its right-hand side, from which on it is singular to round-off."""
 
@@ -57,11 +59,12 @@ class FloatingEqualities:
     def __init__(self, schur: np.ndarray, motions: Motions):
         self.schur, self.motions = schur, motions
         count = motions.taken.shape[1]
-        # motions in a unit that makes their columns as large as those of S
-        sizes = np.abs(motions.taken).max(initial=0.0) or 1.0, np.abs(motions.resultants).max(initial=0.0) or 1.0
-        self._scale = float(np.abs(np.diag(schur)).mean() or 1.0) / np.array(sizes)
-        self._whole = np.block([[schur, -self._scale[0] * motions.taken],
-                                [self._scale[1] * motions.resultants, np.zeros((count, count))]])  # fmt: skip
+        # each motion in a unit that makes its column as large as those of S: turns of what is almost round do little
+        self._size = float(np.abs(np.diag(schur)).mean() or 1.0)
+        columns = np.abs(motions.taken).max(axis=0, initial=0.0), np.abs(motions.resultants).max(axis=1, initial=0.0)
+        self._units = tuple(self._size / np.where(column > 0, column, 1.0) for column in columns)
+        self._whole = np.block([[schur, -motions.taken * self._units[0]],
+                                [self._units[1][:, None] * motions.resultants, np.zeros((count, count))]])  # fmt: skip
         self._equalities = SchurEqualities.of(self._whole, LapackLU)
 
     def __call__(
@@ -73,20 +76,33 @@ class FloatingEqualities:
             SingularError: if the conditions that touch do not hold all bodies, or depend on each other.
         """
         both = np.concatenate([active, np.ones(driving.size, dtype=bool)])
-        right = np.concatenate([free_slack, -self._scale[1] * driving])
+        right = np.concatenate([free_slack, -self._units[1] * driving])
         found, slack = self._equalities(both, right)
-        left = right[both] + self._whole[np.ix_(both, both)] @ found[both]
-        if not np.abs(left).max() <= SINGULAR * np.abs(right).max(initial=1e-300):
-            raise SingularError("the conditions that touch do not hold all bodies")
         m = active.size
-        return found[:m], slack[:m], self._scale[0] * found[m:]
+        left = right[both] + self._whole[np.ix_(both, both)] @ found[both]
+        held = np.abs(left).max() <= SINGULAR * np.abs(right).max(initial=1e-300)
+        if not held or not self.balanced(found[:m], driving).all():
+            raise SingularError("the conditions that touch do not hold all bodies")
+        return found[:m], slack[:m], self._units[0] * found[m:]
+
+    def balanced(self, forces: np.ndarray, driving: np.ndarray, nothing: float = 0.0) -> np.ndarray:
+        """Whether forces, (m,), balance loads along each motion, (r,), but for part of its own, and round-off of all.
+
+        Those of one motion may be far below those of another one, of a heavier body.
+        """
+        resultants, units = self.motions.resultants, self._units[1]
+        left = units * np.abs(driving - resultants @ forces)
+        sizes = units * (np.abs(driving) + np.abs(resultants) @ np.abs(forces))
+        return left <= SINGULAR * sizes + ROUND_OFF * sizes.max(initial=0.0) + units * nothing
 
     @cached_property
-    def springs(self) -> tuple[tuple[float, SchurEqualities], ...]:
-        """Compliances of springs, 1 / k, and equality problems of bodies that they hold."""
-        push = self.motions.taken @ self.motions.resultants
-        size = float(np.abs(np.diag(self.schur)).mean()) / (np.abs(np.diag(push)).mean() or 1.0)
-        return tuple((size * weak, SchurEqualities.of(self.schur + size * weak * push, LapackLU)) for weak in WEAKNESS)
+    def springs(self) -> tuple[tuple[np.ndarray, SchurEqualities], ...]:
+        """Compliances of springs along each motion, 1 / k, (r,), and equality problems of bodies that they hold."""
+        taken, resultants = self.motions.taken, self.motions.resultants
+        push = np.abs(np.einsum("mr,rm->rm", taken, resultants)).mean(axis=1)
+        unit = self._size / np.where(push > 0, push, 1.0)
+        every = (unit * weak for weak in WEAKNESS)
+        return tuple((one, SchurEqualities.of(self.schur + (taken * one) @ resultants, LapackLU)) for one in every)
 
     def several(self, active: np.ndarray, free_slacks: np.ndarray, drivings: np.ndarray) -> tuple[np.ndarray, ...]:
         """The same for many right-hand sides, (m, k) and (r, k): forces, slacks (m, k) and motions (r, k).
@@ -94,13 +110,13 @@ class FloatingEqualities:
         Of what the set does not hold it takes the smallest motion.
         """
         both = np.concatenate([active, np.ones(len(drivings), dtype=bool)])
-        right = np.concatenate([free_slacks, -self._scale[1] * drivings])
+        right = np.concatenate([free_slacks, -self._units[1][:, None] * drivings])
         found = np.zeros_like(right)
         found[both] = -np.linalg.lstsq(self._whole[np.ix_(both, both)], right[both], rcond=SINGULAR)[0]
         m = active.size
         slacks = (right + self._whole @ found)[:m]
         slacks[active] = 0.0
-        return found[:m], slacks, self._scale[0] * found[m:]
+        return found[:m], slacks, self._units[0][:, None] * found[m:]
 
 
 def floating_set(
@@ -126,9 +142,9 @@ def floating_set(
     direct = _direct(equalities, free_slack, driving, start, pairs)
     if direct is not None:
         return direct
-    motions, sizes = equalities.motions, np.abs(driving)
+    motions = equalities.motions
     # forces that close nothing but round-off of the gaps: without loads there are no others to compare with
-    nothing = BALANCED * np.abs(free_slack).max() / (np.abs(np.diag(equalities.schur)).mean() or 1.0)
+    nothing = 1e-14 * np.abs(free_slack).max() / (np.abs(np.diag(equalities.schur)).mean() or 1.0)
     ends, spent, active = np.zeros(driving.size), 0, start
     for compliance, sprung in (spring for spring in equalities.springs for _ in range(MOST_STEPS)):
         offset = ends + compliance * driving
@@ -138,8 +154,9 @@ def floating_set(
             return found._replace(iterations=spent, cycled=True), ends
         left = driving - motions.resultants @ found.forces
         ends, active = ends + compliance * left, found.active
-        largest = (sizes + np.abs(motions.resultants) @ found.forces).max()
-        if (np.abs(left) <= BALANCED * largest + nothing).all():
+        largest = (np.abs(driving) + np.abs(motions.resultants) @ found.forces).max()
+        close = np.abs(left) <= BALANCED * largest + nothing
+        if (close & equalities.balanced(found.forces, driving, nothing)).all():
             return found._replace(iterations=spent, cycled=True), ends
         direct = _direct(equalities, free_slack, driving, active, pairs)
         if direct is not None:

@@ -1,7 +1,8 @@
 """The problem of one parameter as a deck for CalculiX or Abaqus, so that a scene can be checked in another code.
 
 Loads are nodal forces and imposed displacements are numbers: what is checked is mesh, materials, supports and contact.
-Contact is by penalty, node to surface; its stiffness is in the deck to be changed.
+Contact is by penalty, surface to surface: CalculiX does not converge node to surface where nodes face edges, as on
+matching meshes. Its stiffness is in the deck to be changed.
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ def _mesh(discretisation: Discretisation) -> Iterator[str]:
     kind = _ELEMENTS[discretisation.scene.hypothesis][discretisation.mesh.topology.cell_name()]
     yield "*NODE, NSET=NALL"
     for number, place in enumerate(points, start=1):
-        yield ", ".join([str(number), *(f"{x:.12e}" for x in place)])
+        yield ", ".join([str(number), *(f"{_text(x)}" for x in place)])
     owner = discretisation.cell_bodies()
     for place, body in enumerate(discretisation.scene.bodies):
         yield f"*ELEMENT, TYPE={kind}, ELSET={_word(body.tag)}"
@@ -119,10 +120,16 @@ def _materials(discretisation: Discretisation, point: np.ndarray) -> Iterator[st
     for body in discretisation.scene.bodies:
         name = _word(body.tag)
         young, poisson = (_number(value, discretisation, point) for value in (body.young, body.poisson))
-        yield from (f"*MATERIAL, NAME=M{name}", "*ELASTIC", f"{young:.12e}, {poisson:.12e}")
+        yield from (f"*MATERIAL, NAME=M{name}", "*ELASTIC", f"{_text(young)}, {_text(poisson)}")
         yield f"*SOLID SECTION, ELSET={name}, MATERIAL=M{name}"
         if discretisation.mesh.geometry.dim == 2 and discretisation.scene.hypothesis != "axisymmetric":
             yield "1.0"
+
+
+def _text(value: float) -> str:
+    """A number as exactly as the twenty places allow that CalculiX reads."""
+    whole = repr(float(value))
+    return whole if len(whole) <= 20 else f"{value:.13e}"
 
 
 def _number(value: float | str, discretisation: Discretisation, point: np.ndarray) -> float:
@@ -153,7 +160,7 @@ def _contacts(discretisation: Discretisation, point: np.ndarray) -> Iterator[str
     yield from ("*SURFACE INTERACTION, NAME=CONTACT", "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR")
     yield f"{PENALTY * stiffest / min(sizes):.6e}, {1e-6 * stiffest:.6e}"
     for item in scene.contacts:
-        yield "*CONTACT PAIR, INTERACTION=CONTACT, TYPE=NODE TO SURFACE"
+        yield "*CONTACT PAIR, INTERACTION=CONTACT, TYPE=SURFACE TO SURFACE"
         yield f"{_word(item.tags[0])}, {_word(item.tags[1])}"
 
 
@@ -163,10 +170,10 @@ def _step(discretisation: Discretisation, problem: ContactProblem, point: np.nda
     yield from ("*STEP, INC=200", "*STATIC", "0.1, 1.0, 1e-6, 0.2", "*BOUNDARY")
     moved = np.asarray(problem.lifts @ theta)
     for dof in np.flatnonzero(~problem.free):
-        yield f"{dof // dim + 1}, {dof % dim + 1}, {dof % dim + 1}, {moved[dof]:.12e}"
+        yield f"{dof // dim + 1}, {dof % dim + 1}, {dof % dim + 1}, {_text(moved[dof])}"
     forces = np.asarray(problem.external @ theta)
     if np.any(forces):
         yield "*CLOAD"
         for dof in np.flatnonzero(forces):
-            yield f"{dof // dim + 1}, {dof % dim + 1}, {forces[dof]:.12e}"
+            yield f"{dof // dim + 1}, {dof % dim + 1}, {_text(forces[dof])}"
     yield from ("*NODE PRINT, NSET=NALL", "U", "*NODE FILE", "U", "*EL FILE", "S", "*END STEP")

@@ -7,7 +7,7 @@ neither contact resists nor a load drives, such as the turning of a round body w
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,8 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import NotSolvableError, SceneWarning
 from hhr_dolfinx.scene import Scene
 
+WEAK = 0.1
+"""Part of the effect of other motions below which that of a turn may come from the facets of a round surface."""
 ALMOST_NONE = 1e-9
 """Part of the largest effect of a motion, or of a load, below which there is none but round-off."""
 
@@ -118,6 +120,7 @@ def with_motions(scene: Scene, problem: ContactProblem, bodies: np.ndarray) -> C
     columns = [body.columns(len(problem.points)) for body in found]
     # bodies have no nodes in common
     motions = np.hstack([np.linalg.qr(part)[0] for part in columns])
+    owner = np.repeat(np.arange(len(columns)), [part.shape[1] for part in columns])
     effect = problem.contact @ motions
     # with as many rows of zeros there is a value for each motion
     _, sizes, ways = np.linalg.svd(np.vstack([effect, np.zeros((motions.shape[1],) * 2)]), full_matrices=False)
@@ -125,9 +128,54 @@ def with_motions(scene: Scene, problem: ContactProblem, bodies: np.ndarray) -> C
     resting = motions @ ways[idle].T
     _check_resting(found, problem, resting)
     pins = linalg.qr(motions.T * problem.free, mode="r", pivoting=True)[1][: motions.shape[1]]
-    rigid = None if idle.all() else motions @ ways[~idle].T
+    rigid = None if idle.all() else motions @ _by_body(effect, ways[idle], owner)
+    if rigid is not None:
+        _warn_of_weak(found, problem, motions, effect)
     loose = "; ".join(f"{body.name} {described(body, body.left)}" for body in found)
     return replace(problem, rigid=rigid, resting=resting, loose=loose, pins=np.sort(pins))
+
+
+def _warn_of_weak(found: Sequence[FreeBody], problem: ContactProblem, motions: np.ndarray, effect: np.ndarray) -> None:
+    """Warn of turns, among motions (N, k) with an effect (m, k), that only the facets of round surfaces resist.
+
+    Turned far enough they open every gap, as no round body does.
+    """
+    start = 0
+    for body in found:
+        own = slice(start, start + len(body.left))
+        start = own.stop
+        _, sizes, ways = np.linalg.svd(effect[:, own], full_matrices=False)
+        for size, way in zip(sizes, ways, strict=True):
+            turn = (motions[:, own] @ way).reshape(len(problem.points), -1)[body.nodes]
+            turning = np.abs(turn - turn.mean(axis=0)).max() > 0.5 * np.abs(turn).max()
+            if ALMOST_NONE * sizes[0] < size < WEAK * sizes[0] and turning:
+                warnings.warn(
+                    f"{body.name} turns, which contact resists {size / sizes[0]:.1g} times as much as others of it. "
+                    "If its surfaces are round only their facets do so, and turned far they open every gap: hold the "
+                    "turn by a displacement, or let nodes face each other",
+                    SceneWarning,
+                    stacklevel=2,
+                )
+
+
+def _by_body(effect: np.ndarray, idle: np.ndarray, body: np.ndarray) -> np.ndarray:
+    """Orthonormal combinations, (k, r), of k motions that have an effect, (m, k), beside those without one, (l, k).
+
+    Each is of one of the bodies, (k,), but where idle motions are of several at once: loads of a light body would be
+    lost in round-off of those of a heavy one. Those of a body differ in their effects as much as they can.
+    """
+    projector = idle.T @ idle
+    _, group = connected_components((np.abs(projector) > ALMOST_NONE) | (body[:, None] == body), directed=False)
+    found = []
+    for number in np.unique(group):
+        own = np.flatnonzero(group == number)
+        kept = own.size - round(float(np.trace(projector[np.ix_(own, own)])))
+        part = np.zeros((len(body), kept))
+        # with as many rows of zeros there is a value for each motion
+        padded = np.vstack([effect[:, own], np.zeros((own.size, own.size))])
+        part[own] = np.linalg.svd(padded, full_matrices=False)[2][:kept].T
+        found.append(part)
+    return np.hstack(found)
 
 
 def _all_dofs(body: FreeBody, dim: int, count: int) -> np.ndarray:
@@ -141,7 +189,8 @@ def _check_resting(found: Iterable[FreeBody], problem: ContactProblem, resting: 
     """Refuse motions, (N, l), that no contact resists and a load drives; warn of those that none drives."""
     if not resting.shape[1]:
         return
-    loads = abs(problem.loads).sum(axis=0).max()
+    # each by its own size: one that is small may have a large amplitude
+    loads = np.asarray(abs(problem.loads).sum(axis=0)).ravel()
     for motion in resting.T:
         texts = []
         for body in found:
@@ -151,7 +200,7 @@ def _check_resting(found: Iterable[FreeBody], problem: ContactProblem, resting: 
                 way = np.linalg.lstsq(flat.T, own.ravel(), rcond=None)[0]
                 texts.append(f"{body.name} {described(body, way[None] / np.linalg.norm(way))}")
         text = " while ".join(texts)
-        if np.abs(problem.loads.T @ motion).max() > ALMOST_NONE * loads * np.abs(motion).max():
+        if (np.abs(problem.loads.T @ motion) > ALMOST_NONE * loads * np.abs(motion).max()).any():
             raise NotSolvableError(
                 f"{text}, which loads drive and no contact resists: there is no equilibrium. Hold it by a "
                 "displacement, or add the contact that does"

@@ -170,7 +170,9 @@ def _check_alike(reduced: Any, full: Any) -> None:
         ReductionError: for what is no full model, or that of another scene.
     """
     if getattr(getattr(reduced, "fields", None), "bound", None) is None:
-        raise BoundError("answers of this reduced model have no bound, and nothing says when to ask the full one")
+        held = getattr(getattr(full, "problem", None), "rigid", None) is not None
+        why = ", since contact alone holds bodies" if held else ""
+        raise BoundError(f"answers of this reduced model have no bound{why}, and nothing says when to ask the full one")
     if not (hasattr(full, "problem") and hasattr(full, "schur")):
         raise ReductionError(f"{full!r} is no full model, whose answers are exact: give FullOrderModel(scene)")
     one, other = reduced.parameters, full.parameters

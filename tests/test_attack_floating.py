@@ -1,0 +1,229 @@
+"""Bodies held by contact alone, attacked: stacks, corners, light beside heavy, units, what tips over, what turns."""
+
+import dataclasses
+import warnings
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.baselines.condensation import exact_condensation
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.errors import BoundError, NotSolvableError, SceneWarning
+from hhr_dolfinx.geometries import block
+from hhr_dolfinx.geometries.two_blocks import side, two_blocks
+
+FLOOR = hhr.Obstacle(block.side(1, False), (0.0, -1.0), 0.0)
+CEILING = hhr.Obstacle(block.side(1, True), (0.0, 1.0), 1.0)
+WALL = hhr.Obstacle(block.side(0, True), (1.0, 0.0), 1.1)
+
+
+@pytest.fixture(autouse=True)
+def quiet():
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".*no contact resists and no load drives", SceneWarning)
+        yield
+
+
+def slope(name, size=1.0):
+    return hhr.Amplitude(slopes={name: size})
+
+
+def stack(size=1.0, stiffer=1.0, cells=4, lowest=0.0, **changes):
+    """A free block on a free block on a floor, pressed by p on the upper and by q on the top of the lower one."""
+    boxes = {
+        "first": ((0, 0), (size, size), (cells, cells)),
+        "second": ((0.25 * size, size), (0.75 * size, 1.5 * size), (cells // 2, cells // 2)),
+    }
+    given = dict(
+        name="stack",
+        geometry=lambda comm: two_blocks(comm, **boxes),
+        hypothesis="plane_strain",
+        bodies=(hhr.Body(1, 1000.0, 0.3), hhr.Body(2, 1000.0 * stiffer, 0.3)),
+        contacts=(
+            hhr.Obstacle(side(1, 1, False), (0, -1), 0.0),
+            hhr.NodeToSurface(side(2, 1, False), side(1, 1, True)),
+        ),
+        displacements=(),
+        loads=(hhr.Pressure(side(2, 1, True), slope("p")), hhr.Pressure(side(1, 1, True), slope("q"))),
+        parameters=hhr.ParameterSpace(("p", "q"), (lowest, lowest), (1.0, 1.0)),
+    )
+    return hhr.Scene(**(given | changes))
+
+
+def lone(contacts, loads, names, **changes):
+    """A block of edge 1."""
+    given = dict(
+        name="lone",
+        geometry=lambda comm: block.block(comm, lower=(0, 0), upper=(1, 1), cells=(6, 6)),
+        hypothesis="plane_strain",
+        bodies=(hhr.Body(block.SOLID, 1000.0, 0.3),),
+        contacts=contacts,
+        displacements=(),
+        loads=loads,
+        parameters=hhr.ParameterSpace(names, (0.0,) * len(names), (1.0,) * len(names)),
+    )
+    return hhr.Scene(**(given | changes))
+
+
+def kkt(full, mu, rounding=1e-10):
+    """The conditions of the quadratic program, which is convex: whoever satisfies them has solved it."""
+    problem, answer = full.problem.at(mu), full.solve(mu)
+    theta, forces, moved = problem.amplitudes(answer.parameter), answer.forces(), answer.displacement()
+    acting, given = problem.contact.T @ forces, problem.external @ theta
+    left = (problem.stiffness @ moved + acting - given)[problem.free]
+    size = max(np.abs(acting).max(), np.abs(given).max())
+    slack = problem.gaps @ theta - problem.contact @ (moved - problem.lifts @ theta)
+    assert np.abs(left).max() < rounding * size
+    assert forces.min() > -1e-12 * size and slack.min() > -1e-6 * np.abs(moved).max()
+    assert np.abs(forces * slack).max() < 1e-6 * size * np.abs(moved).max()
+    return answer
+
+
+@pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
+@pytest.mark.parametrize("stiffer", [1e-6, 1.0, 1e6])
+def test_a_light_body_on_a_heavy_one_is_balanced_too(size, stiffer):
+    """Loads of the upper block a thousand million times smaller: they are its own, not round-off of the other's."""
+    full = hhr.FullOrderModel(stack(size, stiffer), MPI.COMM_SELF)
+    for p, q in ((1.0, 0.0), (1e-9, 1.0), (1.0, 1.0), (0.3, 0.9)):
+        forces = kkt(full, (p, q), 1e-7).forces()
+        upper = full.problem.contact_pairs == 1
+        assert forces[upper].sum() == pytest.approx(0.5 * p * size, rel=1e-5)
+        assert forces[~upper].sum() == pytest.approx((0.5 * p + q) * size, rel=1e-9)
+
+
+def test_motions_are_of_one_body_each():
+    problem = hhr.FullOrderModel(stack(), MPI.COMM_SELF).problem
+    upper = problem.points[:, 1] > 1 + 1e-9
+    lower = problem.points[:, 1] < 1 - 1e-9
+    moved = np.abs(problem.rigid).reshape(len(problem.points), 2, -1)
+    sizes = [moved[which].max(axis=(0, 1)) for which in (upper, lower)]
+    assert (np.minimum(*sizes) < 1e-12).all()
+
+
+def test_what_pulls_apart_is_adrift_and_named():
+    full = hhr.FullOrderModel(stack(lowest=-1.0), MPI.COMM_SELF)
+    kkt(full, (1.0, -0.4))
+    for mu in ((1.0, -0.6), (-0.1, 1.0), (1e-3, -1e-3)):
+        assert full.solve(mu, raise_on_failure=False).status is Status.ADRIFT
+    with pytest.raises(NotSolvableError, match=r"body 2 of scene 'stack'.*body 1|body 1 of scene 'stack'.*body 2"):
+        full.solve((-0.1, 1.0))
+
+
+def test_a_cube_tips_over_when_the_force_leaves_its_base():
+    top, left, right = block.side(2, True), block.side(0, False), block.side(0, True)
+    scene = lone(
+        (hhr.Obstacle(block.side(2, False), (0, 0, -1), 0.0),),
+        (
+            hhr.Traction(top, (0, 0, -1), 1.0),
+            hhr.Traction(right, (0, 0, -1), slope("s")),
+            hhr.Traction(left, (0, 0, 1), slope("s")),
+        ),
+        ("s",),
+        hypothesis="solid",
+        geometry=lambda comm: block.block(comm, lower=(0, 0, 0), upper=(1, 1, 1), cells=(4, 4, 4)),
+    )
+    full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
+    for s in (0.0, 0.3, 0.4999, 0.499999):
+        forces = kkt(full, s).forces()
+        assert full.problem.contact_points[:, 0] @ forces == pytest.approx(0.5 + s, abs=1e-8)
+    for s in (0.500001, 0.6):
+        with pytest.raises(NotSolvableError, match=r"pull it away.*body 1 of scene 'lone'.*turns"):
+            full.solve(s)
+
+
+def test_loads_that_only_shear_are_refused_however_small_their_slope():
+    shear = hhr.Traction(side(2, 1, True), (1e-12, 0), slope("q"))
+    space = hhr.ParameterSpace(("p", "q"), (0.0, 0.0), (1.0, 1e12))
+    with pytest.raises(NotSolvableError, match=r"body 2 .* moves along axis 0, which loads drive"):
+        hhr.FullOrderModel(stack(loads=(shear,)), MPI.COMM_SELF)
+    with pytest.raises(NotSolvableError, match=r"body 2 .* moves along axis 0, which loads drive"):
+        both = stack(loads=(hhr.Pressure(side(2, 1, True), slope("p", 1e3)), shear), parameters=space)
+        hhr.FullOrderModel(both, MPI.COMM_SELF)
+
+
+PRESSED = hhr.Pressure(block.side(1, True), slope("s"))
+HEATED = hhr.ThermalExpansion(block.SOLID, expansion=1e-3, temperature="T")
+CASES = {
+    "corner": (lone((FLOOR, WALL), (PRESSED, hhr.Pressure(block.side(0, False), slope("t"))), ("s", "t")),
+               ((1, 1), (1, 1e-6), (1e-6, 1), (1, 0), (0, 1))),
+    "squeezed": (lone((FLOOR, CEILING), (), ("s",), openings=(hhr.Opening(1, slope("s", -0.01)),)), (0.5, 1.0)),
+    "pushed across": (lone((FLOOR, CEILING), (hhr.Traction(block.side(0, True), (0, 1), slope("s")),), ("s",),
+                           openings=(hhr.Opening(1, 0.1),)), (0.5, 1.0)),
+    "one component": (lone((FLOOR,), (PRESSED, hhr.Traction(block.side(0, True), (0, -1), slope("t"))), ("s", "t"),
+                           displacements=(hhr.Displacement(block.side(0, False), 0),)), ((1, 1), (1, 0), (0, 1))),
+    "heated": (lone((FLOOR,), (HEATED, PRESSED), ("T", "s")), ((1, 1), (0, 1), (1, 1e-9))),
+    "heated between": (lone((FLOOR, CEILING), (HEATED,), ("T",)), (0.5, 1.0)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_bodies_between_and_in_corners(name):
+    scene, points = CASES[name]
+    full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
+    for mu in points:
+        kkt(full, mu)
+
+
+def test_a_free_body_that_is_heated_has_no_forces():
+    full = hhr.FullOrderModel(lone((FLOOR,), (HEATED,), ("T",)), MPI.COMM_SELF)
+    answer = full.solve(1.0)
+    assert np.abs(answer.forces()).max() < 1e-9  # of 1000 times 1e-3
+    moved = answer.displacement().reshape(-1, 2)[:, 0]
+    assert np.ptp(moved) == pytest.approx(1e-3 * 1.3, rel=1e-9)  # of plane strain
+
+
+def test_zero_loads():
+    full = hhr.FullOrderModel(stack(), MPI.COMM_SELF)
+    answer = full.solve((0.0, 0.0))
+    assert np.abs(answer.forces()).max() < 1e-12 and np.abs(answer.displacement()).max() < 1e-12
+
+
+MORTAR = (hhr.Obstacle(side(1, 1, False), (0, -1), 0.0), hhr.Mortar(side(2, 1, False), side(1, 1, True)))
+
+
+@pytest.mark.parametrize("how", ["node to surface", "mortar"])
+def test_small_models_of_a_stack(how, tmp_path):
+    space = hhr.ParameterSpace(("p", "q"), (0.1, 0.0), (1.0, 1.0))
+    made = stack(cells=8, parameters=space, **({"contacts": MORTAR} if how == "mortar" else {}))
+    training = hhr.train(made, hhr.Sobol(32), comm=MPI.COMM_SELF)
+    full = training.full_order
+    models = [training.build(), training.local(hhr.Clusters(2))]
+    for number, model in enumerate(tuple(models)):
+        hhr.save_model(tmp_path / f"{number}.npz", model)
+        models.append(hhr.load_model(tmp_path / f"{number}.npz"))
+    assert all(model.solve((0.5, 0.5)).estimate() is None for model in models)
+    with pytest.raises(BoundError, match="no bound, since contact alone holds bodies"):
+        training.safe_model(tolerance=0.01)
+    models.append(exact_condensation(full, training.snapshots.known_statuses()))
+    for point in full.parameters.random(6, seed=5):
+        exact = full.solve(point)
+        for model in models:
+            answer = model.solve(point)
+            assert np.linalg.norm(answer.forces() - exact.forces()) < 1e-9 * np.linalg.norm(exact.forces())
+            off = np.linalg.norm(answer.displacement() - exact.displacement())
+            assert off < 1e-9 * np.linalg.norm(exact.displacement())
+
+
+def test_a_ring_whose_facets_alone_resist_its_turn_is_warned_of():
+    """Nodes of a ring beside those of its shaft: turned far, the facets would open every gap."""
+
+    def ring(comm):
+        def warp(points, body):
+            angle = 2 * np.pi * (points[:, 0] + (0.004 if body == 2 else 0.0))
+            return points[:, 1:] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+        # three quarters of a turn: ends that nothing joins
+        return two_blocks(comm, first=((0, 0.5), (0.75, 1), (40, 4)), second=((0, 1), (0.75, 1.5), (40, 4)), warp=warp)
+
+    scene = dataclasses.replace(
+        stack(),
+        geometry=ring,
+        contacts=(hhr.NodeToSurface(side(2, 1, False), side(1, 1, True)),),
+        displacements=hhr.Displacement.clamp(side(1, 1, False), 2),
+    )
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        hhr.FullOrderModel(scene, MPI.COMM_SELF)
+    assert any("turns, which contact resists" in str(one.message) for one in caught)
