@@ -66,6 +66,8 @@ def contact_residuals(problem: ContactProblem, displacement: np.ndarray, forces:
     homogeneous, load = displacement - problem.lifts @ theta, problem.loads @ theta
     pushed = problem.contact.T @ forces
     residual = problem.stiffness @ homogeneous + pushed - load
+    if problem.resting is not None:  # what facets of round surfaces leave along a turn is spread over the body
+        residual = residual - problem.resting @ (problem.resting.T @ residual)
     # K lift, the reaction to imposed displacements, is far larger than any force that a body bears
     scale = max(norm(problem.external @ theta), norm(pushed)) or norm(load)
     equilibrium = norm(residual * problem.free) / scale if scale > 0 else 0.0

@@ -55,7 +55,7 @@ def check_hypotheses(full: Any) -> None:
         raise BoundError("bodies flow, and the bounds are those of elastic ones: histories have signs, see the door")
     if len(full.per_force) != problem.free.size:
         raise BoundError("ranks share the factors of K, and the bounds need whole columns: build on MPI.COMM_SELF")
-    if problem.rigid is not None:
+    if problem.pins is not None:
         raise BoundError(
             "contact alone holds bodies: K, whose inverse is in the bounds, is singular along their motions"
         )

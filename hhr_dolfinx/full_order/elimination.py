@@ -52,12 +52,12 @@ class FullElimination:
         contact = problem.contact[:, rows]
         if full.problem.varies:
             solver.refactor(problem.own_stiffness)
-            per_force = full.at_rest(solver.solve_columns(contact.T))
+            per_force = full.solved_columns(contact.T)
             schur = full.comm.allreduce(contact @ per_force)
         else:
             per_force, schur = full.per_force, full.schur
         theta = problem.amplitudes(point)
-        free = full.at_rest(solver.solve(problem.loads[rows] @ theta))
+        free = full.solve_stiffness(problem.loads[rows] @ theta)
         slack = problem.gaps @ theta - full.comm.allreduce(contact @ free)
         return cls(full, problem, point, free, per_force, schur, slack)
 
@@ -72,7 +72,7 @@ class FullElimination:
     def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """K U' = -R', where R is the residual K U + B^T lambda - F; and the slack that goes with it."""
         left, slack = self._explicit(forces, unknown)
-        found = self.full.at_rest(np.stack([self.full.factors.solve(-column) for column in left.T], axis=1))
+        found = np.stack([self.full.solve_stiffness(-column) for column in left.T], axis=1)
         contact = self.problem.contact[:, self.problem.rows]
         whole = np.concatenate(self.full.comm.allgather(found))
         return slack - self.full.comm.allreduce(contact @ found), whole

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from mpi4py import MPI
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, spmatrix
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
@@ -117,7 +117,7 @@ class FullOrderModel(WithOutputs):
         check_regular(problem, lambda rhs: self._gather(self._solver.solve(rhs)), self.scene.name)
         contact = problem.contact[:, self._own]
         self._own_loads = problem.loads[self._own]
-        self.per_force = self.at_rest(self._solver.solve_columns(contact.T))
+        self.per_force = self.solved_columns(contact.T)
         self.schur = self.comm.allreduce(contact @ self.per_force)
         self._contact, self._pairs = contact, Pairs.of(problem.contact_pairs)
         self._equalities = SchurEqualities.of(self.schur)
@@ -125,7 +125,7 @@ class FullOrderModel(WithOutputs):
     @cached_property
     def per_load(self) -> np.ndarray:
         """K^-1 loads on the dofs of this rank, (own dofs, 1 + T), of a constant K: what bounds of all models need."""
-        return self.at_rest(self._solver.solve_columns(self._own_loads))
+        return self.solved_columns(self._own_loads)
 
     def at_rest(self, own: np.ndarray) -> np.ndarray:
         """Fields on the dofs of this rank, (own dofs, ...), without rigid motions that nothing drives or resists."""
@@ -213,7 +213,7 @@ class FullOrderModel(WithOutputs):
             adrift = f"hold it by a displacement, or push it: {self.problem.loose}"
             return outcome(answer, raise_on_failure, {**FULL_ORDER_ADVICE, Status.ADRIFT: adrift})
         theta = self.problem.amplitudes(point)
-        free = self.at_rest(self._solver.solve(self._own_loads @ theta))
+        free = self.solve_stiffness(self._own_loads @ theta)
         free_slack = self.problem.gaps @ theta - self._sum(self._contact @ free)
         found = active_set(self._equalities, free_slack, free_slack < 0 if cold else start, pairs=self._pairs)
         answer = found_as(found, point, self._gather(free - self.per_force @ found.forces), self)
@@ -246,7 +246,17 @@ class FullOrderModel(WithOutputs):
 
     def solve_stiffness(self, own_rhs: np.ndarray) -> np.ndarray:
         """K^-1 times a vector, each rank with its own rows."""
-        return self.at_rest(self._solver.solve(own_rhs))
+        return self.at_rest(self._solver.solve(self.at_rest(own_rhs)))
+
+    def solved_columns(self, columns: spmatrix) -> np.ndarray:
+        """K^-1 times the columns of a sparse matrix, (own dofs, k), each rank with its own rows."""
+        found, resting = self._solver.solve_columns(columns), self.problem.resting
+        if resting is None or not resting.shape[1]:
+            return found
+        own = resting[self._own]
+        work = self.comm.allreduce(own.T @ columns)
+        drawn = np.stack([self._solver.solve(motion) for motion in own.T], axis=1)
+        return self.at_rest(found - drawn @ work)
 
     # what completes an answer, see models.answer.Fields
 

@@ -19,6 +19,8 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import NotSolvableError, SceneWarning
 from hhr_dolfinx.scene import Scene
 
+UNEVEN = 1e-3
+"""Part of the work of its nodal forces, without their signs, that a load on a round surface may do along its turn."""
 WEAK = 0.1
 """Part of the effect of other motions below which that of a turn may come from the facets of a round surface."""
 ALMOST_NONE = 1e-9
@@ -128,34 +130,47 @@ def with_motions(scene: Scene, problem: ContactProblem, bodies: np.ndarray) -> C
     resting = motions @ ways[idle].T
     _check_resting(found, problem, resting)
     pins = linalg.qr(motions.T * problem.free, mode="r", pivoting=True)[1][: motions.shape[1]]
-    rigid = None if idle.all() else motions @ _by_body(effect, ways[idle], owner)
-    if rigid is not None:
-        _warn_of_weak(found, problem, motions, effect)
+    rigid = motions @ _by_body(effect, ways[idle], owner)
+    round_ = _round_turns(found, problem, rigid)
+    if round_.any():
+        resting, rigid = np.hstack([resting, rigid[:, round_]]), rigid[:, ~round_]
     loose = "; ".join(f"{body.name} {described(body, body.left)}" for body in found)
-    return replace(problem, rigid=rigid, resting=resting, loose=loose, pins=np.sort(pins))
+    return replace(problem, rigid=rigid if rigid.shape[1] else None, resting=resting, loose=loose, pins=np.sort(pins))
 
 
-def _warn_of_weak(found: Sequence[FreeBody], problem: ContactProblem, motions: np.ndarray, effect: np.ndarray) -> None:
-    """Warn of turns, among motions (N, k) with an effect (m, k), that only the facets of round surfaces resist.
+def _round_turns(found: Sequence[FreeBody], problem: ContactProblem, rigid: np.ndarray) -> np.ndarray:
+    """Which motions, of (N, r), are turns that only the facets of round surfaces resist, (r,) bool; it warns of them.
 
-    Turned far enough they open every gap, as no round body does.
+    Turned far enough they open every gap, as no round body does. Where no load drives them they are left at rest, and
+    the moment that the facets' normals leave is spread over the body.
     """
-    start = 0
+    effects, driven = np.linalg.norm(problem.contact @ rigid, axis=0), _driven(problem, rigid)
+    found_round = np.zeros(rigid.shape[1], dtype=bool)
     for body in found:
-        own = slice(start, start + len(body.left))
-        start = own.stop
-        _, sizes, ways = np.linalg.svd(effect[:, own], full_matrices=False)
-        for size, way in zip(sizes, ways, strict=True):
-            turn = (motions[:, own] @ way).reshape(len(problem.points), -1)[body.nodes]
+        fields = rigid.reshape(len(problem.points), -1, rigid.shape[1])[body.nodes]
+        own = np.flatnonzero(np.abs(fields).max(axis=(0, 1)) > ALMOST_NONE)
+        for place in own:
+            turn = fields[:, :, place]
             turning = np.abs(turn - turn.mean(axis=0)).max() > 0.5 * np.abs(turn).max()
-            if ALMOST_NONE * sizes[0] < size < WEAK * sizes[0] and turning:
-                warnings.warn(
-                    f"{body.name} turns, which contact resists {size / sizes[0]:.1g} times as much as others of it. "
-                    "If its surfaces are round only their facets do so, and turned far they open every gap: hold the "
-                    "turn by a displacement, or let nodes face each other",
-                    SceneWarning,
-                    stacklevel=2,
-                )
+            if not turning or effects[place] >= WEAK * effects[own].max():
+                continue
+            found_round[place] = not driven[place]
+            what = "and no load drives: it is left at rest" if not driven[place] else "though loads drive it"
+            warnings.warn(
+                f"{body.name} turns, which contact resists {effects[place] / effects[own].max():.1g} times as much as "
+                f"other motions of it, {what}. If its surfaces are round only their facets do so, and turned far they "
+                "open every gap. Hold the turn by a displacement where that is not meant",
+                SceneWarning,
+                stacklevel=3,
+            )
+    return found_round
+
+
+def _driven(problem: ContactProblem, motions: np.ndarray) -> np.ndarray:
+    """Whether loads do work along motions, of (N, r), beyond what a mesh leaves of the balance of a round body."""
+    work = np.abs(problem.loads.T @ motions)
+    sizes = np.asarray(abs(problem.loads).T @ np.abs(motions))
+    return (work > UNEVEN * sizes).any(axis=0)
 
 
 def _by_body(effect: np.ndarray, idle: np.ndarray, body: np.ndarray) -> np.ndarray:

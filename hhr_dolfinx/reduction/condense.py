@@ -182,7 +182,7 @@ def _check_scene(full: Any) -> None:
             f"the stiffness of scene '{full.scene.name}' does not depend on parameters, or its bodies flow: "
             "interpolated condensation is for elastic bodies that vary; take exact_condensation"
         )
-    if problem.rigid is not None:
+    if problem.pins is not None:
         raise ReductionError(
             f"contact alone holds bodies of scene '{full.scene.name}', and their elasticity depends on parameters: "
             "interpolated condensation is not built in for these. Take a reduced model, training.build()"

@@ -47,7 +47,7 @@ def measure_points(
     models: dict[str, Model] = {"fom_best": full, "online": model, "online_lapack": _twin(model, LapackLU)}
     whole: Queries = {"online_full": _everywhere(_twin(model, PetscLU))}
     skipped, exact, offline = [], {"fom_best": references.errors(full)}, {}
-    if full.problem.varies and full.problem.rigid is not None:
+    if full.problem.varies and full.problem.pins is not None:
         why = "contact alone holds bodies, and their elasticity depends on parameters: not built in"
         skipped.append({"stage": "condensed", "why": why})
     else:
