@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -77,7 +79,7 @@ def entities_of(path: Path) -> tuple[np.ndarray, list[Entity]]:
 def _session(options: Mapping[str, float]) -> Iterator[None]:
     """A new model that is current; whoever uses gmsh already gets back options, models and the current one."""
     if not gmsh.isInitialized():
-        gmsh.initialize()
+        _initialised()
         try:
             _set(options)
             yield
@@ -97,6 +99,15 @@ def _session(options: Mapping[str, float]) -> Iterator[None]:
             gmsh.model.remove()
         gmsh.model.setCurrent(current)
         _set(before)
+
+
+def _initialised() -> None:
+    """Start gmsh, which takes Ctrl-C for itself: what answered it before keeps it."""
+    main = threading.current_thread() is threading.main_thread()
+    before = signal.getsignal(signal.SIGINT) if main else None
+    gmsh.initialize()
+    if before is not None:
+        signal.signal(signal.SIGINT, before)
 
 
 def _set(options: Mapping[str, float]) -> None:
