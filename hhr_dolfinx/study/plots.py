@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 Curves = dict[str, tuple[Any, Any]]
 """Positions and values of curves by name."""
 
+SAME_TIME = 1.6
+"""Ratio of times below which names beside each other would lie on each other."""
 ROUND_OFF = 1e-10
 """Errors below need no place on an axis of errors."""
 
@@ -249,13 +251,8 @@ def plot_work_precision(rows: list[dict[str, Any]], path: Path) -> None:
     figure = Figure(figsize=(15, 4.8), layout="constrained")
     for axis, (error, label) in zip(figure.subplots(1, 3), shown.items(), strict=True):
         axis.set(xscale="log", yscale="log", xlabel="time per query [us]", ylabel=f"error: {label}")
-        exact = [row for row in measured if row[error] < ROUND_OFF]
-        for k, row in enumerate(sorted(exact, key=lambda row: row["online_s"])):
-            at = row["online_s"] * 1e6
-            axis.axvline(at, linestyle="--", color="grey", linewidth=0.8)
-            # one below the other, since their times may be close
-            upright = {"rotation": 90, "va": "top", "ha": "right", "transform": axis.get_xaxis_transform()}
-            axis.text(at, 0.98 - 0.27 * (k % 3), row["method"], fontsize=8, color="grey", **upright)
+        axis.margins(0.15)
+        _draw_exact(axis, [row for row in measured if row[error] < ROUND_OFF])
         points = [(row["online_s"] * 1e6, row[error], row) for row in measured if row[error] >= ROUND_OFF]
         for method in dict.fromkeys(row["method"] for _, _, row in points):
             own = [(x, y) for x, y, row in points if row["method"] == method]
@@ -273,6 +270,21 @@ def plot_work_precision(rows: list[dict[str, Any]], path: Path) -> None:
             axis.set_yticks([])
             axis.text(0.5, 0.08, "all are exact to round-off", ha="center", transform=axis.transAxes)
     _save(figure, path)
+
+
+def _draw_exact(axis: Any, rows: list[dict[str, Any]]) -> None:
+    """Lines at the times of methods that are exact to round-off; names of those that are close share a place above."""
+    groups: list[list[dict[str, Any]]] = []
+    for row in sorted(rows, key=lambda row: row["online_s"]):
+        if groups and row["online_s"] < SAME_TIME * groups[-1][0]["online_s"]:
+            groups[-1].append(row)
+        else:
+            groups.append([row])
+        axis.axvline(row["online_s"] * 1e6, linestyle="--", color="grey", linewidth=0.8)
+    for group in groups:
+        place = {"rotation": 30, "va": "bottom", "ha": "left", "transform": axis.get_xaxis_transform()}
+        names = ", ".join(dict.fromkeys(row["method"] for row in group))
+        axis.text(group[0]["online_s"] * 1e6, 1.01, names, fontsize=8, color="grey", **place)
 
 
 def _front(points: list[tuple[float, float, Any]]) -> list[tuple[float, float, Any]]:
