@@ -106,7 +106,9 @@ def test_a_second_training_goes_on_from_the_first(trained):
 
 def test_an_interrupted_training_keeps_its_answers(tmp_path):
     words = [sys.executable, *PROGRAM, "train", DEMO, "--sobol", "128", "--out", str(tmp_path)]
-    started = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT)
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": ENVIRONMENT}
+    # what runs these tests in the background may ignore Ctrl-C, and those it starts would, too
+    started = subprocess.Popen(words, **pipes, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
     end = time.monotonic() + 60
     while len(list(tmp_path.glob("snapshots/*.npz"))) < 5 and started.poll() is None and time.monotonic() < end:
         time.sleep(0.005)
