@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES
+from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, one_kind
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
 _LINES = ("T2D", "T3D", "B2", "B3", "R2D2", "RAX2", "SAX1", "SAX2")
@@ -193,10 +193,7 @@ def _mesh_of(deck: _Deck, path: Path) -> RawMesh:
     if not dimensions:
         raise FileContentError(f"{path} has no elements of the plane or of space")
     cells = {number: item for number, item in deck.elements.items() if DIMENSION.get(item[0]) == max(dimensions)}
-    kinds = {kind for kind, _ in cells.values()}
-    if len(kinds) > 1:
-        raise FileContentError(f"{path} mixes {' and '.join(sorted(kinds))}: mesh all bodies with cells of one kind")
-    (kind,) = kinds
+    kind = one_kind((kind for kind, _ in cells.values()), path)
     lost = next((number for number, (_, nodes) in cells.items() if not deck.nodes.keys() >= set(nodes)), None)
     if lost is not None:
         raise FileContentError(f"{path}: element {lost} has a node that is not in the deck")

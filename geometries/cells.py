@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from pathlib import Path
+
 import numpy as np
+
+from hhr_dolfinx.errors import FileContentError
 
 FACES = {
     "triangle": ((0, 1), (1, 2), (2, 0)),
@@ -26,6 +31,14 @@ FACET_KINDS = {"line": 2, "line3": 2, "triangle": 3, "triangle6": 3, "triangle7"
 TENSOR = {"quadrilateral": [0, 1, 3, 2], "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6]}
 """Places of the nodes of a cell in the order that DOLFINx wants."""
 TENSOR_FACET = [0, 1, 3, 2]
+
+
+def one_kind(kinds: Iterable[str], path: Path) -> str:
+    """The kind of all cells of a file; raises FileContentError for several."""
+    found = sorted(set(kinds))
+    if len(found) > 1:
+        raise FileContentError(f"{path} mixes {' and '.join(found)}: mesh all bodies with cells of one kind")
+    return found[0]
 
 
 def faces(kind: str, cells: np.ndarray) -> np.ndarray:

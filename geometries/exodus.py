@@ -9,7 +9,7 @@ import numpy as np
 
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.geometries.cells import CORNERS, FACES
+from hhr_dolfinx.geometries.cells import CORNERS, FACES, one_kind
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
 _KINDS = {"TRI": "triangle", "QUA": "quadrilateral", "SHE": "quadrilateral", "TET": "tetrahedron", "HEX": "hexahedron"}
@@ -39,16 +39,13 @@ def _read(data: Any, path: Path) -> RawMesh:
             raise FileContentError(f"{path}: block {k} has elements of type {connected.elem_type}: not understood")
         kinds.append(kind)
         blocks.append(np.asarray(connected[:], dtype=np.int64)[:, : CORNERS[kind]] - 1)
-    if len(set(kinds)) != 1:
-        raise FileContentError(
-            f"{path} mixes {' and '.join(sorted(set(kinds)))}: mesh all bodies with cells of one kind"
-        )
+    kind = one_kind(kinds, path)
     cells, starts = np.concatenate(blocks), np.cumsum([0, *map(len, blocks)])
     bodies: dict[str | int, np.ndarray] = {}
     for k, (number, name) in enumerate(_labels(data, "eb", count)):
         rows = np.arange(starts[k], starts[k + 1])
         bodies |= {number: rows} | ({name: rows} if name else {})
-    return RawMesh(_points(data), kinds[0], cells, bodies, _side_sets(data, kinds[0], cells), _node_sets(data))
+    return RawMesh(_points(data), kind, cells, bodies, _side_sets(data, kind, cells), _node_sets(data))
 
 
 def _points(data: Any) -> np.ndarray:

@@ -18,7 +18,7 @@ import numpy as np
 
 from hhr_dolfinx.compat import NamedMesh, extra, linear_mesh, tags_of
 from hhr_dolfinx.errors import FileContentError, HHRError, SceneError
-from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, FACET_KINDS, KINDS
+from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, FACET_KINDS, KINDS, one_kind
 from hhr_dolfinx.geometries.raw_mesh import Numbers, RawMesh, facets_by_number
 
 if TYPE_CHECKING:
@@ -155,10 +155,7 @@ def read_by_gmsh(path: Path) -> RawMesh:
     dim = max((one[0] for one in there & kinds.keys()), default=0)
     if not dim:
         raise FileContentError(f"{path} has no triangles, quadrilaterals, tetrahedra or hexahedra")
-    found = sorted(kinds.get(one, f"cells of {one[1]} corners") for one in there if one[0] == dim)
-    if len(found) > 1:
-        raise FileContentError(f"{path} mixes {' and '.join(found)}: mesh all bodies with cells of one kind")
-    (kind,) = found
+    kind = one_kind((kinds.get(one, f"cells of {one[1]} corners") for one in there if one[0] == dim), path)
     cells, bodies = _joined([entity for entity in entities if entity.dim == dim], CORNERS[kind])
     width = len(FACES[kind][0])
     sides = [entity for entity in entities if entity.dim == dim - 1 and entity.corners.shape[1] == width]
@@ -196,12 +193,9 @@ def read_by_meshio(path: Path) -> RawMesh:
         kinds = sorted({block.type for block in mesh.cells})
         raise FileContentError(f"{path} has cells of kinds {kinds}, and none of {sorted(KINDS)}")
     dim = max(DIMENSION[KINDS[kind]] for kind in there)
-    kinds = sorted({KINDS[kind] for kind in there if DIMENSION[KINDS[kind]] == dim})
-    if len(kinds) > 1:
-        raise FileContentError(f"{path} mixes {' and '.join(kinds)}: mesh all bodies with cells of one kind")
-    (kind,) = kinds
+    kind = one_kind((KINDS[kind] for kind in there if DIMENSION[KINDS[kind]] == dim), path)
     own = [k for k, block in enumerate(mesh.cells) if KINDS.get(block.type) == kind]
-    width = 2 if dim == 2 else {"tetrahedron": 3, "hexahedron": 4}[kind]
+    width = len(FACES[kind][0])
     sides = [k for k, block in enumerate(mesh.cells) if FACET_KINDS.get(block.type) == width and k not in own]
     cells, facets = _corners(mesh, own, CORNERS[kind]), _corners(mesh, sides, width)
     groups = _physical_names(path)

@@ -145,6 +145,11 @@ class Scene:
         self._check_places()
         self._check_names()
 
+    def opened(self, contact: int, point: np.ndarray) -> float:
+        """What openings add to the gaps of a contact pair, by its place, at a point, (P,)."""
+        own = [item.amplitude for item in self.openings if item.contact == contact]
+        return sum(amplitude.constant + float(amplitude.row(self.parameters) @ point) for amplitude in own)
+
     def _check_flow(self) -> None:
         """Raise SceneError where bodies flow and more than moduli depends on parameters, or anything on the place."""
         others = [body.tag for body in self.bodies if body.uneven]

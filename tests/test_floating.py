@@ -16,7 +16,7 @@ from test_mpi import TESTS, launch
 import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.contact.floating import FloatingEqualities, Motions, floating_set
+from hhr_dolfinx.contact.floating import FloatingEqualities, floating_set
 from hhr_dolfinx.errors import NotSolvableError, ReductionError, SceneWarning
 from hhr_dolfinx.geometries import stacked_blocks as blocks
 from hhr_dolfinx.geometries.gmsh_model import mesh_of
@@ -174,7 +174,7 @@ def test_the_active_set_finds_what_a_quadratic_program_does(seed, m, r):
     schur, taken = root @ root.T + 0.1 * np.eye(m), rng.standard_normal((m, r))
     slack, driving = rng.standard_normal(m), taken.T @ np.maximum(rng.standard_normal(m), 0)
     start = rng.random(m) > 0.5
-    found, motions = floating_set(FloatingEqualities(schur, Motions(taken, taken.T)), slack, driving, start)
+    found, motions = floating_set(FloatingEqualities(schur, taken), slack, driving, start)
     assert found.status is Status.CONVERGED
     left = slack + schur @ found.forces - taken @ motions
     size = 1 + np.abs(found.forces).max() + np.abs(motions).max()

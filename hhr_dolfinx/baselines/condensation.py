@@ -142,10 +142,9 @@ def _floating(
     problem: ContactProblem, rigid: np.ndarray, responses: Responses, known: KnownStatuses, fields: ExactFields
 ) -> VaryingModel:
     """The same with rigid motions, (N, r), that nothing but contact holds."""
-    from hhr_dolfinx.contact.floating import Motions
     from hhr_dolfinx.models.floating import FloatingResponses
     from hhr_dolfinx.models.varying import VaryingModel
 
     taken, driving = problem.contact @ rigid, rigid.T @ problem.loads
-    left = FloatingResponses(responses, Motions(taken, taken.T), driving, rigid, problem.amplitudes)
+    left = FloatingResponses(responses, taken, driving, rigid, problem.amplitudes)
     return VaryingModel(problem.parameters, left, known, fields, problem.contact_pairs)

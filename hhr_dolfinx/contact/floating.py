@@ -2,19 +2,18 @@
 
 With r rigid motions, q their sizes, the contact problem that elimination leaves is
 
-    slack = free_slack + S lambda - G q >= 0,   lambda >= 0,   H lambda = driving,
+    slack = free_slack + S lambda - G q >= 0,   lambda >= 0,   G^T lambda = driving,
 
-where G = B R is what motions take from the slack, and H lambda = driving the balance of forces along them; H is the
-transpose of G for a full model, and differs from it by the cut of the domain for a reduced one. On a set of statuses
-this is one linear system. Where it is singular, since the set does not hold all bodies, or where statuses cycle, weak
-springs hold the bodies: with a stiffness k the motions are q0 + (driving - H lambda) / k, and S + G H / k is that of
-bodies that are held. Moving the springs' ends q0 along is the proximal point method (R. T. Rockafellar, SIAM J. Control
-Optim. 14, 1976), which ends in finitely many steps for such problems.
+where G = B R is what motions take from the slack, and the last equation the balance of forces along them, of whole
+bodies in a reduced model too. On a set of statuses this is one linear system. Where it is singular, since the set does
+not hold all bodies, or where statuses cycle, weak springs hold the bodies: with a stiffness k the motions are
+q0 + (driving - G^T lambda) / k, and S + G G^T / k is that of bodies that are held. Moving the springs' ends q0 along is
+the proximal point method (R. T. Rockafellar, SIAM J. Control Optim. 14, 1976), which ends in finitely many steps for
+such problems.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -31,21 +30,10 @@ BALANCED = 1e-12
 """Part of the forces by which they may be out of balance."""
 ROUND_OFF = 1e-13
 """Part of the forces on all bodies that is round-off in the balance of one."""
+NOTHING = 1e-14
+"""Part of the force that would close the largest gap, below which a force is round-off of that gap."""
 SINGULAR = 1e-8
 """Residual of an equality problem, in parts of its right-hand side, from which on it is singular to round-off."""
-
-
-@dataclass(frozen=True, eq=False)
-class Motions:
-    """What rigid motions are to the contact conditions (m conditions, r motions).
-
-    Attributes:
-        taken: G, what motions take from the slack, (m, r).
-        resultants: H, resultants of the contact forces along the motions, (r, m).
-    """
-
-    taken: np.ndarray
-    resultants: np.ndarray
 
 
 class FloatingEqualities:
@@ -53,18 +41,18 @@ class FloatingEqualities:
 
     Args:
         schur: S, (m, m).
-        motions: G and H.
+        taken: G, what motions take from the slack, (m, r).
     """
 
-    def __init__(self, schur: np.ndarray, motions: Motions):
-        self.schur, self.motions = schur, motions
-        count = motions.taken.shape[1]
+    def __init__(self, schur: np.ndarray, taken: np.ndarray):
+        self.schur, self.taken = schur, taken
+        count = taken.shape[1]
         # each motion in a unit that makes its column as large as those of S: turns of what is almost round do little
         self._size = float(np.abs(np.diag(schur)).mean() or 1.0)
-        columns = np.abs(motions.taken).max(axis=0, initial=0.0), np.abs(motions.resultants).max(axis=1, initial=0.0)
-        self._units = tuple(self._size / np.where(column > 0, column, 1.0) for column in columns)
-        self._whole = np.block([[schur, -motions.taken * self._units[0]],
-                                [self._units[1][:, None] * motions.resultants, np.zeros((count, count))]])  # fmt: skip
+        largest = np.abs(taken).max(axis=0, initial=0.0)
+        self._units = self._size / np.where(largest > 0, largest, 1.0)
+        scaled = taken * self._units
+        self._whole = np.block([[schur, -scaled], [scaled.T, np.zeros((count, count))]])
         self._equalities = SchurEqualities.of(self._whole, LapackLU)
 
     def __call__(
@@ -76,33 +64,34 @@ class FloatingEqualities:
             SingularError: if the conditions that touch do not hold all bodies, or depend on each other.
         """
         both = np.concatenate([active, np.ones(driving.size, dtype=bool)])
-        right = np.concatenate([free_slack, -self._units[1] * driving])
+        right = np.concatenate([free_slack, -self._units * driving])
         found, slack = self._equalities(both, right)
         m = active.size
         left = right[both] + self._whole[np.ix_(both, both)] @ found[both]
         held = np.abs(left).max() <= SINGULAR * np.abs(right).max(initial=1e-300)
         if not held or not self.balanced(found[:m], driving).all():
             raise SingularError("the conditions that touch do not hold all bodies")
-        return found[:m], slack[:m], self._units[0] * found[m:]
+        return found[:m], slack[:m], self._units * found[m:]
 
     def balanced(self, forces: np.ndarray, driving: np.ndarray, nothing: float = 0.0) -> np.ndarray:
         """Whether forces, (m,), balance loads along each motion, (r,), but for part of its own, and round-off of all.
 
         Those of one motion may be far below those of another one, of a heavier body.
         """
-        resultants, units = self.motions.resultants, self._units[1]
-        left = units * np.abs(driving - resultants @ forces)
-        sizes = units * (np.abs(driving) + np.abs(resultants) @ np.abs(forces))
+        units = self._units
+        left = units * np.abs(driving - forces @ self.taken)
+        sizes = units * (np.abs(driving) + np.abs(forces) @ np.abs(self.taken))
         return left <= SINGULAR * sizes + ROUND_OFF * sizes.max(initial=0.0) + units * nothing
 
     @cached_property
     def springs(self) -> tuple[tuple[np.ndarray, SchurEqualities], ...]:
         """Compliances of springs along each motion, 1 / k, (r,), and equality problems of bodies that they hold."""
-        taken, resultants = self.motions.taken, self.motions.resultants
-        push = np.abs(np.einsum("mr,rm->rm", taken, resultants)).mean(axis=1)
+        push = (self.taken**2).mean(axis=0)
         unit = self._size / np.where(push > 0, push, 1.0)
         every = (unit * weak for weak in WEAKNESS)
-        return tuple((one, SchurEqualities.of(self.schur + (taken * one) @ resultants, LapackLU)) for one in every)
+        return tuple(
+            (one, SchurEqualities.of(self.schur + (self.taken * one) @ self.taken.T, LapackLU)) for one in every
+        )
 
     def several(self, active: np.ndarray, free_slacks: np.ndarray, drivings: np.ndarray) -> tuple[np.ndarray, ...]:
         """The same for many right-hand sides, (m, k) and (r, k): forces, slacks (m, k) and motions (r, k).
@@ -110,13 +99,13 @@ class FloatingEqualities:
         Of what the set does not hold it takes the smallest motion.
         """
         both = np.concatenate([active, np.ones(len(drivings), dtype=bool)])
-        right = np.concatenate([free_slacks, -self._units[1][:, None] * drivings])
+        right = np.concatenate([free_slacks, -self._units[:, None] * drivings])
         found = np.zeros_like(right)
         found[both] = -np.linalg.lstsq(self._whole[np.ix_(both, both)], right[both], rcond=SINGULAR)[0]
         m = active.size
         slacks = (right + self._whole @ found)[:m]
         slacks[active] = 0.0
-        return found[:m], slacks, self._units[0][:, None] * found[m:]
+        return found[:m], slacks, self._units[:, None] * found[m:]
 
 
 def floating_set(
@@ -142,19 +131,19 @@ def floating_set(
     direct = _direct(equalities, free_slack, driving, start, pairs)
     if direct is not None:
         return direct
-    motions = equalities.motions
+    taken = equalities.taken
     # forces that close nothing but round-off of the gaps: without loads there are no others to compare with
-    nothing = 1e-14 * np.abs(free_slack).max() / (np.abs(np.diag(equalities.schur)).mean() or 1.0)
+    nothing = NOTHING * np.abs(free_slack).max() / (np.abs(np.diag(equalities.schur)).mean() or 1.0)
     ends, spent, active = np.zeros(driving.size), 0, start
     for compliance, sprung in (spring for spring in equalities.springs for _ in range(MOST_STEPS)):
         offset = ends + compliance * driving
-        found = active_set(sprung, free_slack - motions.taken @ offset, active, pairs=pairs)
+        found = active_set(sprung, free_slack - taken @ offset, active, pairs=pairs)
         spent += found.iterations
         if found.status is not Status.CONVERGED:
             return found._replace(iterations=spent, cycled=True), ends
-        left = driving - motions.resultants @ found.forces
+        left = driving - found.forces @ taken
         ends, active = ends + compliance * left, found.active
-        largest = (np.abs(driving) + np.abs(motions.resultants) @ found.forces).max()
+        largest = (np.abs(driving) + found.forces @ np.abs(taken)).max()
         close = np.abs(left) <= BALANCED * largest + nothing
         if (close & equalities.balanced(found.forces, driving, nothing)).all():
             return found._replace(iterations=spent, cycled=True), ends

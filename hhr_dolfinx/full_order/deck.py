@@ -54,21 +54,11 @@ def _check(discretisation: Discretisation, point: np.ndarray) -> None:
         "bodies are graded": any(body.grading is not None for body in scene.bodies),
         "bodies have a stress of their own": any(body.stress is not None for body in scene.bodies),
         "a surface meets a rigid obstacle": any(len(item.tags) == 1 for item in scene.contacts),
-        "gaps are added": any(_opening(discretisation, k, point) for k in range(len(scene.contacts))),
+        "gaps are added": any(scene.opened(k, point) for k in range(len(scene.contacts))),
     }
     for fault, there in faults.items():
         if there:
             raise SceneError(f"{fault} in scene '{scene.name}', which a deck cannot say: export it without")
-
-
-def _opening(discretisation: Discretisation, contact: int, point: np.ndarray) -> float:
-    """What openings add to the gaps of a pair."""
-    space = discretisation.scene.parameters
-    return sum(
-        item.amplitude.constant + float(item.amplitude.row(space) @ point)
-        for item in discretisation.scene.openings
-        if item.contact == contact
-    )
 
 
 def _mesh(discretisation: Discretisation) -> Iterator[str]:
@@ -77,13 +67,12 @@ def _mesh(discretisation: Discretisation) -> Iterator[str]:
     kind = _ELEMENTS[discretisation.scene.hypothesis][discretisation.mesh.topology.cell_name()]
     yield "*NODE, NSET=NALL"
     for number, place in enumerate(points, start=1):
-        yield ", ".join([str(number), *(f"{_text(x)}" for x in place)])
+        yield ", ".join([str(number), *(_text(x) for x in place)])
     owner = discretisation.cell_bodies()
     for place, body in enumerate(discretisation.scene.bodies):
         yield f"*ELEMENT, TYPE={kind}, ELSET={_word(body.tag)}"
         for number in np.flatnonzero(owner == place).tolist():
             yield ", ".join(str(n) for n in (number + 1, *(cells[number] + 1)))
-
     scene, dim = discretisation.scene, points.shape[1]
     tags = [item.tag for item in scene.displacements] + [getattr(load, "tag", None) for load in scene.loads]
     bodies = {body.tag for body in scene.bodies}

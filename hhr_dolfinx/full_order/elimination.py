@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hhr_dolfinx.contact.floating import FloatingEqualities, Motions
+from hhr_dolfinx.contact.floating import FloatingEqualities
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.varying import Floating, answer_of
@@ -83,11 +83,12 @@ class FullElimination:
         rigid = self.problem.rigid
         if rigid is None:
             return None
-        taken = self.problem.contact @ rigid
+        # of lifts there is no part, since a rigid motion does not strain
+        loads, varies = self.full.rigid_loads, self.full.problem.varies
+        equalities = FloatingEqualities(self.schur, self.full.rigid_taken) if varies else self.full.floating
         acting, slopes = self.problem.amplitudes.slopes_at(self.point)
-        loads = rigid.T @ self.problem.loads  # of lifts there is no part, since a rigid motion does not strain
         driving, changes = loads @ self.problem.amplitudes(self.point), loads[:, acting] @ slopes
-        return Floating(FloatingEqualities(self.schur, Motions(taken, taken.T)), driving, rigid, lambda *_: changes)
+        return Floating(equalities, driving, rigid, lambda *_: changes)
 
     def _explicit(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of the residual on own dofs and of the slack, while unknown and forces stay."""

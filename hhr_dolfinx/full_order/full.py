@@ -25,6 +25,7 @@ from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.trained import check_outside
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.contact.floating import FloatingEqualities
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.full_order.flow import FullEquilibrium
     from hhr_dolfinx.full_order.outputs import FullShapeFunctionals
@@ -126,6 +127,23 @@ class FullOrderModel(WithOutputs):
     def per_load(self) -> np.ndarray:
         """K^-1 loads on the dofs of this rank, (own dofs, 1 + T), of a constant K: what bounds of all models need."""
         return self.solved_columns(self._own_loads)
+
+    @cached_property
+    def rigid_taken(self) -> np.ndarray:
+        """What rigid motions that only contact holds take from the slack, (N_lambda, r)."""
+        return self.problem.contact @ self.problem.rigid
+
+    @cached_property
+    def rigid_loads(self) -> np.ndarray:
+        """Loads along these motions, (r, 1 + T), the same for every stiffness."""
+        return (self.problem.loads.T @ self.problem.rigid).T
+
+    @cached_property
+    def floating(self) -> FloatingEqualities:
+        """Equality problems with these motions on a constant S, whose factors queries share."""
+        from hhr_dolfinx.contact.floating import FloatingEqualities
+
+        return FloatingEqualities(self.schur, self.rigid_taken)
 
     def at_rest(self, own: np.ndarray) -> np.ndarray:
         """Fields on the dofs of this rank, (own dofs, ...), without rigid motions that nothing drives or resists."""

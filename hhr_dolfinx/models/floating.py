@@ -2,7 +2,7 @@
 
 In a reduced model the first modes are rigid motions R, on which K~ has columns of zeros; the equations tested with
 them are the balance of whole bodies, see ``reduction.projection``. Gamma of the other modes is eliminated like
-everywhere, and H lambda = driving is left, see ``contact.floating``.
+everywhere, and G^T lambda = driving is left, see ``contact.floating``.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from hhr_dolfinx.amplitudes import Amplitudes
-from hhr_dolfinx.contact.floating import FloatingEqualities, Motions
+from hhr_dolfinx.contact.floating import FloatingEqualities
 from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.models.condensed import Responses
 from hhr_dolfinx.models.projected import ReducedProblem
@@ -29,14 +29,14 @@ class FloatingResponses:
 
     Attributes:
         responses: of the unknown, which is pinned.
-        motions: what the motions are to the conditions.
+        taken: what the motions take from the slack, (m, r).
         driving: loads along the motions, (r, 1 + T).
         modes: the motions as unknowns, (n, r).
         amplitudes: θ as a function of the parameters.
     """
 
     responses: Responses
-    motions: Motions
+    taken: np.ndarray
     driving: np.ndarray
     modes: np.ndarray
     amplitudes: Amplitudes
@@ -44,14 +44,14 @@ class FloatingResponses:
     @cached_property
     def equalities(self) -> FloatingEqualities:
         """On S with the motions."""
-        return FloatingEqualities(self.responses.schur, self.motions)
+        return FloatingEqualities(self.responses.schur, self.taken)
 
     def __call__(self, point: np.ndarray) -> FloatingElimination:
         """What is left at a point, (P,)."""
         return FloatingElimination(self, point)
 
     def __reduce__(self) -> tuple:
-        return FloatingResponses, (self.responses, self.motions, self.driving, self.modes, self.amplitudes)
+        return FloatingResponses, (self.responses, self.taken, self.driving, self.modes, self.amplitudes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,10 +138,10 @@ class FloatingReduction:
         r, held = problem.motions, problem.held
         factor = LapackLU(held.stiffness)
         found = Responses.eliminate(factor, held.loads, held.gaps, held.contact_test, held.contact_trial)
-        motions = Motions(np.ascontiguousarray(problem.contact_trial[:, :r]), problem.contact_test[:, :r].T)
+        taken = np.ascontiguousarray(problem.contact_trial[:, :r])
         free, per_force = (_after(r, part) for part in (found.free_primal, found.primal_per_force))
         responses = replace(found, free_primal=free, primal_per_force=per_force)
-        return factor, FloatingResponses(responses, motions, problem.loads[:r], np.eye(len(free), r), self.amplitudes)
+        return factor, FloatingResponses(responses, taken, problem.loads[:r], np.eye(len(free), r), self.amplitudes)
 
     def _changed(
         self, factor: LapackLU, point: np.ndarray, unknown: np.ndarray

@@ -114,7 +114,7 @@ def _floating_answer(
     answer = found_as(found, point, unknown, fields)
     if not gradient or found.status is not Status.CONVERGED:
         return answer
-    slack = free_slack + elimination.schur @ found.forces - equalities.motions.taken @ motions
+    slack = free_slack + elimination.schur @ found.forces - equalities.taken @ motions
     of_slack, of_unknown = elimination.at_fixed_forces(found.forces, unknown)
     driven = floating.drift(found.forces, unknown)
     changes, opened, moved = equalities.several(found.active, of_slack, driven)

@@ -137,11 +137,7 @@ def _overlap(found: SceneCheck, place: int, depth: float, sag: float, point: np.
     """Bodies that overlap by their gaps, (m,), or as they are drawn, which pairings do not see where it is deep."""
     scene, surfaces = found.scene, found.pairs[place][0]
     names, why = " and ".join(repr(surface.tag) for surface in surfaces), ""
-    opened = sum(
-        item.amplitude.constant + float(item.amplitude.row(scene.parameters) @ point)
-        for item in scene.openings
-        if item.contact == place
-    )
+    opened = scene.opened(place, point)
     for first, second in (surfaces, surfaces[::-1]) if len(surfaces) == 2 else ():
         count, deep = depth_inside(found, first, second)
         if deep - opened > max(depth, OVERLAP * sag):
