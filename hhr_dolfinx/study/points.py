@@ -56,7 +56,7 @@ def measure_points(
         exact["condensed"] = references.errors(condensed)
         if forces_only.offline is not None:
             offline = {"offline_condensed": dict(forces_only.offline.log.times)}
-    naive = settings.naive and full.problem.rigid is None
+    naive = settings.naive and full.problem.pins is None
     if naive:
         models["fom_naive"] = NaiveFullOrder(full)
     # those that are timed are neither trained nor tested on
@@ -73,7 +73,7 @@ def measure_points(
         exact["fom_naive"] = exact["fom_best"]
     else:
         why = "not asked for: one query takes too long to measure a hundred"
-        if full.problem.rigid is not None:
+        if full.problem.pins is not None:
             why = "nothing but contact holds a body: without it K is singular, and the first program fails"
         skipped.append({"stage": "fom_naive", "why": why})
     iterations = [answer.iterations for answer in answers]
