@@ -20,11 +20,11 @@ from .models.local_histories import LocalHistories as LocalHistories
 from .models.path import MarchSettings as MarchSettings
 from .models.reduced import ReducedModel as ReducedModel
 from .online.batch import answer_points as answer_points
-from .online.batch import answer_table as answer_table
-from .online.batch import read_points as read_points
-from .online.batch import write_answers as write_answers
 from .online.model_file import load_model as load_model
 from .online.model_file import save_model as save_model
+from .online.tables import answer_table as answer_table
+from .online.tables import read_points as read_points
+from .online.tables import write_answers as write_answers
 from .outputs import ContactForce as ContactForce
 from .outputs import ContactMoment as ContactMoment
 from .outputs import ContactWidth as ContactWidth

@@ -21,6 +21,10 @@ class OutsideTrainingError(ParameterError):
     """A query lies outside what a reduced model was trained on, and ``outside`` is ``refuse``."""
 
 
+class NotOfferedError(HHRError, TypeError):
+    """A kind of model does not offer what it is asked for; the message says why, and which one does."""
+
+
 class ReductionError(HHRError, ValueError):
     """The reduced model cannot be built from these snapshots or settings."""
 
@@ -37,8 +41,8 @@ class UnstableModelError(HHRError):
     """A stability constant says that the model must not be trusted."""
 
 
-class BoundError(HHRError):
-    """A hypothesis of a bound fails: nothing is proved here."""
+class BoundError(NotOfferedError):
+    """A hypothesis of a bound fails, so that none is offered: nothing is proved here."""
 
 
 class ConvergenceError(HHRError):

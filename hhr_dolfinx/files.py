@@ -20,7 +20,6 @@ import json
 import math
 import os
 import re
-import resource
 import secrets
 import stat
 import zipfile
@@ -33,6 +32,11 @@ from typing import IO, Any, cast
 import numpy as np
 
 from hhr_dolfinx.errors import FileContentError, FileError, HHRError
+
+try:
+    import resource
+except ImportError:  # no Unix
+    resource = None  # type: ignore[assignment]
 
 MOST_BYTES = 16 * 2**30
 """Size beyond which a file is not read: a sparse file may claim any size and take no room on the disk."""
@@ -301,11 +305,19 @@ class _Pieces(io.FileIO):
         return super().read(size)
 
 
+def _descriptors_left() -> bool:
+    """Whether half of the descriptors that this process may have are free; no where the system does not say."""
+    try:
+        return resource is not None and len(os.listdir("/dev/fd")) < resource.getrlimit(resource.RLIMIT_NOFILE)[0] // 2
+    except OSError:
+        return False
+
+
 def _members(path: Path, mapped: int) -> dict[str, np.ndarray]:
     """Arrays of an uncompressed archive by name, those of so many bytes and more left on the disk."""
     arrays, whole = {}, None
     with _Pieces(path) as file, zipfile.ZipFile(file) as archive:
-        if len(os.listdir("/dev/fd")) >= resource.getrlimit(resource.RLIMIT_NOFILE)[0] // 2:
+        if not _descriptors_left():
             mapped = MOST_BYTES + 1
         size, infos = os.fstat(file.fileno()).st_size, archive.infolist()
         if size > MOST_BYTES:

@@ -7,6 +7,7 @@ already; then the reason is printed and the whole run ended.
 
 from __future__ import annotations
 
+import os
 import sys
 import traceback
 from collections.abc import Iterator
@@ -24,6 +25,21 @@ PATIENCE = 3.0
 
 _POLL = 0.02
 _FORWARDED = 1.0
+
+
+_LAUNCHERS = ("PMI_SIZE", "PMIX_RANK", "OMPI_COMM_WORLD_SIZE", "MPI_LOCALNRANKS", "SLURM_STEP_NUM_TASKS")
+"""Variables of the environment by which launchers tell their processes that there are several."""
+
+
+def world() -> Comm | None:
+    """All ranks that a launcher started; None for a process by itself, which needs no MPI and does not load it."""
+    if "mpi4py.MPI" not in sys.modules and not any(name in os.environ for name in _LAUNCHERS):
+        return None
+    try:
+        from mpi4py import MPI
+    except ImportError:
+        return None
+    return MPI.COMM_WORLD
 
 
 @contextmanager

@@ -319,7 +319,7 @@ def test_a_machine_without_petsc_answers(tmp_path, pellet, reduced):
 
 
 def test_petsc_asked_for_where_it_is_missing(monkeypatch):
-    monkeypatch.setattr("hhr_dolfinx.linear.dense.PETSc", None)
+    monkeypatch.setattr("hhr_dolfinx.linear.dense.petsc", lambda: None)
     with pytest.raises(HHRError, match="LapackLU"):
         PetscLU(np.eye(2))
 

@@ -2,93 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.errors import HHRError, SceneError
+from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.models.answer import Answer, ElasticFields
 from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses
-from hhr_dolfinx.models.error_bound import Estimate
+from hhr_dolfinx.models.exact import ExactFields
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.functionals import Functionals
     from hhr_dolfinx.models.varying import VaryingModel
-
-
-@dataclass(frozen=True)
-class ExactFields(ElasticFields):
-    """What completes answers of exact condensation, see :class:`hhr_dolfinx.models.answer.Fields`.
-
-    Attributes:
-        problem: the full problem.
-        per_force: K^-1 B^T, (N, N_lambda).
-        unloaded: K^-1 loads, (N, 1 + T).
-        stress_of: stress of a displacement; None of a copy, since a mesh belongs to one process.
-        functionals: outputs of the scene; None where it has none.
-    """
-
-    problem: ContactProblem
-    per_force: np.ndarray
-    unloaded: np.ndarray
-    stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None
-    functionals: Functionals | None = None
-
-    def __reduce__(self) -> tuple:
-        """Copy and pickle by the arrays."""
-        return ExactFields, (self.problem, self.per_force, self.unloaded, None, self.functionals)
-
-    def estimate(self, answer: Answer) -> Estimate | None:
-        """Exact, as the full model is."""
-        return Estimate.exact(self.functionals) if answer.converged else None
-
-    def displacement(self, answer: Answer) -> np.ndarray:
-        """K^-1 (loads - B^T λ) and the lift, (N,); a model that answers with fields has it at hand."""
-        theta, unknown = self.problem.amplitudes(answer.parameter), answer.unknown
-        if unknown.size == 0:
-            unknown = self.unloaded @ theta - self.per_force @ answer.multipliers
-        return unknown + self.problem.lifts @ theta
-
-    def stress(self, answer: Answer) -> np.ndarray:
-        """Stress in the middle of each cell, Kelvin's notation.
-
-        Raises:
-            HHRError: for a copy.
-        """
-        if self.stress_of is None:
-            raise HHRError("a copied model has no mesh, and stress needs one: ask the model it was copied from")
-        return self.stress_of(self.displacement(answer), answer.parameter)
-
-    @cached_property
-    def _measures(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows of the outputs times what each amplitude and each force does to the displacement."""
-        assert self.functionals is not None
-        rows = self.functionals.rows
-        return np.asarray(rows @ self.unloaded + (rows @ self.problem.lifts).toarray()), rows @ self.per_force
-
-    def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
-        """Rows of the outputs times the displacement, (K,)."""
-        if self.problem.rigid is not None:
-            assert self.functionals is not None
-            return self.functionals.rows @ self.displacement(answer)
-        per_term, per_force = self._measures
-        return per_term @ theta - per_force @ answer.multipliers
-
-    def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
-        assert answer.gradient is not None
-        if self.problem.rigid is not None:
-            assert self.functionals is not None
-            moved = answer.gradient.unknown + self.problem.lifts @ changes
-            return answer.gradient.multipliers, self.functionals.rows @ moved
-        per_term, per_force = self._measures
-        forces = answer.gradient.multipliers
-        return forces, per_term @ changes - per_force @ forces
 
 
 def exact_condensation(
@@ -131,7 +56,10 @@ def exact_condensation(
         schur=full.schur,
     )
     outputs: Any = full.functionals  # of one mesh: a scene with shapes was refused above
-    fields = ExactFields(problem, full.per_force, free, full.stress_of, outputs)
+    floats, size = problem.rigid is not None, problem.block_size
+    fields = ExactFields(
+        problem.amplitudes, problem.lifts, full.per_force, free, size, floats, full.stress_of, functionals=outputs
+    )
     if problem.rigid is not None:
         return _floating(problem, problem.rigid, responses, known, fields)
     given = problem.parameters, problem.amplitudes, responses, known, fields

@@ -9,15 +9,15 @@ from scipy.sparse import bmat, csr_matrix
 from scipy.sparse.linalg import splu
 
 from hhr_dolfinx.contact.active_set import Pairs, active_set
-from hhr_dolfinx.errors import SceneError, SingularError
+from hhr_dolfinx.errors import NotOfferedError, SceneError, SingularError
 from hhr_dolfinx.full_order.full import FULL_ORDER_ADVICE, FullOrderModel
-from hhr_dolfinx.models.answer import Answer, History, Path, found_as, outcome
+from hhr_dolfinx.models.answer import Answer, History, Path, WithOutputs, found_as, outcome
 from hhr_dolfinx.models.condensed import checked_start
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
 from hhr_dolfinx.trained import check_outside
 
 
-class NaiveFullOrder:
+class NaiveFullOrder(WithOutputs):
     """Nothing is kept between queries.
 
     Each query assembles K anew, and each active-set iteration factors the saddle-point matrix
@@ -39,6 +39,7 @@ class NaiveFullOrder:
                 "the full model"
             )
         self._full = full_order
+        self.parameters, self.fields = full_order.parameters, full_order
 
     def solve(
         self,
@@ -51,7 +52,7 @@ class NaiveFullOrder:
     ) -> Answer:
         """Solve for one parameter; see :meth:`FullOrderModel.solve`. It has no gradients."""
         if gradient:
-            raise TypeError("the naive baseline has no gradient: ask the full model")
+            raise NotOfferedError("the naive baseline has no gradient: ask the full model")
         check_outside(outside)
         varies, problem = self._full.problem.varies, self._full.problem.at(mu)
         start, point = checked_start(start, len(problem.gaps)), problem.parameters.point(mu)

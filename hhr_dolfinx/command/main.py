@@ -182,16 +182,16 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
 
         model = FullOrderModel(scene_of(what))
     point, step = point_of(words, model.parameters), {}
-    if _flows(model):
+    if model.flows:
         step = {"duration": 1.0 if duration is None else duration}
     elif duration is not None:
         raise click.UsageError("nothing flows: leave out --duration")
     answer = model.solve(point, **step)
-    forces, displacement = answer.forces(), answer.displacement().reshape(-1, _dimension_of(model))
+    forces, displacement = answer.forces(), answer.displacement().reshape(-1, model.dimension)
     rows = {"seconds of one step from rest": step["duration"]} if step else {}
     rows |= {"largest displacement": (displacement**2).sum(axis=1).max() ** 0.5, "sum of contact forces": forces.sum(),
             "conditions that touch": int((forces > 0).sum())}  # fmt: skip
-    outputs = answer.outputs() if _has_outputs(model) else None
+    outputs = answer.outputs() if getattr(model.fields, "functionals", None) is not None else None
     if outputs is not None:
         heads = {name: f"{name} [{unit}]" if unit else name for name, unit in outputs.units.items()}
         rows |= {heads[name]: value for name, value in outputs.values.items()}
@@ -206,19 +206,6 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
         from hhr_dolfinx.study.fields import write_fields
 
         write_fields(out, model, answer)
-
-
-def _dimension_of(model: Any) -> int:
-    return model.dimension if hasattr(model, "dimension") else model.problem.block_size
-
-
-def _flows(model: Any) -> bool:
-    """Whether bodies flow, in a scene or in a reduced model of one."""
-    return getattr(model, "equilibrium", None) is not None
-
-
-def _has_outputs(model: Any) -> bool:
-    return getattr(getattr(model, "fields", model), "functionals", None) is not None
 
 
 @hhr.command(epilog=_examples("hhr study my_scene.py --grid 16,16 --tests 200", "hhr report out/my_scene"))
@@ -260,18 +247,23 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
 @click.argument("model", type=click.Path(path_type=Path))
 @click.argument("table", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="the answers, .csv or .parquet [answers.csv]")
+@click.option("--displacement", is_flag=True, help="a column of the largest displacement, which takes the whole field")
 @guarded
-def answer(model: Path, table: Path, out: Path | None) -> None:
-    """Answer a table of parameters, one row each, with outputs and bounds of errors. Rows may fail, others go on."""
+def answer(model: Path, table: Path, out: Path | None, displacement: bool) -> None:
+    """Answer a table of parameters, one row each, with outputs and bounds of errors. Rows may fail, others go on.
+
+    Answers are kept block by block: a command that was interrupted goes on.
+    """
     from hhr_dolfinx.command.loading import checked_target
-    from hhr_dolfinx.online.batch import answer_table, read_points
     from hhr_dolfinx.online.model_file import load_model
+    from hhr_dolfinx.online.tables import answer_table, checksum, read_points
 
     checked_target(out, TABLES)
     console, progress = spoken()
     loaded: Any = load_model(model)
     rows = read_points(table, loaded.parameters)
-    bad = answer_table(loaded, rows, out or Path("answers.csv"), console, progress("answers"))
+    how: dict[str, Any] = {"displacement": displacement, "resume": checksum(model)}
+    bad = answer_table(loaded, rows, out or Path("answers.csv"), console, progress("answers"), **how)
     sys.exit(NO_ANSWER if bad else 0)
 
 

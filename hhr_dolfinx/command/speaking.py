@@ -8,6 +8,7 @@ from collections.abc import Callable
 from functools import wraps
 from typing import Any
 
+from hhr_dolfinx import ranks
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import HHRError
 
@@ -15,7 +16,8 @@ with extra("study", "the command hhr"):
     import click
 
 REFUSED, INTERRUPTED = 3, 130
-KEPT = dict.fromkeys(("train", "study"), ": answers that were done are kept, and the same command goes on from there")
+_GOES_ON = ": answers that were done are kept, and the same command goes on from there"
+KEPT = dict.fromkeys(("train", "study", "answer"), _GOES_ON)
 """What is left of commands that are interrupted, by name."""
 Command = Callable[..., Any]
 
@@ -74,15 +76,13 @@ def _say(text: str) -> None:
 
 def first_rank() -> bool:
     """Whether this process speaks; a model that answers needs no MPI."""
-    module = sys.modules.get("mpi4py.MPI")
-    return module is None or module.COMM_WORLD.rank == 0
+    world = ranks.world()
+    return world is None or world.rank == 0
 
 
 def spoken() -> tuple[Any, Any]:
     """The console of the first rank, and its progress bars by label."""
-    from mpi4py import MPI
-
     from hhr_dolfinx.study.console import make_console, progress_on
 
-    console = make_console(quiet=MPI.COMM_WORLD.rank > 0)
+    console = make_console(quiet=not first_rank())
     return console, progress_on(console)

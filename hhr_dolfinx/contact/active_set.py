@@ -50,6 +50,7 @@ class Status(Enum):
     NOT_FINITE = "the contact problem is not finite: check loads, gaps and materials for NaN and infinite numbers"
     DIVERGED = "the step did not converge: march along a path, in smaller steps"
     ADRIFT = "a body that nothing but contact holds moves off: contact only pushes, and loads pull it away"
+    UNDEFINED = "the problem cannot be made at this parameter: its shape or its stiffness is not one that can be solved"
     CYCLING = "the statuses repeat even one at a time, so the contact Schur complement is no P-matrix"
 
 

@@ -13,11 +13,11 @@ from scipy.sparse import csr_matrix, spmatrix
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ParameterError, SceneError
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.linear.sparse import FreeCholesky, ordering_of
-from hhr_dolfinx.models.answer import Answer, History, Path, WithOutputs, found_as, outcome
+from hhr_dolfinx.models.answer import Answer, History, Path, WithOutputs, found_as, outcome, unanswered
 from hhr_dolfinx.models.condensed import checked_start
 from hhr_dolfinx.models.error_bound import Estimate
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient, solve_along
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.full_order.outputs import FullShapeFunctionals
     from hhr_dolfinx.full_order.rid_arrays import ShapedArrays
     from hhr_dolfinx.models.functionals import Functionals
-    from hhr_dolfinx.models.many import ManyAnswers
 
 FULL_ORDER_ADVICE = {Status.SINGULAR: "list each contact pair once, and let no two conditions hold the same dofs"}
 
@@ -153,6 +152,21 @@ class FullOrderModel(WithOutputs):
         return own - motions @ self.comm.allreduce(motions.T @ own)
 
     @property
+    def fields(self) -> FullOrderModel:
+        """What completes its answers: itself."""
+        return self
+
+    @property
+    def dimension(self) -> int:
+        """Components of the displacement at a node."""
+        return self.problem.block_size
+
+    @property
+    def conditions(self) -> int:
+        """Number of contact conditions, N_lambda."""
+        return len(self.problem.gaps)
+
+    @property
     def factors(self) -> FreeCholesky:
         """Of K; where it depends on parameters, those of the parameter that was solved last."""
         return self._solver
@@ -175,7 +189,7 @@ class FullOrderModel(WithOutputs):
 
     def __reduce__(self) -> NoReturn:
         """Refuse to leave the process, answers included, as its factors and mesh cannot."""
-        raise TypeError(
+        raise NotOfferedError(
             f"the full model of scene '{self.scene.name}' belongs to this process: hand on what its answers say, "
             "answer.displacement() and answer.forces(), and make a model from the scene where another is needed"
         )
@@ -220,14 +234,20 @@ class FullOrderModel(WithOutputs):
             refuse_gradient(gradient)
             return one_step(self, mu, raise_on_failure, outside, **step)
         if step:
-            raise TypeError(f"solve of a scene in which nothing flows has no {', '.join(step)}")
+            raise NotOfferedError(f"nothing flows in scene '{self.scene.name}': solve takes no {', '.join(step)}")
         check_outside(outside)
         cold = start is None or isinstance(start, str)
         point = self.parameters.point(mu)
         if self.problem.varies or gradient or self.problem.rigid is not None:
             from hhr_dolfinx.full_order.elimination import solved_anew
 
-            answer = solved_anew(self, point, None if cold else start, gradient=gradient)
+            try:
+                answer = solved_anew(self, point, None if cold else start, gradient=gradient)
+            except (NotSolvableError, ParameterError):
+                # a stiffness that is singular, or a shape that turns cells inside out or changes what is in contact
+                if raise_on_failure:
+                    raise
+                return unanswered(point, (len(self.problem.free), self.conditions), self)
             adrift = f"hold it by a displacement, or push it: {self.problem.loose}"
             return outcome(answer, raise_on_failure, {**FULL_ORDER_ADVICE, Status.ADRIFT: adrift})
         theta = self.problem.amplitudes(point)
@@ -236,12 +256,6 @@ class FullOrderModel(WithOutputs):
         found = active_set(self._equalities, free_slack, free_slack < 0 if cold else start, pairs=self._pairs)
         answer = found_as(found, point, self._gather(free - self.per_force @ found.forces), self)
         return outcome(answer, raise_on_failure, FULL_ORDER_ADVICE)
-
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> ManyAnswers:
-        """Answer many parameters, (n, P), one by one."""
-        from hhr_dolfinx.models.many import one_by_one
-
-        return one_by_one(self, points, {"raise_on_failure": raise_on_failure, "outside": outside})
 
     def march(
         self,

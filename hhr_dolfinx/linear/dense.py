@@ -9,18 +9,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 from threading import Lock
-from typing import Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from scipy.linalg.lapack import dgetrf, dgetrs, dpotrf, dpotrs
 
 from hhr_dolfinx.errors import HHRError, NotSolvableError, SingularError
 
-try:
+if TYPE_CHECKING:
     from petsc4py import PETSc
-except ImportError:  # a machine that only answers parameters
-    PETSc = None
+
+
+@lru_cache(maxsize=1)
+def petsc() -> Any:
+    """The module PETSc, loaded when it is first needed; None on a machine that has none and only answers parameters."""
+    try:
+        from petsc4py import PETSc
+    except ImportError:
+        return None
+    return PETSc
 
 
 class Factor(Protocol):
@@ -47,7 +56,7 @@ Factorise = Callable[[np.ndarray], Factor]
 
 def dense_factors(matrix: np.ndarray) -> Factor:
     """LU factors by PETSc, or by LAPACK on a machine without petsc4py; see :class:`PetscLU`."""
-    return LapackLU(matrix) if PETSc is None else PetscLU(matrix)
+    return LapackLU(matrix) if petsc() is None else PetscLU(matrix)
 
 
 _PREFIX = "hhr_dense_"
@@ -64,7 +73,7 @@ def factorised(ksp: PETSc.KSP) -> bool:
     """
     try:
         ksp.setUp()
-    except PETSc.Error as error:
+    except petsc().Error as error:
         if error.ierr == _MISSING_PACKAGE:
             raise NotSolvableError(f"this PETSc lacks the package that should factor a matrix: {error}") from error
         return False
@@ -84,6 +93,7 @@ class PetscLU:
     """
 
     def __init__(self, matrix: np.ndarray):
+        PETSc = petsc()
         if PETSc is None:
             raise HHRError("petsc4py is not installed: give LapackLU, or no factorisation at all, for LAPACK")
         n = matrix.shape[0]

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.error_bound import Estimate
     from hhr_dolfinx.models.functionals import Outputs
     from hhr_dolfinx.models.gradient import Gradient
+    from hhr_dolfinx.models.many import SeveralAnswers
+    from hhr_dolfinx.parameters import ParameterSpace
 
 Path = list[tuple[float, np.ndarray]]
 """Times in seconds and parameters, (P,), the first ones at rest."""
@@ -222,9 +224,37 @@ class Model(Protocol):
 
 
 class WithOutputs:
-    """What all models do alike."""
+    """The verbs that all kinds of models share; each kind adds its own ``solve``, and quicker ways where it has them.
+
+    Attributes:
+        parameters: the box of the parameters.
+        fields: what completes the answers.
+    """
 
     solve: Callable[..., Answer]
+    parameters: ParameterSpace
+    fields: Any
+
+    @property
+    def dimension(self) -> int:
+        """Components of the displacement at a node."""
+        return self.fields.dimension
+
+    @property
+    def conditions(self) -> int:
+        """Number of conditions on the whole contact surface, N_lambda."""
+        return self.fields.conditions
+
+    @property
+    def flows(self) -> bool:
+        """Whether bodies flow, so that answers depend on the path that leads to them."""
+        return getattr(self, "equilibrium", None) is not None
+
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> SeveralAnswers:
+        """Answer many parameters, (n, P), one by one; where bodies flow each in one step from rest."""
+        from hhr_dolfinx.models.many import one_by_one
+
+        return one_by_one(self, points, {"raise_on_failure": raise_on_failure, "outside": outside})
 
     def outputs(self, mu: Any, *, gradient: bool = False, **how: Any) -> Outputs:
         """Outputs of the scene at one parameter; ``how`` are further arguments of :meth:`Model.solve`.
@@ -247,6 +277,15 @@ def outcome(answer: Answer, raise_on_failure: bool, advice: Mapping[Status, str]
         raise kind(f"no solution at {place} after {answer.iterations} iterations: {why}")
     nothing = np.full_like(answer.unknown, np.nan), np.full_like(answer.multipliers, np.nan)
     return answer._replace(unknown=nothing[0], multipliers=nothing[1])
+
+
+def unanswered(
+    parameter: np.ndarray, sizes: tuple[int, int], fields: Fields, status: Status = Status.UNDEFINED
+) -> Answer:
+    """An answer of NaN, for a model with so many unknowns and conditions of its own."""
+    unknowns, conditions = sizes
+    nothing = np.full(unknowns, np.nan), np.full(conditions, np.nan), np.zeros(conditions, dtype=bool)
+    return Answer(parameter, *nothing, 0, status, False, fields)
 
 
 def found_as(found: Statuses, parameter: np.ndarray, unknown: np.ndarray, fields: Fields) -> Answer:

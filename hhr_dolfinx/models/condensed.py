@@ -173,7 +173,7 @@ class CondensedModel(WithOutputs):
         self.fields, self._advice = fields, advice
         # where the whole box was trained, its own check is enough
         self._door = None if trained is None or trained.covers(parameters) else trained
-        self._schur, self._factorise, self._pair_numbers = responses.schur, factorise, pairs
+        self._schur, self._factorise, self.pairs = responses.schur, factorise, pairs
         self._pairs = Pairs.of(pairs)
         self._m = responses.schur.shape[0]
         self._response = np.asfortranarray(np.vstack([responses.free_slack, responses.free_primal]))
@@ -183,10 +183,14 @@ class CondensedModel(WithOutputs):
 
     def __reduce__(self) -> tuple:
         """Copy and pickle by the arrays that it was made of: factors and locks belong to one process."""
+        how = self._factorise, self.pairs, self.trained, dict(self._advice)
+        return type(self), (self.parameters, self.amplitudes, self.eliminated, self.known, self.fields, *how)
+
+    @property
+    def eliminated(self) -> Responses:
+        """The arrays that it was made of."""
         free_slack, free_primal = np.split(self._response, [self._m])
-        responses = Responses(free_primal, self._per_force, free_slack, self._schur)
-        how = self._factorise, self._pair_numbers, self.trained, dict(self._advice)
-        return type(self), (self.parameters, self.amplitudes, responses, self.known, self.fields, *how)
+        return Responses(free_primal, self._per_force, free_slack, self._schur)
 
     def solve(
         self,
@@ -222,6 +226,11 @@ class CondensedModel(WithOutputs):
         found = active_set(self._equalities, free_slack, start, pairs=self._pairs)
         unknown = response[self._m :] - self._per_force @ found.forces
         return outcome(found_as(found, point, unknown, self.fields), raise_on_failure, self._advice)
+
+    @property
+    def conditions(self) -> int:
+        """Number of conditions, all of which are kept."""
+        return self._m
 
     @property
     def tabulated(self) -> bool:

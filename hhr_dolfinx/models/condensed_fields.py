@@ -47,6 +47,11 @@ class CondensedFlowFields:
     flow: FlowFields
     functionals: Functionals | None = None
 
+    @property
+    def conditions(self) -> int:
+        """Number of contact conditions, all of which are kept."""
+        return self.per_force.shape[1]
+
     def displacement(self, answer: Answer) -> np.ndarray:
         """Displacement on the whole mesh, lift included, (N,)."""
         theta, correction = self.amplitudes(answer.parameter), answer.unknown[: self.basis.shape[1]]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from hhr_dolfinx.models.answer import Answer, History, Path, WithOutputs
+from hhr_dolfinx.models.condensed import checked_start
 from hhr_dolfinx.models.condensed_fields import CondensedFlowFields
 from hhr_dolfinx.models.condensed_flow import CondensedEquilibrium, CondensedFlow
 from hhr_dolfinx.models.march import march
@@ -43,11 +44,6 @@ class CondensedFlowModel(WithOutputs):
         """Copy and pickle by the arrays; how the model was made stays behind."""
         return CondensedFlowModel, (self.flow, self.parameters, self.fields, self.trained)
 
-    @property
-    def dimension(self) -> int:
-        """Components of the displacement at a node."""
-        return self.fields.dimension
-
     def changed(self, **parts: Any) -> CondensedFlowModel:
         """The same model with some parts in the place of its own, by the names of its arguments."""
         names = ("flow", "parameters", "fields", "trained", "offline")
@@ -63,7 +59,8 @@ class CondensedFlowModel(WithOutputs):
         gradient: bool = False,
         **step: Any,
     ) -> Answer:
-        """Answer of one step from rest, see :func:`one_step`."""
+        """Answer of one step from rest, see :func:`one_step`; it knows no ``start`` but what is checked."""
+        checked_start(start, self.conditions)
         refuse_gradient(gradient)
         return one_step(self, mu, raise_on_failure, outside, **step)
 

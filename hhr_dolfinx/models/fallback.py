@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from hhr_dolfinx.errors import BoundError, HHRError, OutsideTrainingError, ParameterError, ReductionError
-from hhr_dolfinx.models.answer import Answer, Model, WithOutputs
+from hhr_dolfinx.models.answer import Answer, History, Path, WithOutputs
+from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
+from hhr_dolfinx.trained import check_outside
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.many import SeveralAnswers
 
 _log = logging.getLogger(__name__)
 
@@ -70,7 +75,7 @@ class FallbackModel(WithOutputs):
     """
 
     def __init__(
-        self, reduced: Any, full: Model, tolerance: float = 0.01, *, rebuild: Rebuild | None = None, every: int = 20
+        self, reduced: Any, full: Any, tolerance: float = 0.01, *, rebuild: Rebuild | None = None, every: int = 20
     ):
         check_allowance(tolerance, every, "every")
         _check_alike(reduced, full)
@@ -79,6 +84,16 @@ class FallbackModel(WithOutputs):
         self.asked, self.fallen, self.learned = 0, 0, list[Answer]()
         self.growth: list[Growth] = []
         self._rebuild, self._every, self._known = rebuild, every, set[bytes]()
+
+    @property
+    def fields(self) -> Any:
+        """Those of the reduced model; answers are completed by the fields of the model that gave them."""
+        return self.reduced.fields
+
+    @property
+    def conditions(self) -> int:
+        """Number of conditions on the whole contact surface."""
+        return self.full.conditions
 
     @property
     def share(self) -> float:
@@ -100,28 +115,80 @@ class FallbackModel(WithOutputs):
     ) -> Answer:
         """Answer one parameter, see :meth:`Model.solve`.
 
-        A bound says more than the door: what lies outside the training is asked of the full model only if it is
-        refused there, or where its bound is too large. ``start`` holds for the reduced model.
+        A bound says more than the trained range: a point outside it is asked of the full model only if it is refused
+        there, or where its bound is too large. Where the reduced model has no answer, or its error cannot be bounded,
+        the full one answers too. ``start`` holds for the reduced model.
         """
-        try:
-            answer = self.reduced.solve(mu, start=start, raise_on_failure=False, outside=outside, gradient=gradient)
-        except OutsideTrainingError:
-            answer = None
-        if answer is not None and (estimate := answer.estimate()) is not None:
-            # of a NaN neither is true
-            if estimate.primal_relative <= self.tolerance and estimate.dual_relative <= self.tolerance:
-                self.asked += 1
-                return answer
-        exact = self.full.solve(mu, raise_on_failure=raise_on_failure, gradient=gradient)
+        point = self.parameters.point(mu)
+        answer = self._reduced_answer(point, self._own_start(start), outside, gradient)
         self.asked += 1
+        if answer is not None and self._is_good(answer):
+            return answer
+        return self._exact(point, raise_on_failure, gradient)
+
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "ignore") -> SeveralAnswers:
+        """Answer many parameters, (n, P): the reduced model all at once, the full one those that it must.
+
+        A model that grows answers one by one, since the new model answers what comes after it.
+        """
+        from hhr_dolfinx.models.many import ListedAnswers, PartedAnswers
+
+        check_outside(outside)
+        checked = self.parameters.points(points)
+        try:
+            many = self.reduced.solve_many(checked, raise_on_failure=False, outside=outside)
+            estimates = many.estimates()
+        except HHRError:  # one of them alone may be refused, or have no estimate
+            estimates = None
+        if estimates is None or self._rebuild is not None:
+            how: dict[str, Any] = {"raise_on_failure": raise_on_failure, "outside": outside}
+            return ListedAnswers(tuple(self.solve(point, **how) for point in checked))
+        good = np.maximum(estimates.primal_relative, estimates.dual_relative) <= self.tolerance
+        self.asked += len(checked)
+        exact = tuple(self._exact(point, raise_on_failure, gradient=False) for point in checked[~good])
+        parts = [(np.flatnonzero(good), many.take(good))] if good.any() else []
+        parts += [(np.flatnonzero(~good), ListedAnswers(exact))] if exact else []
+        return PartedAnswers.of(parts, np.where(good, 0, 1))
+
+    def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
+        """Solve along a path, each point like :meth:`solve`; see :func:`solve_along`."""
+        return solve_along(self, checked_path(self.parameters, path), settings)
+
+    def _reduced_answer(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer | None:
+        """What the reduced model says; None where it has no answer, whatever the reason."""
+        try:
+            return self.reduced.solve(point, start=start, raise_on_failure=False, outside=outside, gradient=gradient)
+        except OutsideTrainingError:
+            return None
+        except ParameterError:  # a start, or a word for ``outside``, that is invalid
+            raise
+        except HHRError as error:
+            _log.info("the full model is asked: %s", error)
+            return None
+
+    def _is_good(self, answer: Answer) -> bool:
+        """Whether an answer is known to be right to the tolerance."""
+        try:
+            estimate = answer.estimate()
+        except HHRError as error:
+            _log.info("the full model is asked: %s", error)
+            return False
+        # of a NaN neither is true
+        return estimate is not None and max(estimate.primal_relative, estimate.dual_relative) <= self.tolerance
+
+    def _own_start(self, start: Any) -> Any:
+        """Statuses for the reduced model: those of an answer of the full one, as along a path, may be too many."""
+        sizes = np.shape(start) if isinstance(start, np.ndarray) else None
+        own = getattr(self.reduced, "own_conditions", None)
+        return "nearest" if sizes == (self.full.conditions,) and own not in (None, self.full.conditions) else start
+
+    def _exact(self, point: np.ndarray, raise_on_failure: bool, gradient: bool) -> Answer:
+        """The answer of the full model, which is learned from."""
+        exact = self.full.solve(point, raise_on_failure=raise_on_failure, gradient=gradient)
         self.fallen += 1
         if exact.converged:
             self._learn(exact)
         return exact
-
-    def solve_many(self, points: Any, **how: Any) -> list[Answer]:
-        """Answer many parameters, (n, P), one by one, see :meth:`solve`; they are of two models."""
-        return [self.solve(point, **how) for point in self.parameters.points(points)]
 
     def _learn(self, exact: Answer) -> None:
         """Keep an answer, unless its point is known, and grow if it is time to."""
@@ -163,13 +230,14 @@ def _remedy(full: Any) -> str:
 
 
 def _check_alike(reduced: Any, full: Any) -> None:
-    """Check that a reduced model has a bound, and a full one is that of its scene: box, gaps, S and an answer.
+    """Check that a reduced model has a bound, and a full one is that of its scene: box, S and an answer.
 
     Raises:
         BoundError: for a reduced model whose answers have no bound.
         ReductionError: for what is no full model, or that of another scene.
     """
-    if getattr(getattr(reduced, "fields", None), "bound", None) is None:
+    bound = getattr(getattr(reduced, "fields", None), "bound", None)
+    if bound is None:
         held = getattr(getattr(full, "problem", None), "rigid", None) is not None
         why = ", since contact alone holds bodies" if held else ""
         raise BoundError(f"answers of this reduced model have no bound{why}, and nothing says when to ask the full one")
@@ -178,17 +246,14 @@ def _check_alike(reduced: Any, full: Any) -> None:
     one, other = reduced.parameters, full.parameters
     if [*one.names, *one.lower, *one.upper] != [*other.names, *other.lower, *other.upper]:
         raise ReductionError(f"the reduced model has the parameters {one}, and the full one {other}")
-    for mine, exact in ((reduced.fields.gaps, full.problem.gaps), (reduced.fields.bound.schur, full.schur)):
-        if mine.shape != exact.shape or np.abs(mine - exact).max() > ALIKE * np.abs(exact).max():
-            raise ReductionError(
-                f"the full model is that of another scene or mesh: its gaps or its stiffness differ{_remedy(full)}"
-            )
+    if bound.schur.shape != full.schur.shape or np.abs(bound.schur - full.schur).max() > ALIKE * full.schur.max():
+        raise ReductionError(f"the full model is that of another scene or mesh: its stiffness differs{_remedy(full)}")
     point = one.random(1, seed=1)[0]
     answer, problem = full.solve(point, raise_on_failure=False), full.problem.at(point)
     if answer.converged:
         slack = problem.gaps @ problem.theta(point) - problem.contact @ answer.unknown
-        found = reduced.fields.bound.at(point[None], reduced.fields.amplitudes(point)).slack(answer.forces()[None])[0]
+        found = bound.at(point[None], reduced.fields.amplitudes(point)).slack(answer.forces()[None])[0]
         if np.abs(found - slack).max() > ALIKE * max(np.abs(found).max(), np.abs(problem.gaps).max()):
             raise ReductionError(
-                f"the full model is that of another scene: its loads or its materials differ{_remedy(full)}"
+                f"the full model is that of another scene: its gaps, its loads or its materials differ{_remedy(full)}"
             )

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes
-from hhr_dolfinx.errors import HHRError
+from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer import Answer, ElasticFields
 from hhr_dolfinx.models.interpolation import Interpolant
 
@@ -313,6 +313,8 @@ class InterpolatedFields(ElasticFields):
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """V gamma and the lift, (N,)."""
+        if not answer.converged:
+            return np.full(len(self.basis), np.nan)
         gamma = self.galerkin(answer.parameter).unknown(answer.multipliers)
         return self.basis @ gamma + self.lifts @ self.amplitudes(answer.parameter)
 
@@ -320,10 +322,10 @@ class InterpolatedFields(ElasticFields):
         """Stress in the middle of each cell, Kelvin's notation.
 
         Raises:
-            HHRError: for a model without a mesh.
+            NotOfferedError: by a model without a mesh.
         """
         if self.stress_of is None:
-            raise HHRError("this model keeps no mesh, and stress needs one: full.stress_of(displacement, mu)")
+            raise NotOfferedError("this model keeps no mesh, and stress needs one: full.stress_of(displacement, mu)")
         return self.stress_of(self.displacement(answer), answer.parameter)
 
     @cached_property

@@ -7,8 +7,7 @@ the answer with the smaller estimate of its error is taken.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +16,6 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.answer import Answer, History, Path, WithOutputs
 from hhr_dolfinx.models.choice import LEAF, Choice
-from hhr_dolfinx.models.error_bound import Estimates
 from hhr_dolfinx.models.fallback import ALIKE
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
 from hhr_dolfinx.models.reconstruct import Reconstruction
@@ -26,7 +24,7 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedRange
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.many import ManyAnswers
+    from hhr_dolfinx.models.many import PartedAnswers
 
 
 class SeveralModels(WithOutputs):
@@ -142,9 +140,9 @@ class LocalModels(SeveralModels):
         # what is of no model is for the model to refuse
         return "nearest" if foreign and statuses.size in sizes else start
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> LocalAnswers:
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> PartedAnswers:
         """Answer many parameters, (n, P): those of one model together, see :meth:`CondensedModel.solve_many`."""
-        from hhr_dolfinx.models.many import checked_points
+        from hhr_dolfinx.models.many import PartedAnswers, checked_points
 
         checked = checked_points(self.parameters, points)
         number, other = self.choice.many(checked)
@@ -155,81 +153,11 @@ class LocalModels(SeveralModels):
             rows = np.flatnonzero(number == asked)
             how = {"raise_on_failure": raise_on_failure, "outside": outside}
             found.append((rows, self.models[asked].solve_many(checked[rows], **how)))
-        return LocalAnswers.of(found, number)
+        return PartedAnswers.of(found, number)
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
         """Solve along a path, each point by the model of its part; see :func:`solve_along`."""
         return solve_along(self, checked_path(self.parameters, path), settings)
-
-
-@dataclass(frozen=True)
-class LocalAnswers:
-    """Answers of local models to many parameters, in their order; ``answers[k]`` is one, like any :class:`Answer`.
-
-    Attributes:
-        points: parameters, (n, P).
-        model: number of the model that answered each, (n,) int.
-        status: why each search stopped.
-        iterations: equality problems solved for each, (n,).
-        parts: rows and answers of each model that was asked.
-    """
-
-    points: np.ndarray
-    model: np.ndarray
-    status: list[Status]
-    iterations: np.ndarray
-    parts: tuple[tuple[np.ndarray, ManyAnswers], ...]
-
-    @classmethod
-    def of(cls, parts: list[tuple[np.ndarray, ManyAnswers]], model: np.ndarray) -> LocalAnswers:
-        """Of the answers of each model to its rows, one or more, and the numbers of the models by row."""
-        count = len(model)
-        points, iterations = np.empty((count, parts[0][1].points.shape[1])), np.zeros(count, dtype=np.int64)
-        status = [Status.CONVERGED] * count
-        for rows, many in parts:
-            points[rows], iterations[rows] = many.points, many.iterations
-            for row, found in zip(rows, many.status, strict=True):
-                status[row] = found
-        return cls(points, model, status, iterations, tuple(parts))
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-    def __getitem__(self, k: int) -> Answer:
-        """The answer to a point."""
-        k = range(len(self))[k]
-        for rows, many in self.parts:
-            place = int(np.searchsorted(rows, k))
-            if place < rows.size and rows[place] == k:
-                return many[place]
-        raise IndexError(k)
-
-    def __iter__(self) -> Iterator[Answer]:
-        return (self[k] for k in range(len(self)))
-
-    def estimates(self) -> Estimates | None:
-        """See :meth:`ManyAnswers.estimates`."""
-        found = [(rows, many.estimates()) for rows, many in self.parts]
-        known = [(rows, one) for rows, one in found if one is not None]
-        if not known:
-            return None
-        names = ("primal", "dual", "primal_relative", "dual_relative")
-        numbers = np.full((len(names), len(self)), np.nan)
-        for rows, one in known:
-            numbers[:, rows] = [getattr(one, name) for name in names]
-        return Estimates(" and ".join(sorted({one.kind for _, one in known})), *numbers)
-
-    def outputs(self) -> dict[str, np.ndarray]:
-        """See :meth:`ManyAnswers.outputs`."""
-        return self._gathered([(rows, many.outputs()) for rows, many in self.parts])
-
-    def _gathered(self, found: list[tuple[np.ndarray, dict[str, np.ndarray]]]) -> dict[str, np.ndarray]:
-        """Columns by name in the order of the points."""
-        columns = {name: np.full(len(self), np.nan) for name in found[0][1]}
-        for rows, part in found:
-            for name, values in part.items():
-                columns[name][rows] = values
-        return columns
 
 
 def _check_alike(models: Sequence[ReducedModel], choice: Choice) -> None:

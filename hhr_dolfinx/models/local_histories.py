@@ -20,6 +20,7 @@ import numpy as np
 from hhr_dolfinx.errors import ParameterError, ReductionError
 from hhr_dolfinx.materials.update import Material, State
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Path
+from hhr_dolfinx.models.condensed import checked_start
 from hhr_dolfinx.models.equilibrium import Diverged, Goal, Stepper
 from hhr_dolfinx.models.local import SeveralModels
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient
@@ -96,7 +97,8 @@ class LocalHistories(SeveralModels):
         gradient: bool = False,
         **step: Any,
     ) -> Answer:
-        """Answer of one step from rest, see :func:`one_step`."""
+        """Answer of one step from rest, see :func:`one_step`; it knows no ``start`` but what is checked."""
+        checked_start(start, self.equilibrium.conditions)
         refuse_gradient(gradient)
         return one_step(self, mu, raise_on_failure, outside, **step)
 

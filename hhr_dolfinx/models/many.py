@@ -26,9 +26,88 @@ BLOCK = 1024
 """Points whose unknown is made at once, so that what is made on the way stays small beside the answers."""
 
 
+class SeveralAnswers:
+    """Answers to several parameters, in their order; ``answers[k]`` is one of them, like any :class:`Answer`.
+
+    Attributes:
+        points: parameters, (n, P).
+        status: why each search stopped.
+        iterations: equality problems solved for each, or iterations of a step, (n,).
+    """
+
+    points: np.ndarray
+    status: list[Status]
+    iterations: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __getitem__(self, k: int) -> Answer:
+        raise NotImplementedError
+
+    def __iter__(self) -> Iterator[Answer]:
+        return (self[k] for k in range(len(self)))
+
+    @property
+    def converged(self) -> np.ndarray:
+        """Which of them are solutions, (n,) bool."""
+        return np.array([status is Status.CONVERGED for status in self.status], dtype=bool)
+
+    def take(self, rows: np.ndarray) -> SeveralAnswers:
+        """Those of some rows, by numbers or a mask."""
+        return ListedAnswers(tuple(self[k] for k in np.arange(len(self))[rows].tolist()))
+
+    def forces(self) -> np.ndarray:
+        """Contact forces on the whole surface, (n, N_lambda); NaN without an answer."""
+        return np.array([answer.forces() for answer in self])
+
+    def estimates(self) -> Estimates | None:
+        """What is known of the errors, as :meth:`Answer.estimate`; None where nothing is."""
+        return Estimates.of([answer.estimate() for answer in self])
+
+    def outputs(self) -> dict[str, np.ndarray]:
+        """Outputs of the scene by name, (n,) each; NaN without an answer.
+
+        Raises:
+            HHRError: if the scene has none.
+        """
+        found = [answer.outputs() for answer in self]
+        return {name: np.array([outputs[name] for outputs in found]) for name in found[0].keys()}
+
+
 @dataclass(frozen=True)
-class ManyAnswers:
-    """Answers to many parameters, in their order; ``answers[k]`` is one of them, like any :class:`Answer`.
+class ListedAnswers(SeveralAnswers):
+    """Answers found one by one, each with all that it has: a state where bodies flow, fields of a model of its own.
+
+    Attributes:
+        answers: one or more.
+    """
+
+    answers: tuple[Answer, ...]
+
+    def __getitem__(self, k: int) -> Answer:
+        """The answer to a point."""
+        return self.answers[k]
+
+    @property
+    def points(self) -> np.ndarray:  # type: ignore[override]
+        """Parameters, (n, P)."""
+        return np.array([answer.parameter for answer in self.answers])
+
+    @property
+    def status(self) -> list[Status]:  # type: ignore[override]
+        """Why each search stopped."""
+        return [answer.status for answer in self.answers]
+
+    @property
+    def iterations(self) -> np.ndarray:  # type: ignore[override]
+        """Iterations of each, (n,)."""
+        return np.array([answer.iterations for answer in self.answers])
+
+
+@dataclass(frozen=True)
+class ManyAnswers(SeveralAnswers):
+    """Answers of one model in which nothing flows to many parameters, as arrays.
 
     Attributes:
         points: parameters, (n, P).
@@ -48,16 +127,10 @@ class ManyAnswers:
     iterations: np.ndarray
     fields: Fields
 
-    def __len__(self) -> int:
-        return len(self.points)
-
     def __getitem__(self, k: int) -> Answer:
         """The answer to a point."""
         own = self.points[k], self.unknown[k], self.multipliers[k], self.active[k]
         return Answer(*own, int(self.iterations[k]), self.status[k], False, self.fields)
-
-    def __iter__(self) -> Iterator[Answer]:
-        return (self[k] for k in range(len(self)))
 
     @classmethod
     def of(cls, answers: list[Answer], fields: Fields) -> ManyAnswers:
@@ -69,26 +142,99 @@ class ManyAnswers:
         status, iterations = [answer.status for answer in answers], np.array([answer.iterations for answer in answers])
         return cls(points, unknown, forces, active, status, iterations, fields)
 
+    def take(self, rows: np.ndarray) -> ManyAnswers:
+        """Those of some rows, by numbers or a mask."""
+        own = self.points[rows], self.unknown[rows], self.multipliers[rows], self.active[rows]
+        status = [self.status[k] for k in np.arange(len(self))[rows].tolist()]
+        return ManyAnswers(*own, status, self.iterations[rows], self.fields)
+
+    def forces(self) -> np.ndarray:
+        """Contact forces on the whole surface, (n, N_lambda), for the caller to change; NaN without an answer."""
+        quick = getattr(self.fields, "many_forces", None)
+        return super().forces() if quick is None else quick(self)
+
     def estimates(self) -> Estimates | None:
         """What is known of the errors, as :meth:`Answer.estimate`; None where nothing is."""
         quick = getattr(self.fields, "estimates", None)
         found = None if quick is None else quick(self)
-        return Estimates.of([answer.estimate() for answer in self]) if found is None else found
+        return super().estimates() if found is None else found
+
+
+@dataclass(frozen=True)
+class PartedAnswers(SeveralAnswers):
+    """Answers of several models to many parameters, each of the model that was asked.
+
+    Attributes:
+        points: parameters, (n, P).
+        model: number of the model that answered each, (n,) int.
+        status: why each search stopped.
+        iterations: equality problems solved for each, (n,).
+        parts: rows and answers of each model that was asked.
+    """
+
+    points: np.ndarray
+    model: np.ndarray
+    status: list[Status]
+    iterations: np.ndarray
+    parts: tuple[tuple[np.ndarray, SeveralAnswers], ...]
+
+    @classmethod
+    def of(cls, parts: list[tuple[np.ndarray, SeveralAnswers]], model: np.ndarray) -> PartedAnswers:
+        """Of the answers of each model to its rows, one or more, and the numbers of the models by row."""
+        count = len(model)
+        points, iterations = np.empty((count, parts[0][1].points.shape[1])), np.zeros(count, dtype=np.int64)
+        status = [Status.CONVERGED] * count
+        for rows, many in parts:
+            points[rows], iterations[rows] = many.points, many.iterations
+            for row, found in zip(rows, many.status, strict=True):
+                status[row] = found
+        return cls(points, model, status, iterations, tuple(parts))
+
+    def __getitem__(self, k: int) -> Answer:
+        """The answer to a point."""
+        k = range(len(self))[k]
+        for rows, many in self.parts:
+            place = int(np.searchsorted(rows, k))
+            if place < rows.size and rows[place] == k:
+                return many[place]
+        raise IndexError(k)
+
+    def forces(self) -> np.ndarray:
+        """See :meth:`SeveralAnswers.forces`."""
+        found = [(rows, many.forces()) for rows, many in self.parts]
+        forces = np.empty((len(self), found[0][1].shape[1]))
+        for rows, part in found:
+            forces[rows] = part
+        return forces
+
+    def estimates(self) -> Estimates | None:
+        """See :meth:`ManyAnswers.estimates`."""
+        found = [(rows, many.estimates()) for rows, many in self.parts]
+        known = [(rows, one) for rows, one in found if one is not None]
+        if not known:
+            return None
+        names = ("primal", "dual", "primal_relative", "dual_relative")
+        numbers = np.full((len(names), len(self)), np.nan)
+        for rows, one in known:
+            numbers[:, rows] = [getattr(one, name) for name in names]
+        return Estimates(" and ".join(sorted({one.kind for _, one in known})), *numbers)
 
     def outputs(self) -> dict[str, np.ndarray]:
-        """Outputs of the scene by name, (n,) each; NaN without an answer.
+        """See :meth:`ManyAnswers.outputs`."""
+        return self._gathered([(rows, many.outputs()) for rows, many in self.parts])
 
-        Raises:
-            HHRError: if the scene has none.
-        """
-        found = [answer.outputs() for answer in self]
-        return {name: np.array([outputs[name] for outputs in found]) for name in found[0].keys()}
+    def _gathered(self, found: list[tuple[np.ndarray, dict[str, np.ndarray]]]) -> dict[str, np.ndarray]:
+        """Columns by name in the order of the points."""
+        columns = {name: np.full(len(self), np.nan) for name in found[0][1]}
+        for rows, part in found:
+            for name, values in part.items():
+                columns[name][rows] = values
+        return columns
 
 
-def one_by_one(model: Any, table: Any, how: dict[str, Any]) -> ManyAnswers:
+def one_by_one(model: Any, table: Any, how: dict[str, Any]) -> ListedAnswers:
     """Answers of a model that has no faster way."""
-    points = model.parameters.points(table)
-    return ManyAnswers.of([model.solve(point, **how) for point in points], model.fields)
+    return ListedAnswers(tuple(model.solve(point, **how) for point in model.parameters.points(table)))
 
 
 def checked_points(space: ParameterSpace, table: Any) -> np.ndarray:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import ConvergenceError, ParameterError
+from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, ParameterError
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Model, Path
 from hhr_dolfinx.models.equilibrium import Equilibrium
 from hhr_dolfinx.parameters import ParameterSpace, is_whole
@@ -160,7 +160,10 @@ def solve_along(
 def refuse_gradient(wanted: bool) -> None:
     """Refuse the gradient of a single step of bodies that flow."""
     if wanted:
-        raise TypeError("solve of a scene in which bodies flow has no gradient")
+        raise NotOfferedError(
+            "a single step of bodies that flow has no gradient: how they flow depends on the path, along which there "
+            "is one: march(path, MarchSettings(gradient=True))"
+        )
 
 
 def one_step(

@@ -162,6 +162,11 @@ class Reconstruction:
     reshaped_contact: Interpolant | None = None
     output_bound: OutputBound | None = None
 
+    @property
+    def conditions(self) -> int:
+        """Number of conditions on the whole contact surface, N_lambda."""
+        return len(self.gaps)
+
     def contact_at(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gaps, (N_lambda, 1 + T), and B V, (N_lambda, ell), at a point."""
         if self.reshaped_contact is None:

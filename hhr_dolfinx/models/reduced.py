@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.block_elimination import BlockElimination
     from hhr_dolfinx.models.cubature_flow import CubatureFlow
     from hhr_dolfinx.models.interpolated import Compliances
-    from hhr_dolfinx.models.many import ManyAnswers
+    from hhr_dolfinx.models.many import SeveralAnswers
     from hhr_dolfinx.models.reduced_flow import ProjectedEquilibrium, ReducedFlow
     from hhr_dolfinx.models.reshaped import ReshapedReduction
     from hhr_dolfinx.models.varying import VaryingModel
@@ -81,9 +81,7 @@ class ReducedModel(WithOutputs):
         self._elastic: CondensedModel | VaryingModel | None = None
         try:
             if flow is None:
-                # asked directly: a call less is a tenth of a query
                 self._elastic = self._eliminated(factorise)
-                self.solve = self._elastic.solve  # type: ignore[method-assign, assignment]
             else:
                 self.equilibrium = flow.equilibrium(problem, parameters, fields)
                 self.equilibrium.trained = trained if isinstance(trained, TrainedPaths) else None
@@ -96,9 +94,9 @@ class ReducedModel(WithOutputs):
         return _restored, given
 
     @property
-    def dimension(self) -> int:
-        """Components of the displacement at a node."""
-        return self.fields.dimension
+    def own_conditions(self) -> int:
+        """Number of conditions of the RID, whose forces an answer has as multipliers."""
+        return len(self.problem.gaps)
 
     def changed(self, **parts: Any) -> ReducedModel:
         """The same model with some parts in the place of its own, by the names of its arguments."""
@@ -116,21 +114,23 @@ class ReducedModel(WithOutputs):
         gradient: bool = False,
         **step: Any,
     ) -> Answer:
-        """Solve for one parameter, see :meth:`Model.solve`; where bodies flow, as here, in one step from rest.
+        """Solve for one parameter, see :meth:`Model.solve`; where bodies flow, in one step from rest.
 
         Such a step knows no ``start``; ``step`` may hold its ``duration``, see :func:`one_step`.
         """
+        if self._elastic is not None:
+            return self._elastic.solve(
+                mu, start=start, raise_on_failure=raise_on_failure, outside=outside, gradient=gradient, **step
+            )
         checked_start(start, len(self.problem.gaps))
         refuse_gradient(gradient)
         return one_step(self, mu, raise_on_failure, outside, **step)
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> ManyAnswers:
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> SeveralAnswers:
         """Answer many parameters, (n, P), see :meth:`CondensedModel.solve_many`; where bodies flow one by one."""
-        if self._elastic is not None:
-            return self._elastic.solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
-        from hhr_dolfinx.models.many import one_by_one
-
-        return one_by_one(self, points, {"raise_on_failure": raise_on_failure, "outside": outside})
+        if self._elastic is None:
+            return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
+        return self._elastic.solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
         """Solve a history from rest, see :meth:`Model.march`."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -16,8 +17,9 @@ import numpy as np
 
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
 from hhr_dolfinx.contact.floating import FloatingEqualities, floating_set
+from hhr_dolfinx.errors import NotSolvableError, ParameterError
 from hhr_dolfinx.linear.dense import LapackLU
-from hhr_dolfinx.models.answer import Answer, Fields, History, Path, WithOutputs, found_as, outcome
+from hhr_dolfinx.models.answer import Answer, Fields, History, Path, WithOutputs, found_as, outcome, unanswered
 from hhr_dolfinx.models.condensed import KnownStatuses, checked_start
 from hhr_dolfinx.models.gradient import Gradient, gradient_of, grazing
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
@@ -25,7 +27,7 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedRange, check_outside
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.many import ManyAnswers
+    from hhr_dolfinx.models.many import SeveralAnswers
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,6 +170,16 @@ class VaryingModel(WithOutputs):
         given = self.parameters, self.eliminated, self.known, self.fields, self.pairs, self.trained, dict(self._advice)
         return type(self), given
 
+    @property
+    def conditions(self) -> int:
+        """Number of conditions, all of which are kept."""
+        return self._m
+
+    @cached_property
+    def _sizes(self) -> tuple[int, int]:
+        """Numbers of unknowns and of conditions of an answer."""
+        return self.eliminated(self.known.points[0]).unknown(np.zeros(self._m)).size, self._m
+
     def solve(
         self,
         mu: Any,
@@ -185,16 +197,23 @@ class VaryingModel(WithOutputs):
         start = checked_start(start, self._m)
         if isinstance(start, str):
             start = self.known.start(point)
-        answer = answer_of(self.eliminated(point), point, start, self._pairs, self.fields, gradient=gradient)
+        try:
+            eliminated = self.eliminated(point)
+        except (NotSolvableError, ParameterError):
+            # a singular stiffness, or a shape at which surfaces slide off what the model knows
+            if raise_on_failure:
+                raise
+            return unanswered(point, self._sizes, self.fields)
+        answer = answer_of(eliminated, point, start, self._pairs, self.fields, gradient=gradient)
         return outcome(answer, raise_on_failure, self._advice)
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> ManyAnswers:
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> SeveralAnswers:
         """Answer many parameters, (n, P); neighbours that share their stiffness share S and its factors."""
-        from hhr_dolfinx.models.many import ManyAnswers, one_by_one
+        from hhr_dolfinx.models.many import ManyAnswers
 
         eliminated: Any = self.eliminated
         if not hasattr(eliminated, "stiffness_axes"):
-            return one_by_one(self, points, {"raise_on_failure": raise_on_failure, "outside": outside})
+            return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
         check_outside(outside)
         answers, before, equalities = [], None, None
         for point in self.parameters.points(points):
@@ -203,7 +222,14 @@ class VaryingModel(WithOutputs):
             if before is not None and eliminated.same_stiffness(before.point, point):
                 before = eliminated.moved_to(before, point)
             else:
-                before = eliminated(point)
+                try:
+                    before = eliminated(point)
+                except (NotSolvableError, ParameterError):
+                    if raise_on_failure:
+                        raise
+                    before = None
+                    answers.append(unanswered(point, self._sizes, self.fields))
+                    continue
                 equalities = equalities_of(before)
             start, how = self.known.start(point), (self._pairs, self.fields)
             answer = answer_of(before, point, start, *how, gradient=False, equalities=equalities)

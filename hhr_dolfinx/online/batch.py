@@ -1,14 +1,13 @@
-"""Batches: many parameters answered as arrays, spread over the ranks; and tables of text at the edge of that.
+"""Batches: many parameters answered as arrays, block by block, spread over the ranks.
 
-A parameter that has no answer gets a reason and does not stop the others.
+A parameter that has no answer gets a reason and does not stop the others. Tables of text are in ``tables``.
 """
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import nullcontext
-from pathlib import Path
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,32 +15,26 @@ import numpy as np
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import HHRError, ParameterError
-from hhr_dolfinx.files import replacing
+from hhr_dolfinx.models.answer import Answer, WithOutputs
 from hhr_dolfinx.models.choice import LEAF
 from hhr_dolfinx.models.fallback import FallbackModel
 from hhr_dolfinx.models.local import LocalModels
-from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.models.many import ListedAnswers, SeveralAnswers
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.timing import timed
-from hhr_dolfinx.trained import check_outside
+from hhr_dolfinx.trained import TrainedRange, check_outside
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
-    from rich.console import Console
 
     from hhr_dolfinx.models.error_bound import Estimate
 
 Progress = Callable[[Iterable], Iterable]
 """Wraps an iteration, for a progress bar."""
 
-Answering = ReducedModel | LocalModels | FallbackModel
-"""What answers tables."""
-
-PARQUET = ".parquet"
-"""Ending of tables that are no text."""
+BLOCK = 1000
+"""Points answered at once: more are no quicker and take more memory, and a run that is killed loses a few at most."""
 OK = "ok"
 """Status of a row that has an answer."""
-_STATUS = "status"
 
 
 class Answers(NamedTuple):
@@ -50,72 +43,63 @@ class Answers(NamedTuple):
     Attributes:
         points: parameters, (S, P).
         status: ``ok``, or why there is no answer.
-        largest_displacement: of any node, (S,).
         forces: nodal contact forces on the whole surface, (S, N_lambda).
         outputs: those of the scene by the head of their column, ``name [unit]``, (S,) each.
         estimates: what is known of the errors, by the head of their column, (S,) each: ``displacement`` and ``forces``
             relative to the exact ones, ``bound of``, ``estimate of`` or ``indicator of`` before them, and bounds of
             outputs in their units; NaN where nothing is. None of a model that estimates nothing.
+        largest_displacement: of any node, (S,); None where it was not asked for, since it needs the whole field.
         fell_back: whether the full model answered, (S,) bool; None of a model that cannot fall back.
         model: number of the local model that answered, (S,) int; -1 where none of them did. None of a single model.
     """
 
     points: np.ndarray
     status: list[str]
-    largest_displacement: np.ndarray
     forces: np.ndarray
     outputs: Mapping[str, np.ndarray] = MappingProxyType({})
     estimates: Mapping[str, np.ndarray] = MappingProxyType({})
+    largest_displacement: np.ndarray | None = None
     fell_back: np.ndarray | None = None
     model: np.ndarray | None = None
 
+    @classmethod
+    def joined(cls, parts: list[Answers]) -> Answers:
+        """Those of several blocks, one or more, in their order."""
 
-class _Row(NamedTuple):
-    """Answer to one point: as in :class:`Answers`, with the values of outputs and estimates."""
+        def whole(name: str) -> Any:
+            found = [getattr(part, name) for part in parts]
+            if found[0] is None:
+                return None
+            if isinstance(found[0], Mapping):
+                return {key: np.concatenate([item[key] for item in found]) for key in found[0]}
+            return [text for item in found for text in item] if name == "status" else np.concatenate(found)
 
-    status: str
-    largest: float
-    forces: np.ndarray
-    outputs: list[float]
-    estimates: list[float]
-    fell_back: bool
-    model: int
-
-
-class TableRow(NamedTuple):
-    """One row of a table of parameters.
-
-    Attributes:
-        line: number of its line in the file, from 1; the header counts.
-        cells: parameters as text, in the order of the space.
-        fault: what is wrong with the row as such, or nothing.
-    """
-
-    line: int
-    cells: list[str]
-    fault: str = ""
+        return cls(*(whole(name) for name in cls._fields))
 
 
 def answer_points(
-    model: Answering,
+    model: WithOutputs,
     points: np.ndarray,
     comm: Comm | None = None,
     progress: Progress = iter,
     outside: str = "refuse",
+    *,
+    displacement: bool = False,
 ) -> Answers | None:
     """Answer every point, (S, P), with contact forces on the whole surface; None on all ranks but the first.
 
-    Each rank takes a block of them: queries take about the same time, so that nothing is gained by handing them out
+    Each rank takes a part of them: queries take about the same time, so that nothing is gained by handing them out
     one by one.
 
     Args:
-        model: the reduced model, or several local ones, the same on all ranks, as the points; or one that falls back
-            on a full model of its rank, and grows there by what its rank asks.
+        model: any model that answers points, the same on all ranks, as the points; one that falls back on a full model
+            has that of its rank, and grows there by what its rank asks.
         points: (S, P).
         comm: communicator over which they are spread; None for this process alone, which needs no MPI.
-        progress: wraps the iteration, for a progress bar.
+        progress: wraps the iteration over blocks, for a progress bar.
         outside: see :meth:`Model.solve`; batches are read by those who see no warnings, so that rows outside what was
             trained are refused unless asked for otherwise.
+        displacement: whether the largest displacement of any node is wanted, for which each field is made.
 
     Raises:
         ParameterError: for what is no table of points, or an unknown ``outside``.
@@ -125,139 +109,149 @@ def answer_points(
     with nullcontext() if comm is None else ranks.each_for_itself(comm, "answering the table"):
         check_outside(outside)
         points = _table(points, model.parameters)
-        mine = np.array_split(np.arange(len(points)), size)[rank]
-        heads = _heads_of(model), _estimate_heads(model)
-        rows = [_answer(model, points[k], outside, *heads) for k in progress(mine)]
-    parts = [rows] if comm is None else comm.gather(rows, root=0)
-    if parts is None:
-        return None
-    every = [row for part in parts for row in part]
-    status, largest, forces, *others, fallen, numbers = zip(*every, strict=True) if every else ((),) * len(_Row._fields)
-    count = len(points)
-    outputs, estimates = (
-        dict(zip(names, np.array(values).reshape(count, len(names)).T, strict=True))
-        for names, values in zip(heads, others, strict=True)
-    )
-    fell_back = np.array(fallen, dtype=bool) if isinstance(model, FallbackModel) else None
-    local = np.array(numbers, dtype=np.int64) if isinstance(_reduced(model), LocalModels) else None
-    table = np.array(forces).reshape(count, _forces_of(model))
-    return Answers(points, list(status), np.array(largest), table, outputs, estimates, fell_back, local)
+        query = Query(model, outside, displacement)
+        mine = np.array_split(points, size)[rank]
+        blocks = [mine[first : first + BLOCK] for first in range(0, max(len(mine), 1), BLOCK)]
+        answers = Answers.joined([query(block) for block in progress(blocks)])
+    parts = [answers] if comm is None else comm.gather(answers, root=0)
+    return None if parts is None else Answers.joined(parts)
 
 
-def read_points(path: str | Path, space: ParameterSpace) -> list[TableRow]:
-    """Rows of a CSV file (UTF-8, commas) whose header names the parameters; empty lines are left out. Or of Parquet.
+@dataclass(frozen=True)
+class Query:
+    """Answers blocks of points with all that a table says of them.
 
-    Raises:
-        ParameterError: if the file is missing, cannot be read, or its header does not name each parameter once.
+    Attributes:
+        model: see :func:`answer_points`.
+        outside: see there.
+        displacement: see there.
     """
-    if Path(path).suffix == PARQUET:
-        from hhr_dolfinx.online.parquet import read_columns
 
-        return [TableRow(k, row) for k, row in enumerate(read_columns(Path(path), space.names), start=2)]
-    try:
-        # with or without the byte-order mark that spreadsheets write
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file, skipinitialspace=True)
-            rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if row not in ([], [""])]
-    except FileNotFoundError:
-        raise ParameterError(f"there is no table of parameters {path}") from None
-    except (OSError, ValueError, csv.Error) as error:
-        raise ParameterError(f"{path} cannot be read as a table of UTF-8 text ({error})") from error
-    header = rows[0][1] if rows else []
-    wrong = sorted(name for name in space.names if header.count(name) != 1)
-    if wrong:
-        raise ParameterError(
-            f"{path} has no column {wrong} or has it twice: its header must name {space.names}, separated by commas"
-        )
-    columns = [header.index(name) for name in space.names]
-    return [_row(line, cells, columns, len(header)) for line, cells in rows[1:]]
+    model: WithOutputs
+    outside: str
+    displacement: bool = False
 
+    @property
+    def names(self) -> list[str]:
+        """Names of the outputs of the scene."""
+        functionals = getattr(self.model.fields, "functionals", None)
+        return [] if functionals is None else [item.name for item in functionals.items]
 
-def answer_table(
-    model: Answering,
-    rows: Sequence[TableRow],
-    path: str | Path,
-    console: Console,
-    progress: Progress = iter,
-) -> int:
-    """Answer a table on all ranks, write it as CSV on the first one, and print the bad rows with their reasons.
+    @property
+    def heads(self) -> list[str]:
+        """Heads of their columns."""
+        functionals = getattr(self.model.fields, "functionals", None)
+        items = () if functionals is None else functionals.items
+        return [f"{item.name} [{item.unit}]" if item.unit else item.name for item in items]
 
-    Returns:
-        On all ranks the number of rows without an answer.
+    @property
+    def estimate_heads(self) -> list[str]:
+        """Heads of the columns of estimates; none where nothing is estimated."""
+        fields = self.model.fields
+        # fields of models that keep all contact conditions, or of a rival, know of no estimates
+        bound, of_outputs, indicator = (getattr(fields, name, None) for name in ("bound", "output_bound", "indicator"))
+        if bound is not None:
+            heads = self.heads if of_outputs else []
+            return [f"{bound.kind} of {name}" for name in ("displacement", "forces", *heads)]
+        return [] if indicator is None else ["indicator of displacement", "indicator of forces"]
 
-    Raises:
-        FileError: if the answers cannot be written.
-        HHRError: on all ranks, if anything but a row went wrong on another one.
-    """
-    from mpi4py import MPI
+    def __call__(self, points: np.ndarray) -> Answers:
+        """Answers to some points, (n, P), any of which may have none."""
+        status, columns = self._faults(points), self._blank(len(points))
+        left = np.flatnonzero([text == OK for text in status])
+        try:
+            many = self.model.solve_many(points[left], raise_on_failure=False, outside=self.outside)
+            solved = many.converged
+            self._fill(columns, left[solved], many.take(solved))
+            left = left[~solved]
+        except HHRError:  # refused for one of them: for which, and why, is told one by one
+            pass
+        for k in left:
+            try:
+                self._fill(columns, np.array([k]), ListedAnswers((self.model.solve(points[k], outside=self.outside),)))
+            except HHRError as error:  # what a row may do; anything else is a fault of the program and ends the run
+                status[k] = str(error)
+        outputs = {head: columns.pop(head) for head in self.heads}
+        estimates = {head: columns.pop(head) for head in self.estimate_heads}
+        return Answers(points, status, outputs=outputs, estimates=estimates, **columns)
 
-    comm, space = MPI.COMM_WORLD, model.parameters
-    numbers = [_numbers(row, space) for row in rows]
-    points = np.array([point for point, _ in numbers]).reshape(len(rows), len(space.names))
-    answers, seconds = timed(lambda: answer_points(model, points, comm, progress))
-    bad = 0
-    with ranks.each_for_itself(comm, "writing the answers"):
-        if answers is not None:
-            # a cell that is no number has a reason of its own
-            status = [fault or found for (_, fault), found in zip(numbers, answers.status, strict=True)]
-            bad = write_answers(path, space, answers._replace(status=status), [row.cells for row in rows])
-    bad = comm.bcast(bad)
-    if answers is not None:
-        fallen = "" if answers.fell_back is None else f" ({answers.fell_back.sum()} by the full model)"
-        done = f"{len(rows) - bad} answers{fallen} and {bad} bad rows on {comm.size} ranks in {seconds:.1f} s: {path}"
-        console.print(done, markup=False)
-        for row, why in zip(rows, status, strict=True):
-            if why != OK:
-                given = ", ".join(row.cells)
-                console.print(f"line {row.line} ({given}): {why}", highlight=False, markup=False)
-    return bad
+    def _faults(self, points: np.ndarray) -> list[str]:
+        """What is wrong with points before any is solved; ``ok`` for nothing."""
+        space, trained = self.model.parameters, getattr(self.model, "trained", None)
+        bad = ~((points >= space.lower) & (points <= space.upper)).all(axis=1)
+        if self.outside == "refuse" and isinstance(trained, TrainedRange):
+            bad |= ~((points >= trained.lower) & (points <= trained.upper)).all(axis=1)
+        status = [OK] * len(points)
+        for k in np.flatnonzero(bad):
+            try:
+                point = space.point(points[k])
+                if isinstance(trained, TrainedRange):
+                    trained.check(point, self.outside)
+            except HHRError as error:
+                status[k] = str(error)
+        return status
 
+    @property
+    def _reduced(self) -> Any:
+        """The reduced model or models, of one that falls back too."""
+        return self.model.reduced if isinstance(self.model, FallbackModel) else self.model
 
-def write_answers(
-    path: str | Path, space: ParameterSpace, answers: Answers, cells: Sequence[Sequence[str]] | None = None
-) -> int:
-    """Write answers as CSV with a header, or as Parquet; returns the number of rows that have none.
+    def _blank(self, count: int) -> dict[str, np.ndarray]:
+        """Columns by name, without a number yet."""
+        columns = {head: np.full(count, np.nan) for head in (*self.heads, *self.estimate_heads)}
+        columns["forces"] = np.full((count, self.model.conditions), np.nan)
+        if self.displacement:
+            columns["largest_displacement"] = np.full(count, np.nan)
+        if isinstance(self.model, FallbackModel):
+            columns["fell_back"] = np.zeros(count, dtype=bool)
+        if isinstance(self._reduced, LocalModels):
+            columns["model"] = np.full(count, LEAF, dtype=np.int64)
+        return columns
 
-    Args:
-        path: the file.
-        space: whose names head the columns of the parameters.
-        answers: what :func:`answer_points` returned.
-        cells: the parameters as they were given, as text; None writes the numbers.
+    def _fill(self, columns: dict[str, np.ndarray], rows: np.ndarray, many: SeveralAnswers) -> None:
+        """Put answers into some rows of the columns, all or, where one of them is refused, none."""
+        if not rows.size:
+            return
+        found: dict[str, Any] = {"forces": many.forces()}
+        if self.heads:
+            found |= dict(zip(self.heads, many.outputs().values(), strict=True))
+        if self.estimate_heads:
+            found |= dict(zip(self.estimate_heads, self._estimates(many), strict=True))
+        if "largest_displacement" in columns:
+            found["largest_displacement"] = [self._largest(answer) for answer in many]
+        if isinstance(self.model, FallbackModel):
+            found["fell_back"] = [self.model.fell_back(answer) for answer in many]
+        if "model" in columns:
+            found["model"] = [self._number(answer) for answer in many]
+        for name, values in found.items():
+            columns[name][rows] = values
 
-    Raises:
-        FileError: if the file cannot be written.
-    """
-    columns = _columns_of(answers)
-    if Path(path).suffix == PARQUET:
-        from hhr_dolfinx.online.parquet import write_columns
+    def _estimates(self, many: SeveralAnswers) -> np.ndarray:
+        """Values of the columns of estimates, (columns, n); NaN where nothing is known."""
+        outputs = len(self.estimate_heads) - 2
+        if outputs:
+            singles = [answer.estimate() for answer in many]
+            return np.array([self._estimate(one) for one in singles]).T
+        found = many.estimates()
+        if found is None:
+            return np.full((2, len(many)), np.nan)
+        return np.array([found.primal_relative, found.dual_relative])
 
-        named = dict(zip(space.names, answers.points.T, strict=True))
-        write_columns(Path(path), {**named, _STATUS: answers.status, **columns})
-        return sum(status != OK for status in answers.status)
-    given = answers.points.tolist() if cells is None else cells
-    with replacing(path, text=True) as file:
-        writer = csv.writer(file)
-        writer.writerow([*space.names, _STATUS, *columns])
-        for k, (row, status) in enumerate(zip(given, answers.status, strict=True)):
-            texts = (_text(column[k]) if status == OK else "" for column in columns.values())
-            writer.writerow([*row, status, *texts])
-    return sum(status != OK for status in answers.status)
+    def _estimate(self, estimate: Estimate | None) -> list[float]:
+        """Those of one answer, with bounds of outputs."""
+        if estimate is None:
+            return [np.nan] * len(self.estimate_heads)
+        bounds = (estimate.outputs.get(name, np.nan) for name in self.names)
+        return [estimate.primal_relative, estimate.dual_relative, *bounds]
 
+    def _largest(self, answer: Answer) -> float:
+        """Largest displacement of any node."""
+        return float(np.linalg.norm(answer.displacement().reshape(-1, self.model.dimension), axis=1).max())
 
-def _columns_of(answers: Answers) -> dict[str, np.ndarray]:
-    """Numbers of all rows by the heads of their columns, in their order."""
-    columns = {"largest_displacement": answers.largest_displacement, "total_force": answers.forces.sum(axis=1)}
-    columns |= {**answers.outputs, **answers.estimates}
-    if answers.fell_back is not None:
-        columns["fell_back"] = answers.fell_back.astype(float)
-    if answers.model is not None:
-        columns["model"] = np.where(answers.model == LEAF, np.nan, answers.model)
-    return columns | {f"force_{k}": force for k, force in enumerate(answers.forces.T)}
-
-
-def _text(value: float) -> str:
-    """A number with 12 digits, what different orders of summation leave alone; nothing for what is not known."""
-    return "" if np.isnan(value) else f"{value:.12g}"
+    def _number(self, answer: Answer) -> int:
+        """Number of the local model that gave an answer."""
+        fell_back = isinstance(self.model, FallbackModel) and self.model.fell_back(answer)
+        return LEAF if fell_back else self._reduced.model_of(answer)
 
 
 def _table(points: Any, space: ParameterSpace) -> np.ndarray:
@@ -271,85 +265,3 @@ def _table(points: Any, space: ParameterSpace) -> np.ndarray:
             f"points have the shape {table.shape}: give one row per point, a column for each of {space.names}"
         )
     return table
-
-
-def _row(line: int, cells: list[str], columns: list[int], width: int) -> TableRow:
-    """A row in the order of the parameters; cells behind the last may be decimal commas, which must not pass."""
-    fault = f"{len(cells)} cells where the header has {width}" if any(cells[width:]) else ""
-    padded = cells + [""] * width
-    return TableRow(line, [padded[column] for column in columns], fault)
-
-
-def _numbers(row: TableRow, space: ParameterSpace) -> tuple[list[float], str]:
-    """The point of a row, and what is wrong with its text; no point, NaN, where anything is."""
-    nothing = [np.nan] * len(space.names)
-    if row.fault:
-        return nothing, row.fault
-    point = []
-    for name, text in zip(space.names, row.cells, strict=True):
-        try:
-            point.append(float(text))
-        except ValueError:
-            return nothing, f"{name} is empty" if not text else f"{name} = '{text}' is no number"
-    return point, ""
-
-
-def _answer(model: Answering, point: np.ndarray, outside: str, heads: list[str], estimated: list[str]) -> _Row:
-    """Answer one point, with columns of outputs and of estimates."""
-    try:
-        answer = model.solve(point, outside=outside)
-        displacement, forces = answer.displacement(), answer.forces()
-        outputs = list(answer.outputs().values.values()) if heads else []
-        estimates = _estimates(model, answer.estimate() if estimated else None, len(estimated))
-    except HHRError as error:  # what a row may do; anything else is a fault of the program and ends the run
-        nothing = np.full(_forces_of(model), np.nan), [np.nan] * len(heads), [np.nan] * len(estimated)
-        return _Row(str(error), np.nan, *nothing, fell_back=False, model=LEAF)
-    reduced = _reduced(model)
-    largest = np.linalg.norm(displacement.reshape(-1, reduced.dimension), axis=1).max()
-    fell_back = isinstance(model, FallbackModel) and model.fell_back(answer)
-    number = reduced.model_of(answer) if isinstance(reduced, LocalModels) and not fell_back else LEAF
-    return _Row(OK, largest, forces, outputs, estimates, fell_back, number)
-
-
-def _reduced(model: Answering) -> ReducedModel | LocalModels:
-    """The reduced model or models, of one that falls back too."""
-    return model.reduced if isinstance(model, FallbackModel) else model
-
-
-def _outputs_of(model: Answering) -> dict[str, str]:
-    """Heads of the columns of the outputs, by name."""
-    functionals = _reduced(model).fields.functionals
-    items = () if functionals is None else functionals.items
-    return {item.name: f"{item.name} [{item.unit}]" if item.unit else item.name for item in items}
-
-
-def _heads_of(model: Answering) -> list[str]:
-    """Heads of the columns of the outputs."""
-    return list(_outputs_of(model).values())
-
-
-def _estimate_heads(model: Answering) -> list[str]:
-    """Heads of the columns of estimates; none where nothing is estimated, or nothing but steps of histories."""
-    fields = _reduced(model).fields
-    # fields of models that keep all contact conditions, or of a rival, know of no estimates
-    bound, of_outputs, indicator = (getattr(fields, name, None) for name in ("bound", "output_bound", "indicator"))
-    if bound is not None:
-        return [
-            f"{bound.kind} of {name}" for name in ("displacement", "forces", *(_heads_of(model) if of_outputs else []))
-        ]
-    return [] if indicator is None else ["indicator of displacement", "indicator of forces"]
-
-
-def _estimates(model: Answering, estimate: Estimate | None, count: int) -> list[float]:
-    """Values of the columns of estimates; NaN of outputs without a bound."""
-    if estimate is None:
-        return [np.nan] * count
-    values = [estimate.primal_relative, estimate.dual_relative]
-    if count > len(values):
-        values += [estimate.outputs.get(name, np.nan) for name in _outputs_of(model)]
-    return values
-
-
-def _forces_of(model: Answering) -> int:
-    """Number of conditions on the whole contact surface."""
-    return len(_reduced(model).fields.gaps)

@@ -9,12 +9,14 @@ import numpy as np
 from hhr_dolfinx.parameters import ParameterSpace
 
 FORMAT, VERSION = "hhr_dolfinx reduced model", 11
-CONDENSED, CONDENSED_VERSION = "hhr_dolfinx condensed model", 2
-"""Format of files of interpolated condensation, see ``varying_file``."""
+CONDENSED, CONDENSED_VERSION = "hhr_dolfinx condensed model", 3
+"""Format of files of condensation, exact or interpolated, see ``varying_file``."""
 CONDENSED_FLOW, CONDENSED_FLOW_VERSION = "hhr_dolfinx condensed flow model", 3
 """Format of files of condensed flow, see ``condensed_flow_file``."""
 LOCAL, LOCAL_VERSION = "hhr_dolfinx local models", 1
 """Format of files of local models, see ``local_file``; their models are of :data:`VERSION`."""
+LOCAL_HISTORIES, LOCAL_HISTORIES_VERSION = "hhr_dolfinx local histories", 1
+"""Format of files of local models of histories, see ``local_file`` too."""
 SLOPES = {"known.margins", "known.slopes"}
 """Of starts along derivatives; files of models whose answers are tabulated do not have them."""
 MOTIONS = "reduced.motions"

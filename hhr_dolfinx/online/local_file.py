@@ -8,10 +8,10 @@ model where its arrays lie.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,31 +19,62 @@ from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.files import check_layout
 from hhr_dolfinx.models.choice import Choice
 from hhr_dolfinx.models.local import LocalModels
-from hhr_dolfinx.online.layout import CHOICE_LAYOUT, LOCAL, LOCAL_VERSION, TYPES, VERSION
+from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.online.layout import (
+    CHOICE_LAYOUT,
+    LOCAL,
+    LOCAL_HISTORIES,
+    LOCAL_HISTORIES_VERSION,
+    LOCAL_VERSION,
+    TYPES,
+    VERSION,
+)
 from hhr_dolfinx.online.reduced_file import reduced_of, reduced_parts
+from hhr_dolfinx.online.tree import put_together, taken_apart
 from hhr_dolfinx.online.values import refused_if_damaged
 from hhr_dolfinx.parameters import is_whole
+from hhr_dolfinx.plain import by_name
+from hhr_dolfinx.trained import TrainedPaths, TrainedRange
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.local_histories import LocalHistories
+
+TRAINED = "trained"
+"""What models of histories were trained on together, in the header and as the first part of names of its arrays."""
 
 
 def local_parts(local: LocalModels) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Header and arrays of a file.
+    """Header and arrays of a file of models that share the box out.
 
     Raises:
         FileContentError, SceneError: for models that could not be read back, see :func:`reduced_parts`.
     """
+    shared, arrays = _shared_parts(local.models)
+    for name, (kind, *_) in CHOICE_LAYOUT.items():
+        arrays[name] = np.asarray(getattr(local.choice, name.removeprefix("choice.")), dtype=TYPES[kind])
+    return {"format": LOCAL, "version": LOCAL_VERSION, **shared}, arrays
+
+
+def histories_parts(local: LocalHistories) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Header and arrays of a file of models that take turns along a path; see :func:`local_parts`."""
+    shared, arrays = _shared_parts(local.models)
+    own: dict[str, np.ndarray] = {}
+    tree = taken_apart(local.trained, TRAINED, own)
+    return {"format": LOCAL_HISTORIES, "version": LOCAL_HISTORIES_VERSION, **shared, TRAINED: tree}, arrays | own
+
+
+def _shared_parts(models: Sequence[ReducedModel]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Header and arrays of models, those that several have once."""
     headers, places = [], []
     arrays: dict[str, np.ndarray] = {}
     first: dict[tuple, int] = {}
-    for number, model in enumerate(local.models):
+    for number, model in enumerate(models):
         header, own = reduced_parts(model)
         place = {name: first.setdefault((name, *_content(array)), number) for name, array in own.items()}
         arrays |= {f"{number}.{name}": array for name, array in own.items() if place[name] == number}
         headers.append(header)
         places.append(place)
-    for name, (kind, *_) in CHOICE_LAYOUT.items():
-        arrays[name] = np.asarray(getattr(local.choice, name.removeprefix("choice.")), dtype=TYPES[kind])
-    whole = {"format": LOCAL, "version": LOCAL_VERSION, "of": VERSION, "models": headers, "places": places}
-    return whole, arrays
+    return {"of": VERSION, "models": headers, "places": places}, arrays
 
 
 def local_of(
@@ -60,16 +91,37 @@ def local_of(
         ModelFileError: if it is damaged, of another version, or holds an unknown class.
     """
     with refused_if_damaged(path):
-        _check_header(header)
+        _check_header(header, set())
         own = {name: array for name, array in arrays.items() if name in CHOICE_LAYOUT}
-        rest = {name: array for name, array in arrays.items() if name not in CHOICE_LAYOUT}
         choice = _choice_of(own)
-        parts = [_arrays_of(number, place, rest) for number, place in enumerate(header["places"])]
-        used = {f"{first}.{name}" for place in header["places"] for name, first in place.items()}
-        if used != rest.keys():
-            raise FileContentError(f"arrays {sorted(rest.keys() - used)[:5]} are unknown")
-        models = [reduced_of(*pair, known) for pair in zip(header["models"], parts, strict=True)]
-        return LocalModels(models, choice)
+        return LocalModels(_models_of(header, arrays, own, known), choice)
+
+
+def local_histories_of(
+    path: str | Path, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray], known: Iterable[type]
+) -> LocalHistories:
+    """The models of a file whose parts are those of :func:`histories_parts`; see :func:`local_of`."""
+    from hhr_dolfinx.models.local_histories import LocalHistories
+
+    with refused_if_damaged(path):
+        _check_header(header, {TRAINED})
+        own = {name: array for name, array in arrays.items() if name.split(".")[0] == TRAINED}
+        trained = put_together(header[TRAINED], own, by_name([TrainedPaths, TrainedRange]))
+        if not isinstance(trained, TrainedPaths | None):
+            raise FileContentError("what its models were trained on is no set of paths")
+        return LocalHistories(_models_of(header, arrays, own, known), trained)
+
+
+def _models_of(
+    header: Mapping[str, Any], arrays: Mapping[str, np.ndarray], own: Mapping[str, Any], known: Iterable[type]
+) -> list[ReducedModel]:
+    """The models of a checked header; ``own`` are arrays of the set, not of its models."""
+    rest = {name: array for name, array in arrays.items() if name not in own}
+    parts = [_arrays_of(number, place, rest) for number, place in enumerate(header["places"])]
+    used = {f"{first}.{name}" for place in header["places"] for name, first in place.items()}
+    if used != rest.keys():
+        raise FileContentError(f"arrays {sorted(rest.keys() - used)[:5]} are unknown")
+    return [reduced_of(*pair, known) for pair in zip(header["models"], parts, strict=True)]
 
 
 def _content(array: np.ndarray) -> tuple:
@@ -79,9 +131,9 @@ def _content(array: np.ndarray) -> tuple:
     return whole.dtype.str, whole.shape, order, hashlib.sha256(whole.ravel(order="K").view(np.uint8)).digest()
 
 
-def _check_header(header: Mapping[str, Any]) -> None:
+def _check_header(header: Mapping[str, Any], besides: set[str]) -> None:
     """Raise FileContentError for a header of no models, or of models of another version."""
-    if header.keys() != {"format", "version", "of", "models", "places"}:
+    if header.keys() != {"format", "version", "of", "models", "places"} | besides:
         raise FileContentError(f"its header has the keys {sorted(header)}")
     if header["of"] != VERSION:
         raise FileContentError(f"its models are of version {repr(header['of'])[:40]}, this release reads {VERSION}")

@@ -11,10 +11,13 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hhr_dolfinx.errors import FileContentError, ModelFileError, ModelFileWarning, SceneError
+from hhr_dolfinx.errors import FileContentError, ModelFileError, ModelFileWarning, NotOfferedError, SceneError
 from hhr_dolfinx.files import read_arrays, write_arrays
-from hhr_dolfinx.models.local import LocalModels
+from hhr_dolfinx.models.condensed import CondensedModel
+from hhr_dolfinx.models.fallback import FallbackModel
+from hhr_dolfinx.models.local import LocalModels, SeveralModels
 from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.models.varying import VaryingModel
 from hhr_dolfinx.online.layout import (
     CONDENSED,
     CONDENSED_FLOW,
@@ -22,6 +25,8 @@ from hhr_dolfinx.online.layout import (
     CONDENSED_VERSION,
     FORMAT,
     LOCAL,
+    LOCAL_HISTORIES,
+    LOCAL_HISTORIES_VERSION,
     LOCAL_VERSION,
     VERSION,
 )
@@ -30,13 +35,21 @@ from hhr_dolfinx.online.values import refused_if_damaged
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
-    from hhr_dolfinx.models.varying import VaryingModel
+    from hhr_dolfinx.models.local_histories import LocalHistories
 
-OTHERS = {CONDENSED: CONDENSED_VERSION, CONDENSED_FLOW: CONDENSED_FLOW_VERSION, LOCAL: LOCAL_VERSION}
+    KeptModel = ReducedModel | LocalModels | LocalHistories | CondensedModel | VaryingModel | CondensedFlowModel
+    """Models that a file can hold."""
+
+OTHERS = {
+    CONDENSED: CONDENSED_VERSION,
+    CONDENSED_FLOW: CONDENSED_FLOW_VERSION,
+    LOCAL: LOCAL_VERSION,
+    LOCAL_HISTORIES: LOCAL_HISTORIES_VERSION,
+}
 """Formats of other models than single reduced ones, with their versions."""
 
 
-def save_model(path: str | Path, model: ReducedModel | LocalModels | VaryingModel | CondensedFlowModel) -> None:
+def save_model(path: str | Path, model: KeptModel) -> None:
     """Write what build, condense or a training of local models return as one ``.npz`` file.
 
     An existing file is replaced only by a complete one. What needs the mesh or is code stays behind: the stress of
@@ -44,7 +57,7 @@ def save_model(path: str | Path, model: ReducedModel | LocalModels | VaryingMode
     frozen dataclasses of numbers, see :mod:`hhr_dolfinx.plain`.
 
     Raises:
-        TypeError: for what is no reduced model.
+        NotOfferedError: for a model that needs a mesh, or what is no model.
         FileError: if the file cannot be written.
         ModelFileError: if the model itself could not be read back: numbers that are not finite, shapes that do
             not fit, laws that are no data.
@@ -52,44 +65,51 @@ def save_model(path: str | Path, model: ReducedModel | LocalModels | VaryingMode
     Warns:
         ModelFileWarning: if the model has an indicator.
     """
-    if not isinstance(model, ReducedModel | LocalModels):
-        _save_condensed(path, model)
+    if isinstance(model, CondensedModel | VaryingModel):
+        from hhr_dolfinx.online.varying_file import save_condensed
+
+        save_condensed(path, model)
         return
-    models = model.models if isinstance(model, LocalModels) else (model,)
+    # of what flows no class is loaded where nothing does
+    kind: str = type(model).__name__
+    if kind == "CondensedFlowModel":
+        from hhr_dolfinx.online.condensed_flow_file import save_condensed_flow
+
+        save_condensed_flow(path, model)
+        return
+    if not isinstance(model, ReducedModel | SeveralModels):
+        raise NotOfferedError(f"a {kind} cannot be kept in a file{_instead_of(model)}")
+    models = model.models if isinstance(model, SeveralModels) else (model,)
     if any(one.fields.indicator is not None for one in models):
         why = "the indicator stays behind: answers of the model read from it have no estimate"
         warnings.warn(f"{path} holds no code, {why}", ModelFileWarning, stacklevel=2)
     try:
-        if isinstance(model, LocalModels):
-            from hhr_dolfinx.online.local_file import local_parts
-
-            header, arrays = local_parts(model)
-        else:
-            own, arrays = reduced_parts(model)
-            header = {"format": FORMAT, "version": VERSION, **own}
-        write_arrays(path, header, arrays)
+        write_arrays(path, *_parts_of(model))
     except (FileContentError, SceneError) as error:
         raise ModelFileError(f"this model cannot be kept in {path}: {error}") from error
 
 
-def _save_condensed(path: str | Path, model: Any) -> None:
-    """Write a model that keeps all contact conditions; what it needs is imported here."""
-    if hasattr(model, "eliminated"):
-        from hhr_dolfinx.online.varying_file import save_condensed
+def _parts_of(model: ReducedModel | LocalModels | LocalHistories) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Header and arrays of a file."""
+    if isinstance(model, ReducedModel):
+        own, arrays = reduced_parts(model)
+        return {"format": FORMAT, "version": VERSION, **own}, arrays
+    from hhr_dolfinx.online.local_file import histories_parts, local_parts
 
-        save_condensed(path, model)
-    elif hasattr(model, "flow") and hasattr(model, "equilibrium"):
-        from hhr_dolfinx.online.condensed_flow_file import save_condensed_flow
-
-        save_condensed_flow(path, model)
-    else:
-        raise TypeError(f"a model file holds what build returns, a ReducedModel, not a {type(model).__name__}")
+    return local_parts(model) if isinstance(model, LocalModels) else histories_parts(model)
 
 
-def load_model(
-    path: str | Path, known: Iterable[type] = ()
-) -> ReducedModel | LocalModels | VaryingModel | CondensedFlowModel:
-    """Read a model written by :func:`save_model`. Needs neither DOLFINx nor the scene.
+def _instead_of(model: Any) -> str:
+    """A sentence on what to keep in the place of a model that no file can hold."""
+    if isinstance(model, FallbackModel):
+        return ": its full model needs the mesh. Keep the reduced one, save_model(path, safe.reduced)"
+    if hasattr(model, "solve"):
+        return ": it needs the mesh and its factors. Keep a reduced or a condensed model, training.build()"
+    return ", which is no model: give what build or condense returns"
+
+
+def load_model(path: str | Path, known: Iterable[type] = ()) -> KeptModel:
+    """Read a model written by :func:`save_model`. Needs, and loads, neither DOLFINx nor PETSc nor MPI.
 
     Args:
         path: the file.
@@ -115,10 +135,11 @@ def load_model(
         from hhr_dolfinx.online.condensed_flow_file import condensed_flow_of
 
         return condensed_flow_of(path, header, arrays, known)
-    if header["format"] == LOCAL:
-        from hhr_dolfinx.online.local_file import local_of
+    if header["format"] in (LOCAL, LOCAL_HISTORIES):
+        from hhr_dolfinx.online.local_file import local_histories_of, local_of
 
-        return local_of(path, header, arrays, known)
+        read: Any = local_of if header["format"] == LOCAL else local_histories_of
+        return read(path, header, arrays, known)
     own = {name: value for name, value in header.items() if name not in ("format", "version")}
     with refused_if_damaged(path):
         return reduced_of(own, arrays, known)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -51,3 +51,22 @@ def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
         arrays[name] = pyarrow.array(given, from_pandas=True) if given.dtype.kind in "fiub" else pyarrow.array(values)
     with replacing(path) as file:
         parquet.write_table(pyarrow.table(arrays), file)
+
+
+def join_tables(path: Path, parts: Sequence[Path]) -> None:
+    """One file of several with the same columns, in their order; each is in memory by itself.
+
+    Raises:
+        FileError: if the file cannot be written.
+    """
+    with extra("tables", f"the table {path}"):
+        from pyarrow import parquet
+    with replacing(path) as file:
+        writer = None
+        for part in parts:
+            table = parquet.read_table(part)
+            # a column of a block without a single number has no type of its own
+            writer = writer or parquet.ParquetWriter(file, table.schema)
+            writer.write_table(table.cast(writer.schema))
+        if writer is not None:
+            writer.close()

@@ -17,6 +17,7 @@ from scipy.sparse import coo_matrix
 from hhr_dolfinx.amplitudes import Amplitudes, Coverage
 from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.files import check_layout
+from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.models.condensed import KnownStatuses
 from hhr_dolfinx.models.error_bound import ErrorBound
 from hhr_dolfinx.models.projected import ReducedProblem
@@ -271,7 +272,8 @@ def _model(content: Content) -> ReducedModel:
             raise FileContentError("its bounds of outputs are not those of its outputs")
         fields = replace(fields, output_bound=own)
     known = _starts_of(parts["known"]) if "known" in parts else None
-    return ReducedModel(ReducedProblem(**parts["reduced"]), content.space, fields, trained, known=known, flow=flow)
+    problem = ReducedProblem(**parts["reduced"])
+    return ReducedModel(problem, content.space, fields, trained, known=known, flow=flow, factorise=LapackLU)
 
 
 def _starts_of(parts: dict[str, Any]) -> KnownStatuses:

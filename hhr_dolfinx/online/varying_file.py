@@ -1,4 +1,4 @@
-"""What files hold of models whose stiffness or shape depends on parameters: trees of plain values."""
+"""Files of condensed models, and the parts of reduced ones whose stiffness or shape depends on parameters: trees."""
 
 from __future__ import annotations
 
@@ -15,10 +15,13 @@ from hhr_dolfinx.amplitudes import Amplitudes, Coverage
 from hhr_dolfinx.errors import FileContentError, HHRError, ModelFileError
 from hhr_dolfinx.files import write_arrays
 from hhr_dolfinx.formulas import Formula, Modulus, Scalar, check_over_box
+from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.models.block_elimination import BlockReduction
 from hhr_dolfinx.models.cells import CellRule
-from hhr_dolfinx.models.condensed import KnownStatuses
+from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses
 from hhr_dolfinx.models.error_bound import ErrorBound
+from hhr_dolfinx.models.exact import ExactFields
+from hhr_dolfinx.models.floating import FloatingResponses
 from hhr_dolfinx.models.functional_kinds import KINDS as FUNCTIONALS
 from hhr_dolfinx.models.functionals import Functionals
 from hhr_dolfinx.models.interpolated import Compliance, Compliances, InterpolatedFields, PrimalModes
@@ -48,37 +51,56 @@ KINDS = (
     Interpolant, KnownStatuses, LinearStarts, Modulus, ParameterSpace, PrimalModes, ReducedProblem, ReducedTerms,
     ReshapedReduction, Scalar, Functionals, *FUNCTIONALS, FixedCells, RidAssembly, RidBody, RidShape, Shape, CellRule,
     ContactPatch, SurfacePatch, Mortar, NodeToNode, NodeToSurface, DoublePass, Obstacle,
-    MovingCells, ReshapedFunctionals, Zone, VaryingBound, PartEnergy,
+    MovingCells, ReshapedFunctionals, Zone, VaryingBound, PartEnergy, ExactFields, FloatingResponses, Responses,
 )  # fmt: skip
 """Classes that may come out of a file."""
 
 PREFIX = "varying"
 
 
-def save_condensed(path: str | Path, model: VaryingModel) -> None:
-    """Write a model of interpolated condensation as one ``.npz`` file; stress, which needs the mesh, stays behind.
+CONSTANT, EACH_QUERY = "constant", "each query"
+"""Whether what is behind the contact is eliminated once, or for each query."""
+PARTS = {
+    CONSTANT: ("parameters", "amplitudes", "responses", "known", "fields", "pairs"),
+    EACH_QUERY: ("parameters", "eliminated", "known", "fields", "pairs"),
+}
+"""Parts of condensed models in their files."""
+
+
+def _parts_of(model: CondensedModel | VaryingModel) -> tuple[str, dict[str, Any]]:
+    """How the rest is eliminated, and the parts by name; a mesh, which stress needs, stays behind."""
+    kind, fields = (
+        (CONSTANT if isinstance(model, CondensedModel) else EACH_QUERY),
+        replace(model.fields, stress_of=None),
+    )
+    given = {"responses": model.eliminated, "fields": fields}
+    return kind, {name: given[name] if name in given else getattr(model, name) for name in PARTS[kind]}
+
+
+def _made_of(kind: str, parts: dict[str, Any]) -> CondensedModel | VaryingModel:
+    """The model of such parts."""
+    return CondensedModel(**parts, factorise=LapackLU) if kind == CONSTANT else VaryingModel(**parts)
+
+
+def save_condensed(path: str | Path, model: CondensedModel | VaryingModel) -> None:
+    """Write a model of condensation, exact or interpolated, as one ``.npz`` file; what needs the mesh stays behind.
 
     Raises:
         ModelFileError: if the model cannot be read back: numbers that are not finite, amplitudes that are no data.
     """
     arrays: dict[str, np.ndarray] = {}
-    parts = {
-        "parameters": model.parameters,
-        "compliances": model.eliminated,
-        "known": model.known,
-        "fields": _without_mesh(model.fields),
-        "pairs": np.asarray(model.pairs),
-    }
+    kind, parts = _parts_of(model)
     try:
         tree = {name: taken_apart(part, name, arrays) for name, part in parts.items()}
     except FileContentError as error:
         raise ModelFileError(f"this model cannot be kept in {path}: {error}") from error
-    write_arrays(path, {"format": CONDENSED, "version": CONDENSED_VERSION, "tree": tree}, arrays)
+    header = {"format": CONDENSED, "version": CONDENSED_VERSION, "eliminated": kind, "tree": tree}
+    write_arrays(path, header, arrays)
 
 
 def condensed_of(
     path: str | Path, header: dict, arrays: Mapping[str, np.ndarray], known: Iterable[type]
-) -> VaryingModel:
+) -> CondensedModel | VaryingModel:
     """The model of a file written by :func:`save_condensed`.
 
     Args:
@@ -90,11 +112,8 @@ def condensed_of(
         ModelFileError: if it is damaged.
     """
     try:
-        kinds = by_name([*KINDS, *known])
-        given = header["tree"]
-        parts = {name: put_together(given[name], arrays, kinds) for name in
-                 ("parameters", "compliances", "known", "fields", "pairs")}  # fmt: skip
-        model = VaryingModel(*parts.values())
+        kinds, kind, given = by_name([*KINDS, *known]), header["eliminated"], header["tree"]
+        model = _made_of(kind, {name: put_together(given[name], arrays, kinds) for name in PARTS[kind]})
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             # a model that cannot answer in the middle of its box is none
@@ -199,8 +218,3 @@ def _with_moduli(model: ReducedModel, parts: dict[str, Any]) -> ReducedModel:
     groups = [replace(group, young=text or group.young) for group, text in zip(material.groups, young, strict=True)]
     flow = replace(model.flow, material=Material(groups, material.components, names))
     return model.changed(problem=replace(problem, terms=terms), flow=flow)
-
-
-def _without_mesh(fields: Any) -> Any:
-    """Fields without what computes stress on a mesh."""
-    return replace(fields, stress_of=None)

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from hhr_dolfinx.errors import ParameterError
 from hhr_dolfinx.models.fallback import FallbackModel
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.online.batch import TableRow, answer_table, read_points
+from hhr_dolfinx.online.tables import TableRow, answer_table, read_points
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.study.console import make_console, progress_on
 

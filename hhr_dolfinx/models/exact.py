@@ -1,0 +1,104 @@
+"""Fields of exact condensation: under known contact forces the displacement is a linear map of forces and loads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.sparse import csc_matrix
+
+from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.errors import NotOfferedError
+from hhr_dolfinx.models.answer import Answer, ElasticFields
+from hhr_dolfinx.models.error_bound import Estimate
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.functionals import Functionals
+
+
+@dataclass(frozen=True)
+class ExactFields(ElasticFields):
+    """Completes answers of exact condensation, see :class:`hhr_dolfinx.models.answer.Fields`.
+
+    Attributes:
+        amplitudes: θ as a function of the parameters.
+        lifts: imposed displacements, sparse, (N, 1 + T).
+        per_force: K^-1 B^T, (N, N_lambda).
+        per_term: K^-1 loads, (N, 1 + T).
+        dimension: components of the displacement at a node.
+        floats: whether contact alone holds bodies, whose rigid motions only the unknown of an answer tells.
+        stress_of: stress of a displacement; None of a copy or from a file, since a mesh belongs to one process.
+        functionals: outputs of the scene; None where it has none.
+    """
+
+    amplitudes: Amplitudes
+    lifts: csc_matrix
+    per_force: np.ndarray
+    per_term: np.ndarray
+    dimension: int
+    floats: bool = False
+    stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+    functionals: Functionals | None = None
+
+    def __reduce__(self) -> tuple:
+        """Copy and pickle by the arrays."""
+        given = self.amplitudes, self.lifts, self.per_force, self.per_term, self.dimension, self.floats
+        return ExactFields, (*given, None, self.functionals)
+
+    @property
+    def conditions(self) -> int:
+        """Number of contact conditions, all of which are kept."""
+        return self.per_force.shape[1]
+
+    def estimate(self, answer: Answer) -> Estimate | None:
+        """Exact, as the full model is."""
+        return Estimate.exact(self.functionals) if answer.converged else None
+
+    def displacement(self, answer: Answer) -> np.ndarray:
+        """K^-1 (loads - B^T λ) and the lift, (N,); a model that answers with fields has it at hand."""
+        theta, unknown = self.amplitudes(answer.parameter), answer.unknown
+        if unknown.size == 0:
+            unknown = self.per_term @ theta - self.per_force @ answer.multipliers
+        return unknown + self.lifts @ theta
+
+    def stress(self, answer: Answer) -> np.ndarray:
+        """Stress in the middle of each cell, Kelvin's notation.
+
+        Raises:
+            NotOfferedError: by a copy, or a model from a file.
+        """
+        if self.stress_of is None:
+            raise NotOfferedError(
+                "a model that was copied or read from a file has no mesh, and stress needs one: "
+                "full.stress_of(displacement, mu)"
+            )
+        return self.stress_of(self.displacement(answer), answer.parameter)
+
+    @cached_property
+    def _measures(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows of the outputs times the displacement of each amplitude and of each force."""
+        assert self.functionals is not None
+        rows = self.functionals.rows
+        return np.asarray(rows @ self.per_term + (rows @ self.lifts).toarray()), rows @ self.per_force
+
+    def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
+        """Rows of the outputs times the displacement, (K,)."""
+        if self.floats:
+            assert self.functionals is not None
+            return self.functionals.rows @ self.displacement(answer)
+        per_term, per_force = self._measures
+        return per_term @ theta - per_force @ answer.multipliers
+
+    def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
+        assert answer.gradient is not None
+        if self.floats:
+            assert self.functionals is not None
+            moved = answer.gradient.unknown + self.lifts @ changes
+            return answer.gradient.multipliers, self.functionals.rows @ moved
+        per_term, per_force = self._measures
+        forces = answer.gradient.multipliers
+        return forces, per_term @ changes - per_force @ forces

@@ -1,0 +1,298 @@
+"""Tables of parameters in files, CSV or Parquet, and of their answers, which are written as they are found.
+
+A long table is answered block by block into a folder beside the target, each block a file that is whole or not there;
+whoever is killed goes on with the blocks that are missing. At the end the blocks become one file.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import shutil
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from hhr_dolfinx import ranks
+from hhr_dolfinx.errors import ParameterError
+from hhr_dolfinx.files import make_folder, replacing
+from hhr_dolfinx.models.answer import WithOutputs
+from hhr_dolfinx.models.choice import LEAF
+from hhr_dolfinx.online.batch import BLOCK, OK, Answers, Query
+from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.timing import timed
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+Progress = Callable[[Iterable], Iterable]
+"""Wraps an iteration, for a progress bar."""
+
+PARQUET = ".parquet"
+"""Ending of tables that are no text."""
+SHOWN = 20
+"""Bad rows whose reasons are printed; all of them stand in the table."""
+_STATUS = "status"
+
+
+class TableRow(NamedTuple):
+    """One row of a table of parameters.
+
+    Attributes:
+        line: number of its line in the file, from 1; the header counts.
+        cells: parameters as text, in the order of the space.
+        fault: what is wrong with the row as such, or nothing.
+    """
+
+    line: int
+    cells: list[str]
+    fault: str = ""
+
+
+def read_points(path: str | Path, space: ParameterSpace) -> list[TableRow]:
+    """Rows of a CSV file (UTF-8, commas) whose header names the parameters; empty lines are left out. Or of Parquet.
+
+    Raises:
+        ParameterError: if the file is missing, cannot be read, or its header does not name each parameter once.
+    """
+    if Path(path).suffix == PARQUET:
+        from hhr_dolfinx.online.parquet import read_columns
+
+        return [TableRow(k, row) for k, row in enumerate(read_columns(Path(path), space.names), start=2)]
+    try:
+        # with or without the byte-order mark that spreadsheets write
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            reader = csv.reader(file, skipinitialspace=True)
+            rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if row not in ([], [""])]
+    except FileNotFoundError:
+        raise ParameterError(f"there is no table of parameters {path}") from None
+    except (OSError, ValueError, csv.Error) as error:
+        raise ParameterError(f"{path} cannot be read as a table of UTF-8 text ({error})") from error
+    header = rows[0][1] if rows else []
+    wrong = sorted(name for name in space.names if header.count(name) != 1)
+    if wrong:
+        raise ParameterError(
+            f"{path} has no column {wrong} or has it twice: its header must name {space.names}, separated by commas"
+        )
+    columns = [header.index(name) for name in space.names]
+    return [_row(line, cells, columns, len(header)) for line, cells in rows[1:]]
+
+
+def answer_table(
+    model: WithOutputs,
+    rows: Sequence[TableRow],
+    path: str | Path,
+    console: Console,
+    progress: Progress = iter,
+    *,
+    displacement: bool = False,
+    resume: str | None = None,
+) -> int:
+    """Answer a table on all ranks into a file, CSV or Parquet, and print the bad rows with their reasons.
+
+    Args:
+        model: see :func:`~hhr_dolfinx.online.batch.answer_points`.
+        rows: of the table, the same on all ranks.
+        path: the file of the answers.
+        console: of the first rank.
+        progress: wraps the iteration over blocks, for a progress bar.
+        displacement: whether there is a column of the largest displacement of any node.
+        resume: a text that is another one for another model, such as a checksum of its file: blocks that an earlier
+            run left are kept if it is the same. None begins anew.
+
+    Returns:
+        On all ranks the number of rows without an answer.
+
+    Raises:
+        FileError: if the answers cannot be written.
+        HHRError: on all ranks, if anything but a row went wrong on another one.
+    """
+    comm = ranks.world()
+    rank, size = (0, 1) if comm is None else (comm.rank, comm.size)
+    blocks = _Blocks(Query(model, "refuse", displacement), rows, Path(path), resume)
+    with nullcontext() if comm is None else ranks.each_for_itself(comm, "preparing the answers"):
+        if rank == 0:
+            blocks.prepare()
+    with nullcontext() if comm is None else ranks.each_for_itself(comm, "answering the table"):
+        _, seconds = timed(lambda: blocks.answer(range(rank, len(blocks), size), progress))
+    bad: list[tuple[int, str]] = []
+    with nullcontext() if comm is None else ranks.each_for_itself(comm, "writing the answers"):
+        if rank == 0:
+            bad = blocks.join()
+    count = len(bad) if comm is None else comm.bcast(len(bad))
+    if rank == 0:
+        _tell(console, blocks, bad, f"on {size} ranks in {seconds:.1f} s")
+    return count
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """The blocks of a table on their way from rows to one file.
+
+    Attributes:
+        query: what answers.
+        rows: of the table.
+        path: the file of the answers.
+        resume: see :func:`answer_table`.
+    """
+
+    query: Query
+    rows: Sequence[TableRow]
+    path: Path
+    resume: str | None
+
+    def __len__(self) -> int:
+        return max(1, -(-len(self.rows) // BLOCK))
+
+    @property
+    def folder(self) -> Path:
+        """Of the blocks, beside the target."""
+        return self.path.with_name(f"{self.path.name}.parts")
+
+    def _digest(self) -> str:
+        """Changes where the answers would."""
+        told = hashlib.sha256(repr((self.resume, self.query.displacement, self.query.outside, BLOCK)).encode())
+        for row in self.rows:
+            told.update(repr(row).encode())
+        return told.hexdigest()
+
+    def prepare(self) -> None:
+        """Make the folder, and empty it if its blocks are those of another table or model."""
+        kept, digest = self.folder / "of.json", self._digest()
+        if self.resume is None or not kept.exists() or kept.read_text() != json.dumps(digest):
+            shutil.rmtree(self.folder, ignore_errors=True)
+            make_folder(self.folder)
+            with replacing(kept, text=True) as file:
+                json.dump(digest, file)
+
+    def _file(self, number: int, ending: str) -> Path:
+        return self.folder / f"{number:06d}{ending}"
+
+    def answer(self, numbers: Iterable[int], progress: Progress) -> None:
+        """Answer the blocks of some numbers that are not there yet."""
+        space = self.query.model.parameters
+        for number in progress([number for number in numbers if not self._file(number, ".json").exists()]):
+            rows = self.rows[number * BLOCK : (number + 1) * BLOCK]
+            parsed = [_numbers(row, space) for row in rows]
+            points = np.array([point for point, _ in parsed]).reshape(len(rows), len(space.names))
+            answers = self.query(points)
+            # a cell that is no number has a reason of its own
+            status = [fault or found for (_, fault), found in zip(parsed, answers.status, strict=True)]
+            answers = answers._replace(status=status)
+            write_answers(self._file(number, self.path.suffix), space, answers, [row.cells for row in rows])
+            bad = [(number * BLOCK + k, why) for k, why in enumerate(status) if why != OK]
+            with replacing(self._file(number, ".json"), text=True) as file:
+                json.dump(bad, file)
+
+    def join(self) -> list[tuple[int, str]]:
+        """Make one file of all blocks and remove them; numbers of the bad rows, with their reasons."""
+        parts = [self._file(number, self.path.suffix) for number in range(len(self))]
+        if self.path.suffix == PARQUET:
+            from hhr_dolfinx.online.parquet import join_tables
+
+            join_tables(self.path, parts)
+        else:
+            with replacing(self.path, text=True) as target:
+                for number, part in enumerate(parts):
+                    with open(part, newline="", encoding="utf-8") as source:
+                        head = source.readline()
+                        target.write(head if number == 0 else "")
+                        shutil.copyfileobj(source, target)
+        told = [json.loads(self._file(number, ".json").read_text()) for number in range(len(self))]
+        shutil.rmtree(self.folder, ignore_errors=True)
+        return [(row, why) for block in told for row, why in block]
+
+
+def _tell(console: Console, blocks: _Blocks, bad: list[tuple[int, str]], how: str) -> None:
+    """How many answers there are, and why the first bad rows have none."""
+    done = len(blocks.rows) - len(bad)
+    fallen = getattr(blocks.query.model, "fallen", None)
+    told = "" if fallen is None else f" ({fallen} by the full model)"
+    console.print(f"{done} answers{told} and {len(bad)} bad rows {how}: {blocks.path}", markup=False)
+    for number, why in bad[:SHOWN]:
+        row = blocks.rows[number]
+        console.print(f"line {row.line} ({', '.join(row.cells)}): {why}", highlight=False, markup=False)
+    if len(bad) > SHOWN:
+        console.print(f"and {len(bad) - SHOWN} more, with their reasons in the column '{_STATUS}'", markup=False)
+
+
+def write_answers(
+    path: str | Path, space: ParameterSpace, answers: Answers, cells: Sequence[Sequence[str]] | None = None
+) -> int:
+    """Write answers as CSV with a header, or as Parquet; returns the number of rows that have none.
+
+    Args:
+        path: the file.
+        space: whose names head the columns of the parameters.
+        answers: those of :func:`~hhr_dolfinx.online.batch.answer_points`.
+        cells: the parameters as they were given, as text; None writes the numbers.
+
+    Raises:
+        FileError: if the file cannot be written.
+    """
+    columns = _columns_of(answers)
+    if Path(path).suffix == PARQUET:
+        from hhr_dolfinx.online.parquet import write_columns
+
+        named = dict(zip(space.names, answers.points.T, strict=True))
+        write_columns(Path(path), {**named, _STATUS: answers.status, **columns})
+        return sum(status != OK for status in answers.status)
+    given = answers.points.tolist() if cells is None else cells
+    numbers = np.column_stack(list(columns.values())) if columns else np.zeros((len(given), 0))
+    line = ",".join(["%.12g"] * numbers.shape[1])
+    with replacing(path, text=True) as file:
+        writer = csv.writer(file)
+        writer.writerow([*space.names, _STATUS, *columns])
+        for row, status, values in zip(given, answers.status, numbers, strict=True):
+            writer.writerow([*row, status, *(_texts(line, values) if status == OK else [""] * len(values))])
+    return sum(status != OK for status in answers.status)
+
+
+def _columns_of(answers: Answers) -> dict[str, np.ndarray]:
+    """Numbers of all rows by the heads of their columns, in their order."""
+    columns = {} if answers.largest_displacement is None else {"largest_displacement": answers.largest_displacement}
+    columns["total_force"] = answers.forces.sum(axis=1)
+    columns |= {**answers.outputs, **answers.estimates}
+    if answers.fell_back is not None:
+        columns["fell_back"] = answers.fell_back.astype(float)
+    if answers.model is not None:
+        columns["model"] = np.where(answers.model == LEAF, np.nan, answers.model)
+    return columns | {f"force_{k}": force for k, force in enumerate(answers.forces.T)}
+
+
+def _texts(line: str, values: np.ndarray) -> list[str]:
+    """Numbers with 12 digits, which different orders of summation leave alone; nothing for what is not known."""
+    texts = (line % tuple(values.tolist())).split(",") if len(values) else []
+    return texts if np.isfinite(values).all() else ["" if text == "nan" else text for text in texts]
+
+
+def _row(line: int, cells: list[str], columns: list[int], width: int) -> TableRow:
+    """A row in the order of the parameters; cells behind the last may be decimal commas, which must not pass."""
+    fault = f"{len(cells)} cells where the header has {width}" if any(cells[width:]) else ""
+    padded = cells + [""] * width
+    return TableRow(line, [padded[column] for column in columns], fault)
+
+
+def _numbers(row: TableRow, space: ParameterSpace) -> tuple[list[float], str]:
+    """The point of a row, and what is wrong with its text; no point, NaN, where anything is."""
+    nothing: list[float] = [np.nan] * len(space.names)
+    if row.fault:
+        return nothing, row.fault
+    point: list[float] = []
+    for name, text in zip(space.names, row.cells, strict=True):
+        try:
+            point.append(float(text))
+        except ValueError:
+            return nothing, f"{name} is empty" if not text else f"{name} = '{text}' is no number"
+    return point, ""
+
+
+def checksum(path: str | Path) -> str:
+    """Of a file, by which another one is told."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
