@@ -330,7 +330,7 @@ def test_every_answer_has_all_columns_and_a_bad_one_names_its_column(table, smal
     with open(tmp_path / "answers.csv", newline="") as file:
         header, *rows = csv.reader(file)
     assert bad == 5 and len(rows) == 7
-    assert {len(row) for row in rows} == {len(header)} == {7 + len(small_reduction.fields.gaps)}
+    assert {len(row) for row in rows} == {len(header)} == {6 + len(small_reduction.fields.gaps)}
     assert [row[2] == "ok" for row in rows] == [True, False, False, False, False, True, False]
     assert all(not any(row[3:]) for row in rows if row[2] != "ok")
     assert rows[2][2] == "h1 = 'nine' is no number" and rows[4][2] == "h1 is empty"
@@ -382,7 +382,7 @@ class Trained:
 
 def test_a_fault_of_the_program_is_no_reason_of_a_row(small_reduction, monkeypatch):
     points = small_reduction.parameters.random(3, 1)
-    monkeypatch.setattr(small_reduction, "solve", lambda *_, **__: None + 1)
+    monkeypatch.setattr(small_reduction, "solve_many", lambda *_, **__: None + 1)
     with pytest.raises(TypeError):
         hhr.answer_points(small_reduction, points, MPI.COMM_SELF)
 
@@ -400,9 +400,10 @@ def test_many_points_as_arrays(small_reduction):
     assert np.isnan(found.forces[5:]).all() and np.isnan(found.largest_displacement[5:]).all()
     for k in range(5):
         answer = small_reduction.solve(points[k])
-        assert np.array_equal(found.forces[k], answer.forces())
+        # many at once share products of matrices, whose last digits differ from those of one
+        assert found.forces[k] == pytest.approx(answer.forces(), rel=1e-12, abs=1e-12 * answer.forces().max())
         nodes = answer.displacement().reshape(-1, 2)
-        assert found.largest_displacement[k] == np.linalg.norm(nodes, axis=1).max()
+        assert found.largest_displacement[k] == pytest.approx(np.linalg.norm(nodes, axis=1).max(), rel=1e-12)
     none = hhr.answer_points(small_reduction, np.zeros((0, 2)))
     assert none.status == [] and none.forces.shape == (0, found.forces.shape[1])
     with pytest.raises(ParameterError, match=r"one row per point, a column for each of \('P1', 'h1'\)"):
@@ -418,7 +419,7 @@ def test_answers_without_a_table_are_written_as_numbers(small_reduction, tmp_pat
     bounds = ["bound of displacement", "bound of forces"]
     assert header[:7] == ["P1", "h1", "status", "total_force", *bounds, "force_0"]
     assert one[:3] == ["170.0", "3.2", "ok"] and two[0] == "nan" and not any(two[3:])
-    assert float(one[4]) == pytest.approx(answers.forces[0].sum(), rel=1e-11)  # 12 digits are written
+    assert float(one[3]) == pytest.approx(answers.forces[0].sum(), rel=1e-11)  # 12 digits are written
 
 
 def test_a_link_stays_a_link(small_reduction, tmp_path):

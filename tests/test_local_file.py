@@ -9,8 +9,20 @@ import sys
 import numpy as np
 import pytest
 from bare import rewrite_signed
-from parted import CUT, REACH, bits, choice, one_cut, parts_of, pellet_models, pellet_training, shaped_set, varying_set
-from scenes import pressed_block
+from parted import (
+    CUT,
+    REACH,
+    bits,
+    by_lapack,
+    choice,
+    one_cut,
+    parts_of,
+    pellet_models,
+    pellet_training,
+    shaped_set,
+    varying_set,
+)
+from scenes import largest_difference, pressed_block
 from test_model_file import Toy, array, entry, rewrite
 from test_mpi import launch
 from test_mutations import trial
@@ -77,7 +89,7 @@ def points_of(model, count=40):
 
 @pytest.mark.parametrize("name", ["local", "varying", "shaped"])
 def test_a_set_comes_back_to_the_last_bit(name, kept, request):
-    model, stored = request.getfixturevalue(name), hhr.load_model(kept / f"{name}.npz")
+    model, stored = by_lapack(request.getfixturevalue(name)), hhr.load_model(kept / f"{name}.npz")
     assert isinstance(stored, LocalModels) and stored.offline is None and len(stored) == len(model)
     asked = set()
     for point in points_of(model):
@@ -95,7 +107,7 @@ def test_a_set_comes_back_to_the_last_bit(name, kept, request):
 
 def test_many_answers_and_the_door_are_the_same(kept, local):
     stored, points = hhr.load_model(kept / "local.npz"), points_of(local)
-    one, two = (model.solve_many(points) for model in (stored, local))
+    one, two = (model.solve_many(points) for model in (stored, by_lapack(local)))
     assert np.array_equal(one.model, two.model)
     assert b"".join(map(bits, one)) == b"".join(map(bits, two))
     for mine, theirs in zip(stored.models, local.models, strict=True):
@@ -140,7 +152,8 @@ answers = [model.solve(point, outside="ignore") for point in points]
 found = [[model.model_of(answer), answer.forces().tolist(), *answer.estimate()[1:5]] for answer in answers]
 table = hhr.answer_points(model, points, outside="ignore")
 print(json.dumps([found, table.model.tolist()]))
-heavy = {"dolfinx", "ufl", "gmsh", "pyvista", "matplotlib", "slepc4py"} & {k for k, v in sys.modules.items() if v}
+heavy = {"dolfinx", "ufl", "gmsh", "pyvista", "matplotlib", "slepc4py", "petsc4py", "mpi4py"}
+heavy &= {k for k, v in sys.modules.items() if v}
 assert not heavy, heavy
 """
 
@@ -148,8 +161,8 @@ assert not heavy, heavy
 @pytest.mark.parametrize("petsc", ["there", "missing"])
 @pytest.mark.parametrize("name", ["local", "varying", "shaped"])
 def test_another_process_answers_without_dolfinx(name, petsc, kept, request):
-    """To the last bit; where PETSc is missing dense blocks are factored by another library."""
-    model = request.getfixturevalue(name)
+    """To the last bit, whether PETSc is there or not: it is not loaded."""
+    model = by_lapack(request.getfixturevalue(name))
     points = points_of(model, 4)
     command = [sys.executable, "-c", ELSEWHERE, petsc, str(kept / f"{name}.npz"), json.dumps(points.tolist())]
     run = subprocess.run(command, capture_output=True, text=True, timeout=100)
@@ -158,11 +171,7 @@ def test_another_process_answers_without_dolfinx(name, petsc, kept, request):
     answers = [model.solve(point, outside="ignore") for point in points]
     expected = [[model.model_of(answer), answer.forces().tolist(), *answer.estimate()[1:5]] for answer in answers]
     assert numbers == [row[0] for row in found] == [row[0] for row in expected]
-    if petsc == "there":
-        assert found == expected
-    for mine, theirs in zip(found, expected, strict=True):
-        assert mine[1] == pytest.approx(theirs[1], rel=1e-11, abs=1e-11 * max(theirs[1]))
-        assert mine[2:] == pytest.approx(theirs[2:], rel=1e-6)
+    assert found == expected
 
 
 def test_an_indicator_stays_behind(local, tmp_path):
@@ -190,7 +199,7 @@ def test_amplitudes_of_a_users_own_come_back_if_their_class_is_given(tmp_path):
         hhr.load_model(file, known=[Square, dataclasses.make_dataclass("Square", [], frozen=True)])
     stored = hhr.load_model(file, known=[Square])
     for push in (0.02, 0.055, 0.09):
-        assert bits(stored.solve(push)) == bits(local.solve(push))
+        assert bits(stored.solve(push)) == bits(by_lapack(local).solve(push))
 
 
 def test_what_could_not_be_read_is_not_written(local, tmp_path):
@@ -322,7 +331,7 @@ def test_a_signed_file_of_other_content_is_refused_where_it_is_read(why, path):
 def test_a_signed_file_that_was_not_changed_is_read(path, local):
     """Else the tests above would pass with a wrong signature."""
     rewrite_signed(path, lambda header, arrays: None)
-    assert bits(hhr.load_model(path).solve((50.0, 5.0))) == bits(local.solve((50.0, 5.0)))
+    assert bits(hhr.load_model(path).solve((50.0, 5.0))) == bits(by_lapack(local).solve((50.0, 5.0)))
     rewrite_signed(path, header(version=99))
     with pytest.raises(ModelFileError, match="'hhr_dolfinx local models' version 99"):
         hhr.load_model(path)
@@ -357,7 +366,7 @@ def test_a_set_is_no_file_of_one_model(path, local):
     with pytest.raises(ModelFileError, match="version 1, this release reads"):
         hhr.load_model(path)
     for nothing in (None, [local.models[0]], local.choice):
-        with pytest.raises(TypeError, match="a model file holds what build returns"):
+        with pytest.raises(TypeError, match="cannot be kept in a file, which is no model"):
             hhr.save_model(path, nothing)
 
 
@@ -384,9 +393,11 @@ def test_tables_say_which_model_answered(local, kept, tmp_path, capsys):
     for k, point in enumerate(points[:-1]):
         answer = local.solve(point)
         assert answers.model[k] == local.model_of(answer)
-        assert np.array_equal(answers.forces[k], answer.forces())
-        assert answers.outputs["peak [MPa]"][k] == answer.outputs()["peak"]
-        assert answers.estimates["bound of peak [MPa]"][k] == answer.estimate().outputs["peak"]
+        # many at once share products of matrices, whose last digits differ from those of one
+        assert largest_difference(answers.forces[k], answer.forces()) < 1e-12
+        assert answers.outputs["peak [MPa]"][k] == pytest.approx(answer.outputs()["peak"], rel=1e-12)
+        bound = answer.estimate().outputs["peak"]
+        assert answers.estimates["bound of peak [MPa]"][k] == pytest.approx(bound, rel=1e-6)
     assert hhr.write_answers(tmp_path / "answers.csv", local.parameters, answers) == 1
     with open(tmp_path / "answers.csv", newline="") as file:
         rows = list(csv.DictReader(file))

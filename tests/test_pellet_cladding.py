@@ -14,7 +14,7 @@ import pellet_cladding as demo
 import pytest
 from hertz_half_discs import scene as hertz_scene
 from rich.console import Console
-from scenes import check_contact_conditions
+from scenes import check_contact_conditions, largest_difference
 from scipy.sparse import csc_matrix, issparse
 
 import hhr_dolfinx as hhr
@@ -170,7 +170,7 @@ def test_model_file_with_partial_pressure(small_reduction, tmp_path):
     hhr.save_model(tmp_path / "model.npz", small_reduction)
     stored = hhr.load_model(tmp_path / "model.npz")
     for point in ((170.0, 3.2), (30.0, 5.25)):
-        assert np.array_equal(stored.solve(point).forces(), small_reduction.solve(point).forces())
+        assert largest_difference(stored.solve(point).forces(), small_reduction.solve(point).forces()) < 1e-12
 
 
 def with_problem(full, **changes):
@@ -239,7 +239,7 @@ def test_batch_answers_good_rows_and_names_bad_ones(small, small_reduction, tmp_
     assert [text == "ok" for text in status] == [True, False, False, False, False, True]
     assert "P1 = 500 is outside [5, 200]" in status[3] and "nine" in status[2]
     forces = small_reduction.solve((170.0, 3.2)).forces()
-    assert [float(value) for value in answers[0][7:]] == pytest.approx(forces, rel=1e-11)
+    assert [float(value) for value in answers[0][6:]] == pytest.approx(forces, rel=1e-11)
 
 
 def test_batch_without_a_column_or_file(small, tmp_path):

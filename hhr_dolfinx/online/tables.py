@@ -23,6 +23,7 @@ from hhr_dolfinx.errors import ParameterError
 from hhr_dolfinx.files import make_folder, replacing
 from hhr_dolfinx.models.answer import WithOutputs
 from hhr_dolfinx.models.choice import LEAF
+from hhr_dolfinx.models.fallback import FallbackModel
 from hhr_dolfinx.online.batch import BLOCK, OK, Answers, Query
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.timing import timed
@@ -120,13 +121,16 @@ def answer_table(
             blocks.prepare()
     with nullcontext() if comm is None else ranks.each_for_itself(comm, "answering the table"):
         _, seconds = timed(lambda: blocks.answer(range(rank, len(blocks), size), progress))
-    bad: list[tuple[int, str]] = []
+    bad, fallen = list[tuple[int, str]](), 0
     with nullcontext() if comm is None else ranks.each_for_itself(comm, "writing the answers"):
         if rank == 0:
-            bad = blocks.join()
+            bad, fallen = blocks.join()
     count = len(bad) if comm is None else comm.bcast(len(bad))
     if rank == 0:
-        _tell(console, blocks, bad, f"on {size} ranks in {seconds:.1f} s")
+        by_full = f" ({fallen} by the full model)" if isinstance(model, FallbackModel) else ""
+        good = f"{len(rows) - len(bad)} answers{by_full}"
+        console.print(f"{good} and {len(bad)} bad rows on {size} ranks in {seconds:.1f} s: {path}", markup=False)
+        _tell_bad(console, rows, bad)
     return count
 
 
@@ -186,11 +190,16 @@ class _Blocks:
             answers = answers._replace(status=status)
             write_answers(self._file(number, self.path.suffix), space, answers, [row.cells for row in rows])
             bad = [(number * BLOCK + k, why) for k, why in enumerate(status) if why != OK]
+            fallen = 0 if answers.fell_back is None else int(answers.fell_back.sum())
             with replacing(self._file(number, ".json"), text=True) as file:
-                json.dump(bad, file)
+                json.dump([bad, fallen], file)
 
-    def join(self) -> list[tuple[int, str]]:
-        """Make one file of all blocks and remove them; numbers of the bad rows, with their reasons."""
+    def join(self) -> tuple[list[tuple[int, str]], int]:
+        """Make one file of all blocks and remove them.
+
+        Returns:
+            Numbers of the bad rows with their reasons, and how many the full model answered.
+        """
         parts = [self._file(number, self.path.suffix) for number in range(len(self))]
         if self.path.suffix == PARQUET:
             from hhr_dolfinx.online.parquet import join_tables
@@ -205,17 +214,13 @@ class _Blocks:
                         shutil.copyfileobj(source, target)
         told = [json.loads(self._file(number, ".json").read_text()) for number in range(len(self))]
         shutil.rmtree(self.folder, ignore_errors=True)
-        return [(row, why) for block in told for row, why in block]
+        return [(row, why) for bad, _ in told for row, why in bad], sum(fallen for _, fallen in told)
 
 
-def _tell(console: Console, blocks: _Blocks, bad: list[tuple[int, str]], how: str) -> None:
-    """How many answers there are, and why the first bad rows have none."""
-    done = len(blocks.rows) - len(bad)
-    fallen = getattr(blocks.query.model, "fallen", None)
-    told = "" if fallen is None else f" ({fallen} by the full model)"
-    console.print(f"{done} answers{told} and {len(bad)} bad rows {how}: {blocks.path}", markup=False)
+def _tell_bad(console: Console, rows: Sequence[TableRow], bad: list[tuple[int, str]]) -> None:
+    """Why the first bad rows have no answer."""
     for number, why in bad[:SHOWN]:
-        row = blocks.rows[number]
+        row = rows[number]
         console.print(f"line {row.line} ({', '.join(row.cells)}): {why}", highlight=False, markup=False)
     if len(bad) > SHOWN:
         console.print(f"and {len(bad) - SHOWN} more, with their reasons in the column '{_STATUS}'", markup=False)
