@@ -130,10 +130,10 @@ def test_every_folder_is_installed():
 
 
 def test_files_and_functions_fit_on_a_screen():
-    """Modules up to 400 lines, functions up to 60."""
+    """Modules up to 600 lines, functions up to 60."""
     for path in (*MODULES.values(), *(ROOT / "demos").rglob("*.py")):
         text = path.read_text()
-        assert text.count("\n") < 401, path
+        assert text.count("\n") < 601, path
         for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.FunctionDef):
                 assert node.end_lineno - node.lineno < 60, (path, node.name)

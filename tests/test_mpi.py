@@ -293,11 +293,12 @@ def pairing():
     (floor,) = scene.contacts
     return dataclasses.replace(scene, contacts=(Failing(**vars(floor)),))
 
-def refuse(point, outside):
+def refuse(points, **how):
     raise ParameterError("no answer")
 
 answering = SimpleNamespace(
-    parameters=scene.parameters, dimension=2, fields=SimpleNamespace(gaps=[], functionals=None), solve=refuse
+    parameters=scene.parameters, dimension=2, conditions=0, fields=SimpleNamespace(functionals=None), solve=refuse,
+    solve_many=refuse,
 )
 {case}
 print("rank", world.rank, "went on", flush=True)
@@ -315,7 +316,7 @@ EACH_FOR_ITSELF = {
     "snapshot": "hhr.train(scene, [9], progress=lambda label: after(1, fail_here))",
     "store": "spread_snapshots(hhr.FullOrderModel(scene, MPI.COMM_SELF), scene.parameters.grid([9]), world, "
     "store=FailingStore())",
-    "query": "hhr.answer_points(answering, np.zeros((9, 1)), world, after(1, fail_here))",
+    "query": "hhr.answer_points(answering, np.zeros((9, 1)), world, after(0, fail_here))",
 }
 
 

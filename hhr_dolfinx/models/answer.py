@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
@@ -16,10 +16,9 @@ from hhr_dolfinx.trained import Signs
 
 if TYPE_CHECKING:
     from hhr_dolfinx.materials.update import State
-    from hhr_dolfinx.models.error_bound import Estimate
+    from hhr_dolfinx.models.error_bound import Estimate, Estimates
     from hhr_dolfinx.models.functionals import Outputs
     from hhr_dolfinx.models.gradient import Gradient
-    from hhr_dolfinx.models.many import SeveralAnswers
     from hhr_dolfinx.parameters import ParameterSpace
 
 Path = list[tuple[float, np.ndarray]]
@@ -177,6 +176,87 @@ class History:
         return [answer.iterations for answer in self.answers]
 
 
+class SeveralAnswers:
+    """Answers to several parameters, in their order; ``answers[k]`` is one of them, like any :class:`Answer`.
+
+    Attributes:
+        points: parameters, (n, P).
+        status: why each search stopped.
+        iterations: equality problems solved for each, or iterations of a step, (n,).
+    """
+
+    points: np.ndarray
+    status: list[Status]
+    iterations: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __getitem__(self, k: int) -> Answer:
+        raise NotImplementedError
+
+    def __iter__(self) -> Iterator[Answer]:
+        return (self[k] for k in range(len(self)))
+
+    @property
+    def converged(self) -> np.ndarray:
+        """Which of them are solutions, (n,) bool."""
+        return np.array([status is Status.CONVERGED for status in self.status], dtype=bool)
+
+    def take(self, rows: np.ndarray) -> SeveralAnswers:
+        """Those of some rows, by numbers or a mask."""
+        return ListedAnswers(tuple(self[k] for k in np.arange(len(self))[rows].tolist()))
+
+    def forces(self) -> np.ndarray:
+        """Contact forces on the whole surface, (n, N_lambda); NaN without an answer."""
+        return np.array([answer.forces() for answer in self])
+
+    def estimates(self) -> Estimates | None:
+        """What is known of the errors, as :meth:`Answer.estimate`; None where nothing is."""
+        from hhr_dolfinx.models.error_bound import Estimates
+
+        return Estimates.of([answer.estimate() for answer in self])
+
+    def outputs(self) -> dict[str, np.ndarray]:
+        """Outputs of the scene by name, (n,) each; NaN without an answer.
+
+        Raises:
+            HHRError: if the scene has none.
+        """
+        found = [answer.outputs() for answer in self]
+        return {name: np.array([outputs[name] for outputs in found]) for name in found[0].keys()}
+
+
+@dataclass(frozen=True)
+class ListedAnswers(SeveralAnswers):
+    """Answers found one by one, each with all that it has: a state where bodies flow, fields of a model of its own.
+
+    Attributes:
+        answers: one or more.
+    """
+
+    answers: tuple[Answer, ...]
+
+    def __getitem__(self, k: int) -> Answer:
+        """The answer to a point."""
+        return self.answers[k]
+
+    @property
+    def points(self) -> np.ndarray:  # type: ignore[override]
+        """Parameters, (n, P)."""
+        return np.array([answer.parameter for answer in self.answers])
+
+    @property
+    def status(self) -> list[Status]:  # type: ignore[override]
+        """Why each search stopped."""
+        return [answer.status for answer in self.answers]
+
+    @property
+    def iterations(self) -> np.ndarray:  # type: ignore[override]
+        """Iterations of each, (n,)."""
+        return np.array([answer.iterations for answer in self.answers])
+
+
 class Model(Protocol):
     """What a study, a check or a user asks of any model: full, reduced, condensed, or a rival."""
 
@@ -229,11 +309,15 @@ class WithOutputs:
     Attributes:
         parameters: the box of the parameters.
         fields: what completes the answers.
+        file_format: format of files that hold such a model; empty where no file can.
+        instead: what to keep in a file in the place of such a model.
     """
 
     solve: Callable[..., Answer]
     parameters: ParameterSpace
     fields: Any
+    file_format: ClassVar[str] = ""
+    instead: ClassVar[str] = "it needs the mesh and its factors. Keep a reduced or a condensed model, training.build()"
 
     @property
     def dimension(self) -> int:
@@ -252,8 +336,6 @@ class WithOutputs:
 
     def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> SeveralAnswers:
         """Answer many parameters, (n, P), one by one; where bodies flow each in one step from rest."""
-        from hhr_dolfinx.models.many import one_by_one
-
         return one_by_one(self, points, {"raise_on_failure": raise_on_failure, "outside": outside})
 
     def outputs(self, mu: Any, *, gradient: bool = False, **how: Any) -> Outputs:
@@ -263,6 +345,11 @@ class WithOutputs:
             HHRError: if the scene has none; see :meth:`Model.solve` besides.
         """
         return self.solve(mu, gradient=gradient, **how).outputs()
+
+
+def one_by_one(model: Any, table: Any, how: dict[str, Any]) -> ListedAnswers:
+    """Answers of a model that has no faster way."""
+    return ListedAnswers(tuple(model.solve(point, **how) for point in model.parameters.points(table)))
 
 
 def outcome(answer: Answer, raise_on_failure: bool, advice: Mapping[Status, str] = MappingProxyType({})) -> Answer:

@@ -156,6 +156,7 @@ class CondensedModel(WithOutputs):
     """
 
     offline: Any = None  # nothing was approximated: there is no record
+    file_format = "condensed"
 
     def __init__(
         self,

@@ -27,6 +27,8 @@ class CondensedFlowModel(WithOutputs):
         offline: how it was made, a ``CorrectionRecord``; None for a model from a file.
     """
 
+    file_format = "condensed flow"
+
     def __init__(
         self,
         flow: CondensedFlow,

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from hhr_dolfinx.errors import BoundError, HHRError, OutsideTrainingError, ParameterError, ReductionError
-from hhr_dolfinx.models.answer import Answer, History, Path, WithOutputs
+from hhr_dolfinx.models.answer import Answer, History, ListedAnswers, Path, SeveralAnswers, WithOutputs
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 from hhr_dolfinx.trained import check_outside
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.many import SeveralAnswers
 
 _log = logging.getLogger(__name__)
 
@@ -74,6 +71,8 @@ class FallbackModel(WithOutputs):
         ReductionError: for what is no full model, or that of another scene.
     """
 
+    instead = "its full model needs the mesh. Keep the reduced one, save_model(path, safe.reduced)"
+
     def __init__(
         self, reduced: Any, full: Any, tolerance: float = 0.01, *, rebuild: Rebuild | None = None, every: int = 20
     ):
@@ -131,7 +130,7 @@ class FallbackModel(WithOutputs):
 
         A model that grows answers one by one, since the new model answers what comes after it.
         """
-        from hhr_dolfinx.models.many import ListedAnswers, PartedAnswers
+        from hhr_dolfinx.models.many import PartedAnswers
 
         check_outside(outside)
         checked = self.parameters.points(points)

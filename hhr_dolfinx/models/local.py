@@ -66,6 +66,8 @@ class LocalModels(SeveralModels):
         ReductionError: for models of several scenes, or a choice of models that are not there.
     """
 
+    file_format = "local"
+
     def __init__(self, models: Sequence[ReducedModel], choice: Choice, offline: Any = None):
         self.models, self.choice, self.offline = tuple(models), choice, offline
         _check_alike(self.models, choice)

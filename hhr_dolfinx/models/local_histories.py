@@ -60,6 +60,8 @@ class LocalHistories(SeveralModels):
         ReductionError: for models of several scenes, or in which nothing flows.
     """
 
+    file_format = "local histories"
+
     def __init__(self, models: Sequence[ReducedModel], trained: TrainedPaths | None = None, offline: Any = None):
         self.models, self.trained, self.offline = tuple(models), trained, offline
         _check_alike(self.models)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +12,7 @@ from hhr_dolfinx.amplitudes import Amplitudes, Coverage
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.linear.dense import LapackLU
-from hhr_dolfinx.models.answer import Answer, Fields
+from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers
 from hhr_dolfinx.models.error_bound import Estimates
 from hhr_dolfinx.parameters import ParameterSpace
 
@@ -24,85 +23,6 @@ ROUNDS = 6
 """Times that statuses are changed for many points together; what is left then is solved point by point."""
 BLOCK = 1024
 """Points whose unknown is made at once, so that what is made on the way stays small beside the answers."""
-
-
-class SeveralAnswers:
-    """Answers to several parameters, in their order; ``answers[k]`` is one of them, like any :class:`Answer`.
-
-    Attributes:
-        points: parameters, (n, P).
-        status: why each search stopped.
-        iterations: equality problems solved for each, or iterations of a step, (n,).
-    """
-
-    points: np.ndarray
-    status: list[Status]
-    iterations: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-    def __getitem__(self, k: int) -> Answer:
-        raise NotImplementedError
-
-    def __iter__(self) -> Iterator[Answer]:
-        return (self[k] for k in range(len(self)))
-
-    @property
-    def converged(self) -> np.ndarray:
-        """Which of them are solutions, (n,) bool."""
-        return np.array([status is Status.CONVERGED for status in self.status], dtype=bool)
-
-    def take(self, rows: np.ndarray) -> SeveralAnswers:
-        """Those of some rows, by numbers or a mask."""
-        return ListedAnswers(tuple(self[k] for k in np.arange(len(self))[rows].tolist()))
-
-    def forces(self) -> np.ndarray:
-        """Contact forces on the whole surface, (n, N_lambda); NaN without an answer."""
-        return np.array([answer.forces() for answer in self])
-
-    def estimates(self) -> Estimates | None:
-        """What is known of the errors, as :meth:`Answer.estimate`; None where nothing is."""
-        return Estimates.of([answer.estimate() for answer in self])
-
-    def outputs(self) -> dict[str, np.ndarray]:
-        """Outputs of the scene by name, (n,) each; NaN without an answer.
-
-        Raises:
-            HHRError: if the scene has none.
-        """
-        found = [answer.outputs() for answer in self]
-        return {name: np.array([outputs[name] for outputs in found]) for name in found[0].keys()}
-
-
-@dataclass(frozen=True)
-class ListedAnswers(SeveralAnswers):
-    """Answers found one by one, each with all that it has: a state where bodies flow, fields of a model of its own.
-
-    Attributes:
-        answers: one or more.
-    """
-
-    answers: tuple[Answer, ...]
-
-    def __getitem__(self, k: int) -> Answer:
-        """The answer to a point."""
-        return self.answers[k]
-
-    @property
-    def points(self) -> np.ndarray:  # type: ignore[override]
-        """Parameters, (n, P)."""
-        return np.array([answer.parameter for answer in self.answers])
-
-    @property
-    def status(self) -> list[Status]:  # type: ignore[override]
-        """Why each search stopped."""
-        return [answer.status for answer in self.answers]
-
-    @property
-    def iterations(self) -> np.ndarray:  # type: ignore[override]
-        """Iterations of each, (n,)."""
-        return np.array([answer.iterations for answer in self.answers])
 
 
 @dataclass(frozen=True)
@@ -230,11 +150,6 @@ class PartedAnswers(SeveralAnswers):
             for name, values in part.items():
                 columns[name][rows] = values
         return columns
-
-
-def one_by_one(model: Any, table: Any, how: dict[str, Any]) -> ListedAnswers:
-    """Answers of a model that has no faster way."""
-    return ListedAnswers(tuple(model.solve(point, **how) for point in model.parameters.points(table)))
 
 
 def checked_points(space: ParameterSpace, table: Any) -> np.ndarray:

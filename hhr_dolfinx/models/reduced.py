@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ReductionError, SingularError
 from hhr_dolfinx.linear.dense import Factorise, dense_factors
-from hhr_dolfinx.models.answer import Answer, History, Path, WithOutputs
+from hhr_dolfinx.models.answer import Answer, History, Path, SeveralAnswers, WithOutputs
 from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses, checked_start
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient, solve_along
 from hhr_dolfinx.models.projected import ReducedProblem
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.block_elimination import BlockElimination
     from hhr_dolfinx.models.cubature_flow import CubatureFlow
     from hhr_dolfinx.models.interpolated import Compliances
-    from hhr_dolfinx.models.many import SeveralAnswers
     from hhr_dolfinx.models.reduced_flow import ProjectedEquilibrium, ReducedFlow
     from hhr_dolfinx.models.reshaped import ReshapedReduction
     from hhr_dolfinx.models.varying import VaryingModel
@@ -60,6 +59,8 @@ class ReducedModel(WithOutputs):
     Raises:
         SingularError: if K~ is singular.
     """
+
+    file_format = "reduced"
 
     def __init__(
         self,

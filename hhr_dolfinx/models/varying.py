@@ -11,7 +11,7 @@ from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -19,15 +19,22 @@ from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, activ
 from hhr_dolfinx.contact.floating import FloatingEqualities, floating_set
 from hhr_dolfinx.errors import NotSolvableError, ParameterError
 from hhr_dolfinx.linear.dense import LapackLU
-from hhr_dolfinx.models.answer import Answer, Fields, History, Path, WithOutputs, found_as, outcome, unanswered
+from hhr_dolfinx.models.answer import (
+    Answer,
+    Fields,
+    History,
+    Path,
+    SeveralAnswers,
+    WithOutputs,
+    found_as,
+    outcome,
+    unanswered,
+)
 from hhr_dolfinx.models.condensed import KnownStatuses, checked_start
 from hhr_dolfinx.models.gradient import Gradient, gradient_of, grazing
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedRange, check_outside
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.many import SeveralAnswers
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +155,8 @@ class VaryingModel(WithOutputs):
     Attributes:
         offline: how it was made, the record of what built it; None for a model from a file.
     """
+
+    file_format = "condensed"
 
     def __init__(
         self,

@@ -15,11 +15,10 @@ import numpy as np
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import HHRError, ParameterError
-from hhr_dolfinx.models.answer import Answer, WithOutputs
+from hhr_dolfinx.models.answer import Answer, ListedAnswers, SeveralAnswers, WithOutputs
 from hhr_dolfinx.models.choice import LEAF
 from hhr_dolfinx.models.fallback import FallbackModel
 from hhr_dolfinx.models.local import LocalModels
-from hhr_dolfinx.models.many import ListedAnswers, SeveralAnswers
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedRange, check_outside
 

@@ -13,11 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 from hhr_dolfinx.errors import FileContentError, ModelFileError, ModelFileWarning, NotOfferedError, SceneError
 from hhr_dolfinx.files import read_arrays, write_arrays
-from hhr_dolfinx.models.condensed import CondensedModel
-from hhr_dolfinx.models.fallback import FallbackModel
-from hhr_dolfinx.models.local import LocalModels, SeveralModels
-from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.models.varying import VaryingModel
 from hhr_dolfinx.online.layout import (
     CONDENSED,
     CONDENSED_FLOW,
@@ -34,8 +29,12 @@ from hhr_dolfinx.online.reduced_file import reduced_of, reduced_parts
 from hhr_dolfinx.online.values import refused_if_damaged
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.condensed import CondensedModel
     from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
+    from hhr_dolfinx.models.local import LocalModels
     from hhr_dolfinx.models.local_histories import LocalHistories
+    from hhr_dolfinx.models.reduced import ReducedModel
+    from hhr_dolfinx.models.varying import VaryingModel
 
     KeptModel = ReducedModel | LocalModels | LocalHistories | CondensedModel | VaryingModel | CondensedFlowModel
     """Models that a file can hold."""
@@ -65,47 +64,57 @@ def save_model(path: str | Path, model: KeptModel) -> None:
     Warns:
         ModelFileWarning: if the model has an indicator.
     """
-    if isinstance(model, CondensedModel | VaryingModel):
-        from hhr_dolfinx.online.varying_file import save_condensed
-
-        save_condensed(path, model)
-        return
-    # of what flows no class is loaded where nothing does
-    kind: str = type(model).__name__
-    if kind == "CondensedFlowModel":
-        from hhr_dolfinx.online.condensed_flow_file import save_condensed_flow
-
-        save_condensed_flow(path, model)
-        return
-    if not isinstance(model, ReducedModel | SeveralModels):
-        raise NotOfferedError(f"a {kind} cannot be kept in a file{_instead_of(model)}")
-    models = model.models if isinstance(model, SeveralModels) else (model,)
-    if any(one.fields.indicator is not None for one in models):
+    kind = getattr(model, "file_format", None)
+    if not kind:
+        why = "which is no model: give what build or condense returns" if kind is None else model.instead
+        raise NotOfferedError(f"a {type(model).__name__} cannot be kept in a file: {why}")
+    fields = [one.fields for one in getattr(model, "models", (model,))]
+    if any(getattr(one, "indicator", None) is not None for one in fields):
         why = "the indicator stays behind: answers of the model read from it have no estimate"
         warnings.warn(f"{path} holds no code, {why}", ModelFileWarning, stacklevel=2)
     try:
-        write_arrays(path, *_parts_of(model))
+        _WRITERS[kind](path, model)
     except (FileContentError, SceneError) as error:
         raise ModelFileError(f"this model cannot be kept in {path}: {error}") from error
 
 
-def _parts_of(model: ReducedModel | LocalModels | LocalHistories) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Header and arrays of a file."""
-    if isinstance(model, ReducedModel):
-        own, arrays = reduced_parts(model)
-        return {"format": FORMAT, "version": VERSION, **own}, arrays
-    from hhr_dolfinx.online.local_file import histories_parts, local_parts
-
-    return local_parts(model) if isinstance(model, LocalModels) else histories_parts(model)
+def _save_reduced(path: str | Path, model: Any) -> None:
+    own, arrays = reduced_parts(model)
+    write_arrays(path, {"format": FORMAT, "version": VERSION, **own}, arrays)
 
 
-def _instead_of(model: Any) -> str:
-    """A sentence on what to keep in the place of a model that no file can hold."""
-    if isinstance(model, FallbackModel):
-        return ": its full model needs the mesh. Keep the reduced one, save_model(path, safe.reduced)"
-    if hasattr(model, "solve"):
-        return ": it needs the mesh and its factors. Keep a reduced or a condensed model, training.build()"
-    return ", which is no model: give what build or condense returns"
+def _save_local(path: str | Path, model: Any) -> None:
+    from hhr_dolfinx.online.local_file import local_parts
+
+    write_arrays(path, *local_parts(model))
+
+
+def _save_local_histories(path: str | Path, model: Any) -> None:
+    from hhr_dolfinx.online.local_file import histories_parts
+
+    write_arrays(path, *histories_parts(model))
+
+
+def _save_condensed(path: str | Path, model: Any) -> None:
+    from hhr_dolfinx.online.varying_file import save_condensed
+
+    save_condensed(path, model)
+
+
+def _save_condensed_flow(path: str | Path, model: Any) -> None:
+    from hhr_dolfinx.online.condensed_flow_file import save_condensed_flow
+
+    save_condensed_flow(path, model)
+
+
+_WRITERS = {
+    "reduced": _save_reduced,
+    "local": _save_local,
+    "local histories": _save_local_histories,
+    "condensed": _save_condensed,
+    "condensed flow": _save_condensed_flow,
+}
+"""Writers by the ``file_format`` of models; what a kind needs is imported where it is written."""
 
 
 def load_model(path: str | Path, known: Iterable[type] = ()) -> KeptModel:
