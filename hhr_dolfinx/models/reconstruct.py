@@ -15,7 +15,7 @@ from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import ConvergenceError, HHRError
+from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.error_bound import Bound, BoundThere, ErrorBound, Estimate, Estimates, driven
 
@@ -319,7 +319,7 @@ class Reconstruction:
         if answer.gauss is not None and self.flow is not None:
             return self.flow.stress_everywhere(answer.gauss.stress)
         if self.stress_of is None:
-            raise HHRError(
+            raise NotOfferedError(
                 "a model file of elastic bodies keeps no mesh, and stress needs one: ask the full model of the scene, "
                 "full.stress_of(answer.displacement())"
             )

@@ -15,7 +15,7 @@ from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.certify.compare import Comparison, compare_points
 from hhr_dolfinx.certify.trust import TrustLimits, check_comparison
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.errors import BoundError, ReductionError, StabilityWarning
+from hhr_dolfinx.errors import BoundError, NotOfferedError, ReductionError, StabilityWarning
 from hhr_dolfinx.models.block_elimination import BlockReduction
 from hhr_dolfinx.models.interpolated import Compliances, InterpolatedFields
 from hhr_dolfinx.models.reshaped import ReshapedReduction
@@ -183,7 +183,7 @@ def _check_scene(full: Any) -> None:
             "interpolated condensation is for elastic bodies that vary; take exact_condensation"
         )
     if problem.pins is not None:
-        raise ReductionError(
+        raise NotOfferedError(
             f"contact alone holds bodies of scene '{full.scene.name}', and their elasticity depends on parameters: "
             "interpolated condensation is not built in for these. Take a reduced model, training.build()"
         )

@@ -1,0 +1,142 @@
+"""One contract: all kinds of models, all verbs, all places; what is refused is refused by name, on the page too."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import contract
+import numpy as np
+import pytest
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.errors import NotOfferedError, ParameterError, SingularError
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture(scope="module")
+def cases():
+    return [case for kind in contract.KINDS for case in contract.cases_of(kind)]
+
+
+def test_every_case_answers_or_is_refused_by_name(cases):
+    assert not [case for case in cases if case.outcome == "broken"]
+    assert len({case.kind for case in cases}) == 18 and len(cases) > 800
+
+
+def test_the_page_says_what_is_refused(cases):
+    """``python benchmarks/contract.py --page docs/contract.md`` makes it anew."""
+    assert (ROOT / "docs/contract.md").read_text() == contract.page(cases)
+
+
+def test_only_what_needs_a_mesh_or_a_bound_is_refused(cases):
+    """Verbs that all kinds offer wherever they are: a hole that is named is still a hole."""
+    refused = {(case.verb, case.place) for case in cases if case.outcome == "refused" and case.kind != "naive"}
+    assert {verb for verb, place in refused if place == "in memory"} <= {"make"}
+    assert {verb for verb, _ in refused} <= {"make", "stress", "answer"}
+
+
+ALONE = """
+import sys
+sys.modules.update(dict.fromkeys(["dolfinx_solver", "dolfinx", "ufl", "basix", "petsc4py", "mpi4py", "slepc4py",
+                                  "gmsh", "meshio", "shapely", "sklearn", "matplotlib", "pyvista", "resource"]))
+import json
+import hhr_dolfinx as hhr
+found = {}
+for name, mu in json.loads(sys.argv[1]).items():
+    answer = hhr.load_model(f"{name}.npz").solve(mu, outside="ignore")
+    found[name] = [answer.forces().tolist(), float(abs(answer.displacement()).max()), answer.outputs()["peak"]]
+print(json.dumps(found))
+"""
+
+
+def test_files_answer_where_there_is_nothing_but_numpy_and_scipy(tmp_path):
+    """In another process, with numba where bodies flow; no module of DOLFINx, PETSc or MPI, no ``resource``."""
+    asked, expected = {}, {}
+    for number, kind in enumerate(contract.KINDS):
+        try:
+            model = contract.model_of(kind)
+            hhr.save_model(tmp_path / f"{number}.npz", model)
+        except NotOfferedError:
+            continue
+        asked[str(number)] = contract.KINDS[kind].mu
+        answer = model.solve(asked[str(number)], outside="ignore")
+        expected[str(number)] = answer
+    assert len(asked) == 13
+    run = subprocess.run(
+        [sys.executable, "-c", ALONE, json.dumps(asked)], cwd=tmp_path, capture_output=True, text=True, timeout=300
+    )
+    assert run.returncode == 0, run.stderr[-3000:]
+    for number, (forces, largest, peak) in json.loads(run.stdout).items():
+        answer = expected[number]
+        # another library of linear algebra, and for flow iterations that end a little elsewhere
+        assert forces == pytest.approx(answer.forces(), rel=1e-9, abs=1e-9 * answer.forces().max())
+        assert largest == pytest.approx(np.abs(answer.displacement()).max(), rel=1e-9)
+        assert peak == pytest.approx(answer.outputs()["peak"], rel=1e-9)
+
+
+def fails(error):
+    def at(point):
+        raise error
+
+    return at
+
+
+VARYING = ["HHR, moduli", "HHR, shape", "interpolated condensation, moduli"]
+
+
+@pytest.mark.parametrize("kind", VARYING)
+@pytest.mark.parametrize("error", [SingularError("K~ is singular"), ParameterError("surfaces slide off")])
+def test_a_problem_that_cannot_be_made_is_no_answer(kind, error, monkeypatch):
+    """One by one, in a table, and behind a model that falls back, which asks the full one instead."""
+    model, mu = contract.model_of(kind), contract.KINDS[kind].mu
+    inner = getattr(model, "_elastic", model)
+    good = model.solve(mu, outside="ignore")
+    assert inner._sizes == (good.unknown.size, good.multipliers.size)
+    monkeypatch.setattr(inner, "eliminated", fails(error))
+    answer = model.solve(mu, raise_on_failure=False, outside="ignore")
+    assert answer.status is Status.UNDEFINED and np.isnan(answer.multipliers).all()
+    assert answer.unknown.shape == good.unknown.shape and np.isnan(answer.displacement()).all()
+    assert answer.estimate() is None and np.isnan(answer.outputs()["peak"])
+    with pytest.raises(type(error)):
+        model.solve(mu, outside="ignore")
+    point = np.array([list(mu.values())])
+    assert not model.solve_many(point, raise_on_failure=False, outside="ignore").converged.any()
+    table = hhr.answer_points(model, point, outside="ignore")
+    assert str(error) in table.status[0] and np.isnan(table.forces).all()
+
+
+@pytest.mark.parametrize("where", [("solve", "solve_many"), ("estimate", "estimates")])
+def test_a_model_that_fails_is_no_reason_to_have_no_answer(where, monkeypatch):
+    """Whatever goes wrong in the reduced model, a model with the full one behind it answers."""
+    reduced = contract.training("constant").build(contract.AS_IT_IS)
+    safe = hhr.FallbackModel(reduced, contract.training("constant").full_order, 0.05)
+    exact = safe.full.solve(contract.MIDDLE)
+    owner = safe.reduced if "solve" in where else type(reduced.fields)
+    for name in where:
+        monkeypatch.setattr(owner, name, lambda *_, **__: fails(SingularError("S is not definite"))(None))
+    answer = safe.solve(contract.MIDDLE)
+    assert safe.fell_back(answer) and np.array_equal(answer.forces(), exact.forces())
+    many = safe.solve_many(np.array([list(contract.MIDDLE.values())]))
+    assert np.array_equal(many.forces()[0], exact.forces()) and safe.share == 1.0
+    with pytest.raises(ParameterError, match="start"):
+        safe.solve(contract.MIDDLE, start="rubbish", outside="refuse")
+
+
+def test_a_subclass_may_have_its_own_solve():
+    """No method is swapped in behind its back."""
+
+    class Counting(hhr.ReducedModel):
+        asked = 0
+
+        def solve(self, mu, **how):
+            self.asked += 1
+            return super().solve(mu, **how)
+
+    model = contract.model_of("HHR, constant")
+    counting = Counting(model.problem, model.parameters, model.fields, model.trained, known=model.known)
+    assert np.array_equal(counting.solve(contract.MIDDLE).forces(), model.solve(contract.MIDDLE).forces())
+    counting.outputs(contract.MIDDLE)
+    assert counting.asked == 2
