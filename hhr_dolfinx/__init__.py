@@ -8,9 +8,17 @@ import logging
 
 import lazy_loader
 
-from hhr_dolfinx import compat as _compat  # noqa: F401  (before any import of dolfinx, mpi4py or petsc4py)
+from hhr_dolfinx import compat as _compat
 
 # silent unless a user configures logging
 logging.getLogger(__name__).addHandler(logging.NullHandler())
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_loaded, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> object:
+    """A public name, whose module is loaded now; where DOLFINx is missing the error says how to get it."""
+    try:
+        return _loaded(name)
+    except ModuleNotFoundError as error:
+        raise _compat.explained(error) from error

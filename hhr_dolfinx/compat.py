@@ -103,6 +103,24 @@ def extra(name: str, what: str) -> Iterator[None]:
         ) from error
 
 
+SOLVER = frozenset({"dolfinx", "ufl", "basix", "petsc4py", "slepc4py", "mpi4py"})
+"""Packages that come together: with conda or a distribution, or as the wheel of the extra ``solver``."""
+GET_DOLFINX = (
+    "Install it with `pip install hhr_dolfinx[solver]` (x86-64 Linux, Python >= 3.12), or from conda-forge "
+    "(`fenics-dolfinx`) or your distribution."
+)
+
+
+def explained(error: ModuleNotFoundError) -> ModuleNotFoundError | MissingPackageError:
+    """An import that failed, in words where it is one of DOLFINx; models in files answer without."""
+    if (error.name or "").split(".")[0] not in SOLVER:
+        return error
+    return MissingPackageError(
+        f"DOLFINx is not installed (no module {error.name}), and scenes, trainings and full models need it. "
+        f"{GET_DOLFINX} Models that are read from files, load_model(path), answer without it."
+    )
+
+
 def require_dolfinx() -> None:
     """Check that DOLFINx is there and recent enough, and PETSc built with real numbers.
 
@@ -113,10 +131,7 @@ def require_dolfinx() -> None:
     try:
         import dolfinx
     except ImportError as error:
-        raise MissingPackageError(
-            "DOLFINx is not installed. Install it with `pip install hhr_dolfinx[solver]` "
-            "(x86-64 Linux, Python >= 3.12), or from conda-forge (`fenics-dolfinx`) or your distribution."
-        ) from error
+        raise MissingPackageError(f"DOLFINx is not installed. {GET_DOLFINX}") from error
     version = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
     if version < MINIMUM_DOLFINX:
         raise ImportError(

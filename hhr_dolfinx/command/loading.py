@@ -5,13 +5,15 @@ from __future__ import annotations
 import inspect
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hhr_dolfinx.errors import FileError, ParameterError, SceneError
 from hhr_dolfinx.files import make_folder
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins import find
-from hhr_dolfinx.scene import Scene
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.scene import Scene
 
 
 def scene_of(name: str) -> Scene:
@@ -20,6 +22,8 @@ def scene_of(name: str) -> Scene:
     Raises:
         SceneError: for what is none.
     """
+    from hhr_dolfinx.scene import Scene
+
     found = find("scenes", name)
     if inspect.isfunction(found):
         asked = inspect.signature(found).parameters.values()

@@ -9,7 +9,7 @@ from functools import wraps
 from typing import Any
 
 from hhr_dolfinx import ranks
-from hhr_dolfinx.compat import extra
+from hhr_dolfinx.compat import explained, extra
 from hhr_dolfinx.errors import HHRError
 
 with extra("study", "the command hhr"):
@@ -48,6 +48,8 @@ def _explained(error: Exception) -> str:
     """An error in words, with its place where it came out of a file of the user; a fault of this package is raised."""
     from hhr_dolfinx.plugins import place_of
 
+    if isinstance(error, ModuleNotFoundError):
+        error = explained(error)
     place = place_of(error)
     if isinstance(error, HHRError):
         return f"{place}: {error}" if place else str(error)
