@@ -9,6 +9,7 @@ import contact_patch_test as patch
 import hertz_half_discs as discs
 import numpy as np
 import pytest
+from scenes import pressed_block
 from toy_rival import NearestAnswer, NearestHistory
 
 import hhr_dolfinx as hhr
@@ -205,3 +206,21 @@ def test_tests_of_the_other_kind(tmp_path, scene, changes, message):
 def test_points_where_bodies_flow(tmp_path):
     with pytest.raises(StudyError, match="points must be paths"):
         hhr.study_scene(flowing(), SETTINGS, tmp_path, points=[[0.05, 0.0]])
+
+
+def test_what_was_read_from_files_is_paid_for_too(tmp_path):
+    """A training that is repeated from its folder pays after as many queries, not after few."""
+    scene, settings = pressed_block("plane_strain"), hhr.StudySettings([9], tests=3, queries=6)
+    first, again = (hhr.study_scene(scene, settings, tmp_path).report for _ in range(2))
+    stage = "answers read from files"
+    assert stage not in first["times"]["offline"]
+    found = again["times"]["offline"][stage]
+    read = int(again["skipped"][0]["why"].split()[0])
+    assert read >= 9 and found == pytest.approx(read * again["times"]["fom_best"]["median"])
+    even, times = again["break_even"], again["times"]
+    saved = times["fom_best"]["median"] - times["online_forces"]["median"]
+    assert (
+        even["forces"] is None
+        if saved <= 0
+        else even["forces"] == pytest.approx(sum(times["offline"].values()) / saved)
+    )

@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import HHRError, ParameterError
@@ -154,6 +155,8 @@ class Query:
             return [f"{bound.kind} of {name}" for name in ("displacement", "forces", *heads)]
         return [] if indicator is None else ["indicator of displacement", "indicator of forces"]
 
+    # threads of BLAS slow small blocks down, a hundredfold where other processes keep the cores busy
+    @threadpool_limits.wrap(limits=1, user_api="blas")
     def __call__(self, points: np.ndarray) -> Answers:
         """Answers to some points, (n, P), any of which may have none."""
         status, columns = self._faults(points), self._blank(len(points))

@@ -39,6 +39,7 @@ TIMES = {
     "fom_best": "the full order at its best: the stiffness factored once", "condensed": "condensation, contact forces",
     "condensed_full": "condensation, fields and forces", "online": "the reduced model, contact forces",
     "online_lapack": "the same, each system factored by LAPACK", "online_full": "the reduced model, fields and forces",
+    "online_forces": "the reduced model, forces on the whole surface",
 }  # fmt: skip
 PICTURES = {
     "work_precision.png": "Error against time of one query. What lies on the black line is beaten by nothing in both.",

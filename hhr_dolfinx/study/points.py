@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.varying import VaryingModel
 
 COMPARED = ("fom_naive", "fom_best", "condensed")
-TIMED = (*COMPARED, "condensed_full", "online", "online_lapack", "online_full")
+TIMED = (*COMPARED, "condensed_full", "online", "online_forces", "online_lapack", "online_full")
 COLD = (*COMPARED, "online", "online_lapack")
 
 Queries = dict[str, Callable[[np.ndarray], Any]]
@@ -45,7 +45,10 @@ def measure_points(
     references = References.at(points, full, training.snapshots, progress("references"))
     answers = [model.solve(point, raise_on_failure=False, outside="ignore") for point in points]
     models: dict[str, Model] = {"fom_best": full, "online": model, "online_lapack": _twin(model, LapackLU)}
-    whole: Queries = {"online_full": _everywhere(_twin(model, PetscLU))}
+    whole: Queries = {
+        "online_forces": _forces(_twin(model, PetscLU)),
+        "online_full": _everywhere(_twin(model, PetscLU)),
+    }
     skipped, exact, offline = [], {"fom_best": references.errors(full)}, {}
     if full.problem.varies and full.problem.pins is not None:
         why = "contact alone holds bodies, and their elasticity depends on parameters: not built in"
@@ -113,6 +116,11 @@ def _warm(models: dict[str, Model], known: KnownStatuses) -> Queries:
         return lambda point: solve(point, start=known.active[known.nearest(point)])
 
     return {name: near(model.solve) if name.startswith("fom") else model.solve for name, model in models.items()}
+
+
+def _forces(model: Model) -> Callable[[np.ndarray], np.ndarray]:
+    """Queries of a model for the forces on the whole contact surface, as users get them."""
+    return lambda point: model.solve(point).forces()
 
 
 def _everywhere(model: Model) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:

@@ -24,6 +24,10 @@ if TYPE_CHECKING:
     from hhr_dolfinx.study.training import Training
 
 
+FROM_FILES = "answers read from files"
+"""Stage of a training whose answers were there already."""
+
+
 def make_report(
     training: Training,
     model: ReducedModel | CondensedFlowModel,
@@ -40,6 +44,7 @@ def make_report(
         "work_precision": rows,
     }
     report["times"] = {"offline": {**training.log.times, **model.offline.log.times}, **report["times"]}
+    report["times"]["offline"] |= _read_from_files(training, report["times"]["fom_best"])
     report["skipped"] += measured.skipped
     report["break_even"] = break_even(report["times"])
     report["advice"] = advice(report)
@@ -98,23 +103,33 @@ def reduced_sizes(model: ReducedModel) -> dict[str, int]:
     }
 
 
+def _read_from_files(training: Training, fom_best: dict[str, float] | None) -> dict[str, float]:
+    """A stage for answers that were read from files: what they would cost today, by the best full order."""
+    if not training.read or fom_best is None:
+        return {}
+    histories = training.snapshots.histories
+    steps = len(training.snapshots.points) / len(histories) if histories else 1.0
+    return {FROM_FILES: training.read / steps * fom_best["median"]}
+
+
 def break_even(times: dict[str, Any]) -> dict[str, float | None]:
     """Queries after which training and reduced answers are cheaper than the best full order; None if they never are.
 
-    Forces alone by the reduced model, or fields and all forces; of a history always the whole.
+    Forces on the whole surface, or fields and all forces; of a history always the whole. All training counts, answers
+    that were read from files too; forces by condensation need no training answers, see :func:`hhr_dolfinx.condense`.
     """
     offline, found = sum(times["offline"].values()), dict[str, float | None](forces=None)
     if "condensed_full" not in times:
         found["fields"] = _pays(times, offline, "online")
-        shared = sum(times["offline"].get(stage, 0.0) for stage in TRAINING)
+        shared = sum(times["offline"].get(stage, 0.0) for stage in (*TRAINING, FROM_FILES))
         spent = shared + sum(times.get("offline_condensed", {}).values())
         return found | {"fields, condensed": _pays(times, spent, "condensed")}
-    for name, kind in {"forces": "online", "fields": "online_full"}.items():
+    for name, kind in {"forces": "online_forces", "fields": "online_full"}.items():
         found[name] = _pays(times, offline, kind)
     if "offline_condensed" in times:
-        # forces need no training answers: fields do, and checks
         stages = times["offline_condensed"]
-        found["forces, condensed"] = _pays(times, stages["compliances"] + stages["starts"], "condensed")
+        spent = times["offline"].get("full_order", 0.0) + stages["compliances"] + stages["starts"]
+        found["forces, condensed"] = _pays(times, spent, "condensed")
     return found
 
 

@@ -52,6 +52,7 @@ class Training:
         held_out: answers for the trust check, or None.
         log: seconds of each stage.
         choice: what a greedy training chose, and what its models were worth on the way; None of another training.
+        read: number of answers that were read from files, which ``log`` has no seconds of.
     """
 
     full_order: FullOrderModel
@@ -59,6 +60,7 @@ class Training:
     held_out: SnapshotSet | None
     log: StageLog
     choice: Choice | None = None
+    read: int = 0
 
     def build(self, recipe: Recipe | None = None, *, checked: bool = True) -> ReducedModel:
         """A reduced model; unchecked it is built as it is, to be measured: no warning, no growth of its RID.
@@ -216,7 +218,7 @@ def train(
     if found:
         count = len(snapshots.points) + (0 if kept is None else len(kept.points))
         log.skip("snapshots", f"{found} of {count} answers were read from {folder}: the times cover the others")
-    return Training(full, snapshots, kept, log, choice)
+    return Training(full, snapshots, kept, log, choice, found)
 
 
 def _chooses(training: Any) -> bool:
