@@ -9,6 +9,7 @@ import gmsh
 import numpy as np
 import pytest
 import ufl
+from bare import WAIT
 from dolfinx import fem
 from mpi4py import MPI
 from test_mpi import launch
@@ -219,7 +220,7 @@ def pressed(hypothesis, simplices):
 
 
 def by_calculix(path, count, dim):
-    subprocess.run(["ccx", path.stem], cwd=path.parent, capture_output=True, check=True, timeout=60)
+    subprocess.run(["ccx", path.stem], cwd=path.parent, capture_output=True, check=True, timeout=WAIT)
     moved, time = np.zeros((count, dim)), 0.0
     for line in path.with_suffix(".dat").read_text().splitlines():
         words = line.split()

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bare import WAIT
 from test_mpi import run_program
 
 import hhr_dolfinx as hhr
@@ -38,7 +39,7 @@ def invoke(*words):
 def run(*words, cwd=None):
     """A command in a process of its own, whose output is a pipe."""
     words = [sys.executable, *PROGRAM, *map(str, words)]
-    found = subprocess.run(words, capture_output=True, text=True, cwd=cwd, env=ENVIRONMENT, timeout=120)
+    found = subprocess.run(words, capture_output=True, text=True, cwd=cwd, env=ENVIRONMENT, timeout=WAIT)
     for text in (found.stdout, found.stderr):
         assert "\x1b" not in text and "\r" not in text and "Traceback" not in text, text
     return found
@@ -109,11 +110,11 @@ def test_an_interrupted_training_keeps_its_answers(tmp_path):
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": ENVIRONMENT}
     # what runs these tests in the background may ignore Ctrl-C, and those it starts would, too
     started = subprocess.Popen(words, **pipes, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
-    end = time.monotonic() + 60
+    end = time.monotonic() + WAIT
     while len(list(tmp_path.glob("snapshots/*.npz"))) < 5 and started.poll() is None and time.monotonic() < end:
         time.sleep(0.005)
     started.send_signal(signal.SIGINT)
-    stdout, stderr = started.communicate(timeout=60)
+    stdout, stderr = started.communicate(timeout=WAIT)
     assert started.returncode == 130, stdout + stderr
     assert stderr == "interrupted: answers that were done are kept, and the same command goes on from there\n"
     kept = len(list(tmp_path.glob("snapshots/*.npz")))
