@@ -125,7 +125,7 @@ def test_a_deck_with_every_oddity(tmp_path):
     assert "nothing" not in names_of(found, 1)
 
 
-@pytest.mark.parametrize(("kind", "count"), [("COH2D4", 4), ("AC3D8", 8), ("C3D6", 6)])
+@pytest.mark.parametrize(("kind", "count"), [("COH2D4", 4), ("AC3D8", 8), ("CCL12", 6)])
 def test_elements_that_are_no_solids_are_refused_by_name(kind, count, tmp_path):
     nodes = "\n".join(f"{n}, {n % 2}, {n // 2 % 2}, {n // 4}" for n in range(count))
     (tmp_path / "d.inp").write_text(f"*NODE\n{nodes}\n*ELEMENT, TYPE={kind}\n1, {', '.join(map(str, range(count)))}\n")

@@ -322,7 +322,7 @@ EACH_FOR_ITSELF = {
 
 def run_failing(case, ranks, patience=3.0):
     program = FAILING.format(tests=str(TESTS), demos=str(TESTS.parent / "demos"), case=case, patience=patience)
-    return run_program(ranks, ["-c", program], limit=60)
+    return run_program(ranks, ["-c", program], limit=WAIT)
 
 
 @pytest.mark.parametrize("name", TOGETHER)
