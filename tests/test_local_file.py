@@ -359,6 +359,20 @@ def test_parts_of_a_stiffness_that_varies_are_looked_at_too(kept, tmp_path):
         check_refused(path, why, change)
 
 
+def test_places_of_parts_that_are_not_there_are_refused(kept, tmp_path):
+    """Of what is interpolated between parameters: conditions, terms of θ, axes, levels."""
+    path, tried = tmp_path / "local.npz", 0
+    with np.load(kept / "varying.npz") as file:
+        names = [name for name in file.files if "compliances.parts" in name and file[name].dtype.kind == "i"]
+        names = [name for name in names if file[name].size]
+    for name in names:
+        for number in (-1, 10**6):
+            path.write_bytes((kept / "varying.npz").read_bytes())
+            check_refused(path, "places from 0|levels of an interpolation|must increase", entry(name, -1, number))
+            tried += 1
+    assert tried > 20 and {name.rsplit(".", 1)[1] for name in names} >= {"conditions", "forced", "levels"}
+
+
 def test_a_set_is_no_file_of_one_model(path, local):
     rewrite_signed(path, header(format="hhr_dolfinx reduced model"))
     with pytest.raises(ModelFileError, match="version 1, this release reads"):

@@ -167,6 +167,7 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
 
     Where bodies flow, which depends on the path, the answer is that of one step from rest.
     """
+    from hhr_dolfinx.command.answered import largest_values
     from hhr_dolfinx.command.loading import checked_target, is_model, point_of, scene_of
 
     if out is not None and is_model(what):
@@ -187,10 +188,9 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
     elif duration is not None:
         raise click.UsageError("nothing flows: leave out --duration")
     answer = model.solve(point, **step)
-    forces, displacement = answer.forces(), answer.displacement().reshape(-1, _dimension_of(model))
     rows = {"seconds of one step from rest": step["duration"]} if step else {}
-    rows |= {"largest displacement": (displacement**2).sum(axis=1).max() ** 0.5, "sum of contact forces": forces.sum(),
-            "conditions that touch": int((forces > 0).sum())}  # fmt: skip
+    known = (None, None) if is_model(what) else (model.scene, model.problem.contact_pairs)
+    rows |= largest_values(answer, _dimension_of(model), *known)
     outputs = answer.outputs() if _has_outputs(model) else None
     if outputs is not None:
         heads = {name: f"{name} [{unit}]" if unit else name for name, unit in outputs.units.items()}
@@ -308,7 +308,7 @@ def export(scene: str, words: tuple[str, ...], out: Path) -> None:
 @click.argument("kind", required=False)
 @guarded
 def list_(kind: str | None) -> None:
-    """Show what scenes may name: geometries, pairings, laws, forms, materials, scenes of other packages."""
+    """Show what scenes may name: geometries, pairings, laws, loads, outputs, samplings, materials, other packages."""
     from hhr_dolfinx.materials.table import MATERIALS
     from hhr_dolfinx.plugins import OWN, names
 
