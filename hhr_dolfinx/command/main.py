@@ -21,6 +21,7 @@ with extra("study", "the command hhr"):
 
 NO_ANSWER = 1
 FIELDS, TABLES, DECKS = (".vtkhdf", ".vtu"), (".csv", ".parquet"), (".inp",)
+PICTURES = (".png", ".pdf", ".svg")
 
 
 def _examples(*lines: str) -> str:
@@ -69,18 +70,20 @@ def hhr(verbose: bool) -> None:
 @guarded
 def check(scene: str, words: tuple[str, ...], picture: Path | None) -> None:
     """Look at a scene without solving it: tags, supports, surfaces, gaps, loads, parameters; with a picture."""
-    from hhr_dolfinx.command.loading import point_of, scene_of
+    from hhr_dolfinx.command.loading import checked_target, point_of, scene_of
     from hhr_dolfinx.study.scene_check import check_scene
 
+    checked_target(picture, PICTURES)
     console, _ = spoken()
     made = scene_of(scene)
+    picture = picture or Path(f"{made.name}_check.png")
+    checked_target(picture, PICTURES)
     found = check_scene(made, point_of(words, made.parameters) if words else None)
     for finding in found.findings:
         console.print(f"{finding.level:8} {finding.text}", highlight=False)
     if found.drawable:
-        path = picture or Path(f"{made.name}_check.png")
-        found.draw(path)
-        console.print(f"picture: {path}")
+        found.draw(picture)
+        console.print(f"picture: {picture}")
     sys.exit(NO_ANSWER if found.mistakes else 0)
 
 
