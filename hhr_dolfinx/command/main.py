@@ -251,8 +251,7 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
     if found is None:
         return
     middle = tuple((low + high) / 2 for low, high in zip(made.parameters.lower, made.parameters.upper, strict=True))
-    unit = "Pa" if made.units is None else made.units.stress
-    found.write(folder, console, beside(scene, "VIEW") or View(points=(middle,), stress=unit))
+    found.write(folder, console, beside(scene, "VIEW") or View(points=(middle,)))
 
 
 @hhr.command(
