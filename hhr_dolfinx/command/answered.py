@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.scene import Scene
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import Answer
+    from hhr_dolfinx.scene import Scene
 
 
 def largest_values(answer: Answer, dimension: int, scene: Scene | None, pairs: np.ndarray | None) -> dict[str, float]:

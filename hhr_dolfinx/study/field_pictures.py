@@ -114,8 +114,7 @@ def _draw(plotter: Any, panel: _Panel, flat: bool) -> None:
 
 def _outline(still: pyvista.UnstructuredGrid, flat: bool) -> pyvista.PolyData:
     """Edges of the bodies where they lie before anything moves."""
-    surface = still.extract_surface()
-    return surface.extract_feature_edges(
+    return still.extract_feature_edges(
         feature_angle=40, boundary_edges=True, feature_edges=not flat, manifold_edges=False, non_manifold_edges=False
     )
 

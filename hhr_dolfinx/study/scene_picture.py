@@ -76,7 +76,7 @@ def _marks(found: SceneCheck, axes: Any, size: float) -> None:
 
 
 def _arrows(found: SceneCheck, axes: Any) -> None:
-    """Loads as arrows along their nodal forces at the parameter looked at, each in a colour, in the plane or in space."""
+    """Loads as arrows along their nodal forces at the parameter looked at, each in a colour of its own."""
     discretisation: Any = found.discretisation
     points = discretisation._points()
     length = LENGTH * float(np.ptp(points, axis=0).max())
