@@ -22,7 +22,7 @@ THESIS = hhr.Recipe.thesis(1e-8)
 """The thesis' own recipe: it needs no enrichment here."""
 SIZES = [(f"eps {eps:.0e}", hhr.Recipe.thesis(eps)) for eps in (1e-4, 1e-5, 1e-6, 1e-7, 1e-9, 1e-10)]
 SETTINGS = hhr.StudySettings([31], variants=SIZES, models={"thesis": THESIS}, queries=400)
-VIEW = hhr.View(points=((0.168,), (0.255,), (0.435,), (0.345,)), deformed=True)
+VIEW = hhr.View(points=((0.168,), (0.255,), (0.435,), (0.345,)), label="x [m]", deformed=True)
 """None is a training value."""
 
 

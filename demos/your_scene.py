@@ -59,7 +59,7 @@ def from_abaqus() -> hhr.Scene:
 
 
 SETTINGS = hhr.StudySettings(hhr.Sobol(256), queries=200)
-VIEW = hhr.View(points=((0.9, 0.1),), label="x [mm]", stress=UNITS.stress, deformed=True)
+VIEW = hhr.View(points=((0.9, 0.1),), deformed=True)
 
 
 def main() -> None:

@@ -24,7 +24,8 @@ _SOLID = ("C3D", "SC8", "F3D")
 _NO_CELLS = ("MASS", "SPRING", "DASHPOT", "D", "CONN", "GAP", "ROTARYI", "U", "RB")
 """First letters of types of elements. Lines, and plane ones in space, name facets; gmsh writes surfaces so."""
 _COUNTS = {2: {3: "triangle", 6: "triangle", 4: "quadrilateral", 8: "quadrilateral"},
-           3: {4: "tetrahedron", 10: "tetrahedron", 8: "hexahedron", 20: "hexahedron"}}  # fmt: skip
+           3: {4: "tetrahedron", 10: "tetrahedron", 8: "hexahedron", 20: "hexahedron", 5: "pyramid", 6: "prism",
+               15: "prism"}}  # fmt: skip
 """Kinds of cells by dimension and number of nodes."""
 
 
@@ -189,10 +190,14 @@ def _members(sets: dict[str, list[int]], rows: list[list[str]], ranges: bool) ->
 
 def _mesh_of(deck: _Deck, path: Path) -> RawMesh:
     """Arrays of a deck: cells of the highest dimension, and sets of them."""
-    dimensions = {DIMENSION[kind] for kind, _ in deck.elements.values() if kind in DIMENSION}
+    dimensions = {DIMENSION.get(kind, 3) for kind, _ in deck.elements.values() if kind != "line"}
     if not dimensions:
         raise FileContentError(f"{path} has no elements of the plane or of space")
-    cells = {number: item for number, item in deck.elements.items() if DIMENSION.get(item[0]) == max(dimensions)}
+    cells = {
+        number: item
+        for number, item in deck.elements.items()
+        if item[0] != "line" and DIMENSION.get(item[0], 3) == max(dimensions)
+    }
     kind = one_kind((kind for kind, _ in cells.values()), path)
     lost = next((number for number, (_, nodes) in cells.items() if not deck.nodes.keys() >= set(nodes)), None)
     if lost is not None:

@@ -26,6 +26,18 @@ KINDS = {
     "hexahedron": "hexahedron", "hexahedron20": "hexahedron", "hexahedron27": "hexahedron",
 }  # fmt: skip
 """Kinds of cells that are understood, by meshio's names; of curved ones the corners are taken."""
+OTHERS = {"wedge": "prism", "pyramid": "pyramid"}
+"""Cells of bodies in space that are not supported: how meshio's names of them begin, and their own names."""
+OF_CORNERS = {4: "tetrahedron", 5: "pyramid", 6: "prism", 8: "hexahedron"}
+"""Cells in space by their number of corners."""
+_PLURAL = {"tetrahedron": "tetrahedra", "hexahedron": "hexahedra"}
+_ONE_KIND = {
+    2: "in gmsh without 'Recombine Surface' and with Mesh.RecombineAll = 0 for triangles, or recombined and with "
+    "Mesh.SubdivisionAlgorithm = 1 for quadrilaterals",
+    3: "in gmsh without 'Recombine' and layers of extrusions for tetrahedra, or with Mesh.SubdivisionAlgorithm = 2 for "
+    "hexahedra",
+}
+"""How cells of one kind are asked for, by dimension."""
 FACET_KINDS = {"line": 2, "line3": 2, "triangle": 3, "triangle6": 3, "triangle7": 3, "quad": 4, "quad8": 4, "quad9": 4}
 """Corners of what facets may be."""
 TENSOR = {"quadrilateral": [0, 1, 3, 2], "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6]}
@@ -34,11 +46,16 @@ TENSOR_FACET = [0, 1, 3, 2]
 
 
 def one_kind(kinds: Iterable[str], path: Path) -> str:
-    """The kind of all cells of a file; raises FileContentError for several."""
+    """The kind of all cells of a file; raises FileContentError for several, or one that is not supported."""
     found = sorted(set(kinds))
-    if len(found) > 1:
-        raise FileContentError(f"{path} mixes {' and '.join(found)}: mesh all bodies with cells of one kind")
-    return found[0]
+    if len(found) == 1 and found[0] in CORNERS:
+        return found[0]
+    names = " and ".join(_PLURAL.get(kind, f"{kind}s") for kind in found)
+    said = f"mixes {names}" if len(found) > 1 else f"has {names}"
+    raise FileContentError(
+        f"{path} {said}, and a mesh must have cells of one kind: triangles, quadrilaterals, tetrahedra or hexahedra. "
+        f"Mesh all bodies so: {_ONE_KIND[max(DIMENSION.get(kind, 3) for kind in found)]}"
+    )
 
 
 def faces(kind: str, cells: np.ndarray) -> np.ndarray:

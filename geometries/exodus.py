@@ -12,7 +12,8 @@ from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.geometries.cells import CORNERS, FACES, one_kind
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
-_KINDS = {"TRI": "triangle", "QUA": "quadrilateral", "SHE": "quadrilateral", "TET": "tetrahedron", "HEX": "hexahedron"}
+_KINDS = {"TRI": "triangle", "QUA": "quadrilateral", "SHE": "quadrilateral", "TET": "tetrahedron", "HEX": "hexahedron",
+          "WED": "prism", "PYR": "pyramid"}  # fmt: skip
 """Kinds of cells by the first letters of their names."""
 _HEX_SIDES = ((0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7), (0, 1, 2, 3), (4, 5, 6, 7))
 _TET_SIDES = ((0, 1, 3), (1, 2, 3), (0, 2, 3), (0, 1, 2))
@@ -38,7 +39,7 @@ def _read(data: Any, path: Path) -> RawMesh:
         if kind is None:
             raise FileContentError(f"{path}: block {k} has elements of type {connected.elem_type}: not understood")
         kinds.append(kind)
-        blocks.append(np.asarray(connected[:], dtype=np.int64)[:, : CORNERS[kind]] - 1)
+        blocks.append(np.asarray(connected[:], dtype=np.int64)[:, : CORNERS.get(kind)] - 1)
     kind = one_kind(kinds, path)
     cells, starts = np.concatenate(blocks), np.cumsum([0, *map(len, blocks)])
     bodies: dict[str | int, np.ndarray] = {}

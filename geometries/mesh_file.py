@@ -18,7 +18,7 @@ import numpy as np
 
 from hhr_dolfinx.compat import NamedMesh, extra, linear_mesh, tags_of
 from hhr_dolfinx.errors import FileContentError, HHRError, SceneError
-from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, FACET_KINDS, KINDS, one_kind
+from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, FACET_KINDS, KINDS, OF_CORNERS, OTHERS, one_kind
 from hhr_dolfinx.geometries.raw_mesh import Numbers, RawMesh, facets_by_number
 
 if TYPE_CHECKING:
@@ -152,10 +152,10 @@ def read_by_gmsh(path: Path) -> RawMesh:
         return read_by_meshio(path)
     kinds = {(DIMENSION[kind], CORNERS[kind]): kind for kind in CORNERS}
     there = {(entity.dim, entity.corners.shape[1]) for entity in entities}
-    dim = max((one[0] for one in there & kinds.keys()), default=0)
+    dim = max((one[0] for one in there if one in kinds or one[0] == 3), default=0)
     if not dim:
         raise FileContentError(f"{path} has no triangles, quadrilaterals, tetrahedra or hexahedra")
-    kind = one_kind((kinds.get(one, f"cells of {one[1]} corners") for one in there if one[0] == dim), path)
+    kind = one_kind((kinds.get(one) or OF_CORNERS[one[1]] for one in there if one[0] == dim), path)
     cells, bodies = _joined([entity for entity in entities if entity.dim == dim], CORNERS[kind])
     width = len(FACES[kind][0])
     sides = [entity for entity in entities if entity.dim == dim - 1 and entity.corners.shape[1] == width]
@@ -189,11 +189,12 @@ def read_by_meshio(path: Path) -> RawMesh:
     except SystemExit:
         raise FileContentError(f"mesh file {path} cannot be read: {' '.join(said.getvalue().split())}") from None
     there = [block.type for block in mesh.cells if block.type in KINDS]
-    if not there:
+    if not there and not any(block.type.startswith(tuple(OTHERS)) for block in mesh.cells):
         kinds = sorted({block.type for block in mesh.cells})
         raise FileContentError(f"{path} has cells of kinds {kinds}, and none of {sorted(KINDS)}")
-    dim = max(DIMENSION[KINDS[kind]] for kind in there)
-    kind = one_kind((KINDS[kind] for kind in there if DIMENSION[KINDS[kind]] == dim), path)
+    others = {name for block in mesh.cells for start, name in OTHERS.items() if block.type.startswith(start)}
+    dim = 3 if others else max(DIMENSION[KINDS[kind]] for kind in there)
+    kind = one_kind([*others, *(KINDS[kind] for kind in there if DIMENSION[KINDS[kind]] == dim)], path)
     own = [k for k, block in enumerate(mesh.cells) if KINDS.get(block.type) == kind]
     width = len(FACES[kind][0])
     sides = [k for k, block in enumerate(mesh.cells) if FACET_KINDS.get(block.type) == width and k not in own]

@@ -213,6 +213,29 @@ def checked_terms(load: Load, assembler: Assembler) -> list[Term]:
     return [Term(term.amplitude, _checked_columns(load, term, assembler)) for term in terms]
 
 
+def parted(terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
+    """Terms with affine amplitudes, which θ counts first, and the others, each in their order."""
+    affine = [term for term in terms if isinstance(term.amplitude, Amplitude)]
+    return affine, [term for term in terms if not isinstance(term.amplitude, Amplitude)]
+
+
+def first_load(scene: Any) -> int:
+    """Place in θ of the first load of a scene.
+
+    It counts 1, affine displacements, openings, affine loads, other loads, other displacements.
+    """
+    moved = [bound(item.amplitude, scene.parameters) for item in scene.displacements]
+    affine = sum(isinstance(amplitude, Amplitude) and amplitude != Amplitude() for amplitude in moved)
+    return 1 + affine + len(scene.openings)
+
+
+def placed(terms: Sequence[Term], first: int, shape: tuple[int, int]) -> csc_matrix:
+    """Columns of terms one after another from the place ``first`` on, zero elsewhere, in the format csc."""
+    parts = [csc_matrix((shape[0], first)), *(term.columns for term in terms)]
+    parts.append(csc_matrix((shape[0], shape[1] - sum(part.shape[1] for part in parts))))
+    return csc_matrix(hstack(parts))
+
+
 def _checked_columns(load, term, assembler) -> csc_matrix:
     """Columns of a term whose amplitude and sizes are as they must be."""
     amplitude, columns = term.amplitude, term.columns

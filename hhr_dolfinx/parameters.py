@@ -124,12 +124,21 @@ class ParameterSpace:
         return point
 
     def _complaint(self, point):
+        strange = [f"{name} = {value:g}" for name, value in zip(self.names, point, strict=True)
+                   if not np.isfinite(value)]  # fmt: skip
+        if strange:
+            return f"{', '.join(strange)} is not finite: give a number inside {self._bounds()}"
         lines = [
             f"{name} = {value:g} is outside [{low:g}, {high:g}]"
             for name, value, low, high in zip(self.names, point, self.lower, self.upper, strict=True)
             if not low <= value <= high
         ]
         return "; ".join(lines) + ": widen the parameter space and train again, or choose a value inside"
+
+    def _bounds(self) -> str:
+        """The box in words."""
+        return ", ".join(f"{name} in [{low:g}, {high:g}]"
+                         for name, low, high in zip(self.names, self.lower, self.upper, strict=True))  # fmt: skip
 
     def described(self, point: np.ndarray) -> str:
         """A point in words, for messages."""

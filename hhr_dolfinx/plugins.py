@@ -47,6 +47,19 @@ OWN: Mapping[str, Mapping[str, str]] = MappingProxyType(
                 "body_force": "volume", "centrifugal": "volume", "eigenstrain": "volume",
             }.items()
         },
+        "loads": {
+            name: f"hhr_dolfinx.{module}:{name}"
+            for name, module in {
+                "Pressure": "loads", "PartialPressure": "loads", "Traction": "loads", "BodyForce": "volume_loads",
+                "Centrifugal": "volume_loads", "Eigenstrain": "volume_loads", "ThermalExpansion": "volume_loads",
+            }.items()
+        },
+        "outputs": {
+            name: f"hhr_dolfinx.outputs:{name}"
+            for name in ("ContactForce", "ContactMoment", "ContactWidth", "DisplacementAt", "ElasticEnergy", "GapAt",
+                         "LargestPressure", "LinearForm", "LostContact", "Torque", "VonMises")
+        },
+        "samplings": {name: f"hhr_dolfinx.sampling:{name}" for name in ("Sobol", "LatinHypercube", "Lattice")},
         "scenes": {},
     }
 )  # fmt: skip
@@ -62,7 +75,7 @@ def find(kind: str, name: str) -> Any:
     """What a name stands for.
 
     Args:
-        kind: ``geometries``, ``pairings``, ``laws``, ``forms`` or ``scenes``.
+        kind: ``geometries``, ``pairings``, ``laws``, ``forms``, ``loads``, ``outputs``, ``samplings`` or ``scenes``.
         name: see the head of this file.
 
     Raises:
@@ -104,7 +117,8 @@ def place_of(error: BaseException) -> str:
     """Where an error came out of a file that was loaded here, or of one beside it: file and line; else nothing."""
     place = ""
     for frame in traceback.extract_tb(error.__traceback__):
-        if Path(frame.filename).resolve().parent in _FOLDERS:
+        # code made from text, such as that of dataclasses, has a name such as <string>, and is nobody's file
+        if not frame.filename.startswith("<") and Path(frame.filename).resolve().parent in _FOLDERS:
             place = f"{Path(frame.filename).name}, line {frame.lineno}"
     return place
 

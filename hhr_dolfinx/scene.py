@@ -21,6 +21,7 @@ from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_tag, is_
 from hhr_dolfinx.units import Units
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.formulas import Formula
     from hhr_dolfinx.outputs import Output
     from hhr_dolfinx.shapes import Shape
 
@@ -29,12 +30,12 @@ if TYPE_CHECKING:
 class Displacement:
     """Imposed displacement of one component on tagged facets: ``u[component] = amplitude(mu)``.
 
-    As everywhere, a number is an amplitude that does not depend on parameters.
+    The amplitude is a number, an :class:`Amplitude`, or a formula of the parameters as text, ``"lift * sin(angle)"``.
     """
 
     tag: Tag
     component: int
-    amplitude: Amplitude = Amplitude()
+    amplitude: Amplitude | Formula = Amplitude()
 
     def __post_init__(self):
         check_tag("displacement", self.tag)
@@ -43,7 +44,7 @@ class Displacement:
                 f"component {self.component!r} of the displacement on tag {self.tag} must be 0, 1 or 2: "
                 "give each component that is imposed a Displacement of its own"
             )
-        check_amplitude(self, f"the displacement on tag {self.tag}")
+        check_amplitude(self, f"the displacement on tag {self.tag}", formulas=True)
 
     @classmethod
     def clamp(cls, tag: Tag, dimension: int) -> tuple[Displacement, ...]:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,12 @@ from threadpoolctl import threadpool_limits
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, StudyError
 
 logger = logging.getLogger(__name__)
+
+
+def today() -> str:
+    """Date and time of day in UTC, for reports: ``2026-01-31 09:05 UTC``."""
+    return datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+
 
 WARM_UP = 5
 """Queries before the clock runs."""

@@ -1,7 +1,9 @@
 """What a store of snapshots needs of a problem, without a mesh: light to import for processes that are killed."""
 
+import io
 import json
 import mmap
+import pickle
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
@@ -12,6 +14,9 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.models.answer import Answer, ElasticFields
 from hhr_dolfinx.parameters import ParameterSpace
+
+WAIT = 1800
+"""Seconds after which another process is held to hang; those of the tests take half a minute on an idle machine."""
 
 
 def bare_problem(dofs=6, conditions=2):
@@ -72,3 +77,23 @@ def on_disk(array):
     while isinstance(array, np.ndarray):
         array = array.base
     return isinstance(array, mmap.mmap)
+
+
+class _Arrays(pickle.Pickler):
+    """Notes arrays as it meets them."""
+
+    def __init__(self):
+        super().__init__(io.BytesIO())
+        self.found = []
+
+    def reducer_override(self, value):
+        if isinstance(value, np.ndarray):
+            self.found.append(value)
+        return NotImplemented
+
+
+def arrays_of(model):
+    """All arrays that a copy of a model would hold."""
+    pickler = _Arrays()
+    pickler.dump(model)
+    return pickler.found

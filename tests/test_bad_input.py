@@ -26,7 +26,7 @@ def with_changes(**changes):
 @pytest.mark.parametrize("mu", [np.nan, np.inf, 0.1, 0.5, -0.3])
 def test_parameters_outside_the_box(hertz, hertz_reduction, mu):
     for model in (hertz, hertz_reduction):
-        with pytest.raises(ParameterError, match=r"mu = .* is outside"):
+        with pytest.raises(ParameterError, match=r"mu = (.* is outside|\w+ is not finite: give a number inside)"):
             model.solve(mu)
 
 

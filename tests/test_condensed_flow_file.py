@@ -12,7 +12,7 @@ import flowing
 import numpy as np
 import pellet_cladding_plastic as demo
 import pytest
-from bare import rewrite_signed
+from bare import WAIT, rewrite_signed
 from marched import bits, of_answer
 from test_flow_moduli import path, pellet
 from test_model_file import TOY, Careless, Toy, array, check_alike, entry, header, number
@@ -164,7 +164,7 @@ def test_a_machine_without_dolfinx_and_petsc_answers(kept, varied, tmp_path):
     (tmp_path / "asked").write_bytes(pickle.dumps((ASKED, NAMES, (QUIET, TIGHT))))
     names = (Path(__file__).parent, kept / "varied.npz", tmp_path / "asked", tmp_path / "found")
     command = [sys.executable, "-c", ELSEWHERE, *map(str, names)]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=100)
+    run = subprocess.run(command, capture_output=True, text=True, timeout=WAIT)
     assert run.returncode == 0, run.stderr[-2000:]
     expected = [bits(varied.march(ASKED, QUIET), NAMES), bits(varied.march(ASKED, TIGHT))]
     assert pickle.loads((tmp_path / "found").read_bytes()) == expected

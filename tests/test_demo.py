@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pellet_cladding_plastic as plastic
 import pytest
+from bare import WAIT
 from pellet_cladding import QUICK_MESH
 
 import hhr_dolfinx as hhr
@@ -22,7 +23,7 @@ def quick(tmp_path_factory):
     """Output folder of ``--quick``."""
     out = tmp_path_factory.mktemp("demo")
     command = [sys.executable, str(ROOT / "demos/hertz_half_discs.py"), "--quick", "--out", str(out)]
-    run = subprocess.run(command, capture_output=True, text=True, cwd=out, timeout=300)
+    run = subprocess.run(command, capture_output=True, text=True, cwd=out, timeout=WAIT)
     assert run.returncode == 0, run.stderr[-3000:]
     (out / "printed").write_text(run.stdout)
     return out

@@ -7,6 +7,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from bare import WAIT
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.errors import HHRError, MissingPackageError
@@ -74,7 +75,7 @@ hhr.FullOrderModel(hhr.Scene(
 def run(program, folder):
     """Run a program in a Python that has none of the optional packages."""
     return subprocess.run(
-        [sys.executable, "-c", BLOCKED + program], capture_output=True, text=True, cwd=folder, timeout=120
+        [sys.executable, "-c", BLOCKED + program], capture_output=True, text=True, cwd=folder, timeout=WAIT
     )
 
 

@@ -11,7 +11,7 @@ from flowing import STEPS, flowing_full
 from mpi4py import MPI
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import FileError
+from hhr_dolfinx.errors import FileError, SceneError
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +38,19 @@ def test_an_answer_is_what_is_in_the_file(ending, spring, tmp_path):
     np.testing.assert_allclose(grid["contact_pressure"][loaded], expected, rtol=1e-10)
     assert np.nanmin(grid["gap"]) > -1e-12 and np.abs(grid["gap"][loaded]).max() < 1e-12
     assert set(np.unique(grid["body"])) == {0, 1, 2} and grid["von_mises"].max() > 100
+
+
+def test_a_model_from_a_file_has_no_mesh_but_its_answers_have(spring, tmp_path):
+    full, _ = spring
+    model = hhr.train(full.scene, hhr.Sobol(16), held_out=0, comm=MPI.COMM_SELF).build(checked=False)
+    hhr.save_model(tmp_path / "model.npz", model)
+    loaded = hhr.load_model(tmp_path / "model.npz")
+    answer = loaded.solve((0.9, 0.1))
+    with pytest.raises(SceneError, match="fields need a mesh, and a ReducedModel has none: give FullOrderModel"):
+        hhr.write_fields(tmp_path / "fields.vtu", loaded, answer)
+    (path,) = hhr.write_fields(tmp_path / "fields.vtu", full, answer)
+    exact = full.stress_of(answer.displacement(), answer.parameter)
+    np.testing.assert_allclose(pyvista.read(path)["stress_kelvin"], exact, atol=1e-9 * np.abs(exact).max())
 
 
 def test_steps_of_a_history_stand_with_their_times(tmp_path):

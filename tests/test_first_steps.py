@@ -8,6 +8,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from bare import WAIT
 from test_mpi import launch
 
 ROOT = Path(__file__).parent.parent
@@ -28,7 +29,7 @@ def test_output_in_a_file_is_whole_lines(tmp_path, wishes):
     """No blank lines, nothing wrapped, nothing that moves a cursor; colours only where they are asked for."""
     asked = {key: value for key, value in os.environ.items() if key not in ("COLUMNS", "FORCE_COLOR", "TTY_COMPATIBLE")}
     run = subprocess.run(
-        [sys.executable, "-c", SPEAKS], capture_output=True, text=True, cwd=tmp_path, env=asked | wishes, timeout=60
+        [sys.executable, "-c", SPEAKS], capture_output=True, text=True, cwd=tmp_path, env=asked | wishes, timeout=WAIT
     )
     assert run.returncode == 0, run.stderr[-3000:]
     plain = re.sub(r"\x1b\[[\d;]*m", "", run.stdout)
@@ -68,7 +69,7 @@ def test_a_terminal_gets_bars_and_its_own_width(tmp_path):
 
 def run_talk(folder, out):
     command = [sys.executable, "-c", SPEAKS, "--out", str(out)]
-    return subprocess.run(command, capture_output=True, text=True, cwd=folder, timeout=60)
+    return subprocess.run(command, capture_output=True, text=True, cwd=folder, timeout=WAIT)
 
 
 def test_a_folder_that_cannot_be_made_ends_at_once(tmp_path):
@@ -161,7 +162,7 @@ def fake_set_up(folder, pip: str) -> subprocess.CompletedProcess:
     python.chmod(0o755)
     command = ["sh", str(folder / "scripts/setup.sh")]
     environment = os.environ | {"PYTHON": str(python), "HOME": str(folder)}
-    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=60)
+    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=WAIT)
 
 
 def test_set_up_says_what_it_does(tmp_path):
@@ -179,7 +180,7 @@ def test_set_up_says_what_it_does(tmp_path):
     assert re.fullmatch(r"Set up in \d+ s: \d+ MB in .venv", lines[-1])
     assert "\r" not in run.stderr and "\x1b" not in run.stderr and all(line.strip() for line in lines)
     assert "Collecting vtk" in (tmp_path / ".venv/pip.log").read_text()
-    again = subprocess.run(["sh", str(tmp_path / "scripts/setup.sh")], capture_output=True, text=True, timeout=60)
+    again = subprocess.run(["sh", str(tmp_path / "scripts/setup.sh")], capture_output=True, text=True, timeout=WAIT)
     assert again.returncode == 0 and not again.stderr
 
 
@@ -226,5 +227,5 @@ def test_which_dolfinx_the_set_up_takes(tmp_path, version, scalar, good):
     (tmp_path / "dolfinx.py").write_text(f"__version__ = {version!r}\n")
     (tmp_path / "petsc4py.py").write_text(f"import numpy\nclass PETSc:\n    ScalarType = numpy.{scalar}\n")
     environment = os.environ | {"PYTHONPATH": str(tmp_path)}
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, timeout=60)
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, timeout=WAIT)
     assert (run.returncode == 0) == good and not run.stderr

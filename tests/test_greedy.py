@@ -13,7 +13,7 @@ from scipy.stats import spearmanr
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import force_floor
-from hhr_dolfinx.errors import ParameterError, ReductionError, StudyError
+from hhr_dolfinx.errors import ParameterError, ReductionError, SceneWarning, StudyError
 from hhr_dolfinx.study import greedy as module
 from hhr_dolfinx.study.greedy import independent
 from hhr_dolfinx.study.greedy_indicators import _Domain
@@ -217,6 +217,17 @@ def test_what_does_not_suit_a_scene_is_refused_before_anything_is_solved():
         train(demo.scene(**SMALL_MESH), hhr.Greedy())
     with pytest.raises(StudyError, match="chooses points, not paths"):
         train(pressed_block("plane_strain"), hhr.Greedy(family=loading))
+
+
+def test_a_body_held_by_contact_alone_whose_modulus_varies_is_refused_at_the_door(monkeypatch):
+    """Nothing there says how wrong forces are: the indicators that would answer are 1e6 times too large."""
+    import test_floating
+
+    scene = test_floating.scene(bodies=(hhr.Body(test_floating.LOWER, "E", 0.3), hhr.Body(test_floating.UPPER, 9, 0.3)),
+                                parameters=hhr.ParameterSpace(("p", "E"), (1.0, 1e3), (10.0, 4e3)))  # fmt: skip
+    monkeypatch.setattr("hhr_dolfinx.study.training.spread_snapshots", None)
+    with pytest.warns(SceneWarning, match="no contact resists"), pytest.raises(StudyError, match="--sobol 128"):
+        train(scene, hhr.Greedy())
 
 
 def test_answers_of_another_kind_are_not_joined(case):

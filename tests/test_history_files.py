@@ -13,7 +13,7 @@ import numpy as np
 import pellet_cladding
 import pellet_cladding_plastic as demo
 import pytest
-from bare import BareFull, bare_problem, on_disk
+from bare import WAIT, BareFull, bare_problem, on_disk
 from scenes import pressed_block
 from scipy.sparse import csc_matrix
 from toy_law import Bingham
@@ -33,7 +33,7 @@ PATH = demo.path(10.0, flowing.STEPS)
 RENEWED = hhr.MarchSettings("tangent")
 """New tangents in each iteration: nothing but answers passes from step to step, and a resumed history is the same."""
 LONG, KEPT = demo.path(10.0, 20), 12
-"""The twelfth of these steps leaves its tangent to the next one: it takes four iterations, at most ``PATIENCE``."""
+"""The twelfth of these steps leaves its tangent to the next one: it takes four iterations, at most ``WAIT``."""
 MOVED = 1e-4
 """A resumed history has another tangent there; both end where a step moves the stress by ``relative_stress`` = 1e-5 of
 itself, in several iterations. Measured: 9e-6."""
@@ -163,7 +163,7 @@ tests.computed(tests.flowing.flowing_full(), sys.argv[1])
 
 
 def test_a_killed_run_leaves_whole_steps(full, whole, solved, tmp_path):
-    run = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], capture_output=True, text=True, timeout=150)
+    run = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], capture_output=True, text=True, timeout=WAIT)
     assert run.returncode == -9, run.stderr[-2000:]
     assert len(list(tmp_path.glob("*.npz"))) == 3 and len(list(tmp_path.glob("*.part"))) == 1
     history, store = computed(full, tmp_path)

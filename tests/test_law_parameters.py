@@ -11,7 +11,7 @@ import flowing
 import numpy as np
 import pellet_cladding_plastic as demo
 import pytest
-from bare import rewrite_signed
+from bare import WAIT, rewrite_signed
 from test_model_file import flat, marched_elsewhere
 from test_plastic import POISSON, YOUNG, bar, of_all_functions
 from toy_law import Bingham
@@ -171,7 +171,7 @@ def test_laws_of_numbers_load_no_formulas():
         "material.update(np.zeros((2, 4)), material.at_rest(), 1.0, tangent=True)\n"
         "assert 'hhr_dolfinx.formulas' not in sys.modules\n"
     )
-    subprocess.run([sys.executable, "-c", program], check=True, timeout=100)
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=WAIT)
 
 
 # reduced models

@@ -7,7 +7,7 @@ from pathlib import Path
 import hertz_half_discs as demo
 import numpy as np
 import pytest
-from scenes import check_contact_conditions, pressed_block
+from scenes import check_contact_conditions, largest_difference, pressed_block, pressed_pair
 from scipy.sparse import csc_matrix, csr_matrix
 from test_mpi import launch
 from toy_nonaffine_load import Square, WindLoad
@@ -16,7 +16,7 @@ from toy_volume_load import Weight
 import hhr_dolfinx as hhr
 from hhr_dolfinx.amplitudes import Amplitudes, Coverage, Theta
 from hhr_dolfinx.errors import SceneError, SceneWarning
-from hhr_dolfinx.geometries import block
+from hhr_dolfinx.geometries import block, two_blocks
 
 YOUNG, HEIGHT, WIDTH, GAP = 3.0, 2.0, 1.5, 0.01
 
@@ -177,3 +177,41 @@ def test_the_stiffness_is_the_sum_of_its_terms(hertz):
     parts = dataclasses.replace(problem, stiffness_terms=(0.25 * problem.stiffness, 0.75 * problem.stiffness))
     assert abs(parts.stiffness - problem.stiffness).max() < 1e-12 * abs(problem.stiffness).max()
     assert problem.stiffness is problem.stiffness_terms[0] and len(problem.stiffness_terms) == 1
+
+
+def curved_pair(formula):
+    """A pair with a modulus, an opening and a load that is a formula, pushed by a formula or, the same, by a number."""
+    moved = hhr.Displacement(two_blocks.side(two_blocks.SECOND, 1, True), 1,
+                             "-0.03 * (1 + push)**2" if formula else hhr.Amplitude(slopes={"down": -1.0}))  # fmt: skip
+    made = pressed_pair("plane_strain", (("E1", 0.3), (5.0, 0.3)), {"E1": (1.0, 6.0)}, cells=3)
+    flank = two_blocks.side(two_blocks.SECOND, 0, True)
+    box = {"push": (0.0, 0.4)} if formula else {"down": (0.03, 0.06)}
+    box |= {"slide": (-0.02, 0.02), "load": (0.0, 0.1), "gap": (0.0, 0.01), "E1": (1.0, 6.0)}
+    return dataclasses.replace(
+        made, parameters=hhr.ParameterSpace(tuple(box), *zip(*box.values(), strict=True)),
+        displacements=(moved, *made.displacements[:3]), loads=(hhr.Pressure(flank, "load**2 + 0.02"),),
+    )  # fmt: skip
+
+
+def test_a_displacement_by_a_formula_is_the_displacement_it_gives():
+    """Full, reduced and condensed, beside openings, loads by formulas and lifts of a modulus, which θ counts before."""
+    formula, plain = (hhr.train(curved_pair(kind), hhr.Sobol(64), held_out=0) for kind in (True, False))
+    for mu in ((0.1, -0.01, 0.05, 0.004, 2.0), (0.35, 0.02, 0.09, 0.009, 5.0)):
+        same = (0.03 * (1 + mu[0]) ** 2, *mu[1:])
+        expected = plain.full_order.solve(same, gradient=True)
+        found = formula.full_order.solve(mu, gradient=True)
+        assert largest_difference(found.displacement(), expected.displacement()) < 1e-12
+        assert largest_difference(found.forces(), expected.forces()) < 1e-10
+        slopes = expected.gradient.multipliers.copy()
+        slopes[:, 0] *= 0.06 * (1 + mu[0])
+        assert largest_difference(found.gradient.multipliers, slopes) < 1e-9
+        # as near as the same models of scenes without formulas, tests/test_varying_reduced.py
+        for model, tolerance in ((formula.build(checked=False), 2e-2), (formula.condense(), 1e-4)):
+            answer = model.solve(mu, outside="ignore")
+            assert largest_difference(answer.displacement(), expected.displacement()) < tolerance
+            assert largest_difference(answer.forces(), expected.forces()) < tolerance
+
+
+def test_a_formula_of_a_displacement_is_checked_as_others_are():
+    with pytest.raises(SceneError, match="lift"):
+        dataclasses.replace(curved_pair(True), displacements=(hhr.Displacement(1, 0, "2 * lift"),))

@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from bare import rewrite_signed
+from bare import WAIT, arrays_of, rewrite_signed
 from parted import (
     CUT,
     REACH,
@@ -105,6 +105,13 @@ def test_a_set_comes_back_to_the_last_bit(name, kept, request):
         assert np.array_equal(getattr(stored.choice, item.name), getattr(model.choice, item.name))
 
 
+@pytest.mark.parametrize("name", ["local", "varying", "shaped"])
+def test_arrays_lie_as_files_keep_them(name, request):
+    """Else sums of a model that was read run in another order than those of the one that was written."""
+    found = arrays_of(request.getfixturevalue(name))
+    assert len(found) > 50 and not [array.strides for array in found if not array.flags.forc]
+
+
 def test_many_answers_and_the_door_are_the_same(kept, local):
     stored, points = hhr.load_model(kept / "local.npz"), points_of(local)
     one, two = (model.solve_many(points) for model in (stored, by_lapack(local)))
@@ -165,7 +172,7 @@ def test_another_process_answers_without_dolfinx(name, petsc, kept, request):
     model = by_lapack(request.getfixturevalue(name))
     points = points_of(model, 4)
     command = [sys.executable, "-c", ELSEWHERE, petsc, str(kept / f"{name}.npz"), json.dumps(points.tolist())]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=100)
+    run = subprocess.run(command, capture_output=True, text=True, timeout=WAIT)
     assert run.returncode == 0, run.stderr[-2000:]
     found, numbers = json.loads(run.stdout)
     answers = [model.solve(point, outside="ignore") for point in points]
@@ -359,6 +366,20 @@ def test_parts_of_a_stiffness_that_varies_are_looked_at_too(kept, tmp_path):
     }.items():  # fmt: skip
         path.write_bytes((kept / "varying.npz").read_bytes())
         check_refused(path, why, change)
+
+
+def test_places_of_parts_that_are_not_there_are_refused(kept, tmp_path):
+    """Of what is interpolated between parameters: conditions, terms of θ, axes, levels."""
+    path, tried = tmp_path / "local.npz", 0
+    with np.load(kept / "varying.npz") as file:
+        names = [name for name in file.files if "compliances.parts" in name and file[name].dtype.kind == "i"]
+        names = [name for name in names if file[name].size]
+    for name in names:
+        for number in (-1, 10**6):
+            path.write_bytes((kept / "varying.npz").read_bytes())
+            check_refused(path, "places from 0|levels of an interpolation|must increase", entry(name, -1, number))
+            tried += 1
+    assert tried > 20 and {name.rsplit(".", 1)[1] for name in names} >= {"conditions", "forced", "levels"}
 
 
 def test_a_set_is_no_file_of_one_model(path, local):

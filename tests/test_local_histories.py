@@ -198,7 +198,9 @@ def test_the_check_of_all_models_together_passes_and_is_kept(trained):
 
 
 def test_models_with_points_of_their_own_complete_the_state_they_hand_on(trained):
-    recipe = hhr.Recipe.flowing(basis=hhr.Pod(1e-9), domain=hhr.Rid(20, 20), cubature=hhr.CubatureStep())
+    # as exact as both models must be to take turns: where a thousandth of the forces is left, that of unloading has 23
+    # points for 15 modes, and the processor's kernels decide whether it converges
+    recipe = hhr.Recipe.flowing(basis=hhr.Pod(1e-7), domain=hhr.Rid(20, 20), cubature=hhr.CubatureStep(1e-6))
     local = local_histories(trained, [PHASES] * 2, recipe, checked=False)
     assert not local.equilibrium.shares_points
     exact = trained.full_order.march(there_and_back(8.0))

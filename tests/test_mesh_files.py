@@ -257,7 +257,11 @@ WRONG = {
     ),
     "mixed.inp": (
         "*Node\n1,0,0\n2,1,0\n3,0,1\n4,1,1\n*Element,type=CPE3\n1,1,2,3\n*Element,type=CPE4\n2,1,2,4,3\n",
-        "mixes quadrilateral and triangle",
+        "mixes quadrilaterals and triangles.*SubdivisionAlgorithm = 1",
+    ),
+    "prism.inp": (
+        "*Node\n1,0,0,0\n2,1,0,0\n3,0,1,0\n4,0,0,1\n5,1,0,1\n6,0,1,1\n*Element,type=C3D6\n1,1,2,3,4,5,6\n",
+        "has prisms, and a mesh must have cells of one kind: .*SubdivisionAlgorithm = 2 for hexahedra",
     ),
     "no.xdmf": ("<Xdmf><Domain/></Xdmf>", "has no grid of triangles"),
     "bad.xdmf": ("<Xdmf>", "is no XDMF"),
@@ -272,6 +276,25 @@ def test_files_that_are_no_meshes_are_refused_with_the_reason(name, tmp_path):
         (tmp_path / name).write_text(text)
     with pytest.raises(FileContentError, match=message):
         hhr.MeshFile(tmp_path / name)(MPI.COMM_SELF)
+
+
+@pytest.mark.parametrize("version", [2.2, 4.1])
+def test_prisms_are_called_prisms(version, tmp_path):
+    """Their sides are plane cells, which were taken for the mesh: a shell."""
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.option.setNumber("Mesh.MshFileVersion", version)
+    gmsh.option.setNumber("Mesh.MeshSizeMin", 1.0)
+    ground = gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
+    gmsh.model.occ.extrude([(2, ground)], 0, 0, 1, numElements=[1], recombine=True)
+    gmsh.model.occ.synchronize()
+    gmsh.model.addPhysicalGroup(3, [1], name="body")
+    gmsh.model.addPhysicalGroup(2, [ground], name="ground")
+    gmsh.model.mesh.generate(3)
+    gmsh.write(str(tmp_path / "prisms.msh"))
+    gmsh.finalize()
+    with pytest.raises(FileContentError, match=r"prisms\.msh has prisms, and .*tetrahedra, or "):
+        hhr.MeshFile(tmp_path / "prisms.msh")(MPI.COMM_SELF)
 
 
 WORDS = {(3,): "path 3 of a mesh file", ("a.msh", 0.0): "scale 0.0", ("a.msh", "mm"): "scale 'mm'"}

@@ -11,7 +11,7 @@ import numpy as np
 import pellet_cladding
 import pellet_cladding_plastic as plastic_demo
 import pytest
-from bare import rewrite_signed
+from bare import WAIT, rewrite_signed
 from parted import by_lapack
 from scenes import largest_difference, pressed_block
 from toy_law import Bingham
@@ -473,7 +473,7 @@ def marched_elsewhere(file, path, folder):
     """Answers of a history, flat, by a process in which nothing of the full model can be imported."""
     np.save(folder / "path.npy", np.array([[time, *point] for time, point in path]))
     command = [sys.executable, "-c", MARCH, *(str(name) for name in (file, folder / "path.npy", folder / "out.npy"))]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=150)
+    run = subprocess.run(command, capture_output=True, text=True, timeout=WAIT)
     assert run.returncode == 0, run.stderr[-2000:]
     return np.load(folder / "out.npy")
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bare import WAIT
 
 TESTS = Path(__file__).parent
 PROGRAM = """
@@ -109,7 +110,7 @@ def launch(ranks, arguments, cwd=None):
     return run.stdout
 
 
-def run_program(ranks, arguments, cwd=None, limit=300):
+def run_program(ranks, arguments, cwd=None, limit=WAIT):
     """A Python program on some ranks, ended after ``limit`` seconds."""
     beside = str(Path(sys.executable).parent)
     mpirun = shutil.which("mpirun", path=os.pathsep.join([beside, os.environ["PATH"]]))
@@ -243,7 +244,7 @@ from hhr_dolfinx.errors import ConvergenceError, ParameterError
 from hhr_dolfinx.certify.constants import smallest_singular_value
 from hhr_dolfinx.pairings.obstacle import Obstacle
 from hhr_dolfinx.snapshots.records import spread_snapshots
-ranks.PATIENCE = {patience}
+ranks.WAIT = {patience}
 world, last = MPI.COMM_WORLD, MPI.COMM_WORLD.rank == MPI.COMM_WORLD.size - 1
 scene = pressed_block("plane_strain")
 
@@ -322,7 +323,7 @@ EACH_FOR_ITSELF = {
 
 def run_failing(case, ranks, patience=3.0):
     program = FAILING.format(tests=str(TESTS), demos=str(TESTS.parent / "demos"), case=case, patience=patience)
-    return run_program(ranks, ["-c", program], limit=60)
+    return run_program(ranks, ["-c", program], limit=WAIT)
 
 
 @pytest.mark.parametrize("name", TOGETHER)

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bare import BareFull, answer, rewrite_signed
+from bare import WAIT, BareFull, answer, rewrite_signed
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ModelFileError, SnapshotFileWarning
@@ -320,7 +320,7 @@ def trial(kind, original, folder, count, seed):
     folder.mkdir()
     cases = list(mutants(original, folder, count, seed))
     command = [sys.executable, __file__, kind, str(original), *(str(path) for _, path in cases)]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    run = subprocess.run(command, capture_output=True, text=True, timeout=WAIT)
     lines = [json.loads(line) for line in run.stdout.splitlines() if line.startswith("[")]
     wrong, refused = {}, 0
     for (name, _), (outcome, growth) in zip(cases, lines, strict=False):

@@ -10,6 +10,7 @@ import contact_patch_test as patch
 import numpy as np
 import pellet_cladding_nonmatching as demo
 import pytest
+from bare import WAIT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
@@ -424,7 +425,7 @@ def test_errors_of_the_demo_on_a_coarse_mesh(pellet, pairing):
 
 def run_quick(name, out, *arguments):
     command = [sys.executable, str(ROOT / f"demos/{name}.py"), "--quick", "--out", str(out), *arguments]
-    run = subprocess.run(command, capture_output=True, text=True, cwd=out, timeout=300)
+    run = subprocess.run(command, capture_output=True, text=True, cwd=out, timeout=WAIT)
     assert run.returncode == 0, run.stderr[-3000:]
 
 

@@ -200,4 +200,8 @@ def test_a_study_writes_its_page(tmp_path):
     study.write(tmp_path, view=hhr.View(points=(tuple(study.tests[0]),)))
     found = Seen((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert found.tags.count("img") == len(list(tmp_path.glob("*.png"))) >= 3
+    assert 'name="viewport"' in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert {"push", "What was asked", "Poisson's ratio"} <= set(found.texts)
+    assert any("UTC" in text and f"hhr_dolfinx {hhr.__version__}" in text for text in found.texts)
+    assert found.tags.count("div") == found.tags.count("table")  # a narrow screen scrolls tables, not the page
     assert "pressed_plane_strain" in found.texts and study.report["advice"] in found.texts

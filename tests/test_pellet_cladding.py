@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pellet_cladding as demo
 import pytest
+from bare import WAIT
 from hertz_half_discs import scene as hertz_scene
 from rich.console import Console
 from scenes import check_contact_conditions, largest_difference
@@ -283,7 +284,7 @@ def test_quick_demo(tmp_path):
 def test_extreme_cases(tmp_path):
     """No silent wrong answer: the demo ends with 1 if there is one."""
     command = [sys.executable, str(ROOT / "demos/extreme_cases.py"), "--quick", "--out", str(tmp_path)]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    run = subprocess.run(command, capture_output=True, text=True, timeout=WAIT)
     rows = json.loads((tmp_path / "extreme_cases.json").read_text())
     assert not [row for row in rows if row["outcome"] == "WRONG"]
     assert run.returncode == 0, run.stdout[-3000:] + run.stderr[-2000:]

@@ -10,6 +10,7 @@ import contact_patch_test as patch
 import numpy as np
 import pellet_cladding_plastic as demo
 import pytest
+from bare import WAIT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import node_dofs, pressed_block, whole_domain
@@ -508,7 +509,7 @@ def test_no_flow_costs_two_iterations_a_step():
 
 def test_quick_demo(tmp_path):
     command = [sys.executable, str(ROOT / "demos/pellet_cladding_plastic.py"), "--quick", "--out", str(tmp_path)]
-    run = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=300)
+    run = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=WAIT)
     assert run.returncode == 0, run.stderr[-3000:]
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["stability"]["tangent"] > 0

@@ -119,7 +119,7 @@ def test_the_command_knows_installed_scenes(installed, tmp_path):
     assert looked.returncode == 0 and "contact 0 of 2: 7 conditions" in looked.stdout, looked.stdout + looked.stderr
     assert (tmp_path / "slab_on_ramp_check.png").stat().st_size > 1000
     solved = hhr_command(installed, tmp_path, "solve", "slab_on_ramp", "--at", "push=0.05")
-    assert solved.returncode == 0 and "sum of contact forces: 0.36\n" in solved.stdout, solved.stdout + solved.stderr
+    assert solved.returncode == 0 and "\nsum of contact forces: 0.36\n" in solved.stdout, solved.stdout + solved.stderr
     forces = []
     for duration in ("1", "50"):
         flowing = hhr_command(installed, tmp_path, "solve", "flowing_slab", "--at", "push=0.05", "--duration", duration)
@@ -215,6 +215,19 @@ def test_two_files_of_one_name_are_two(tmp_path):
     assert one.__module__ != two.__module__
     assert sys.modules[two.__module__].law is two
     assert find("laws", f"{tmp_path}/two/my_law.py:late")() == "late"
+
+
+def test_code_made_from_text_is_nobodys_file(tmp_path, monkeypatch):
+    """Beside the scene <string> would lie in its folder: dataclasses raise from there."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene_here.py").write_text("import hhr_dolfinx as hhr\n\nhold = lambda: hhr.Displacement(1, -1)\n")
+    hold = find("scenes", "scene_here.py:hold")
+    with pytest.raises(SceneError) as caught:
+        hold()
+    assert place_of(caught.value) == "scene_here.py, line 3"
+    with pytest.raises(SceneError) as caught:
+        hhr.Displacement(1, -1)
+    assert place_of(caught.value) == ""
 
 
 def test_a_file_does_not_take_the_place_of_a_module(tmp_path):

@@ -262,6 +262,18 @@ def test_where_there_is_no_mesh_nothing_is_drawn():
     assert not found.drawable
 
 
+def test_loads_are_drawn_as_the_forces_that_they_are():
+    """At the parameter looked at: a pressure pushes against the outer normal, all of it in the resultant."""
+    pressed = pressed_block("plane_strain")
+    lifted = hhr.Traction(block.side(1, upper=True), (0.0, 1.0), hhr.Amplitude(slopes={"push": 1.0}))
+    scene = replace(pressed, loads=(hhr.Pressure(block.side(0, upper=True), 2.0), lifted))
+    (_, right), (name, up) = check_scene(scene, 0.1).forces
+    assert name == f"Traction on {block.side(1, upper=True)}"
+    height = 2.0  # of pressed_block
+    assert right.sum(axis=0) == pytest.approx([-2.0 * height, 0.0]) and (right[:, 1] == 0).all()
+    assert (up[:, 0] == 0).all() and up[:, 1].min() >= 0 and 0 < up.sum() < 1
+
+
 def test_a_picture_of_a_mistake_is_drawn(tmp_path):
     """Of a displacement of an axis that is not there, and of loads on surfaces and on bodies, in space too."""
     scene = your_scene.scene()

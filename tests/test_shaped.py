@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import press_fit
 import pytest
+from bare import WAIT
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ParameterError, SceneError
@@ -211,7 +212,7 @@ def test_it_needs_no_finite_element_library(tmp_path):
         "    assert np.abs(found.contact_trial - wanted.contact_trial).max() < 1e-12\n"
         "print(*{'dolfinx', 'ufl', 'basix', 'petsc4py', 'numba', 'gmsh'} & set(sys.modules))\n"
     )
-    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path, timeout=60)
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path, timeout=WAIT)
     assert run.returncode == 0, run.stderr[-3000:]
     assert run.stdout.strip() == ""
 

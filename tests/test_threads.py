@@ -13,6 +13,7 @@ import numpy as np
 import pellet_cladding as pellet_demo
 import pellet_cladding_plastic as demo
 import pytest
+from bare import WAIT
 from petsc4py import PETSc
 
 import hhr_dolfinx as hhr
@@ -311,7 +312,7 @@ def test_a_machine_without_petsc_answers(tmp_path, pellet, reduced):
         f"model = hhr.load_model({str(tmp_path / 'model.npz')!r})\n"
         f"print(json.dumps(hhr.answer_points(model, {points}).forces.tolist()))\n"
     )
-    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=100)
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=WAIT)
     assert run.returncode == 0, run.stderr[-2000:]
     for found, point in zip(json.loads(run.stdout), points, strict=True):
         forces = reduced.solve(point).forces()

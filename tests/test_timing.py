@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from bare import WAIT
 from scenes import pressed_block
 
 import hhr_dolfinx as hhr
@@ -45,7 +46,7 @@ def test_nothing_is_printed_by_default():
         "with log.stage('rid'): pass\n"
         "log.skip('rid', 'why'); log.refuse(1, 'why')\n"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=WAIT)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 

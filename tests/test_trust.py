@@ -9,7 +9,7 @@ import pellet_cladding as demo
 import pytest
 from bare import rewrite_signed
 from mpi4py import MPI
-from scenes import THESIS
+from scenes import THESIS, pressed_pair
 from scipy.optimize import nnls
 from scipy.sparse import csr_matrix
 
@@ -18,6 +18,7 @@ from hhr_dolfinx.certify.accuracy import contact_residuals, force_floor, round_o
 from hhr_dolfinx.certify.compare import compare_points
 from hhr_dolfinx.certify.trust import TrustLimits, check_comparison, warn_of_gaps_in_training
 from hhr_dolfinx.errors import (
+    NotSolvableError,
     OutsideTrainingError,
     OutsideTrainingWarning,
     ParameterError,
@@ -51,6 +52,15 @@ def test_forces_outside_the_rid_where_contact_never_opens(press_fit):
     errors = References.at(points, press_fit.full_order, snapshots).errors(reduction).values["dual_full_floored"]
     # measured 4.6 %, and 5.2 % at the worst
     assert np.percentile(errors, 95) < 0.1
+
+
+def test_two_contacts_on_one_node_are_named():
+    """A pair and a stop on one surface move each node alike: no advice on modes helps."""
+    scene = pressed_pair("plane_strain", ((1.0, 0.3), (5.0, 0.3)), cells=3)
+    both = (*scene.contacts, hhr.Obstacle(scene.contacts[0].first, (0.0, 1.0), 1.004))
+    training = hhr.train(dataclasses.replace(scene, contacts=both), hhr.Sobol(16), held_out=0)
+    with pytest.raises(NotSolvableError, match=r"contacts 0 and 1 hold the same node .* 4 places in all.*Leave out"):
+        training.build(hhr.Recipe(enrichment=None).as_it_is())
 
 
 def test_each_pair_has_a_scale_of_its_own(press_fit):

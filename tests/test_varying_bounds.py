@@ -11,10 +11,10 @@ from test_shapes import BODIES as SHAPED_BODIES
 from test_shapes import CROWNED, SPACE
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import ModelFileError
+from hhr_dolfinx.errors import BoundError, ModelFileError
 from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.online.layout import FORMAT, VERSION
-from hhr_dolfinx.reduction.varying_bound import EnergySolver, varying_bound
+from hhr_dolfinx.reduction.varying_bound import EnergySolver, _check_resolved, varying_bound
 
 ALL = {"E1": (1.0, 6.0), "nu1": (0.1, 0.42), "E2": (2.0, 9.0), "nu2": (0.1, 0.42)}
 MADE = {
@@ -32,6 +32,15 @@ def trained(name, **others):
     training = hhr.train(scene, hhr.Sobol(16))
     few = training.snapshots.take(np.arange(6))
     return training, hhr.build(training.full_order, few, hhr.Recipe().as_it_is()), kind
+
+
+@pytest.mark.parametrize(
+    "error, said", [(4.6e14, "off by more than itself; a bound allows 0.001"), (0.02, "off by 0.02 of itself")]
+)
+def test_what_cannot_be_interpolated_is_said_in_words(error, said):
+    with pytest.raises(BoundError, match=said):
+        _check_resolved(error)
+    _check_resolved(1e-4)
 
 
 @pytest.fixture(scope="module", params=sorted(MADE))

@@ -34,6 +34,8 @@ EMPTY = 1.5
 """Distance from the training, over that between training points, at which a place counts as empty."""
 EMPTY_SHARE = 0.1
 """Part of the box that may be empty; points drawn at random leave some per cent."""
+ALIKE = 1e-10
+"""One less the cosine of two normals of a node below which they are the same."""
 FEW = 20
 """Solutions held out below which a region of a twentieth of the box is likely missed."""
 
@@ -112,13 +114,39 @@ def first_trusted(attempt: Callable[[int], Any], layers: int, most_layers: int, 
         layers += 1
 
 
-def check_solvable(stability: Stability) -> None:
+def check_solvable(stability: Stability, problem: ContactProblem, sets: IndexSets) -> None:
     """Raise NotSolvableError if the rows of B~1 or B~2 are dependent, thesis (1.67), (5.24)-(5.25)."""
     if math.isinf(stability.kappa_B) or math.isinf(stability.kappa_B_2):
+        twins = _twins(problem, sets)
         raise NotSolvableError(
-            "the contact rows are dependent on the reduced basis, thesis (1.67): keep more modes "
-            "(a smaller POD tolerance) or fewer contact points in the RID (fewer layers or zones)"
-        )
+            "the contact rows are dependent on the reduced basis, thesis (1.67): "
+            + (twins or "keep more modes (a smaller POD tolerance) or fewer contact points in the RID (fewer layers or "
+                        "zones)")
+        )  # fmt: skip
+
+
+def _twins(problem: ContactProblem, sets: IndexSets) -> str:
+    """Conditions of the RID that hold one node along one normal, and what to do about them; nothing without any.
+
+    The node moves them alike, so that only modes of what it touches tell their forces apart.
+    """
+    normals = np.zeros((len(sets.A_lambda), problem.block_size))
+    for row, number in zip(normals, sets.A_lambda, strict=True):
+        dofs = problem.contact_slaves[number] * problem.block_size + np.arange(problem.block_size)
+        row[:] = problem.contact[number][:, dofs].toarray()[0]
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    directions = normals / np.where(lengths > 0, lengths, 1.0)
+    nodes = problem.contact_slaves[sets.A_lambda]
+    alike = (nodes[:, None] == nodes) & (directions @ directions.T > 1 - ALIKE)
+    one, other = (sets.A_lambda[ends] for ends in np.nonzero(np.triu(alike, k=1)))
+    if not one.size:
+        return ""
+    pairs, place = problem.contact_pairs[[one[0], other[0]]], np.round(problem.contact_points[one[0]], 6).tolist()
+    return (
+        f"contacts {pairs[0]} and {pairs[1]} hold the same node along the same normal, at {place} and {one.size} "
+        "places in all: more modes seldom tell their forces apart. Leave out the one that never closes, or take a "
+        "condensed model, which needs no modes (Training.condense; exact_condensation where the stiffness is constant)"
+    )
 
 
 def check_stability(stability: Stability, limits: TrustLimits) -> None:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hhr_dolfinx.errors import FileError, ParameterError, SceneError
-from hhr_dolfinx.files import make_folder
+from hhr_dolfinx.files import replacing
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins import find
 
@@ -86,7 +87,7 @@ def checked_target(path: Path | None, endings: tuple[str, ...]) -> None:
     """Refuse, before anything is computed, a file that could not be written after it; None is none.
 
     Raises:
-        FileError: for another ending, a folder of this name, or a folder around it that cannot be made.
+        FileError: for another ending, a folder of this name, or a place where nothing can be written.
     """
     if path is None:
         return
@@ -94,4 +95,9 @@ def checked_target(path: Path | None, endings: tuple[str, ...]) -> None:
         raise FileError(f"{path} must end in {' or '.join(endings)}")
     if path.is_dir():
         raise FileError(f"{path} is a folder: choose another name")
-    make_folder(path.parent)
+    with suppress(_Enough), replacing(path):
+        raise _Enough  # nothing is replaced
+
+
+class _Enough(Exception):
+    """A file could be begun."""

@@ -21,6 +21,7 @@ with extra("study", "the command hhr"):
 
 NO_ANSWER = 1
 FIELDS, TABLES, DECKS = (".vtkhdf", ".vtu"), (".csv", ".parquet"), (".inp",)
+PICTURES = (".png", ".pdf", ".svg")
 
 
 def _examples(*lines: str) -> str:
@@ -69,18 +70,20 @@ def hhr(verbose: bool) -> None:
 @guarded
 def check(scene: str, words: tuple[str, ...], picture: Path | None) -> None:
     """Look at a scene without solving it: tags, supports, surfaces, gaps, loads, parameters; with a picture."""
-    from hhr_dolfinx.command.loading import point_of, scene_of
+    from hhr_dolfinx.command.loading import checked_target, point_of, scene_of
     from hhr_dolfinx.study.scene_check import check_scene
 
+    checked_target(picture, PICTURES)
     console, _ = spoken()
     made = scene_of(scene)
+    picture = picture or Path(f"{made.name}_check.png")
+    checked_target(picture, PICTURES)
     found = check_scene(made, point_of(words, made.parameters) if words else None)
     for finding in found.findings:
         console.print(f"{finding.level:8} {finding.text}", highlight=False)
     if found.drawable:
-        path = picture or Path(f"{made.name}_check.png")
-        found.draw(path)
-        console.print(f"picture: {path}")
+        found.draw(picture)
+        console.print(f"picture: {picture}")
     sys.exit(NO_ANSWER if found.mistakes else 0)
 
 
@@ -167,6 +170,7 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
 
     Where bodies flow, which depends on the path, the answer is that of one step from rest.
     """
+    from hhr_dolfinx.command.answered import largest_values
     from hhr_dolfinx.command.loading import checked_target, is_model, point_of, scene_of
 
     if out is not None and is_model(what):
@@ -187,10 +191,9 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
     elif duration is not None:
         raise click.UsageError("nothing flows: leave out --duration")
     answer = model.solve(point, **step)
-    forces, displacement = answer.forces(), answer.displacement().reshape(-1, model.dimension)
     rows = {"seconds of one step from rest": step["duration"]} if step else {}
-    rows |= {"largest displacement": (displacement**2).sum(axis=1).max() ** 0.5, "sum of contact forces": forces.sum(),
-            "conditions that touch": int((forces > 0).sum())}  # fmt: skip
+    known = (None, None) if is_model(what) else (model.scene, model.problem.contact_pairs)
+    rows |= largest_values(answer, model.dimension, *known)
     outputs = answer.outputs() if getattr(model.fields, "functionals", None) is not None else None
     if outputs is not None:
         heads = {name: f"{name} [{unit}]" if unit else name for name, unit in outputs.units.items()}
@@ -235,8 +238,7 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
     if found is None:
         return
     middle = tuple((low + high) / 2 for low, high in zip(made.parameters.lower, made.parameters.upper, strict=True))
-    unit = "Pa" if made.units is None else made.units.stress
-    found.write(folder, console, beside(scene, "VIEW") or View(points=(middle,), stress=unit))
+    found.write(folder, console, beside(scene, "VIEW") or View(points=(middle,)))
 
 
 @hhr.command(
@@ -300,7 +302,7 @@ def export(scene: str, words: tuple[str, ...], out: Path) -> None:
 @click.argument("kind", required=False)
 @guarded
 def list_(kind: str | None) -> None:
-    """Show what scenes may name: geometries, pairings, laws, forms, materials, scenes of other packages."""
+    """Show what scenes may name: geometries, pairings, laws, loads, outputs, samplings, materials, other packages."""
     from hhr_dolfinx.materials.table import MATERIALS
     from hhr_dolfinx.plugins import OWN, names
 

@@ -270,7 +270,7 @@ def conditions_with_unknowns(
     Args:
         scene: the scene.
         rows: all contact rows.
-        gaps: D - B lift of all of them by term, (rows, 1 + T), zero beyond the affine ones.
+        gaps: D - B lift of all of them by term, (rows, 1 + T); only rows that are affine are looked at.
         amplitudes: of all terms.
         free: dofs that are not imposed, (N,) bool.
     """
@@ -281,8 +281,9 @@ def conditions_with_unknowns(
             f"the contact pairs are empty: all of their nodes have imposed displacements. Leave out displacements of "
             f"scene '{scene.name}' on nodes of the surfaces {tags}"
         )
-    space, imposed = scene.parameters, np.flatnonzero(~unknown)
-    affine = gaps[imposed, : amplitudes.constant.size]
+    count = amplitudes.constant.size
+    space, imposed = scene.parameters, np.flatnonzero(~unknown & ~gaps[:, count:].any(axis=1))
+    affine = gaps[imposed, :count]
     start, slopes = affine @ amplitudes.constant, affine @ amplitudes.slopes
     # an affine function is smallest at a corner of the box
     corner = np.where(slopes > 0, space.lower, space.upper)

@@ -16,13 +16,13 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csc_matrix, csr_matrix, hstack, vstack
+from scipy.sparse import csc_matrix, csr_matrix, vstack
 from ufl.algorithms import compute_form_data
 from ufl.algorithms.check_arities import ArityMismatch
 from ufl.core.expr import Expr
 
 from hhr_dolfinx import compat, ranks
-from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
+from hhr_dolfinx.amplitudes import Amplitude, Amplitudes, bound
 from hhr_dolfinx.contact.problem import ContactProblem, ContactRows, joined, masked
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import contact, elasticity
@@ -37,7 +37,7 @@ from hhr_dolfinx.full_order.checks import (
 from hhr_dolfinx.full_order.locking import QUADRATURE, mean_dilatation, stiffness_degree
 from hhr_dolfinx.full_order.motions import with_motions
 from hhr_dolfinx.full_order.stress import stress_in_cells
-from hhr_dolfinx.loads import Assembler, Term, checked_terms
+from hhr_dolfinx.loads import Assembler, Term, checked_terms, first_load, parted, placed
 from hhr_dolfinx.pairings.surface import Surface, make_surface
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
@@ -166,14 +166,17 @@ class Discretisation:
         mass.assemble()
         moved, free = self._displacements()
         terms = self.load_terms()
-        fixed = [*(term.amplitude for term in moved), *(item.amplitude for item in scene.openings)]
-        amplitudes = Amplitudes.collect([*fixed, *(term.amplitude for term in terms)], scene.parameters)
+        straight, curved = parted(moved)
+        opened = [item.amplitude for item in scene.openings]
+        given = [term.amplitude for term in straight], opened, [term.amplitude for term in (*terms, *curved)]
+        amplitudes = Amplitudes.collect([item for part in given for item in part], scene.parameters)
         shape = self.size, amplitudes.firsts[-1]
-        lifts, forces = placed(moved, 1, shape), placed(terms, 1 + len(fixed), shape)
+        forces = placed(terms, first_load(scene), shape)
+        lifts = placed(straight, 1, shape) + placed(curved, shape[1] - len(curved), shape)
         rows, pairs = self.contact_rows()
         gaps = -(rows.matrix @ lifts).toarray()
         gaps[:, 0] += rows.gap
-        for k, item in enumerate(scene.openings, start=1 + len(moved)):
+        for k, item in enumerate(scene.openings, start=1 + len(straight)):
             gaps[pairs == item.contact, k] += 1.0
         kept = conditions_with_unknowns(scene, rows, gaps, amplitudes, free)
         rows, pairs, gaps = rows.take(kept), pairs[kept], gaps[kept]
@@ -205,7 +208,7 @@ class Discretisation:
     def load_terms(self) -> list[Term]:
         """Terms of all loads on the mesh as it lies, those that are affine first, as θ counts them."""
         terms = [term for load in self.scene.loads for term in checked_terms(load, self.assembler(load))]
-        return sorted(terms, key=lambda term: not isinstance(term.amplitude, Amplitude))
+        return [term for part in parted(terms) for term in part]
 
     def checked(self, problem: ContactProblem) -> ContactProblem:
         """The problem with its rigid motions; looks for mistakes that no single part of a scene shows."""
@@ -248,9 +251,10 @@ class Discretisation:
                     self._refuse_clash(number, other, int(clash[owner[clash] == other][0]))
             dofs = np.setdiff1d(dofs, clash)
             owner[dofs] = number
-            if item.amplitude != Amplitude():
+            amplitude = bound(item.amplitude, self.scene.parameters)
+            if amplitude != Amplitude():
                 entries = np.ones(dofs.size), (dofs, np.zeros_like(dofs))
-                terms.append(Term(item.amplitude, csc_matrix(entries, shape=(self.size, 1))))
+                terms.append(Term(amplitude, csc_matrix(entries, shape=(self.size, 1))))
         return terms, owner < 0
 
     def _refuse_clash(self, number: int, other: int, dof: int) -> NoReturn:
@@ -381,13 +385,6 @@ class Discretisation:
         vector = fem_petsc.assemble_vector(fem.form(form))
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         return np.concatenate(self.comm.allgather(vector.array))
-
-
-def placed(terms: list[Term], first: int, shape: tuple[int, int]) -> csc_matrix:
-    """Columns of terms one after another from the place ``first`` on, zero elsewhere, in the format csc."""
-    parts = [csc_matrix((shape[0], first)), *(term.columns for term in terms)]
-    parts.append(csc_matrix((shape[0], shape[1] - sum(part.shape[1] for part in parts))))
-    return csc_matrix(hstack(parts))
 
 
 def _without_columns(matrix, columns):

@@ -22,7 +22,7 @@ from hhr_dolfinx.forms.return_mapping import kelvin
 from hhr_dolfinx.formulas import Formula, Scalar
 from hhr_dolfinx.full_order.locking import QUADRATURE
 from hhr_dolfinx.full_order.varying import grading_of, parts_of
-from hhr_dolfinx.loads import checked_terms
+from hhr_dolfinx.loads import checked_terms, first_load
 from hhr_dolfinx.parameters import Tag
 
 if TYPE_CHECKING:
@@ -95,12 +95,12 @@ def at_gauss_points(discretisation: Discretisation, problem: ContactProblem, ope
             which ``eigenstress`` of the assembler leads to.
     """
     loads, points = discretisation.scene.loads, operator.gauss_points * operator.components
-    terms = problem.amplitudes.firsts[-1]
+    first, terms = first_load(discretisation.scene), problem.amplitudes.firsts[-1]
     pairs = [(load, term) for load in loads for term in checked_terms(load, discretisation.assembler(load))]
     # in the order of Discretisation.load_terms
     pairs.sort(key=lambda pair: not isinstance(pair[1].amplitude, Amplitude))
     widths = [term.columns.shape[1] for _, term in pairs]
-    blocks, seen = [csc_matrix((points, terms - sum(widths)))], []
+    blocks, seen = [csc_matrix((points, first))], []
     for (load, term), width in zip(pairs, widths, strict=True):
         if hasattr(load, "eigenstrain_of") and csc_matrix(term.columns).nnz == 0 and width == 1:
             seen.append(load)
@@ -113,6 +113,7 @@ def at_gauss_points(discretisation: Discretisation, problem: ContactProblem, ope
             f"of the loads {strained} each is a strain of one body that flows or lies beside one, and must have the "
             "one term that its assembler's eigenstress gives"
         )
+    blocks.append(csc_matrix((points, terms - sum(widths) - first)))
     return csc_matrix(hstack(blocks))
 
 

@@ -10,13 +10,12 @@ import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx import compat
-from hhr_dolfinx.amplitudes import Amplitude
 from hhr_dolfinx.contact.problem import ContactProblem, ContactRows, masked
 from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.formulas import Modulus
-from hhr_dolfinx.full_order.discretisation import placed
 from hhr_dolfinx.full_order.locking import SIMPLICES, stiffness_degree
+from hhr_dolfinx.loads import first_load, placed
 from hhr_dolfinx.models.cells import CellRule
 from hhr_dolfinx.models.patches import SurfacePatch
 from hhr_dolfinx.parameters import Tag
@@ -87,8 +86,8 @@ class ShapedArrays:
         whole = {tag: self._whole(tag) for pairing in scene.contacts for tag in pairing.tags}
         self.surfaces = tuple(tuple(whole[tag] for tag in pairing.tags) for pairing in scene.contacts)
         self.openings = np.zeros_like(problem.gaps)
-        moved = sum(item.amplitude != Amplitude() for item in scene.displacements)
-        for k, item in enumerate(scene.openings, start=1 + moved):
+        first = first_load(scene) - len(scene.openings)
+        for k, item in enumerate(scene.openings, start=first):
             self.openings[problem.contact_pairs == item.contact, k] = 1.0
 
     @property
@@ -113,8 +112,7 @@ class ShapedArrays:
         shape = self._problem.loads.shape
         with self._reshaped.at(point):
             terms = self._owner.load_terms()
-        count = sum(1 if np.ndim(term.columns) == 1 else term.columns.shape[1] for term in terms)
-        return masked(placed(terms, shape[1] - count, shape), self._problem.free)
+        return masked(placed(terms, first_load(self._owner.scene), shape), self._problem.free)
 
     def _geometry_nodes(self) -> np.ndarray:
         """Node of the geometry of each node of the dofs, (n,)."""

@@ -125,6 +125,24 @@ class Compliance:
         return found
 
 
+def _check_places(part: Compliance, number: int, conditions: int, terms: int, parameters: int, unknowns: int) -> None:
+    """Raise ValueError for a part that names places which are not there, or whose arrays have other sizes."""
+    named = {
+        "conditions": (part.conditions, conditions), "forced": (part.forced, terms), "lifted": (part.lifted, terms),
+        "axes": (part.interpolant.axes, parameters),
+    }  # fmt: skip
+    if part.primal is not None:
+        named["unknowns"] = part.primal.unknowns, unknowns
+    for name, (places, count) in named.items():
+        if places.ndim != 1 or (places.size and not 0 <= places.min() <= places.max() < count):
+            raise ValueError(f"{name} of part {number} must be places from 0 to {count - 1}")
+    m, rank = part.conditions.size, len(part.interpolant.weights)
+    if not m or (np.diff(part.conditions) <= 0).any():
+        raise ValueError(f"conditions of part {number} must increase, at least one")
+    if len(part.interpolant.modes) != m * m or part.columns.shape != (part.terms.size, m, rank):
+        raise ValueError(f"part {number} of {m} conditions and {part.terms.size} terms has arrays of other sizes")
+
+
 class Factored(NamedTuple):
     """The compliance 1 / E of a part, and its derivatives along the parameters, (P,)."""
 
@@ -159,6 +177,12 @@ class Compliances:
     reshaped: Interpolant | None = None
     unknowns: int = 0
     symmetric: bool = True
+
+    def __post_init__(self) -> None:
+        """Refuse parts that are not of these gaps, amplitudes and parameters; a file may say anything."""
+        sizes = (*self.gaps.shape, self.amplitudes.slopes.shape[1], self.unknowns)
+        for number, part in enumerate(self.parts):
+            _check_places(part, number, *sizes)
 
     def __call__(self, point: np.ndarray) -> InterpolatedElimination:
         """S and the free slack at a point, (P,)."""

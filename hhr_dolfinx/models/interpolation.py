@@ -62,6 +62,8 @@ class Interpolant:
         fits = self.lower.shape == self.upper.shape == (d,) and self.levels.shape == (n, d)
         if not fits or self.modes.ndim != 2 or self.modes.shape[1] != rank or not (self.lower < self.upper).all():
             raise SceneError(f"an interpolation over {d} parameters of {n} polynomials has arrays of other sizes")
+        if self.levels.size and not 0 <= self.levels.min() <= self.levels.max() < MOST_LEVELS:
+            raise SceneError(f"levels of an interpolation must be whole numbers from 0 to {MOST_LEVELS - 1}")
 
     @cached_property
     def _bases(self) -> tuple[np.ndarray, np.ndarray]:

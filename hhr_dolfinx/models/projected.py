@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hhr_dolfinx.linear.layout import lay_out
+
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.models.shaped import RidAssembly
@@ -27,6 +29,10 @@ class ReducedTerms:
     lifts: np.ndarray
     forces: np.ndarray
     moduli: tuple[Modulus, ...]
+
+    def __post_init__(self) -> None:
+        """As files keep them."""
+        lay_out(self)
 
     def weights(self, point: np.ndarray) -> np.ndarray:
         """Weights of the parts at a point, (Q,)."""
@@ -63,6 +69,10 @@ class ReducedProblem:
     terms: ReducedTerms | None = None
     reshaped: RidAssembly | None = None
     motions: int = 0
+
+    def __post_init__(self) -> None:
+        """As files keep them."""
+        lay_out(self)
 
     @property
     def held(self) -> ReducedProblem:

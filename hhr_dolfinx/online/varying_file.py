@@ -119,6 +119,7 @@ def condensed_of(
             # a model that cannot answer in the middle of its box is none
             answer = model.solve(np.mean([model.parameters.lower, model.parameters.upper], axis=0), gradient=True)
             answer.displacement()
+            answer.estimate()
             if getattr(model.fields, "functionals", None) is not None:
                 answer.outputs()
     except (HHRError, KeyError, IndexError, TypeError, ValueError, AttributeError) as error:

@@ -85,12 +85,20 @@ def _between(full: Any) -> Between:
         errors += [OBSERVED * seen if sure is None or seen > sure + NOISE else sure]
     if problem.reshaped is not None:
         errors.append(OBSERVED * grids[-1].surplus)
-    if not max(errors) <= LARGEST:
-        raise BoundError(
-            f"what bounds need between parameters is interpolated with an error of {max(errors):.1e}: narrow the box, "
-            "or write Young's modulus of a whole body as one formula"
-        )
+    _check_resolved(max(errors))
     return Between(compliances, energies, max(errors), proved)
+
+
+def _check_resolved(error: float) -> None:
+    """Raise BoundError where what is interpolated is too far off for a bound; of itself, in the order of energies."""
+    if error <= LARGEST:
+        return
+    off = f"{error:.2g} of itself" if error < 1 else "more than itself"
+    raise BoundError(
+        f"S, the compliance of the contact surface, is known at few parameters, and what is interpolated between them "
+        f"may be off by {off}; a bound allows {LARGEST:g}. Narrow the box, leave out values at which a modulus bends, "
+        "jumps or nearly vanishes (a Poisson's ratio at .5), or write Young's modulus of a whole body as one formula"
+    )
 
 
 def _stiffness_of(component: Component, problem: ContactProblem) -> PartStiffness | None:

@@ -40,11 +40,16 @@ def write_fields(path: str | Path, full: FullOrderModel, answer: Answer | Histor
 
     Raises:
         FileError: for another ending, or a VTK that cannot write it.
-        SceneError: on several ranks.
+        SceneError: on several ranks, or for a model without a mesh, such as one from a file.
     """
     path = Path(path)
     if path.suffix not in ENDINGS:
         raise FileError(f"{path}: fields are written as {' or '.join(ENDINGS)}")
+    if not hasattr(full, "discretisation"):
+        raise SceneError(
+            f"fields need a mesh, and a {type(full).__name__} has none: give FullOrderModel(scene) of its scene. The "
+            "answer may be that of any model of the scene, one from a file too"
+        )
     if full.comm.size > 1:
         raise SceneError("fields are written on one rank: give a full model on MPI.COMM_SELF")
     make_folder(path.parent)
@@ -88,7 +93,9 @@ def grid_of(full: FullOrderModel, answer: Answer) -> pyvista.UnstructuredGrid:
     gap[problem.contact_slaves] = problem.gaps @ theta - problem.contact @ (displacement - problem.lifts @ theta)
     grid.point_data["displacement"] = np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
     grid.point_data["contact_pressure"], grid.point_data["gap"] = pressure, gap
-    stress = answer.stress().reshape(grid.n_cells, -1, answer.stress().shape[-1]).mean(axis=1)
+    # a model from a file leaves its stress to the mesh
+    found = full.stress_of(displacement, answer.parameter) if full.equilibrium is None else answer.stress()
+    stress = found.reshape(grid.n_cells, -1, found.shape[-1]).mean(axis=1)
     grid.cell_data["stress_kelvin"], grid.cell_data["von_mises"] = stress, von_mises(stress)
     grid.cell_data["body"] = full.discretisation.cell_bodies()
     return grid

@@ -160,7 +160,7 @@ class Greedy:
             progress: wraps the iteration over the models.
             store: in whose folder the choice is kept too: what an earlier run chose is not looked for again.
         """
-        space = self.space(full.scene)
+        space, score = self.space(full.scene), self._score(full)
         start, choices = self._samplings(full)
         candidates = space.points(choices.points(space))
         points, rounds = space.points(start.points(space))[: self.budget], []
@@ -171,7 +171,6 @@ class Greedy:
         if earlier is not None:
             points, rounds = earlier
         known = solve(self._queries(points))
-        score = self._score(full)
         most = 1 + -(-max(self.budget - len(points), 0) // self.together)
         for _ in progress(range(most)):
             if rounds and rounds[-1].answers == len(points):

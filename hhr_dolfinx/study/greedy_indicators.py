@@ -98,6 +98,12 @@ class ForceError:
     def prepared(self, full: Any) -> Score:
         """See :class:`GreedyIndicator`."""
         _refuse_flow(full, "ForceError()")
+        if full.problem.varies and full.problem.pins is not None:
+            raise StudyError(
+                f"contact alone holds bodies of scene '{full.scene.name}', and their elasticity depends on parameters: "
+                "nothing tells a greedy training how wrong its forces are there. Train on points of the whole box "
+                "instead: Sobol(128), or --sobol 128 in a command"
+            )
         condensed: list[Any] = []
         exact: dict[bytes, np.ndarray] = {}
 

@@ -17,23 +17,34 @@ from hhr_dolfinx.study.advice import in_words
 STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 72rem; margin: 2rem auto; padding: 0 1rem; }
 h1 { margin-bottom: 0; } h2 { margin-top: 2.5rem; border-bottom: 1px solid #ccc; }
-table { border-collapse: collapse; margin: 1rem 0; } th, td { padding: .25rem .8rem; text-align: right; }
+.wide { overflow-x: auto; margin: 1rem 0; } table { border-collapse: collapse; }
+td { white-space: nowrap; } td.long { white-space: normal; min-width: 10rem; }
+th, td { padding: .25rem .8rem; text-align: right; }
 th:first-child, td:first-child { text-align: left; } tr:nth-child(even) { background: #f4f4f4; }
 th { border-bottom: 2px solid #888; } .advice { background: #eef6ee; border-left: 4px solid #3a7; padding: .8rem 1rem; }
 figure { margin: 1.5rem 0; } img { max-width: 100%; border: 1px solid #ddd; } figcaption { color: #555; }
 details { margin: .5rem 0; } summary { cursor: pointer; }
 .small { color: #555; font-size: 90%; }
+@media (max-width: 40rem) {
+  body { margin: 1rem auto; padding: 0 .6rem; font-size: 15px; } h1 { font-size: 1.5rem; } h2 { font-size: 1.2rem; }
+  th, td { padding: .2rem .4rem; }
+}
 """
 
+LONG = 18
+"""Letters from which on a cell may break into several lines."""
+FIRST = ("primal_l2", "dual_full_floored", "stress_rr", "plastic_strain")
+"""Errors that a reader asks for; the same in other norms, or of a part, are folded."""
 ERRORS = {
     "primal_l2": "displacement, mean square", "primal_energy": "displacement, in energy",
     "primal_euclid": "displacement, node by node", "energy_minimum": "energy above its minimum",
     "dual_rid": "contact forces inside the reduced domain, whatever their size",
     "dual_rid_floored": "contact forces inside the reduced domain",
     "dual_full": "contact forces on the whole surface, whatever their size",
-    "dual_full_floored": "contact forces on the whole surface", "resultant": "resultant of the contact forces",
+    "dual_full_floored": "contact forces, on the whole surface", "resultant": "resultant of the contact forces",
 }  # fmt: skip
 """What errors are called for readers who do not know the code; others have the names of their keys."""
+MATERIALS = {"young": "Young's modulus", "poisson": "Poisson's ratio"}
 TIMES = {
     "fom_naive": "a first program: everything assembled and factored for each query",
     "fom_best": "the full order at its best: the stiffness factored once", "condensed": "condensation, contact forces",
@@ -54,7 +65,8 @@ SIZES = {
     "rid_cells": "cells of the reduced domain", "snapshots": "training answers",
 }  # fmt: skip
 TOLD = {
-    "scene", "seed", "advice", "outputs", "work_precision", "kkt", "break_even", "skipped", "machine",
+    "scene", "seed", "date", "parameters", "materials", "units",
+    "advice", "outputs", "work_precision", "kkt", "break_even", "skipped", "machine",
     "versions",
 }  # fmt: skip
 """Parts of a report that have a place of their own on the page; the others follow as they are."""
@@ -95,6 +107,7 @@ def page_of(report: Mapping[str, Any], folder: Path) -> str:
     parts = [
         f"<h1>{name}</h1>",
         _sizes(_mapping(report.get("sizes"))),
+        _asked(report),
         _advice(report.get("advice")),
         _errors(_mapping(report.get("errors"))),
         _times(_mapping(report.get("times"))),
@@ -109,7 +122,8 @@ def page_of(report: Mapping[str, Any], folder: Path) -> str:
     ]
     body = "\n".join(part for part in parts if part)
     return (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{name}</title>'
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{name}</title>'
         f"<style>{STYLE}</style></head>\n<body>\n{body}\n</body></html>\n"
     )
 
@@ -139,11 +153,16 @@ def _section(title: str, *parts: str) -> str:
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table of texts, which are escaped here; nothing for no rows."""
-    return "<table>" + _line(head, "th") + "".join(_line(row, "td") for row in rows) + "</table>" if rows else ""
+    if not rows:
+        return ""
+    # a narrow screen scrolls a wide table, and not the page
+    lines = _line(head, "th") + "".join(_line(row, "td") for row in rows)
+    return f'<div class="wide"><table>{lines}</table></div>'
 
 
 def _line(cells: Sequence[str], tag: str) -> str:
-    return "<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells) + "</tr>"
+    marks = (f'<{tag} class="long">' if len(cell) > LONG else f"<{tag}>" for cell in cells)
+    return "<tr>" + "".join(f"{mark}{escape(cell)}</{tag}>" for mark, cell in zip(marks, cells, strict=True)) + "</tr>"
 
 
 def _percent(value: Any) -> str:
@@ -182,19 +201,38 @@ def _sizes(sizes: Mapping[str, Any]) -> str:
     return f'<p class="small">{escape(", ".join(found))}</p>' if found else ""
 
 
+def _asked(report: Mapping[str, Any]) -> str:
+    """Parameters, materials and units of the scene."""
+    box = [[_text(row.get(name)) for name in ("name", "from", "to")] for row in _mappings(report.get("parameters"))]
+    given = _mappings(report.get("materials"))
+    names = list(dict.fromkeys(name for row in given for name in row))
+    materials = [[_text(row.get(name, "")) for name in names] for row in given]
+    units = _mapping(report.get("units"))
+    told = ", ".join(f"{name} in {_text(unit)}" for name, unit in units.items())
+    return _section(
+        "What was asked",
+        _table(["parameter", "from", "to"], box),
+        _table([MATERIALS.get(name, _words(name)) for name in names], materials),
+        f'<p class="small">{escape(told)}</p>' if told else "",
+    )
+
+
 def _advice(text: Any) -> str:
     return f'<p class="advice">{escape(str(text))}</p>' if text else ""
 
 
 def _errors(errors: Mapping[str, Any]) -> str:
-    rows = [
-        [ERRORS.get(key, _words(key)), *(_percent(figures.get(name)) for name in ("median", "p95", "max"))]
+    head = ["error of", "half of the answers below", "95 % below", "worst seen"]
+    rows = {
+        key: [ERRORS.get(key, _words(key)), *(_percent(figures.get(name)) for name in ("median", "p95", "max"))]
         for key, figures in errors.items()
         if _is_summary(figures)
-    ]
+    }
+    main = [row for key, row in rows.items() if key in FIRST] or list(rows.values())
+    rest = [row for row in rows.values() if row not in main]
     note = "<p class='small'>Relative to the full order, at parameters that no model was trained on.</p>"
-    table = _table(["error of", "half of the answers below", "95 % below", "worst"], rows)
-    return _section("How large are the errors?", table and table + note)
+    table = _table(head, main)
+    return _section("How large are the errors?", table and table + note, _folded("in other norms", _table(head, rest)))
 
 
 def _times(times: Mapping[str, Any]) -> str:
@@ -290,7 +328,6 @@ def _plain(value: Any) -> str:
 
 def _machine(report: Mapping[str, Any]) -> str:
     parts = {**_mapping(report.get("machine")), **_mapping(report.get("versions"))}
-    if "seed" in report:
-        parts["seed"] = report["seed"]
+    parts |= {name: report[name] for name in ("seed", "date") if name in report}
     told = ", ".join(f"{name} {_text(value)}" for name, value in parts.items())
     return f'<p class="small">{escape(told)}</p>' if told else ""

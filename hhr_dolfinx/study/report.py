@@ -18,9 +18,12 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.study.advice import TRAINING, advice, in_words
 from hhr_dolfinx.study.console import Column, Console, Table
 from hhr_dolfinx.study.measure import Measurement, Row
+from hhr_dolfinx.timing import today
+from hhr_dolfinx.version import __version__
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
+    from hhr_dolfinx.scene import Scene
     from hhr_dolfinx.study.training import Training
 
 
@@ -148,6 +151,7 @@ def frame(training: Training, model: ReducedModel | CondensedFlowModel, seed: in
         "scene": training.full_order.scene.name,
         "seed": seed,
         **environment(),
+        **_asked(training.full_order.scene),
         "sizes": {
             "N": problem.free.size,
             "N_lambda": problem.contact.shape[0],
@@ -174,9 +178,30 @@ def frame(training: Training, model: ReducedModel | CondensedFlowModel, seed: in
     }
 
 
+def _asked(scene: Scene) -> dict[str, Any]:
+    """The ``parameters`` and ``materials`` parts of a report, in the units of the scene."""
+    box, units = scene.parameters, scene.units
+    return {
+        "parameters": [
+            {"name": name, "from": low, "to": high}
+            for name, low, high in zip(box.names, box.lower, box.upper, strict=True)
+        ],
+        "materials": [
+            {"body": str(body.tag), "young": body.young, "poisson": body.poisson}
+            | ({} if body.law is None else {"law": repr(body.law)})
+            for body in scene.bodies
+        ],
+        "units": None if units is None else {"length": units.length, "stress": units.stress, "force": units.force},
+    }
+
+
 def environment() -> dict[str, Any]:
-    """The ``versions`` and ``machine`` parts of a report."""
-    return {"versions": versions(), "machine": {"cpu": _cpu(), "threads": 1, "ranks": MPI.COMM_WORLD.size}}
+    """The ``date``, ``versions`` and ``machine`` parts of a report."""
+    return {
+        "date": today(),
+        "versions": {"hhr_dolfinx": __version__, **versions()},
+        "machine": {"cpu": _cpu(), "threads": 1, "ranks": MPI.COMM_WORLD.size},
+    }
 
 
 def write_report(report: dict[str, Any] | list[dict[str, Any]], folder: str | Path, name: str = "report") -> Path:

@@ -8,10 +8,11 @@ import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csc_matrix
 
-from hhr_dolfinx.amplitudes import Amplitude
+from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.motions import described, free_bodies
+from hhr_dolfinx.loads import checked_terms, parted, placed
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.study.scene_findings import MISTAKE, NOTE, OK, SceneCheck
@@ -52,7 +53,7 @@ def check_scene(scene: Scene, point: Any = None) -> SceneCheck:
     if problem is not None:
         _gaps(found, problem, middle)
         _supports(found, problem)
-        _loads(found)
+        _loads(found, middle)
         _outputs(found, problem, gauss)
     return found
 
@@ -180,14 +181,14 @@ def _supports(found: SceneCheck, problem: ContactProblem) -> None:
         found.say(OK, "displacements hold every body")
 
 
-def _loads(found: SceneCheck) -> None:
+def _loads(found: SceneCheck, point: np.ndarray) -> None:
     """Resultant of each load for the amplitude 1; loads that reach nothing."""
     for load in found.scene.loads:
         with found.heard():
-            _load(found, load)
+            _load(found, load, point)
 
 
-def _load(found: SceneCheck, load: Any) -> None:
+def _load(found: SceneCheck, load: Any, point: np.ndarray) -> None:
     discretisation: Any = found.discretisation
     dim = discretisation.mesh.geometry.dim
     terms = load.terms(discretisation.assembler(load))
@@ -198,6 +199,7 @@ def _load(found: SceneCheck, load: Any) -> None:
     if not any(part.count_nonzero() for part in columns):
         found.say(MISTAKE, f"{name} reaches nothing: its nodal forces are zero. Name another tag, or leave it out")
         return
+    found.forces.append((name, _forces(found, load, point).reshape(-1, dim)))
     if all(_vanishes(term.amplitude) for term in terms):
         found.say(
             NOTE, f"{name} has the amplitude 0 for all parameters, and does nothing: give it another, or leave it out"
@@ -210,6 +212,14 @@ def _load(found: SceneCheck, load: Any) -> None:
         found.say(OK, f"{name}: resultant [{', '.join(f'{value:.6g}' for value in total)}] for the amplitude 1")
     else:
         found.say(OK, f"{name}: {sum(part.shape[1] for part in columns)} columns that depend on parameters")
+
+
+def _forces(found: SceneCheck, load: Any, point: np.ndarray) -> np.ndarray:
+    """Nodal forces of a load at a point, (N,)."""
+    discretisation: Any = found.discretisation
+    terms = [term for part in parted(checked_terms(load, discretisation.assembler(load))) for term in part]
+    amplitudes = Amplitudes.collect([term.amplitude for term in terms], found.scene.parameters)
+    return placed(terms, 1, (discretisation.size, amplitudes.firsts[-1])) @ amplitudes(point)
 
 
 def _vanishes(amplitude: Any) -> bool:

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.full_order.discretisation import Discretisation
@@ -39,12 +41,14 @@ class SceneCheck:
         findings: in the order of the look, each once.
         discretisation: its mesh; None where there is none.
         pairs: surfaces and rows of each contact pair; no rows where they were refused.
+        forces: of each load its name and its nodal forces at the parameter looked at, (nodes, dim).
     """
 
     scene: Scene
     findings: list[Finding] = field(default_factory=list)
     discretisation: Discretisation | None = None
     pairs: list[tuple[list[Surface], ContactRows | None]] = field(default_factory=list)
+    forces: list[tuple[str, np.ndarray]] = field(default_factory=list)
 
     @property
     def mistakes(self) -> list[Finding]:

@@ -12,6 +12,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from hhr_dolfinx.amplitudes import Amplitude, bound
 from hhr_dolfinx.body import Body
 from hhr_dolfinx.geometries.mesh_file import MeshFile
 from hhr_dolfinx.pairings.surface import Surface
@@ -254,8 +255,12 @@ def _large_motions(found: SceneCheck, look: MeshLook) -> None:
     named = [(f"the displacement on {item.tag!r}", item.amplitude) for item in found.scene.displacements]
     named += [(f"the opening of contact {item.contact}", item.amplitude) for item in found.scene.openings]
     for what, amplitude in named:
-        ends = np.sort(box * amplitude.row(space), axis=0).sum(axis=1) + amplitude.constant
-        largest = float(np.abs(ends).max())
+        amplitude = bound(amplitude, space)
+        if isinstance(amplitude, Amplitude):
+            reached = np.sort(box * amplitude.row(space), axis=0).sum(axis=1) + amplitude.constant
+        else:
+            reached = np.array([amplitude.value(point) for point in space.random(64, seed=0)])
+        largest = float(np.abs(reached).max())
         if largest > look.extent:
             found.say(
                 NOTE,

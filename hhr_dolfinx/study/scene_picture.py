@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 
 AROUND = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
 """Corners of a face in the order in which they go round, of triangles and tensor-ordered quadrilaterals."""
+ARROWS = ("crimson", "purple", "darkorange", "teal", "olive", "navy")
+"""Colours of loads, one after another."""
+LENGTH, FAINT, MOST = 0.07, 0.02, 20
+"""Length of arrows over that of the mesh, forces beside the largest that are not drawn, and most arrows of a load."""
 HELD = "^sDvp*h"
 """Marks of surfaces with imposed displacements, one after another."""
 
@@ -68,22 +72,37 @@ def _marks(found: SceneCheck, axes: Any, size: float) -> None:
         look: dict[str, Any] = {"marker": HELD[place % len(HELD)], "color": "black", "fillstyle": "none"}
         label = f"displacement {tag}: {which}"
         axes.plot(*_nodes(found, tag).T, linestyle="none", markersize=size, label=label, **look)
-    for loaded in dict.fromkeys(getattr(load, "tag", None) for load in found.scene.loads):
-        if loaded is not None and loaded in _facets(found):
-            look = {"marker": ".", "color": "crimson"}
-            axes.plot(*_nodes(found, loaded).T, linestyle="none", markersize=size, label=f"load {loaded}", **look)
+    _arrows(found, axes)
+
+
+def _arrows(found: SceneCheck, axes: Any) -> None:
+    """Loads as arrows along their nodal forces at the parameter looked at, each in a colour of its own."""
+    discretisation: Any = found.discretisation
+    points = discretisation._points()
+    length = LENGTH * float(np.ptp(points, axis=0).max())
+    for place, (name, forces) in enumerate(found.forces):
+        sizes = np.linalg.norm(forces, axis=1)
+        loaded = np.flatnonzero(sizes > FAINT * sizes.max(initial=0.0))
+        if not loaded.size:
+            continue
+        # along the surface, so that what is left out is left out evenly
+        loaded = loaded[np.lexsort(points[loaded].T)]
+        shown = loaded[np.unique(np.linspace(0, loaded.size - 1, MOST).round().astype(int))]
+        ways = length * forces[shown] / sizes[shown, None]
+        look: dict[str, Any] = {"color": ARROWS[place % len(ARROWS)], "label": f"load {place}: {name}"}
+        starts = points[shown] - ways
+        if points.shape[1] == 3:
+            axes.quiver(*starts.T, *ways.T, arrow_length_ratio=0.3, linewidth=1, **look)
+        else:
+            axes.quiver(*starts.T, *ways.T, angles="xy", scale_units="xy", scale=1, width=0.0035, zorder=5, **look)
+            # arrows outside of the bodies count for the limits
+            axes.update_datalim(starts)
 
 
 def _nodes(found: SceneCheck, tag: Any) -> np.ndarray:
     """Coordinates of the nodes of a surface, which may lie inside, (n, dim)."""
     discretisation: Any = found.discretisation
     return discretisation._points()[discretisation._tagged_dofs(tag, 0) // discretisation.mesh.geometry.dim]
-
-
-def _facets(found: SceneCheck) -> set:
-    """Tags of facets, by number and by name."""
-    discretisation: Any = found.discretisation
-    return {*discretisation._facet_tags.values.tolist(), *discretisation.names.facets}
 
 
 def _space(found: SceneCheck, axes: Any) -> None:
