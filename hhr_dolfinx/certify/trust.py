@@ -12,11 +12,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.sparse import csr_matrix, diags, triu
 from scipy.spatial import cKDTree
 
 from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.constants import Stability
-from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
+from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem, IndexSets
 from hhr_dolfinx.errors import (
     NotSolvableError,
     ReductionError,
@@ -112,13 +113,32 @@ def first_trusted(attempt: Callable[[int], Any], layers: int, most_layers: int, 
         layers += 1
 
 
-def check_solvable(stability: Stability) -> None:
-    """Raise NotSolvableError if the rows of B~1 or B~2 are dependent, thesis (1.67), (5.24)-(5.25)."""
-    if math.isinf(stability.kappa_B) or math.isinf(stability.kappa_B_2):
+def check_solvable(stability: Stability, contact: csr_matrix | None = None) -> None:
+    """Raise NotSolvableError if the rows of B~1 or B~2 are dependent, thesis (1.67), (5.24)-(5.25).
+
+    Args:
+        stability: constants of the reduced model.
+        contact: rows of B that it keeps, zero on imposed dofs, to tell whether they are dependent without any basis.
+    """
+    if not (math.isinf(stability.kappa_B) or math.isinf(stability.kappa_B_2)):
+        return
+    if contact is not None and (same := _parallel_rows(contact)):
         raise NotSolvableError(
-            "the contact rows are dependent on the reduced basis, thesis (1.67): keep more modes "
-            "(a smaller POD tolerance) or fewer contact points in the RID (fewer layers or zones)"
+            f"{same} contact conditions say the same as another one, as a stop does beside a pair whose master is "
+            "imposed: no basis tells their forces apart, thesis (1.67). Leave one of the two contacts out, or end "
+            "their surfaces at different nodes"
         )
+    raise NotSolvableError(
+        "the contact rows are dependent on the reduced basis, thesis (1.67): keep more modes "
+        "(a smaller POD tolerance) or fewer contact points in the RID (fewer layers or zones)"
+    )
+
+
+def _parallel_rows(contact: csr_matrix) -> int:
+    """Number of rows of a sparse matrix that are another row times a positive number, to round-off."""
+    lengths = np.sqrt(np.asarray(contact.multiply(contact).sum(axis=1)).ravel())
+    units = csr_matrix(diags(1 / np.where(lengths > 0, lengths, 1.0)) @ contact)
+    return int((triu(units @ units.T, k=1).tocoo().data > 1 - DEPENDENT).sum())
 
 
 def check_stability(stability: Stability, limits: TrustLimits) -> None:

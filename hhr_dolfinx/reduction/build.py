@@ -230,7 +230,7 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
     flow = None if full.equilibrium is None else _flow_of(shared, basis, sets, layers)
     with log.stage("stability"):
         stability = assess(problem, shared.constants, basis, sets, reduced)
-        check_solvable(stability)
+        check_solvable(stability, problem.contact[sets.A_lambda])
         if recipe.trust is not None:
             check_stability(stability, recipe.trust)
     bound = _bound_of(shared, basis)
