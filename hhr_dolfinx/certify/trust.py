@@ -35,6 +35,8 @@ EMPTY = 1.5
 """Distance from the training, over that between training points, at which a place counts as empty."""
 EMPTY_SHARE = 0.1
 """Part of the box that may be empty; points drawn at random leave some per cent."""
+UNSEEN, UNSEEN_LEAST = 0.5, 0.05
+"""How far a modulus may go beyond those of the training, on a logarithmic scale: part of their range, and at least."""
 FEW = 20
 """Solutions held out below which a region of a twentieth of the box is likely missed."""
 
@@ -200,6 +202,7 @@ def warn_of_training(full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | 
     flows = full.equilibrium is not None
     if not flows:  # each step of an elastic history is a point like any other
         warn_of_gaps_in_training(snapshots.points)
+        warn_of_moduli_unseen(full.problem, snapshots.points)
     if not snapshots.any_contact(full.problem):
         _warn(
             "no training solution has contact: the model knows nothing of contact forces. Check gaps, normals and "
@@ -251,6 +254,33 @@ def warn_of_gaps_in_training(points: np.ndarray) -> None:
             "and no check of the box sees it. Train on a grid or on points drawn at random",
             TrainingWarning,
         )
+
+
+def warn_of_moduli_unseen(problem: ContactProblem, points: np.ndarray) -> None:
+    """Warn of a modulus that takes values between training points, (S, P), from which these are far.
+
+    A spike is narrower than the distance of training points, so that nothing held out shows it. Moduli are numbers, and
+    are looked at densely along each of their own parameters, the others in the middle.
+    """
+    space = problem.parameters
+    scalars = [scalar for modulus in problem.moduli for scalar in (modulus.factor_scalar, modulus.rest_scalar)]
+    for scalar in dict.fromkeys(scalars):
+        places = [space.names.index(name) for name in scalar.formula.variables]
+        everywhere = space.lines(places, 1)
+        with np.errstate(divide="ignore"):
+            seen, there = (np.log(np.abs(scalar.values(where))) for where in (points, everywhere))
+        if not (places and np.isfinite(seen).all() and np.isfinite(there).all()):
+            continue
+        beyond = np.maximum(there - seen.max(), seen.min() - there)
+        worst = int(beyond.argmax())
+        if beyond[worst] > max(UNSEEN * np.ptp(seen), UNSEEN_LEAST):
+            _warn(
+                f"the modulus {scalar.text[:80]} is {scalar.value(everywhere[worst]):.3g} at "
+                f"{space.described(everywhere[worst])}, and {np.exp(seen.min()):.3g} to {np.exp(seen.max()):.3g} at "
+                "all training points: it changes faster than they are close, and answers there are outside what was "
+                "trained. Train there too, or smooth the formula",
+                TrainingWarning,
+            )
 
 
 def _share(value):

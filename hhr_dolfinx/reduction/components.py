@@ -52,7 +52,7 @@ def components_of(problem: ContactProblem) -> list[Component]:
         ]
         factor, axes = dependence(moduli, shape_axes, problem.parameters.names)
         forced, lifted = (_acting(columns, dofs) for columns in (problem.external, lifts))
-        found.append(Component(dofs, body, Part(conditions, forced, lifted, factor, axes), moduli))
+        found.append(Component(dofs, body, Part(conditions, forced, lifted, factor, axes, tuple(moduli)), moduli))
     return found
 
 
@@ -71,7 +71,7 @@ def interpolated_compliances(
     parts, grids, others = [], [], []
     for solver, how in zip(solvers, own or [settings] * len(solvers), strict=True):
         part = solver.component.part
-        grid, modes = grown(solver, problem.parameters, part.axes, how)
+        grid, modes = grown(solver, problem.parameters, part.axes, how, part)
         parts.append(compliance_of(part, grid, modes, None))
         grids.append(grid)
         others.append(modes)

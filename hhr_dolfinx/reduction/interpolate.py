@@ -13,6 +13,7 @@ from hhr_dolfinx.formulas import Modulus, Scalar
 from hhr_dolfinx.models.interpolated import Compliance, PrimalModes
 from hhr_dolfinx.models.interpolation import GrownGrid, Interpolant, grow
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
+from hhr_dolfinx.reduction.formula_grids import FormulaGrid
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,7 @@ class Part:
         forced, lifted: terms of θ whose loads or imposed displacements act on it.
         factor: the modulus that all of it shares; None for none.
         axes: parameters on which the rest depends.
+        moduli: of the parts of its stiffness, where these depend on parameters.
     """
 
     conditions: np.ndarray
@@ -59,6 +61,7 @@ class Part:
     lifted: np.ndarray
     factor: Scalar | None
     axes: np.ndarray
+    moduli: tuple[Modulus, ...] = ()
 
     def factor_at(self, point: np.ndarray) -> float:
         """The modulus at a point; 1 where there is none."""
@@ -85,8 +88,11 @@ def grown(
     space: ParameterSpace,
     axes: np.ndarray,
     settings: GridSettings,
+    part: Part | None = None,
 ) -> tuple[GrownGrid, dict[str, np.ndarray]]:
     """Interpolate arrays by name over some parameters; the others stay in the middle of the box.
+
+    Where they are the compliance of a ``part``, its formulas are held against the grid at thousands of points.
 
     Returns:
         The grid, and the modes of each array, its own shape with the modes along the last axis.
@@ -111,7 +117,9 @@ def grown(
         return max((float(np.linalg.norm(values[a:b])) for a, b in pairwise(ends)), default=0.0)
 
     box, how = (axes, lower[axes], upper[axes]), (settings.tolerance, settings.budget)
-    grid = grow(joined, scale, box, *how, compressed=settings.compressed, least=settings.least)
+    formulas = None if part is None else FormulaGrid(part.moduli, part.factor, axes, space).error
+    kept = settings.compressed
+    grid = grow(joined, scale, box, *how, compressed=kept, least=settings.least, everywhere=formulas)
     modes, first, parts = grid.interpolant.modes, 0, {}
     for name, shape in shapes.items():
         size = int(np.prod(shape))

@@ -42,7 +42,7 @@ def interpolated_reduction(
         if problem.terms is None or not block.modes.size:
             continue
         part = _part(problem.terms, block, space)
-        grid, modes = grown(partial(_solved, problem.terms, block, part), space, part.axes, settings)
+        grid, modes = grown(partial(_solved, problem.terms, block, part), space, part.axes, settings, part)
         grids.append(grid)
         if grid.surplus > settings.tolerance:
             return None, grids
@@ -56,8 +56,9 @@ def _part(terms: ReducedTerms, block: Block, space: ParameterSpace) -> Part:
     conditions = np.flatnonzero(block.test.any(axis=0) | block.trial.any(axis=1))
     forced = np.flatnonzero(terms.forces[block.modes].any(axis=0))
     lifted = np.flatnonzero(terms.lifts[:, block.modes].any(axis=(0, 1)))
-    factor, axes = dependence([terms.moduli[k] for k in block.parts], (), space.names)
-    return Part(conditions, forced, lifted, factor, axes)
+    moduli = [terms.moduli[k] for k in block.parts]
+    factor, axes = dependence(moduli, (), space.names)
+    return Part(conditions, forced, lifted, factor, axes, tuple(moduli))
 
 
 def _solved(terms: ReducedTerms, block: Block, part: Part, point: np.ndarray) -> dict[str, np.ndarray]:
@@ -121,7 +122,7 @@ def interpolated_shapes(
              for name in scalar.formula.variables}  # fmt: skip
     axes = np.array(sorted({space.names.index(name) for name in named} | set(full.reshaped.axes)), dtype=np.int64)
     forced = np.flatnonzero(np.any(assembly(full.middle).loads, axis=0))
-    part = Part(np.arange(len(problem.gaps)), forced, np.zeros(0, dtype=np.int64), None, axes)
+    part = Part(np.arange(len(problem.gaps)), forced, np.zeros(0, dtype=np.int64), None, axes, full.moduli)
 
     def solved(point: np.ndarray) -> dict[str, np.ndarray]:
         there = assembly(point)
@@ -133,7 +134,7 @@ def interpolated_shapes(
         reduced = {"schur": trial @ pushed, "columns": (trial @ free).T, "pushed": pushed, "free": free.T}
         return reduced | {"gaps": there.gaps}
 
-    grid, modes = grown(solved, space, axes, settings)
+    grid, modes = grown(solved, space, axes, settings, part)
     if grid.surplus > settings.tolerance:
         return None, [grid]
     size = len(problem.stiffness)

@@ -83,12 +83,14 @@ def _between(full: Any) -> Between:
         sure = _proved(solver.component, part, kind)
         proved &= sure is not None and seen <= sure + NOISE
         errors += [OBSERVED * seen if sure is None or seen > sure + NOISE else sure]
+    errors += [grid.unresolved for grid in grids]
     if problem.reshaped is not None:
         errors.append(OBSERVED * grids[-1].surplus)
     if not max(errors) <= LARGEST:
         raise BoundError(
             f"what bounds need between parameters is interpolated with an error of {max(errors):.1e}: narrow the box, "
-            "or write Young's modulus of a whole body as one formula"
+            "smooth formulas of moduli that jump or have spikes, or write Young's modulus of a whole body as one "
+            "formula"
         )
     return Between(compliances, energies, max(errors), proved)
 
