@@ -196,5 +196,5 @@ class ParameterSpace:
         bases = np.vstack([middle, self.random(count - 1, seed=1)]) if count > 1 else middle[None]
         found = np.tile(np.repeat(bases, LINE, axis=0), (len(places), 1, 1))
         for points, place in zip(found, places, strict=True):
-            points[:, place] = np.tile(np.linspace(*ends[:, place], LINE), count)
+            points[:, place] = np.tile(np.linspace(ends[0, place], ends[1, place], LINE), count)
         return found.reshape(-1, len(self.names))
