@@ -111,6 +111,7 @@ class ContactProblem:
         resting: orthonormal rigid motions that nothing drives or resists, (N, l), of which answers have none; None
             where all bodies are held.
         loose: bodies that contact holds, with their motions, in words.
+        whole_contact: B with the columns of imposed dofs, (N_lambda, N), for forces on them; None where it is unknown.
         pins: as many dofs as there are rigid motions of both kinds, which fix them; None where all bodies are held.
     """
 
@@ -136,6 +137,7 @@ class ContactProblem:
     rigid: np.ndarray | None = None
     resting: np.ndarray | None = None
     loose: str = ""
+    whole_contact: csr_matrix | None = None
     pins: np.ndarray | None = None
 
     @property
