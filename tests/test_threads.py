@@ -339,10 +339,10 @@ def test_two_threads_at_two_shapes(monkeypatch):
     """Each has the B of its own shape, that with imposed dofs too: it was once left where the other thread took it."""
     x, y = coordinate_names("plane_strain")
     wider = hhr.Shape(two_blocks.SECOND, (f"1 + ({x} - 1) * (1 + wide)", y))
-    scene = pressed_pair("plane_strain", ((3.0, 0.3), (4.0, 0.3)), {"wide": (-0.1, 0.1)}, matching=False,
+    scene = pressed_pair("plane_strain", ((3.0, 0.3), (4.0, 0.3)), {"wide": (0.0, 0.2)}, matching=False,
                          shapes=(wider,), cells=2)  # fmt: skip
     alone, shared = (hhr.FullOrderModel(scene).problem for _ in range(2))
-    points = [np.append(alone.middle[:-1], wide) for wide in (-0.08, 0.07)]
+    points = [np.append(alone.middle[:-1], wide) for wide in (0.02, 0.18)]
     expected = [alone.reshaped(point) for point in points]
     assert abs(expected[0].whole_contact - expected[1].whole_contact).max() > 0.05
     ordered, both = Reshaped._ordered, threading.Barrier(2)
