@@ -8,7 +8,8 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -70,6 +71,24 @@ class TrustLimits:
     warn_primal: float = 0.02
     warn_dual: float = 0.05
     warn_worst: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Refuse with ReductionError what is no limit, and warnings that could never be said."""
+        for item in fields(self):
+            value: Any = getattr(self, item.name)
+            signed = item.name == "warn_definite"
+            if not isinstance(value, Real) or isinstance(value, bool) or not (value >= 0 or (signed and value < 0)):
+                raise ReductionError(
+                    f"{item.name} = {value!r} of TrustLimits must be a number{'' if signed else ', not negative'}: "
+                    "math.inf for no limit"
+                )
+        for name in ("cond_K", "primal", "dual"):
+            warn, refuse = getattr(self, f"warn_{name}"), getattr(self, f"refuse_{name}")
+            if refuse < warn < math.inf:
+                raise ReductionError(
+                    f"warn_{name} = {warn:g} of TrustLimits lies beyond refuse_{name} = {refuse:g}: a model would be "
+                    f"refused before it is warned of. Give a smaller warn_{name} too, or math.inf for no warning"
+                )
 
     @classmethod
     def of_histories(cls, **changes: float) -> TrustLimits:

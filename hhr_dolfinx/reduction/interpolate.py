@@ -39,6 +39,11 @@ class GridSettings:
                 f"tolerance = {self.tolerance!r} of an interpolation must lie in (0, 1), and its budget = "
                 f"{self.budget!r} be a positive integer"
             )
+        if not isinstance(self.compressed, bool) or not is_whole(self.least, 0):
+            raise ReductionError(
+                f"compressed = {self.compressed!r} of an interpolation must be True or False, and least = "
+                f"{self.least!r} an integer that is not negative"
+            )
 
 
 DEFAULT_GRID = GridSettings()
