@@ -77,7 +77,11 @@ class TrustLimits:
         for item in fields(self):
             value: Any = getattr(self, item.name)
             signed = item.name == "warn_definite"
-            if not isinstance(value, Real) or isinstance(value, bool) or not (value >= 0 or (signed and value < 0)):
+            if (
+                not isinstance(value, Real)
+                or isinstance(value, bool)
+                or not (float(value) >= 0 or (signed and value < 0))
+            ):
                 raise ReductionError(
                     f"{item.name} = {value!r} of TrustLimits must be a number{'' if signed else ', not negative'}: "
                     "math.inf for no limit"

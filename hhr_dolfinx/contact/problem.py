@@ -169,6 +169,16 @@ class ContactProblem:
         stiffness = (problem.combined(weights),)
         return replace(problem, stiffness_terms=stiffness, moduli=(), lift_terms=(), reshaped=None, loads=loads)
 
+    def loads_at(self, point: np.ndarray, theta: Theta) -> np.ndarray:
+        """F - K lift on free dofs at a point of a scene of one shape, with the θ there, (N,)."""
+        found = self.loads @ theta
+        if self.moduli:
+            changes = self.weights(self.middle) - self.weights(point)
+            for change, term in zip(changes, self.lift_terms, strict=True):
+                if change and term.nnz:
+                    found = found + change * (term @ theta)
+        return found
+
     def touching(self) -> ContactProblem:
         """The same with B that has entries wherever it has any on some shape: what may touch has to be in a RID.
 

@@ -73,21 +73,6 @@ class Part:
         return 1.0 if self.factor is None else self.factor.value(point)
 
 
-def dependence(
-    moduli: list[Modulus], others: tuple[int, ...], names: tuple[str, ...]
-) -> tuple[Scalar | None, np.ndarray]:
-    """The factor that all parts of a stiffness share, if it varies, and the places of the parameters of the rest.
-
-    ``others`` are places of parameters that count in any case.
-    """
-    factor, rests = None, [scalar for modulus in moduli for scalar in (modulus.factor_scalar, modulus.rest_scalar)]
-    if len({modulus.factor for modulus in moduli}) == 1:
-        rests = [modulus.rest_scalar for modulus in moduli]
-        factor = moduli[0].factor_scalar if moduli[0].factor_scalar.formula.variables else None
-    named = {name for scalar in rests for name in scalar.formula.variables}
-    return factor, np.array(sorted({names.index(name) for name in named} | set(others)), dtype=np.int64)
-
-
 def grown(
     solved: Callable[[np.ndarray], Mapping[str, np.ndarray]],
     space: ParameterSpace,

@@ -14,6 +14,7 @@ from scipy.linalg.lapack import dgetrf, dgetrs
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
+from hhr_dolfinx.contact.scaling import dependence
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.models.block_elimination import Block, blocks_of
@@ -22,7 +23,7 @@ from hhr_dolfinx.models.interpolation import GrownGrid, Interpolant
 from hhr_dolfinx.models.projected import ReducedProblem, ReducedTerms
 from hhr_dolfinx.models.reshaped import InterpolatedProblem
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of, dependence, grown
+from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of, grown
 from hhr_dolfinx.reduction.projection import project
 
 REDUCED_GRID = GridSettings(1e-5, 300)
