@@ -1,8 +1,8 @@
 """Where only the moduli of whole bodies vary: K(mu) is block diagonal, and each block is a number times a fixed matrix.
 
-Bodies touch only through contact, so that what hangs together through K is a block K_c of its own. Where all of it has
-one factor, K_c(mu) = s_c(mu) K_c in the middle of the box, K^-1(mu) = K_c^-1 / s_c, and S(mu) = sum of S_c / s_c: nothing
-is factored anew.
+Bodies touch only through contact, so that each connected component of K is a block K_c of its own. Where all of it has
+one factor, K_c(mu) is s_c(mu) times K_c in the middle of the box, K^-1(mu) is K_c^-1 / s_c, and S(mu) the sum of
+S_c / s_c: nothing is factored anew.
 """
 
 from __future__ import annotations
