@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, one_kind
+from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, one_kind, require_first_order
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
 _LINES = ("T2D", "T3D", "B2", "B3", "R2D2", "RAX2", "SAX1", "SAX2")
@@ -36,6 +36,7 @@ class _Deck:
     Attributes:
         nodes: coordinates by number.
         elements: kind and corners by number.
+        counts: number of nodes of each of them.
         node_sets, element_sets: numbers by name in capitals.
         faces: of surfaces by name in capitals: an element or a set, and a face.
         spelling: names as they were first written, by kind of set and name in capitals.
@@ -43,6 +44,7 @@ class _Deck:
 
     nodes: dict[int, list[float]] = field(default_factory=dict)
     elements: dict[int, tuple[str, list[int]]] = field(default_factory=dict)
+    counts: dict[int, int] = field(default_factory=dict)
     node_sets: dict[str, list[int]] = field(default_factory=dict)
     element_sets: dict[str, list[int]] = field(default_factory=dict)
     faces: dict[str, list[tuple[str, str]]] = field(default_factory=dict)
@@ -164,6 +166,7 @@ def _elements(deck: _Deck, options: dict[str, str], rows: list[list[str]]) -> No
             raise ValueError(f"element {number} of type {name} has {len(nodes)} nodes, which is not understood")
         kind = kinds[len(nodes)]
         deck.elements[number] = kind, nodes[: CORNERS.get(kind, 2)]
+        deck.counts[number] = len(nodes)
     if "ELSET" in options:
         members = deck.element_sets.setdefault(deck.named("elset", options["ELSET"]), [])
         members.extend(int(row[0]) for row in rows)
@@ -199,6 +202,7 @@ def _mesh_of(deck: _Deck, path: Path) -> RawMesh:
         if item[0] != "line" and DIMENSION.get(item[0], 3) == max(dimensions)
     }
     kind = one_kind((kind for kind, _ in cells.values()), path)
+    require_first_order(kind, (deck.counts[number] for number in cells), path)
     lost = next((number for number, (_, nodes) in cells.items() if not deck.nodes.keys() >= set(nodes)), None)
     if lost is not None:
         raise FileContentError(f"{path}: element {lost} has a node that is not in the deck")

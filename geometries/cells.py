@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hhr_dolfinx.errors import FileContentError
+from hhr_dolfinx.errors import FileContentError, SceneError
 
 FACES = {
     "triangle": ((0, 1), (1, 2), (2, 0)),
@@ -25,7 +25,7 @@ KINDS = {
     "tetra": "tetrahedron", "tetra10": "tetrahedron",
     "hexahedron": "hexahedron", "hexahedron20": "hexahedron", "hexahedron27": "hexahedron",
 }  # fmt: skip
-"""Kinds of cells that are understood, by meshio's names; of curved ones the corners are taken."""
+"""Kinds of cells that are understood, by meshio's names; those of second order are refused by their own."""
 OTHERS = {"wedge": "prism", "pyramid": "pyramid"}
 """Cells of bodies in space that are not supported: how meshio's names of them begin, and their own names."""
 OF_CORNERS = {4: "tetrahedron", 5: "pyramid", 6: "prism", 8: "hexahedron"}
@@ -56,6 +56,22 @@ def one_kind(kinds: Iterable[str], path: Path) -> str:
         f"{path} {said}, and a mesh must have cells of one kind: triangles, quadrilaterals, tetrahedra or hexahedra. "
         f"Mesh all bodies so: {_ONE_KIND[max(DIMENSION.get(kind, 3) for kind in found)]}"
     )
+
+
+def require_first_order(kind: str, nodes: Iterable[int], path: Path) -> None:
+    """Raise SceneError for cells of a file with more nodes than corners, given the number of nodes of each.
+
+    Their corners alone would be another body: a half-disc of curved cells came out as a coarse polygon.
+    """
+    found = [count for count in nodes if count > CORNERS[kind]]
+    if found:
+        counts = " or ".join(str(count) for count in sorted(set(found)))
+        raise SceneError(
+            f"{path}: {len(found)} cells of kind {kind} have {counts} nodes where their corners are {CORNERS[kind]}. "
+            "Cells of second order are not built in, and their corners alone are another body: export cells of first "
+            "order (in gmsh Mesh.ElementOrder = 1 or setOrder(1), in Abaqus types such as CPE4, CAX4 or C3D8), on a "
+            "finer mesh where sides are curved"
+        )
 
 
 def faces(kind: str, cells: np.ndarray) -> np.ndarray:

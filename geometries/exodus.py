@@ -9,7 +9,7 @@ import numpy as np
 
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.geometries.cells import CORNERS, FACES, one_kind
+from hhr_dolfinx.geometries.cells import FACES, one_kind, require_first_order
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
 _KINDS = {"TRI": "triangle", "QUA": "quadrilateral", "SHE": "quadrilateral", "TET": "tetrahedron", "HEX": "hexahedron",
@@ -39,8 +39,9 @@ def _read(data: Any, path: Path) -> RawMesh:
         if kind is None:
             raise FileContentError(f"{path}: block {k} has elements of type {connected.elem_type}: not understood")
         kinds.append(kind)
-        blocks.append(np.asarray(connected[:], dtype=np.int64)[:, : CORNERS.get(kind)] - 1)
+        blocks.append(np.asarray(connected[:], dtype=np.int64) - 1)
     kind = one_kind(kinds, path)
+    require_first_order(kind, (len(cell) for block in blocks for cell in block), path)
     cells, starts = np.concatenate(blocks), np.cumsum([0, *map(len, blocks)])
     bodies: dict[str | int, np.ndarray] = {}
     for k, (number, name) in enumerate(_labels(data, "eb", count)):

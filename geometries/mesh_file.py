@@ -18,7 +18,17 @@ import numpy as np
 
 from hhr_dolfinx.compat import NamedMesh, extra, linear_mesh, tags_of
 from hhr_dolfinx.errors import FileContentError, HHRError, SceneError
-from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, FACET_KINDS, KINDS, OF_CORNERS, OTHERS, one_kind
+from hhr_dolfinx.geometries.cells import (
+    CORNERS,
+    DIMENSION,
+    FACES,
+    FACET_KINDS,
+    KINDS,
+    OF_CORNERS,
+    OTHERS,
+    one_kind,
+    require_first_order,
+)
 from hhr_dolfinx.geometries.raw_mesh import Numbers, RawMesh, facets_by_number
 
 if TYPE_CHECKING:
@@ -156,7 +166,9 @@ def read_by_gmsh(path: Path) -> RawMesh:
     if not dim:
         raise FileContentError(f"{path} has no triangles, quadrilaterals, tetrahedra or hexahedra")
     kind = one_kind((kinds.get(one) or OF_CORNERS[one[1]] for one in there if one[0] == dim), path)
-    cells, bodies = _joined([entity for entity in entities if entity.dim == dim], CORNERS[kind])
+    own = [entity for entity in entities if entity.dim == dim]
+    require_first_order(kind, (entity.nodes for entity in own for _ in entity.corners), path)
+    cells, bodies = _joined(own, CORNERS[kind])
     width = len(FACES[kind][0])
     sides = [entity for entity in entities if entity.dim == dim - 1 and entity.corners.shape[1] == width]
     facets, surfaces = _joined(sides, width)
@@ -196,6 +208,7 @@ def read_by_meshio(path: Path) -> RawMesh:
     dim = 3 if others else max(DIMENSION[KINDS[kind]] for kind in there)
     kind = one_kind([*others, *(KINDS[kind] for kind in there if DIMENSION[KINDS[kind]] == dim)], path)
     own = [k for k, block in enumerate(mesh.cells) if KINDS.get(block.type) == kind]
+    require_first_order(kind, (len(cell) for k in own for cell in mesh.cells[k].data), path)
     width = len(FACES[kind][0])
     sides = [k for k, block in enumerate(mesh.cells) if FACET_KINDS.get(block.type) == width and k not in own]
     cells, facets = _corners(mesh, own, CORNERS[kind]), _corners(mesh, sides, width)

@@ -10,8 +10,9 @@ import numpy as np
 from dolfinx import io
 from dolfinx import mesh as dmesh
 
-from hhr_dolfinx.compat import NamedMesh
+from hhr_dolfinx.compat import NamedMesh, geometry_dofmap
 from hhr_dolfinx.errors import FileContentError
+from hhr_dolfinx.geometries.cells import require_first_order
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -29,7 +30,8 @@ def read_xdmf(path: Path, comm: Comm, scale: float) -> NamedMesh:
     meshes = [name for name, dim, tagged in grids if dim == max(item[1] for item in grids)]
     with io.XDMFFile(comm, str(path), "r") as file:
         mesh = file.read_mesh(name=meshes[0])
-        top = mesh.topology.dim
+        top, cells = mesh.topology.dim, geometry_dofmap(mesh)
+        require_first_order(mesh.topology.cell_name(), [cells.shape[1]] * len(cells), path)
         tags = {}
         for name, dim, tagged in grids:
             if tagged and dim in (top, top - 1) and dim not in tags:

@@ -209,6 +209,12 @@ class Scalar:
         value = self.formula({name: float(point[place]) for name, place in self._places})
         return math.nan if isinstance(value, complex) else float(value)
 
+    def values(self, points: np.ndarray) -> np.ndarray:
+        """At many points, (n, P), all at once: (n,); NaN where it is not defined."""
+        with np.errstate(all="ignore"):
+            found = self.formula({name: points[:, place] for name, place in self._places})
+        return np.broadcast_to(np.asarray(found, dtype=float), len(points))
+
     def derivative(self, point: np.ndarray) -> np.ndarray:
         """Its derivatives along the parameters at a point, exact to round-off, (P,)."""
         found, values = np.zeros(len(self.names)), {name: complex(point[place]) for name, place in self._places}
@@ -261,6 +267,11 @@ class Modulus:
         factor, rest = self._parts
         return factor.value(point) * rest.value(point)
 
+    def values(self, points: np.ndarray) -> np.ndarray:
+        """Factor times rest at many points, (n, P): (n,)."""
+        factor, rest = self._parts
+        return factor.values(points) * rest.values(points)
+
     def derivative(self, point: np.ndarray) -> np.ndarray:
         """Its derivatives along the parameters, (P,)."""
         factor, rest = self._parts
@@ -270,9 +281,9 @@ class Modulus:
 def check_over_box(scalar: Scalar, space: ParameterSpace, what: str, low: float, high: float, remedy: str) -> None:
     """Raise SceneError for a scalar that is not finite or leaves (low, high) anywhere in the box.
 
-    It is tried in the corners, as far as these are few, and on 256 points between.
+    It is tried in the corners, as far as these are few, on 256 points between, and densely along its own parameters.
     """
-    for point in box_samples(space):
+    for point in (*box_samples(space), *_doubtful(scalar, space, low, high)):
         try:
             value = scalar.value(point)
         except ParameterError as error:
@@ -290,6 +301,16 @@ def box_samples(space: ParameterSpace, count: int = 256) -> np.ndarray:
     bits = np.arange(2 ** min(dimension, 10))
     corners = np.array([[ends[(k >> (axis % 10)) & 1, axis] for axis in range(dimension)] for k in bits])
     return np.vstack([ends.mean(axis=0), corners, space.random(count, seed=0)])
+
+
+def _doubtful(scalar: Scalar, space: ParameterSpace, low: float, high: float) -> np.ndarray:
+    """The first of many points along its own parameters at which a scalar leaves (low, high), at most (1, P)."""
+    points = space.lines([space.names.index(name) for name in scalar.formula.variables])
+    try:
+        values = scalar.values(points)
+    except ParameterError:  # beyond a table: which point it is shows one by one
+        return points
+    return points[~((low < values) & (values < high))][:1]
 
 
 def _depth(tree: ast.expr) -> int:

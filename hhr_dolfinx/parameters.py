@@ -12,6 +12,9 @@ import numpy as np
 
 from hhr_dolfinx.errors import ParameterError, SceneError
 
+LINE = 2001
+"""Points along a parameter at which formulas are looked at: a spike a thousandth of the box wide holds two of them."""
+
 
 def is_number(value: Any) -> bool:
     """Whether a value is a finite real number; text and truth values are none."""
@@ -191,3 +194,16 @@ class ParameterSpace:
                 "the seed an integer that is not negative"
             )
         return np.random.default_rng(seed).uniform(self.lower, self.upper, (count, len(self.names)))
+
+    def lines(self, places: Sequence[int], count: int = 3) -> np.ndarray:
+        """Points on lines along some parameters, by which formulas are held against what is read into them, (n, P).
+
+        There are ``LINE`` points on each; the first of ``count`` lines runs through the middle, others lie anywhere.
+        """
+        ends = np.array([self.lower, self.upper], dtype=float)
+        middle = ends.mean(axis=0)
+        bases = np.vstack([middle, self.random(count - 1, seed=1)]) if count > 1 else middle[None]
+        found = np.tile(np.repeat(bases, LINE, axis=0), (len(places), 1, 1))
+        for points, place in zip(found, places, strict=True):
+            points[:, place] = np.tile(np.linspace(ends[0, place], ends[1, place], LINE), count)
+        return found.reshape(-1, len(self.names))

@@ -31,6 +31,8 @@ class _Sampling:
                 f"{type(self).__name__}({self.count!r}, seed={self.seed!r}): the count must be a positive integer, the "
                 "seed one that is not negative"
             )
+        if not isinstance(self.corners, bool):
+            raise ParameterError(f"corners = {self.corners!r} of {type(self).__name__} must be True or False")
 
     def points(self, space: ParameterSpace) -> np.ndarray:
         """The points, (count, P), behind the corners if these were asked for.

@@ -1,14 +1,20 @@
 """Enrichment by finite element functions, Alg. 3.1."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
+from scenes import pressed_pair
+from test_bounds import errors_of
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.reduction.enrichment import enrich
+from hhr_dolfinx.errors import NotSolvableError, ReductionError
+from hhr_dolfinx.geometries import two_blocks
+from hhr_dolfinx.reduction.enrichment import enrich, record_enrichment
 from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.reduction.rid import reduced_domain
+from hhr_dolfinx.timing import StageLog
 
 
 @pytest.fixture(scope="module")
@@ -75,3 +81,64 @@ def test_enriched_model_is_solvable_where_the_plain_one_was_not(hertz, hertz_sna
     assert len(reduction.offline.enrichment.added) > 0 and reduction.offline.stability.kappa_B <= 10
     solution, reference = reduction.solve(0.3), hertz.solve(0.3).forces()[reduction.offline.sets.A_lambda]
     assert np.linalg.norm(solution.multipliers - reference) < 0.05 * np.linalg.norm(reference)
+
+
+@pytest.fixture(scope="module")
+def pair_and_stop():
+    """Contact of two blocks, and a stop for the same surface, so that each slave node carries two conditions."""
+    slave, master = two_blocks.side(two_blocks.SECOND, 1, False), two_blocks.side(two_blocks.FIRST, 1, True)
+    contacts = (hhr.NodeToNode(slave, master, (0.0, -1.0)), hhr.Obstacle(slave, (0.0, -1.0), -0.985))
+    scene = pressed_pair("plane_strain", ((3.0, 0.3), (30.0, 0.2)), contacts=contacts, cells=8)
+    training = hhr.train(scene, hhr.Sobol(32))
+    return training.full_order, training.build(hhr.Recipe().as_it_is())
+
+
+def test_twin_conditions_are_both_held_and_clamps_stay(pair_and_stop):
+    """The function of the stop was once taken for the pair too: clamps moved by 4e-4, and rows stayed dependent."""
+    full, model = pair_and_stop
+    record = model.offline
+    assert math.isfinite(record.stability.kappa_B) and record.stability.kappa_B <= 10
+    assert not record.basis[~full.problem.free].any()
+    assert record.basis.T @ record.basis == pytest.approx(np.eye(record.basis.shape[1]), abs=1e-12)
+    for point in full.parameters.random(20, 1):
+        imposed = (full.problem.lifts @ full.problem.theta(point))[~full.problem.free]
+        assert model.solve(point).displacement()[~full.problem.free] == pytest.approx(imposed, abs=0)
+
+
+def test_bounds_hold_where_conditions_are_twins(pair_and_stop):
+    """5 of these 200 points were beyond their bound."""
+    full, model = pair_and_stop
+    primal, dual, _, _, moved, pushed, *_ = errors_of(full, model, full.parameters.random(200, 3))
+    assert (moved <= primal).all() and (pushed <= dual).all()
+
+
+def test_a_function_in_the_span_is_left_out_and_named(hertz, few_modes):
+    """The basis holds one candidate to the last bit; its length is zero, and round-off of it is no direction."""
+    basis, sets = few_modes
+    held = sets.A_lambda[3]
+    function = np.zeros((hertz.problem.free.size, 1))
+    function[2 * hertz.problem.contact_slaves[held] + 1] = 1.0
+    enriched = enrich(hertz.problem, np.linalg.qr(np.hstack([function, basis]))[0], sets, kappa_max=1.0)
+    log = StageLog()
+    record_enrichment(enriched, 1.0, log)
+    assert list(enriched.left_out) == [held] and held not in enriched.added
+    assert any(str(held) in item["why"] for item in log.skipped if item["stage"] == "enrichment_twins")
+
+
+def test_a_basis_that_moves_clamps_is_refused(hertz, few_modes):
+    basis, sets = few_modes
+    moving = np.linalg.qr(basis + 1e-6)[0]
+    with pytest.raises(ReductionError, match=r"moves imposed dofs by .* > 1e-08"):
+        enrich(hertz.problem, moving, sets, kappa_max=5.0)
+
+
+def test_conditions_that_say_the_same_are_told(pair_and_stop):
+    """On an imposed master a pair is a stop: no basis helps, and more modes were advised."""
+    scene = pair_and_stop[0].scene
+    master = two_blocks.side(two_blocks.FIRST, 1, True)
+    rigid = dataclasses.replace(
+        scene, displacements=(*scene.displacements, *(hhr.Displacement(master, axis) for axis in range(2)))
+    )
+    training = hhr.train(rigid, hhr.Sobol(16))
+    with pytest.raises(NotSolvableError, match="9 contact conditions say the same as another one"):
+        training.build()

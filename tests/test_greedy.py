@@ -1,6 +1,8 @@
 """Greedy training: what it chooses, when it stops, how it goes on, and the indicators it takes."""
 
 import dataclasses
+import math
+import threading
 
 import numpy as np
 import pellet_cladding
@@ -9,13 +11,16 @@ from flowing import SMALL_MESH
 from mpi4py import MPI
 from parts.pellet_families import families
 from scenes import pressed_block, pressed_pair, whole_domain
+from scipy.sparse import csr_matrix
 from scipy.stats import spearmanr
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.errors import ParameterError, ReductionError, SceneWarning, StudyError
+from hhr_dolfinx.reduction.recipe import Recipe
+from hhr_dolfinx.snapshots.digest import digest_of_values
 from hhr_dolfinx.study import greedy as module
-from hhr_dolfinx.study.greedy import independent
+from hhr_dolfinx.study.greedy import Greedy, KeptChoice, independent
 from hhr_dolfinx.study.greedy_indicators import _Domain
 from hhr_dolfinx.study.training import train
 
@@ -261,3 +266,64 @@ def test_a_choice_of_another_box_is_another_one(tmp_path):
     trained(dataclasses.replace(scene, parameters=narrow), choose, folder=tmp_path)
     wide = trained(scene, choose, folder=tmp_path)
     assert (wide.choice.points.max(axis=0) > narrow.upper).all()
+
+
+class Fixed:
+    """A user's own sampling: points of an array."""
+
+    def __init__(self, points):
+        self.table = points
+
+    def points(self, space):
+        return self.table
+
+
+@dataclasses.dataclass(frozen=True)
+class Shifted:
+    """Another one, that holds a function."""
+
+    move: object
+
+    def points(self, space):
+        return self.move(space.random(4, 0))
+
+
+def kept(folder, greedy):
+    return KeptChoice(folder, "problem", greedy, Recipe(), hhr.ParameterSpace(("x",), (0.0,), (1.0,)))._path.name
+
+
+def test_a_kept_choice_is_that_of_its_own_candidates(tmp_path):
+    """Of arrays above a thousand entries ``repr`` shows six: other candidates once took over the old choice."""
+    one = np.linspace(0, 1, 2001)[:, None]
+    other = one.copy()
+    other[1000] += 1e-3
+    greedy = [Greedy(candidates=Fixed(points)) for points in (one, other, one.copy())]
+    names = [kept(tmp_path, item) for item in greedy]
+    assert names[0] == names[2] != names[1]
+
+
+def test_settings_with_an_address_are_found_again(tmp_path):
+    """Their ``repr`` is another one in each run, and nothing that was chosen was ever found again."""
+    assert kept(tmp_path, Greedy(start=Fixed([[0.5]]))) == kept(tmp_path, Greedy(start=Fixed([[0.5]])))
+    assert kept(tmp_path, Greedy(start=Fixed([[0.5]]))) != kept(tmp_path, Greedy(start=Fixed([[0.25]])))
+    ways = [lambda points, by=by: points + by for by in (0.0, 0.1, 0.0)]
+    names = [kept(tmp_path, Greedy(start=Shifted(way))) for way in ways]
+    assert names[0] == names[2] != names[1]
+    assert kept(tmp_path, Greedy(start=Shifted(lambda points: points * 2))) not in names
+
+
+def test_what_has_no_values_is_refused_by_name(tmp_path):
+    with pytest.raises(StudyError, match=r"holds <.*lock.*no digest .* frozen dataclass"):
+        kept(tmp_path, Greedy(start=Fixed(threading.Lock())))
+    circle = []
+    circle.append(circle)
+    with pytest.raises(StudyError, match="more than 50 deep, or itself"):
+        kept(tmp_path, Greedy(start=Fixed(circle)))
+
+
+def test_digests_tell_types_shapes_and_order_apart():
+    values = [1, 1.0, "1", (1,), [1], {"a": 1}, {"a": 1.0}, np.array([1]), np.array([1.0]), np.array([[1.0]]), None,
+              [[1], 2], [1, [2]], np.float64, math.sin, csr_matrix([[0.0, 1.0]]), csr_matrix([[1.0, 0.0]])]  # fmt: skip
+    digests = [digest_of_values(value, "it") for value in values]
+    assert len(set(digests)) == len(values)
+    assert digest_of_values({"a": 1, "b": 2}, "it") == digest_of_values({"b": 2, "a": 1}, "it")

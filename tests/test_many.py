@@ -9,6 +9,8 @@ from scenes import pressed_block
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import OutsideTrainingError, OutsideTrainingWarning, ParameterError
+from hhr_dolfinx.linear.dense import LapackLU
+from hhr_dolfinx.models.many import KeptFactors
 
 
 @pytest.fixture(scope="module", params=["discs", "pellet"])
@@ -72,3 +74,35 @@ def test_outside_the_training(training):
         model.solve_many(points, outside="refuse")
     with pytest.warns(OutsideTrainingWarning):
         assert len(model.solve_many(points)) == 2
+
+
+def test_factors_of_a_table_have_a_bound(training, monkeypatch):
+    """Those asked for last stay; a bound for two of them changes no answer."""
+    model = next(models(training))
+    points = training.full_order.parameters.random(300, seed=5)
+    before = model.solve_many(points)
+    held = []
+    plain = KeptFactors.of
+
+    def watched(self, index, key):
+        found = plain(self, index, key)
+        held.append(self.kept_bytes)
+        return found
+
+    monkeypatch.setattr(KeptFactors, "of", watched)
+    monkeypatch.setattr(KeptFactors, "most_bytes", 2 * LapackLU(np.eye(model.solve(points[0]).active.size)).nbytes)
+    after = model.solve_many(points)
+    assert held and max(held) <= KeptFactors.most_bytes
+    assert np.array_equal(after.multipliers, before.multipliers)
+
+
+def test_kept_factors_forget_what_was_asked_for_longest_ago(monkeypatch):
+    schur = np.diag(np.arange(1.0, 9.0))
+    sets = [np.array(item) for item in ((0, 1), (2, 3), (4, 5))]
+    monkeypatch.setattr(KeptFactors, "most_bytes", 2 * LapackLU(np.eye(2)).nbytes)
+    factors = KeptFactors(schur)
+    first, second = (factors.of(index, index.tobytes()) for index in sets[:2])
+    assert factors.of(sets[0], sets[0].tobytes()) is first
+    factors.of(sets[2], sets[2].tobytes())
+    assert factors.of(sets[0], sets[0].tobytes()) is first
+    assert factors.of(sets[1], sets[1].tobytes()) is not second

@@ -1,5 +1,6 @@
 """Mesh files: the same mesh, names and answers from every format; sets that overlap; what cannot be read."""
 
+import contextlib
 import dataclasses
 import shutil
 
@@ -8,10 +9,12 @@ import meshio
 import numpy as np
 import pytest
 import your_scene
+from click.testing import CliRunner
 from dolfinx import io
 from mpi4py import MPI
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.command.main import hhr as command
 from hhr_dolfinx.errors import FileContentError, SceneError, SceneWarning
 from hhr_dolfinx.full_order.deck import write_deck
 from hhr_dolfinx.full_order.discretisation import Discretisation
@@ -180,45 +183,95 @@ def test_a_file_in_other_units(tmp_path, exact):
     answers_alike(None, exact, scene)
 
 
-@pytest.mark.parametrize(
-    ("kind", "cells"),
-    [
-        ("quad", [[0, 1, 4, 3], [1, 2, 5, 4]]),
-        *((kind, None) for kind in ("quad8", "hexahedron", "hexahedron20", "tetra10")),
-    ],
-)
-def test_bricks_and_curved_cells_are_taken_by_their_corners(kind, cells, tmp_path):
-    """Two unit cells side by side, or one; their volume is that of straight cells."""
-    if kind == "quad":
-        points = np.array([[x, y, 0] for y in (0.0, 1) for x in (0.0, 1, 2)])
-        mesh, volume = meshio.Mesh(points, [(kind, np.array(cells))]), 2.0
-    else:
-        gmsh.initialize()
-        gmsh.option.setNumber("General.Terminal", 0)
-        dim = 2 if kind == "quad8" else 3
-        tag = gmsh.model.occ.addRectangle(0, 0, 0, 1, 1) if dim == 2 else gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
-        gmsh.model.occ.synchronize()
-        if not kind.startswith("tetra"):
-            gmsh.option.setNumber("Mesh.MeshSizeMin", 1)
-            gmsh.model.mesh.setTransfiniteAutomatic()
-            gmsh.option.setNumber("Mesh.RecombineAll", 1)
-        gmsh.model.addPhysicalGroup(dim, [tag], name="body")
-        gmsh.model.mesh.generate(dim)
-        gmsh.option.setNumber("Mesh.SecondOrderIncomplete", 1)
-        if kind[-1].isdigit():
-            gmsh.model.mesh.setOrder(2)
-        gmsh.write(str(tmp_path / "c.msh"))
-        gmsh.finalize()
-        mesh, volume = None, 1.0
-    if mesh is not None:
-        mesh.write(tmp_path / "c.vtk")
-    path = tmp_path / ("c.msh" if mesh is None else "c.vtk")
-    found = hhr.MeshFile(path)(MPI.COMM_SELF)[0]
+@pytest.mark.parametrize("kind", ["quad", "hexahedron"])
+def test_bricks_keep_their_volume(kind, tmp_path):
+    """Two unit cells side by side; their corners come in another order than DOLFINx wants."""
+    dim = 2 if kind == "quad" else 3
+    points = np.array([[x, y, z] for z in range(dim - 1) for y in (0.0, 1) for x in (0.0, 1, 2)])
+    side = np.array([[0, 1, 4, 3], [1, 2, 5, 4]])
+    meshio.Mesh(points, [(kind, side if dim == 2 else np.hstack([side, side + 6]))]).write(tmp_path / "c.vtk")
+    found = hhr.MeshFile(tmp_path / "c.vtk")(MPI.COMM_SELF)[0]
     from dolfinx import fem
     from ufl import dx
 
     one = fem.Constant(found, 1.0)
-    assert fem.assemble_scalar(fem.form(one * dx(found))) == pytest.approx(volume, rel=1e-12)
+    assert fem.assemble_scalar(fem.form(one * dx(found))) == pytest.approx(2.0, rel=1e-12)
+
+
+SECOND_ORDER = {"triangle6": (3, 6), "quad8": (4, 8), "tetra10": (4, 10), "hexahedron20": (8, 20)}
+"""Corners and nodes of cells of second order, by meshio's names."""
+
+
+def of_second_order(kind, path, form):
+    """One cell with nodes on its sides, and a name for it."""
+    points = np.random.default_rng(0).uniform(size=(SECOND_ORDER[kind][1], 3))
+    data = {name: [np.array([1])] for name in ("gmsh:physical", "gmsh:geometrical")} if form == "gmsh22" else {}
+    cells = [(kind, np.arange(len(points))[None])]
+    meshio.write(path, meshio.Mesh(points, cells, cell_data=data), file_format=form)
+    return path
+
+
+def refused_for(path, corners, count):
+    said = rf"{path.name}: \d+ cells of kind .* have {count} nodes where their corners are {corners}\."
+    with pytest.raises(SceneError, match=said + r".*Mesh\.ElementOrder = 1"):
+        hhr.MeshFile(path)(MPI.COMM_SELF)
+
+
+@pytest.mark.parametrize("kind", SECOND_ORDER)
+@pytest.mark.parametrize(("name", "form"), [("m.msh", "gmsh22"), ("m.inp", "abaqus"), ("m.vtk", "vtk")])
+def test_cells_of_second_order_are_refused_by_name(kind, name, form, tmp_path):
+    """They were taken by their corners: a half-disc of h = 1 was 10 % off without a word."""
+    refused_for(of_second_order(kind, tmp_path / name, form), *SECOND_ORDER[kind])
+
+
+@pytest.mark.parametrize("name", ["m.msh", "m.unv"])
+def test_cells_of_second_order_that_gmsh_reads_are_refused(name, tmp_path):
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    tag = gmsh.model.occ.addDisk(0, 0, 0, 1, 1)
+    gmsh.model.occ.synchronize()
+    gmsh.model.addPhysicalGroup(2, [tag], name="body")
+    gmsh.model.mesh.generate(2)
+    gmsh.model.mesh.setOrder(2)
+    gmsh.write(str(tmp_path / name))
+    gmsh.finalize()
+    refused_for(tmp_path / name, 3, 6)
+
+
+def test_cells_of_second_order_in_exodus_are_refused(tmp_path):
+    import netCDF4
+
+    with netCDF4.Dataset(tmp_path / "m.e", "w", format="NETCDF3_64BIT_OFFSET") as data:
+        for name, size in {"num_nodes": 6, "num_el_blk": 1, "num_el_in_blk1": 1, "num_nod_per_el1": 6}.items():
+            data.createDimension(name, size)
+        connected = data.createVariable("connect1", "i4", ("num_el_in_blk1", "num_nod_per_el1"))
+        connected.elem_type = "TRI6"
+        connected[:] = 1 + np.arange(6)[None]
+    refused_for(tmp_path / "m.e", 3, 6)
+
+
+def test_cells_of_second_order_in_xdmf_are_refused(tmp_path):
+    import basix.ufl
+    import ufl
+    from dolfinx import mesh as dmesh
+
+    points = np.array([[0, 0], [1, 0], [0, 1], [0.6, 0.6], [0, 0.5], [0.5, 0]], dtype=float)
+    domain = ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 2, shape=(2,)))
+    curved = dmesh.create_mesh(MPI.COMM_SELF, cells=np.arange(6)[None], x=points, e=domain)
+    with io.XDMFFile(MPI.COMM_SELF, str(tmp_path / "m.xdmf"), "w") as file:
+        file.write_mesh(curved)
+    refused_for(tmp_path / "m.xdmf", 3, 6)
+
+
+def test_a_check_names_cells_of_second_order(tmp_path):
+    of_second_order("triangle6", tmp_path / "curved.msh", "gmsh22")
+    (tmp_path / "scene.py").write_text(
+        "import dataclasses\nimport hhr_dolfinx as hhr\nimport your_scene\n"
+        "def scene():\n    return dataclasses.replace(your_scene.scene(), geometry=hhr.MeshFile('curved.msh'))\n"
+    )
+    with contextlib.chdir(tmp_path):
+        found = CliRunner().invoke(command, ["check", "scene.py"])
+    assert found.exit_code != 0 and "have 6 nodes where their corners are 3" in " ".join(found.output.split())
 
 
 def test_sets_that_overlap_have_numbers_for_what_they_share():

@@ -146,7 +146,7 @@ def test_trust_check_grows_the_rid_or_refuses(small, small_snapshots):
     assert conditions[1] < conditions[0]
     limit = np.sqrt(conditions[0] * conditions[1])
     loose = dict.fromkeys(("refuse_primal", "refuse_dual", "warn_primal", "warn_dual", "warn_worst"), np.inf)
-    quiet = {"warn_cond_K": 1e30, "warn_definite": -np.inf, **loose}
+    quiet = {"warn_cond_K": np.inf, "warn_definite": -np.inf, **loose}
     between = TrustLimits(refuse_cond_K=limit, refuse_distortion=0.0, **quiet)
     grown = hhr.build(small, small_snapshots, dataclasses.replace(base, trust=between, domain=hhr.Rid(0, 3))).offline
     assert grown.log.refused and grown.log.refused[0]["layers"] == 0 < grown.layers

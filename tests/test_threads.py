@@ -15,13 +15,17 @@ import pellet_cladding_plastic as demo
 import pytest
 from bare import WAIT
 from petsc4py import PETSc
+from scenes import pressed_pair
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.contact.active_set import SchurEqualities
 from hhr_dolfinx.errors import HHRError, OutsideTrainingError
+from hhr_dolfinx.full_order.reshaped import Reshaped
+from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.linear.dense import LapackLU, PetscLU, dense_factors
+from hhr_dolfinx.shapes import coordinate_names
 
 THREADS = 8
 
@@ -330,3 +334,27 @@ def test_a_full_model_and_its_answers_stay_in_their_process(hertz):
     for item in (hertz, hertz.solve(0.3)):
         with pytest.raises(TypeError, match=r"belongs to this process: hand on .* answer\.displacement\(\)"):
             pickle.dumps(item)
+
+
+def test_two_threads_at_two_shapes(monkeypatch):
+    """Each has the B of its own shape, that with imposed dofs too: it was once left where the other thread took it."""
+    x, y = coordinate_names("plane_strain")
+    wider = hhr.Shape(two_blocks.SECOND, (f"1 + ({x} - 1) * (1 + wide)", y))
+    scene = pressed_pair("plane_strain", ((3.0, 0.3), (4.0, 0.3)), {"wide": (0.0, 0.2)}, matching=False,
+                         shapes=(wider,), cells=2)  # fmt: skip
+    alone, shared = (hhr.FullOrderModel(scene).problem for _ in range(2))
+    points = [np.append(alone.middle[:-1], wide) for wide in (0.02, 0.18)]
+    expected = [alone.reshaped(point) for point in points]
+    assert abs(expected[0].whole_contact - expected[1].whole_contact).max() > 0.05
+    ordered, both = Reshaped._ordered, threading.Barrier(2)
+
+    def waiting(*arguments):
+        """Both problems are assembled before either is put in order."""
+        both.wait(timeout=20)
+        return ordered(*arguments)
+
+    monkeypatch.setattr(Reshaped, "_ordered", waiting)
+    found = at_once([lambda point=point: shared.reshaped(point) for point in points])
+    for problem, other in zip(found, expected, strict=True):
+        assert abs(problem.whole_contact - other.whole_contact).max() == 0.0
+        assert abs(problem.contact - other.contact).max() == 0.0

@@ -1,6 +1,7 @@
 """What users get is what is checked: forces on the whole surface, the worst point named, nothing silent."""
 
 import dataclasses
+import math
 import warnings
 
 import hertz_half_discs as hertz_demo
@@ -29,6 +30,8 @@ from hhr_dolfinx.errors import (
     UnstableModelError,
 )
 from hhr_dolfinx.reduction.completion import Completion, spanning_rays
+from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+from hhr_dolfinx.reduction.interpolate import GridSettings
 from hhr_dolfinx.study.references import References
 
 COARSE = {"arc_segments": 28, "flat_segments": 7}
@@ -398,3 +401,35 @@ def test_a_signed_snapshot_that_solves_nothing_is_solved_anew(half_discs_coarse,
     rewrite_signed(path, lambda header, arrays: arrays.update({name: 1.1 * arrays[name]}))
     with pytest.warns(SnapshotFileWarning, match="holds no solution"):
         assert store.load(point) is None
+
+
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        (lambda: TrustLimits(refuse_primal=-1), "refuse_primal = -1 of TrustLimits must be a number, not negative"),
+        (lambda: TrustLimits(refuse_dual="x"), "refuse_dual = 'x' of TrustLimits"),
+        (lambda: TrustLimits(warn_worst=math.nan), "warn_worst = nan"),
+        (lambda: TrustLimits(warn_kappa_B=True), "warn_kappa_B = True"),
+        (lambda: TrustLimits(refuse_primal=0.01), "warn_primal = 0.02 .* beyond refuse_primal = 0.01: .* smaller"),
+        (lambda: TrustLimits(warn_cond_K=1e8), "warn_cond_K = 1e[+]08 .* refuse_cond_K = 1e[+]07"),
+        (lambda: TrustLimits.of_histories(warn_dual=2.0), "warn_dual = 2 .* refuse_dual = 0.6"),
+        (lambda: CorrectionSettings(primal=-1, dual=-1), "primal = -1 must be a positive number"),
+        (lambda: CorrectionSettings(dual=0), "dual = 0 must be a positive number"),
+        (lambda: CorrectionSettings(trust=0.1), "trust = 0.1 must be TrustLimits"),
+        (lambda: GridSettings(least="x"), "least = 'x' an integer"),
+        (lambda: GridSettings(compressed=3), "compressed = 3 of an interpolation must be True or False"),
+        (lambda: hhr.Pod(1e-9, relative="no"), "relative = 'no' of Pod must be True or False"),
+        (lambda: hhr.Pod(1e-9, by_body=1), "by_body = 1 of Pod"),
+        (lambda: hhr.ForceDeim(1e-9, relative=0.5), "relative = 0.5 of ForceDeim"),
+        (lambda: hhr.Enrich(True), "kappa_max = True must be at least 1"),
+    ],
+)
+def test_settings_that_mean_nothing(made, said):
+    """Negative limits once made any error pass as small enough."""
+    with pytest.raises(ReductionError, match=said):
+        made()
+
+
+def test_limits_that_are_never_reached_are_infinite():
+    assert TrustLimits(warn_primal=math.inf, refuse_primal=0.1).warn_primal == math.inf
+    assert TrustLimits(warn_definite=-math.inf).warn_definite == -math.inf

@@ -8,15 +8,17 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.sparse import csr_matrix, diags, triu
 from scipy.spatial import cKDTree
 
 from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.constants import Stability
-from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
+from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem, IndexSets
 from hhr_dolfinx.errors import (
     NotSolvableError,
     ReductionError,
@@ -36,6 +38,8 @@ EMPTY_SHARE = 0.1
 """Part of the box that may be empty; points drawn at random leave some per cent."""
 ALIKE = 1e-10
 """One less the cosine of two normals of a node below which they are the same."""
+UNSEEN, UNSEEN_LEAST = 0.5, 0.05
+"""How far a modulus may go beyond those of the training, on a logarithmic scale: part of their range, and at least."""
 FEW = 20
 """Solutions held out below which a region of a twentieth of the box is likely missed."""
 
@@ -69,6 +73,28 @@ class TrustLimits:
     warn_primal: float = 0.02
     warn_dual: float = 0.05
     warn_worst: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Refuse with ReductionError what is no limit, and warnings that could never be said."""
+        for item in fields(self):
+            value: Any = getattr(self, item.name)
+            signed = item.name == "warn_definite"
+            if (
+                not isinstance(value, Real)
+                or isinstance(value, bool)
+                or not (float(value) >= 0 or (signed and value < 0))
+            ):
+                raise ReductionError(
+                    f"{item.name} = {value!r} of TrustLimits must be a number{'' if signed else ', not negative'}: "
+                    "math.inf for no limit"
+                )
+        for name in ("cond_K", "primal", "dual"):
+            warn, refuse = getattr(self, f"warn_{name}"), getattr(self, f"refuse_{name}")
+            if refuse < warn < math.inf:
+                raise ReductionError(
+                    f"warn_{name} = {warn:g} of TrustLimits lies beyond refuse_{name} = {refuse:g}: a model would be "
+                    f"refused before it is warned of. Give a smaller warn_{name} too, or math.inf for no warning"
+                )
 
     @classmethod
     def of_histories(cls, **changes: float) -> TrustLimits:
@@ -116,13 +142,21 @@ def first_trusted(attempt: Callable[[int], Any], layers: int, most_layers: int, 
 
 def check_solvable(stability: Stability, problem: ContactProblem, sets: IndexSets) -> None:
     """Raise NotSolvableError if the rows of B~1 or B~2 are dependent, thesis (1.67), (5.24)-(5.25)."""
-    if math.isinf(stability.kappa_B) or math.isinf(stability.kappa_B_2):
-        twins = _twins(problem, sets)
+    if not (math.isinf(stability.kappa_B) or math.isinf(stability.kappa_B_2)):
+        return
+    if same := _parallel_rows(problem.contact[sets.A_lambda]):
         raise NotSolvableError(
-            "the contact rows are dependent on the reduced basis, thesis (1.67): "
-            + (twins or "keep more modes (a smaller POD tolerance) or fewer contact points in the RID (fewer layers or "
-                        "zones)")
-        )  # fmt: skip
+            f"{same} contact conditions say the same as another one, as a stop does beside a pair whose master is "
+            "imposed: no basis tells their forces apart, thesis (1.67). Leave one of the two contacts out, or end "
+            "their surfaces at different nodes"
+        )
+    raise NotSolvableError(
+        "the contact rows are dependent on the reduced basis, thesis (1.67): "
+        + (
+            _twins(problem, sets)
+            or "keep more modes (a smaller POD tolerance) or fewer contact points in the RID (fewer layers or zones)"
+        )
+    )
 
 
 def _twins(problem: ContactProblem, sets: IndexSets) -> str:
@@ -147,6 +181,13 @@ def _twins(problem: ContactProblem, sets: IndexSets) -> str:
         "places in all: more modes seldom tell their forces apart. Leave out the one that never closes, or take a "
         "condensed model, which needs no modes (Training.condense; exact_condensation where the stiffness is constant)"
     )
+
+
+def _parallel_rows(contact: csr_matrix) -> int:
+    """Number of rows of a sparse matrix that are another row times a positive number, to round-off."""
+    lengths = np.sqrt(np.asarray(contact.multiply(contact).sum(axis=1)).ravel())
+    units = csr_matrix(diags(1 / np.where(lengths > 0, lengths, 1.0)) @ contact)
+    return int((triu(units @ units.T, k=1).tocoo().data > 1 - DEPENDENT).sum())
 
 
 def check_stability(stability: Stability, limits: TrustLimits) -> None:
@@ -208,6 +249,7 @@ def warn_of_training(full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | 
     flows = full.equilibrium is not None
     if not flows:  # each step of an elastic history is a point like any other
         warn_of_gaps_in_training(snapshots.points)
+        warn_of_moduli_unseen(full.problem, snapshots.points)
     if not snapshots.any_contact(full.problem):
         _warn(
             "no training solution has contact: the model knows nothing of contact forces. Check gaps, normals and "
@@ -259,6 +301,33 @@ def warn_of_gaps_in_training(points: np.ndarray) -> None:
             "and no check of the box sees it. Train on a grid or on points drawn at random",
             TrainingWarning,
         )
+
+
+def warn_of_moduli_unseen(problem: ContactProblem, points: np.ndarray) -> None:
+    """Warn of a modulus that takes values between training points, (S, P), from which these are far.
+
+    A spike is narrower than the distance of training points, so that nothing held out shows it. Moduli are numbers, and
+    are looked at densely along each of their own parameters, the others in the middle.
+    """
+    space = problem.parameters
+    scalars = [scalar for modulus in problem.moduli for scalar in (modulus.factor_scalar, modulus.rest_scalar)]
+    for scalar in dict.fromkeys(scalars):
+        places = [space.names.index(name) for name in scalar.formula.variables]
+        everywhere = space.lines(places, 1)
+        with np.errstate(divide="ignore"):
+            seen, there = (np.log(np.abs(scalar.values(where))) for where in (points, everywhere))
+        if not (places and np.isfinite(seen).all() and np.isfinite(there).all()):
+            continue
+        beyond = np.maximum(there - seen.max(), seen.min() - there)
+        worst = int(beyond.argmax())
+        if beyond[worst] > max(UNSEEN * np.ptp(seen), UNSEEN_LEAST):
+            _warn(
+                f"the modulus {scalar.text[:80]} is {scalar.value(everywhere[worst]):.3g} at "
+                f"{space.described(everywhere[worst])}, and {np.exp(seen.min()):.3g} to {np.exp(seen.max()):.3g} at "
+                "all training points: it changes faster than they are close, and answers there are outside what was "
+                "trained. Train there too, or smooth the formula",
+                TrainingWarning,
+            )
 
 
 def _share(value):

@@ -111,6 +111,7 @@ class ContactProblem:
         resting: orthonormal rigid motions that nothing drives or resists, (N, l), of which answers have none; None
             where all bodies are held.
         loose: bodies that contact holds, with their motions, in words.
+        whole_contact: B with the columns of imposed dofs, (N_lambda, N), for forces on them; None where it is unknown.
         pins: as many dofs as there are rigid motions of both kinds, which fix them; None where all bodies are held.
     """
 
@@ -136,6 +137,7 @@ class ContactProblem:
     rigid: np.ndarray | None = None
     resting: np.ndarray | None = None
     loose: str = ""
+    whole_contact: csr_matrix | None = None
     pins: np.ndarray | None = None
 
     @property
@@ -166,6 +168,16 @@ class ContactProblem:
             loads = loads + change * term
         stiffness = (problem.combined(weights),)
         return replace(problem, stiffness_terms=stiffness, moduli=(), lift_terms=(), reshaped=None, loads=loads)
+
+    def loads_at(self, point: np.ndarray, theta: Theta) -> np.ndarray:
+        """F - K lift on free dofs at a point of a scene of one shape, with the θ there, (N,)."""
+        found = self.loads @ theta
+        if self.moduli:
+            changes = self.weights(self.middle) - self.weights(point)
+            for change, term in zip(changes, self.lift_terms, strict=True):
+                if change and term.nnz:
+                    found = found + change * (term @ theta)
+        return found
 
     def touching(self) -> ContactProblem:
         """The same with B that has entries wherever it has any on some shape: what may touch has to be in a RID.

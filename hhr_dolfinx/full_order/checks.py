@@ -116,7 +116,10 @@ def _check_cells(mesh, comm):
     dim, count = mesh.topology.dim, CORNERS[mesh.topology.cell_name()]
     nodes = compat.geometry_dofmap(mesh)[: mesh.topology.index_map(dim).size_local]
     if nodes.shape[1] > count:
-        raise SceneError("cells with curved sides are not supported: make the mesh of order 1, in gmsh by setOrder(1)")
+        raise SceneError(
+            f"cells with curved sides are not supported: {len(nodes)} cells of kind {mesh.topology.cell_name()} have "
+            f"{nodes.shape[1]} nodes where their corners are {count}. Make the mesh of order 1, in gmsh by setOrder(1)"
+        )
     corners = mesh.geometry.x[nodes][:, :, :dim]
     finite = np.isfinite(corners).all(axis=(1, 2))
     jacobians = corner_jacobians(np.where(finite[:, None, None], corners, 0.0))

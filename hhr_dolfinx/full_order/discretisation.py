@@ -63,14 +63,11 @@ class Discretisation:
         mean_dilatation: whether each body takes the mean dilatation of its cells, see ``locking``.
         common_pattern: of the parts of K where it depends on parameters, once it has been assembled.
         reshaped: moves the mesh where its shape depends on parameters, else None; it lies as in the middle of the box.
-        whole_contact: B with the columns of imposed dofs, (N_lambda, N), once the problem is made.
 
     Raises:
         SceneError: for a mesh that does not suit the scene, missing tags, surfaces that do not face each other, or
             conflicting displacements.
     """
-
-    whole_contact: csr_matrix
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
         compat.require_dolfinx()
@@ -180,7 +177,6 @@ class Discretisation:
             gaps[pairs == item.contact, k] += 1.0
         kept = conditions_with_unknowns(scene, rows, gaps, amplitudes, free)
         rows, pairs, gaps = rows.take(kept), pairs[kept], gaps[kept]
-        self.whole_contact = rows.matrix
         lifted = [masked(csc_matrix(vstack(self.comm.allgather(term @ lifts))), free) for term in stiffness]
         middle = np.mean([scene.parameters.lower, scene.parameters.upper], axis=0)
         weights = [modulus.value(middle) for modulus in moduli] or [1.0]
@@ -203,6 +199,7 @@ class Discretisation:
             amplitudes=amplitudes,
             parameters=scene.parameters,
             first=self.rows.start,
+            whole_contact=rows.matrix,
         )
 
     def load_terms(self) -> list[Term]:

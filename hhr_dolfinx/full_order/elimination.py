@@ -27,11 +27,13 @@ class FullElimination:
 
     Attributes:
         full: the model, whose solver holds the factors of this parameter.
-        problem: the problem at this parameter, of constant stiffness.
+        problem: the problem at this parameter, of constant stiffness; where only moduli of whole bodies vary that of
+            all parameters, whose factors serve all of them.
         point: the parameter, (P,).
         free: unknown without contact forces, (own dofs,).
-        per_force: K^-1 B^T, (own dofs, m).
+        per_force: K^-1 B^T, (own dofs, m), times the scale.
         schur, free_slack: as there.
+        scale: what K is beside the one that is factored, on own dofs, (own dofs,); 1 where it is that one.
     """
 
     full: FullOrderModel
@@ -41,12 +43,15 @@ class FullElimination:
     per_force: np.ndarray
     schur: np.ndarray
     free_slack: np.ndarray
+    scale: np.ndarray | float = 1.0
 
     symmetric = True
 
     @classmethod
     def at(cls, full: FullOrderModel, point: np.ndarray) -> FullElimination:
-        """Factor the stiffness of a point, unless it is that at hand."""
+        """Factor the stiffness of a point, unless it is that at hand, or known from another one."""
+        if full.scaled is not None:
+            return cls._scaled(full, point)
         problem = full.problem.at(point)
         rows, solver = problem.rows, full.factors
         contact = problem.contact[:, rows]
@@ -61,18 +66,30 @@ class FullElimination:
         slack = problem.gaps @ theta - full.comm.allreduce(contact @ free)
         return cls(full, problem, point, free, per_force, schur, slack)
 
+    @classmethod
+    def _scaled(cls, full: FullOrderModel, point: np.ndarray) -> FullElimination:
+        """From the factors in the middle of the box, see :class:`ScaledBodies`; on one rank."""
+        scaled, problem = full.scaled, full.problem
+        assert scaled is not None
+        scales = scaled.at(point)
+        scale, theta = scaled.on_dofs(scales), problem.amplitudes(point)
+        free = full.solve_stiffness(problem.loads_at(point, theta) / scale)
+        schur = np.tensordot(1 / scales, full.schur_parts, 1)
+        slack = problem.gaps @ theta - problem.contact @ free
+        return cls(full, problem, point, free, full.per_force, schur, slack, scale)
+
     def unknown(self, forces: np.ndarray) -> np.ndarray:
         """U0 under contact forces, (N,)."""
-        return np.concatenate(self.full.comm.allgather(self.free - self.per_force @ forces))
+        return np.concatenate(self.full.comm.allgather(self.free - self.per_force @ forces / self.scale))
 
     def pushed(self, forces: np.ndarray) -> np.ndarray:
         """K^-1 B^T times forces, (m, k), on all dofs, (N, k)."""
-        return np.concatenate(self.full.comm.allgather(self.per_force @ forces))
+        return np.concatenate(self.full.comm.allgather(((self.per_force @ forces).T / self.scale).T))
 
     def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """K U' = -R', where R is the residual K U + B^T lambda - F; and the slack that goes with it."""
         left, slack = self._explicit(forces, unknown)
-        found = np.stack([self.full.solve_stiffness(-column) for column in left.T], axis=1)
+        found = np.stack([self.full.solve_stiffness(-column / self.scale) for column in left.T], axis=1)
         contact = self.problem.contact[:, self.problem.rows]
         whole = np.concatenate(self.full.comm.allgather(found))
         return slack - self.full.comm.allreduce(contact @ found), whole
@@ -96,7 +113,8 @@ class FullElimination:
         if problem.reshaped is not None:
             return self._differenced(forces, unknown)
         acting, slopes = problem.amplitudes.slopes_at(point)
-        left = -(self.problem.loads[rows][:, acting] @ slopes)
+        loads = self.problem.loads if self.full.scaled is None else problem.at(point).loads
+        left = -(loads[rows][:, acting] @ slopes)
         theta = problem.amplitudes(point)
         parts = zip(problem.moduli, problem.stiffness_terms, problem.lift_terms, strict=True) if problem.moduli else ()
         for modulus, part, lift in parts:
@@ -124,6 +142,9 @@ class FullElimination:
 
 def solved_anew(full: FullOrderModel, point: np.ndarray, start: np.ndarray | None, *, gradient: bool) -> Answer:
     """Answer of a full model at a checked point, by factors of its own stiffness."""
+    if full.scaled is not None:
+        elimination = FullElimination.at(full, point)
+        return answer_of(elimination, point, start, full.pairs, full, gradient=gradient)
     with full.factors.lock:  # of which another thread might make those of another point
         elimination = FullElimination.at(full, point)
         return answer_of(elimination, point, start, full.pairs, full, gradient=gradient)

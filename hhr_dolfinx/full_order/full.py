@@ -13,6 +13,7 @@ from scipy.sparse import csr_matrix, spmatrix
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
+from hhr_dolfinx.contact.scaling import ScaledBodies
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ParameterError, SceneError
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
@@ -112,7 +113,7 @@ class FullOrderModel(WithOutputs):
         self.parameters, self._own = problem.parameters, problem.rows
         # a stiffness factored for each query, with a solve for each condition: at 14,140 dofs and 162 conditions MUMPS
         # takes 24 + 138 ms, nd 45 + 272 ms, qmd 70 + 308 ms; that of bodies that flow serves whole histories
-        anew = problem.varies and all(body.law is None for body in self.scene.bodies)
+        anew = problem.varies and all(body.law is None for body in self.scene.bodies) and self.scaled is None
         self._solver = self.factors_of(problem.own_stiffness, "mumps" if anew else "qmd")
         check_regular(problem, lambda rhs: self._gather(self._solver.solve(rhs)), self.scene.name)
         contact = problem.contact[:, self._own]
@@ -126,6 +127,17 @@ class FullOrderModel(WithOutputs):
     def per_load(self) -> np.ndarray:
         """K^-1 loads on the dofs of this rank, (own dofs, 1 + T), of a constant K: what bounds of all models need."""
         return self.solved_columns(self._own_loads)
+
+    @cached_property
+    def scaled(self) -> ScaledBodies | None:
+        """Factors of whole bodies, where nothing else of K varies; None elsewhere, and on several ranks."""
+        return ScaledBodies.of(self.problem) if self.comm.size == 1 else None
+
+    @cached_property
+    def schur_parts(self) -> np.ndarray:
+        """S in the middle of the box by connected components of K, (C, N_lambda, N_lambda)."""
+        assert self.scaled is not None
+        return self.scaled.parts(self.per_force)
 
     @cached_property
     def rigid_taken(self) -> np.ndarray:

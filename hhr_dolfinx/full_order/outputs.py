@@ -203,7 +203,7 @@ def probe_of(
         scene=discretisation.scene,
         problem=problem,
         base=base,
-        contact_rows=discretisation.whole_contact,
+        contact_rows=problem.whole_contact,
         assembler=discretisation.assembler(output),
         nodes=partial(_nodes, discretisation, problem),
         mises=partial(_mises, discretisation, base, gauss),

@@ -11,7 +11,6 @@ from threading import RLock
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import csr_matrix
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.contact.problem import ContactProblem
@@ -103,8 +102,7 @@ class Reshaped:
         Raises:
             ParameterError: if other nodes are in contact there, or the line of a partial pressure has moved.
         """
-        problem, self._owner.whole_contact = self._kept(point[list(self.axes)].tobytes())
-        return problem
+        return self._kept(point[list(self.axes)].tobytes())
 
     def attached(self, problem: ContactProblem) -> ContactProblem:
         """The base problem, that of the middle of the box, which others are ordered like."""
@@ -114,8 +112,8 @@ class Reshaped:
         self._kept = lru_cache(maxsize=max(1, int(MOST_BYTES / terms)))(self._assembled)
         return self._base
 
-    def _assembled(self, key: bytes) -> tuple[ContactProblem, csr_matrix]:
-        """The problem at a shape, and its B with the columns of imposed dofs; no other parameter changes either."""
+    def _assembled(self, key: bytes) -> ContactProblem:
+        """The problem at a shape; no other parameter changes it."""
         point = self._middle.copy()
         point[list(self.axes)] = np.frombuffer(key)
         # between the points at which the box was tried a map may still fold
@@ -126,7 +124,7 @@ class Reshaped:
             warnings.simplefilter("ignore", PairingWarning)  # said once, where the model was built
             problem = self._owner.contact_problem(*self._owner.stiffness_terms())
         assert self._base is not None
-        return self._ordered(problem, self._base, point), self._owner.whole_contact
+        return self._ordered(problem, self._base, point)
 
     def _ordered(self, problem: ContactProblem, base: ContactProblem, point: np.ndarray) -> ContactProblem:
         """Rows of a pairing may come in another order for another shape: they are known by their slave node."""
@@ -146,8 +144,15 @@ class Reshaped:
                 )
         order = np.empty(len(problem.gaps), dtype=np.int64)
         order[keys[0]] = keys[1]
-        self._owner.whole_contact = self._owner.whole_contact[order]
-        rows = ("contact", "gaps", "contact_slaves", "contact_pairs", "contact_points", "contact_areas")
+        rows = (
+            "contact",
+            "whole_contact",
+            "gaps",
+            "contact_slaves",
+            "contact_pairs",
+            "contact_points",
+            "contact_areas",
+        )
         taken = {name: getattr(problem, name)[order] for name in rows}
         return replace(problem, **taken | {"gaps": np.asfortranarray(taken["gaps"])})
 

@@ -284,8 +284,10 @@ def outputs_of(answer: Answer) -> Outputs:
     theta = np.zeros(amplitudes.firsts[-1])
     theta[given.terms] = given.values
     forces = fields.forces(answer) if functionals.uses_forces else _NOTHING
-    coordinates = fields.coordinates(answer, theta) if whole.axes.size else _NOTHING
-    measured = functionals.measured(coordinates) if whole.axes.size else fields.measured(answer, theta)
+    coordinates, measured = _NOTHING, _NOTHING
+    if functionals.places and functionals.places[-1].stop:  # outputs of forces alone need no displacement
+        coordinates = fields.coordinates(answer, theta) if whole.axes.size else _NOTHING
+        measured = functionals.measured(coordinates) if whole.axes.size else fields.measured(answer, theta)
     states = [State(forces, measured[place], point, theta, answer.stress) for place in functionals.places]
     values = {item.name: item.value(state) for item, state in zip(functionals.items, states, strict=True)}
     if answer.gradient is None:

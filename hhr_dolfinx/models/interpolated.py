@@ -21,10 +21,11 @@ from hhr_dolfinx.models.interpolation import Interpolant
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Scalar
+    from hhr_dolfinx.models.block_elimination import BlockReduction
     from hhr_dolfinx.models.error_bound import Estimate
     from hhr_dolfinx.models.functionals import Functionals
+    from hhr_dolfinx.models.reshaped import ReshapedReduction
     from hhr_dolfinx.models.shaped_functionals import ReshapedFunctionals
-    from hhr_dolfinx.models.varying import Elimination
     from hhr_dolfinx.models.varying_bound import VaryingBound
 
 
@@ -301,7 +302,7 @@ class InterpolatedFields(ElasticFields):
         amplitudes: θ as a function of the parameters.
         basis: V, (N, ell).
         lifts: imposed displacements, sparse, (N, 1 + T).
-        galerkin: eliminates the unknown of the basis at a point, (P,).
+        galerkin: eliminates the unknown of the basis at a point, (P,), and finds it under known forces.
         dimension: components of the displacement at a node.
         stress_of: stress of a displacement at a parameter; None where there is no mesh.
         functionals: outputs of the scene; None where it has none.
@@ -311,7 +312,7 @@ class InterpolatedFields(ElasticFields):
     amplitudes: Amplitudes
     basis: np.ndarray
     lifts: csc_matrix
-    galerkin: Callable[[np.ndarray], Elimination]
+    galerkin: BlockReduction | ReshapedReduction
     dimension: int
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     functionals: Functionals | ReshapedFunctionals | None = None
@@ -327,7 +328,7 @@ class InterpolatedFields(ElasticFields):
         if self.bound is None or not answer.converged:
             return None
         point, forces = answer.parameter, np.maximum(answer.multipliers, 0.0)
-        gamma, theta = self.galerkin(point).unknown(forces), self.amplitudes(point)
+        gamma, theta = self.galerkin.under(point, forces), self.amplitudes(point)
         problem = self.bound.problem_at(point)
 
         def slack() -> np.ndarray:
@@ -339,8 +340,7 @@ class InterpolatedFields(ElasticFields):
         """V gamma and the lift, (N,)."""
         if not answer.converged:
             return np.full(len(self.basis), np.nan)
-        gamma = self.galerkin(answer.parameter).unknown(answer.multipliers)
-        return self.basis @ gamma + self.lifts @ self.amplitudes(answer.parameter)
+        return self.basis @ self._gamma(answer) + self.lifts @ self.amplitudes(answer.parameter)
 
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress in the middle of each cell, Kelvin's notation.
@@ -362,24 +362,31 @@ class InterpolatedFields(ElasticFields):
     def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
         """Rows of the outputs times the displacement, (K,)."""
         per_mode, per_lift = self._measures
-        return per_mode @ self.galerkin(answer.parameter).unknown(answer.multipliers) + per_lift @ theta
+        return per_mode @ self._gamma(answer) + per_lift @ theta
 
     def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
-        (per_mode, per_lift), (forces, modes) = self._measures, self._mode_changes(answer)
+        per_mode, per_lift = self._measures
+        if not len(per_mode):
+            assert answer.gradient is not None
+            return answer.gradient.multipliers, np.zeros((0, answer.parameter.size))
+        forces, modes = self._mode_changes(answer)
         return forces, per_mode @ modes + per_lift @ changes
 
     def coordinates(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
         """gamma and amplitudes of imposed displacements, see :class:`~models.functionals.ShapedFields`."""
         functionals: Any = self.functionals
-        gamma = self.galerkin(answer.parameter).unknown(answer.multipliers)
-        return np.concatenate([gamma, theta[functionals.lifted]])
+        return np.concatenate([self._gamma(answer), theta[functionals.lifted]])
 
     def coordinate_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all forces and of these coordinates."""
         functionals: Any = self.functionals
         forces, modes = self._mode_changes(answer)
         return forces, np.vstack([modes, changes[functionals.lifted]])
+
+    def _gamma(self, answer: Answer) -> np.ndarray:
+        """The displacement in the basis under the forces of an answer, (ell,)."""
+        return self.galerkin.under(answer.parameter, answer.multipliers)
 
     def _mode_changes(self, answer: Answer) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all forces and of gamma, (N_lambda, P) and (ell, P)."""

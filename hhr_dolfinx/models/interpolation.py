@@ -24,6 +24,8 @@ FIRST_LEVELS = 2
 
 PROBES, NEAR = 2, 10.0
 """Places at which an interpolation is held against its function in the end, and how many tolerances it may be off."""
+FAR = 30.0
+"""How many tolerances it may be off at the worst of thousands of places: two of no pattern see no corner of a box."""
 
 
 @cache
@@ -126,6 +128,23 @@ def _one_dimensional(x: float, nodes: np.ndarray, sizes: np.ndarray) -> tuple[np
     return np.array(values) / sizes, np.array(slopes) / sizes
 
 
+def polynomials_of(levels: np.ndarray, scaled: np.ndarray) -> np.ndarray:
+    """Polynomials of given levels, (n, d), at places of [-1, 1]^d, (k, d): (k, n)."""
+    found = np.ones((len(scaled), len(levels)))
+    for x, along in zip(scaled.T, levels.T, strict=True):
+        nodes, sizes = _bases_up_to(int(along.max(initial=0)))
+        table = np.ones((len(nodes), len(x)))
+        for k, node in enumerate(nodes[:-1]):
+            table[k + 1] = table[k] * (x - node)
+        found *= (table / sizes[:, None])[along].T
+    return found
+
+
+def nodes_of(levels: np.ndarray) -> np.ndarray:
+    """The node in [-1, 1]^d that each polynomial adds, (n, d)."""
+    return np.array(leja_points())[levels]
+
+
 @dataclass(frozen=True)
 class GrownGrid:
     """How a sparse grid grew.
@@ -134,11 +153,13 @@ class GrownGrid:
         interpolant: what it interpolates.
         surplus: largest surplus of the terms that were tried last, or error elsewhere, relative to the values.
         evaluations: how often the function was evaluated.
+        unresolved: largest error of what is cheap to know everywhere and depends on parameters as the function does.
     """
 
     interpolant: Interpolant
     surplus: float
     evaluations: int
+    unresolved: float = 0.0
 
 
 def grow(
@@ -150,6 +171,7 @@ def grow(
     *,
     compressed: bool = True,
     least: int = 0,
+    everywhere: Callable[[np.ndarray], float] | None = None,
 ) -> GrownGrid:
     """Interpolate a function, one term after another, until the surplus of what would come next is small.
 
@@ -161,14 +183,20 @@ def grow(
         budget: most evaluations.
         compressed: keep only the directions of the values that the tolerance asks for, not all of them.
         least: terms that there are, whatever the surplus.
+        everywhere: maps levels of polynomials, (n, d), to the largest error that they leave of what is cheap to know
+            at thousands of points: a few places tell nothing of spikes between them. None where nothing is known.
     """
     axes, lower, upper = box
     growing = _Growing(function, scale, box)
+
+    def unresolved() -> float:
+        return 0.0 if everywhere is None else everywhere(growing.levels)
+
     missed = last = 0.0
     while growing.waiting and len(growing.order) < budget:
         chosen = growing.next()
         if growing.waiting[chosen] <= tolerance and not growing.is_early(chosen) and len(growing.order) >= least:
-            missed = growing.off()
+            missed = max(growing.off(), unresolved() * NEAR / FAR)
             if missed <= NEAR * tolerance:
                 missed = last = 0.0
                 break
@@ -177,12 +205,10 @@ def grow(
         last = growing.follow(chosen, budget)
     values, order = np.stack(growing.surpluses, axis=1), growing.order
     modes, weights = _compressed(values, tolerance * 0.1) if compressed else (values, np.eye(len(order)))
-    grown = Interpolant(
-        axes, lower, upper, np.array(order, dtype=np.int64).reshape(len(order), axes.size), modes, weights
-    )
+    grown = Interpolant(axes, lower, upper, growing.levels, modes, weights)
     # where the budget ends it, what would come behind the last term is not known but by its own size
     left = max(*growing.ended, *growing.waiting.values(), missed, last) if axes.size else 0.0
-    return GrownGrid(grown, left, len(order) + len(growing.probes))
+    return GrownGrid(grown, left, len(order) + len(growing.probes), unresolved())
 
 
 class _Growing:
@@ -210,6 +236,11 @@ class _Growing:
         self.ended = [0.0]
         self._try((0,) * axes.size)
         self.probes: list[tuple[np.ndarray, np.ndarray]] = []
+
+    @property
+    def levels(self) -> np.ndarray:
+        """Levels of the terms, (n, d)."""
+        return np.array(self.order, dtype=np.int64).reshape(len(self.order), len(self._lower))
 
     def next(self) -> tuple[int, ...]:
         """The term to follow: those that are always there first, then that of the largest surplus."""

@@ -207,7 +207,7 @@ def _settled(schur: np.ndarray, free_slack: np.ndarray, active: np.ndarray) -> t
         round-off and singular sets are left to the search of a single point.
     """
     forces, iterations = np.zeros_like(free_slack), np.zeros(len(active), dtype=int)
-    factors: dict[bytes, LapackLU] = {}
+    factors = KeptFactors(schur)
     pending, left = np.arange(len(active)), []
     for _ in range(ROUNDS):
         groups: dict[bytes, list[int]] = {}
@@ -235,16 +235,43 @@ def _settled(schur: np.ndarray, free_slack: np.ndarray, active: np.ndarray) -> t
     return forces, iterations, [*left, *pending.tolist()]
 
 
+class KeptFactors:
+    """LU factors of blocks of S, (m, m), by statuses; those asked for last are kept, up to ``most_bytes``.
+
+    Attributes:
+        kept_bytes: memory of what is kept.
+    """
+
+    most_bytes = 64 * 2**20
+
+    def __init__(self, schur: np.ndarray):
+        self._schur, self.kept_bytes = schur, 0
+        self._factors: dict[bytes, LapackLU] = {}  # the one asked for longest ago first
+
+    def of(self, index: np.ndarray, key: bytes) -> LapackLU:
+        """Factors of the block of some conditions, (k,), whose statuses have this key.
+
+        Raises:
+            SingularError: if the block is singular.
+        """
+        found = self._factors.pop(key, None)
+        if found is None:
+            found = LapackLU(self._schur[np.ix_(index, index)])
+            self.kept_bytes += found.nbytes
+        self._factors[key] = found
+        while self.kept_bytes > self.most_bytes:
+            self.kept_bytes -= self._factors.pop(next(iter(self._factors))).nbytes
+        return found
+
+
 def _equalities(
-    schur: np.ndarray, free_slack: np.ndarray, index: np.ndarray, key: bytes, factors: dict[bytes, LapackLU]
+    schur: np.ndarray, free_slack: np.ndarray, index: np.ndarray, key: bytes, factors: KeptFactors
 ) -> tuple[np.ndarray, np.ndarray]:
     """Forces and slacks, (g, m) each, of points that share their statuses."""
     forces = np.zeros_like(free_slack)
     if not index.size:
         return forces, free_slack
-    if key not in factors:
-        factors[key] = LapackLU(schur[np.ix_(index, index)])
-    local = factors[key].solve(-free_slack[:, index].T).T
+    local = factors.of(index, key).solve(-free_slack[:, index].T).T
     forces[:, index] = local
     slack = free_slack + local @ schur[:, index].T
     slack[:, index] = 0.0

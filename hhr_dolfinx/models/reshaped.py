@@ -118,6 +118,18 @@ class ReshapedReduction:
     amplitudes: Amplitudes
     parameters: ParameterSpace
 
+    def under(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
+        """gamma, (ell,), at a point under known contact forces, (m,): one solve, and not one for each condition.
+
+        Raises:
+            SingularError: if K~ is singular there.
+        """
+        problem, theta = self.problem_at(point), self.amplitudes(point)
+        lu, pivots, info = dgetrf(problem.stiffness)
+        if info:
+            raise SingularError(f"K~ of {len(problem.stiffness)} modes is singular at {point.tolist()}")
+        return dgetrs(lu, pivots, problem.loads @ theta - problem.contact_test.T @ forces)[0]
+
     def __call__(self, point: np.ndarray) -> ReshapedElimination:
         """Factor K~ of a point.
 

@@ -10,11 +10,12 @@ import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, hstack
 
 from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.contact.scaling import dependence, moduli_of
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.linear.sparse import FreeCholesky
 from hhr_dolfinx.models.interpolated import Compliances
 from hhr_dolfinx.models.interpolation import GrownGrid
-from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of, dependence, grown
+from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of, grown
 
 
 @dataclass(frozen=True)
@@ -45,14 +46,10 @@ def components_of(problem: ContactProblem) -> list[Component]:
         conditions = np.flatnonzero(np.diff(problem.contact[:, dofs].indptr))
         if not conditions.size:
             continue
-        moduli = [
-            modulus
-            for modulus, term in zip(problem.moduli, problem.stiffness_terms, strict=False)
-            if term[body].count_nonzero()
-        ]
+        moduli = moduli_of(problem, body)
         factor, axes = dependence(moduli, shape_axes, problem.parameters.names)
         forced, lifted = (_acting(columns, dofs) for columns in (problem.external, lifts))
-        found.append(Component(dofs, body, Part(conditions, forced, lifted, factor, axes), moduli))
+        found.append(Component(dofs, body, Part(conditions, forced, lifted, factor, axes, tuple(moduli)), moduli))
     return found
 
 
@@ -71,7 +68,7 @@ def interpolated_compliances(
     parts, grids, others = [], [], []
     for solver, how in zip(solvers, own or [settings] * len(solvers), strict=True):
         part = solver.component.part
-        grid, modes = grown(solver, problem.parameters, part.axes, how)
+        grid, modes = grown(solver, problem.parameters, part.axes, how, part)
         parts.append(compliance_of(part, grid, modes, None))
         grids.append(grid)
         others.append(modes)

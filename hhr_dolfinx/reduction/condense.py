@@ -97,7 +97,7 @@ def condense(
         warnings.warn(
             f"interpolated condensation of scene '{full.scene.name}' spent its budget of {settings.budget} solutions, "
             f"and an error of about {worst:.1e} is left where {settings.tolerance:g} was wished: raise the budget, "
-            "narrow the box, or take the hyper-reduced model",
+            "narrow the box, smooth formulas of moduli that jump or have spikes, or take the hyper-reduced model",
             StabilityWarning,
             stacklevel=3,
         )

@@ -85,6 +85,13 @@ class CorrectionSettings:
         for name in ("modes", "cubature", "stability"):
             if not (is_number(getattr(self, name)) and 0 < getattr(self, name) < 1):
                 raise ReductionError(f"{name} = {getattr(self, name)!r} must be a fraction in (0, 1)")
+        for name in ("primal", "dual"):
+            if not (is_number(getattr(self, name)) and getattr(self, name) > 0):
+                raise ReductionError(
+                    f"{name} = {getattr(self, name)!r} must be a positive number: an error that is small"
+                )
+        if not isinstance(self.trust, TrustLimits | None):
+            raise ReductionError(f"trust = {self.trust!r} must be TrustLimits(...), or None")
         for name, unbounded in (("most_modes", True), ("most_points", True), ("attempts", False)):
             value = getattr(self, name)
             if not (is_whole(value, 1) or (value is None and unbounded)):

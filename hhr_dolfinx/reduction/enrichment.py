@@ -1,8 +1,9 @@
 """Enrichment of the primal basis by finite element functions of the contact nodes, thesis section 3.4.1, Alg. 3.1.
 
 A candidate is the normal displacement of the slave node of one contact condition of the RID: its partner
-on the other body would change B~ by the same column. Basis and candidates are orthonormalised first, since
-kappa(B~) depends on the length of the columns while the reduced model depends on their span only.
+on the other body would change B~ by the same column. Only where two conditions share a slave node and a direction, as a
+pair and a stop on one surface do, are they told apart by the partner. Basis and candidates are orthonormalised first,
+since kappa(B~) depends on the length of the columns while the reduced model depends on their span only.
 
 Where B~1 != B~2 (section 5.2.5) both must have full rank, (5.24)-(5.25), and kappa(B~1), the one in the error bound
 of the forces, is lowered.
@@ -18,7 +19,14 @@ from scipy import linalg
 
 from hhr_dolfinx.certify.constants import row_range
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
+from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.timing import StageLog
+
+DISTINCT = 1e-8
+"""Length of the part of a unit function outside a span below which it lies in that span, to the root of round-off."""
+
+ORTHONORMAL = 1e-8
+"""What round-off leaves of products of modes that are zero, and of modes on imposed dofs."""
 
 
 @dataclass(frozen=True)
@@ -30,12 +38,14 @@ class Enrichment:
         added: conditions whose slave node was added, in order, L_c of Alg. 3.1.
         kappas: kappa(B~1) before the first and after each addition; infinite while rows of B~1 or B~2 are dependent.
         stalled: candidates were left, but none lowered kappa any more, before ``kappa_max`` was reached.
+        left_out: conditions whose function lies in the span of the basis already, such as that of a second stop.
     """
 
     basis: np.ndarray
     added: np.ndarray
     kappas: list[float]
     stalled: bool
+    left_out: np.ndarray
 
 
 def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_max: float) -> Enrichment:
@@ -43,44 +53,91 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
 
     While rows are dependent no column lowers kappa; then the candidate that lies farthest from the
     range of B~ is taken, which raises the rank. The singular values of a candidate come from a rank-one
-    update of B~ B~^T, without its basis being formed.
+    update of B~ B~^T, without its basis being formed. That update knows the length of a candidate outside the basis to
+    the root of round-off only: the one chosen is orthogonalised for good, and left out where nothing remains of it.
+
+    Raises:
+        ReductionError: if the basis moves imposed dofs, or is not orthonormal.
     """
     candidates = _candidates(problem, sets)  # they vanish outside A_c
     rows = problem.contact[sets.A_lambda]
     images = rows[:, sets.A_c] @ candidates
     # B~1 and B~2; a candidate has the same image in both
     tables = [rows[:, index] @ basis[index] for index in (sets.A_c, sets.A_c_tilde)]
-    inner, weights = candidates.T @ candidates, basis[sets.A_c].T @ candidates
-    left = np.flatnonzero(np.diag(inner) > 0)
-    added, kappas, stalled = [], [_kappa_of_both(problem, tables)], False
+    squares, weights = np.sum(candidates**2, axis=0), basis[sets.A_c].T @ candidates
+    left = np.flatnonzero(squares > 0)
+    added, left_out, kappas, stalled = [], [], [_kappa_of_both(problem, tables)], False
     while kappas[-1] > kappa_max:
         # length of each candidate less its part in the basis
-        lengths = np.sqrt(np.maximum(np.diag(inner)[left] - np.sum(weights[:, left] ** 2, axis=0), 0.0))
-        left, lengths = left[lengths > 1e-8], lengths[lengths > 1e-8]
+        lengths = np.sqrt(np.maximum(squares[left] - np.sum(weights[:, left] ** 2, axis=0), 0.0))
+        left_out.extend(left[lengths <= DISTINCT])
+        left, lengths = left[lengths > DISTINCT], lengths[lengths > DISTINCT]
         if left.size == 0:
             break
-        new = [(images[:, left] - table @ weights[:, left]) / lengths for table in tables]
-        best = _best(problem, tables, new)
-        grown = [np.column_stack([table, columns[:, best]]) for table, columns in zip(tables, new, strict=True)]
+        best = _best(problem, tables, [(images[:, left] - table @ weights[:, left]) / lengths for table in tables])
+        chosen, left = left[best], np.delete(left, best)
+        column = _outside(basis, sets.A_c, candidates[:, chosen])
+        if column is None:
+            left_out.append(chosen)
+            continue
+        parts = (sets.A_c, sets.A_c_tilde)
+        grown = [np.column_stack([table, rows[:, on] @ column[on]]) for table, on in zip(tables, parts, strict=True)]
         kappa = _kappa_of_both(problem, grown)
         if kappa >= kappas[-1] and math.isfinite(kappas[-1]):
             stalled = True
             break
-        chosen = left[best]
-        left = np.delete(left, best)
-        tables = grown
-        weights = np.vstack([weights, (inner[chosen] - weights[:, chosen] @ weights) / lengths[best]])
+        tables, basis = grown, np.column_stack([basis, column])
+        weights = np.vstack([weights, column[sets.A_c] @ candidates])
         added.append(chosen)
         kappas.append(kappa)
-    functions = np.zeros((basis.shape[0], len(added)))
-    functions[sets.A_c] = candidates[:, added]
-    enriched, _ = linalg.qr(np.hstack([basis, functions]), mode="economic")
-    return Enrichment(enriched if added else basis, sets.A_lambda[np.array(added, dtype=int)], kappas, stalled)
+    check_basis(problem, basis)
+    conditions = [sets.A_lambda[np.array(chosen, dtype=int)] for chosen in (added, left_out)]
+    return Enrichment(basis, conditions[0], kappas, stalled, conditions[1])
+
+
+def check_basis(problem: ContactProblem, basis: np.ndarray, whose: str = "the enriched basis") -> None:
+    """Raise ReductionError for a basis, (N, ell), that moves imposed dofs or is not orthonormal."""
+    moved = float(np.abs(basis[~problem.free]).max(initial=0.0))
+    if moved > ORTHONORMAL:
+        raise ReductionError(
+            f"{whose} moves imposed dofs by {moved:.1e} > {ORTHONORMAL:g}: make its modes of snapshots.displacements"
+        )
+    skew = float(np.abs(basis.T @ basis - np.eye(basis.shape[1])).max())
+    if skew > ORTHONORMAL:
+        raise ReductionError(
+            f"{whose} is not orthonormal, by {skew:.1e} > {ORTHONORMAL:g}: return np.linalg.qr(modes)[0]"
+        )
+
+
+def _outside(basis: np.ndarray, where: np.ndarray, function: np.ndarray) -> np.ndarray | None:
+    """The unit function orthogonal to a basis that completes its span by ``function``, (N,); None if it lies inside.
+
+    Args:
+        basis: orthonormal columns, (N, ell).
+        where: dofs outside which the function vanishes.
+        function: its values there, of unit length.
+    """
+    column = np.zeros(basis.shape[0])
+    column[where] = function
+    for _ in range(2):  # twice is enough: the first leaves round-off of the length that was, not of what remains
+        column -= basis @ (basis.T @ column)
+        length = np.linalg.norm(column)
+        if length <= DISTINCT:
+            return None
+        column /= length
+    return column
 
 
 def record_enrichment(enrichment: Enrichment, kappa_max: float, log: StageLog) -> None:
-    """Tell the log that there was none, or why it stopped early."""
+    """Tell the log that there was none, why it stopped early, and what was left out."""
     kappa = enrichment.kappas[-1]
+    if len(enrichment.left_out):
+        count = len(enrichment.left_out)
+        named = ", ".join(str(number) for number in enrichment.left_out[:5]) + ", ..." * (count > 5)
+        log.skip(
+            "enrichment_twins",
+            f"the functions of {count} contact conditions ({named}) lie in the span of the basis already",
+        )
     if kappa > kappa_max:
         why = "no function lowers it further" if enrichment.stalled else "no function is left"
         log.skip("further_enrichment", f"kappa(B~) = {kappa:.2f} > {kappa_max:g}, but {why}")
@@ -89,15 +146,29 @@ def record_enrichment(enrichment: Enrichment, kappa_max: float, log: StageLog) -
 
 
 def _candidates(problem, sets):
-    """Unit normal displacement of the slave node of each condition, or of its partners if that is imposed.
+    """Unit normal displacement of the slave node of each condition, or of its partners if that is imposed or taken.
+
+    It is taken where another condition moves the same node in the same direction: the one without partners keeps it.
 
     Columns over A_c, (card A_c, N_lambda_C); zero where neither can move inside A.
     """
     rows = problem.contact[sets.A_lambda][:, sets.A_c].toarray()
-    own = sets.A_c // problem.block_size == problem.contact_slaves[sets.A_lambda][:, None]
-    chosen = np.where(np.any(rows * own, axis=1)[:, None], rows * own, rows)
-    lengths = np.linalg.norm(chosen, axis=1, keepdims=True)
-    return (chosen / np.where(lengths > 0, lengths, 1.0)).T
+    slaves = problem.contact_slaves[sets.A_lambda]
+    own = rows * (sets.A_c // problem.block_size == slaves[:, None])
+    partners = _unit(rows - own)
+    own = _unit(own)
+    lonely = ~partners.any(axis=1)
+    for k in np.flatnonzero(~lonely):
+        others = np.flatnonzero((slaves == slaves[k]) & (lonely | (np.arange(slaves.size) < k)))
+        if (np.abs(own[others] @ own[k]) > 1 - DISTINCT).any():
+            own[k] = 0.0
+    return np.where(own.any(axis=1)[:, None], own, partners).T
+
+
+def _unit(rows: np.ndarray) -> np.ndarray:
+    """Rows of length one; those that are zero stay so."""
+    lengths = np.linalg.norm(rows, axis=1, keepdims=True)
+    return rows / np.where(lengths > 0, lengths, 1.0)
 
 
 def _kappa_of_both(problem, tables):

@@ -13,6 +13,7 @@ from hhr_dolfinx.formulas import Modulus, Scalar
 from hhr_dolfinx.models.interpolated import Compliance, PrimalModes
 from hhr_dolfinx.models.interpolation import GrownGrid, Interpolant, grow
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
+from hhr_dolfinx.reduction.formula_grids import FormulaGrid
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,11 @@ class GridSettings:
                 f"tolerance = {self.tolerance!r} of an interpolation must lie in (0, 1), and its budget = "
                 f"{self.budget!r} be a positive integer"
             )
+        if not isinstance(self.compressed, bool) or not is_whole(self.least, 0):
+            raise ReductionError(
+                f"compressed = {self.compressed!r} of an interpolation must be True or False, and least = "
+                f"{self.least!r} an integer that is not negative"
+            )
 
 
 DEFAULT_GRID = GridSettings()
@@ -52,6 +58,7 @@ class Part:
         forced, lifted: terms of θ whose loads or imposed displacements act on it.
         factor: the modulus that all of it shares; None for none.
         axes: parameters on which the rest depends.
+        moduli: of the parts of its stiffness, where these depend on parameters.
     """
 
     conditions: np.ndarray
@@ -59,25 +66,11 @@ class Part:
     lifted: np.ndarray
     factor: Scalar | None
     axes: np.ndarray
+    moduli: tuple[Modulus, ...] = ()
 
     def factor_at(self, point: np.ndarray) -> float:
         """The modulus at a point; 1 where there is none."""
         return 1.0 if self.factor is None else self.factor.value(point)
-
-
-def dependence(
-    moduli: list[Modulus], others: tuple[int, ...], names: tuple[str, ...]
-) -> tuple[Scalar | None, np.ndarray]:
-    """The factor that all parts of a stiffness share, if it varies, and the places of the parameters of the rest.
-
-    ``others`` are places of parameters that count in any case.
-    """
-    factor, rests = None, [scalar for modulus in moduli for scalar in (modulus.factor_scalar, modulus.rest_scalar)]
-    if len({modulus.factor for modulus in moduli}) == 1:
-        rests = [modulus.rest_scalar for modulus in moduli]
-        factor = moduli[0].factor_scalar if moduli[0].factor_scalar.formula.variables else None
-    named = {name for scalar in rests for name in scalar.formula.variables}
-    return factor, np.array(sorted({names.index(name) for name in named} | set(others)), dtype=np.int64)
 
 
 def grown(
@@ -85,8 +78,11 @@ def grown(
     space: ParameterSpace,
     axes: np.ndarray,
     settings: GridSettings,
+    part: Part | None = None,
 ) -> tuple[GrownGrid, dict[str, np.ndarray]]:
     """Interpolate arrays by name over some parameters; the others stay in the middle of the box.
+
+    Where they are the compliance of a ``part``, its formulas are held against the grid at thousands of points.
 
     Returns:
         The grid, and the modes of each array, its own shape with the modes along the last axis.
@@ -111,7 +107,9 @@ def grown(
         return max((float(np.linalg.norm(values[a:b])) for a, b in pairwise(ends)), default=0.0)
 
     box, how = (axes, lower[axes], upper[axes]), (settings.tolerance, settings.budget)
-    grid = grow(joined, scale, box, *how, compressed=settings.compressed, least=settings.least)
+    formulas = None if part is None else FormulaGrid(part.moduli, part.factor, axes, space).error
+    kept = settings.compressed
+    grid = grow(joined, scale, box, *how, compressed=kept, least=settings.least, everywhere=formulas)
     modes, first, parts = grid.interpolant.modes, 0, {}
     for name, shape in shapes.items():
         size = int(np.prod(shape))

@@ -14,6 +14,7 @@ from scipy.linalg.lapack import dgetrf, dgetrs
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
+from hhr_dolfinx.contact.scaling import dependence
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.models.block_elimination import Block, blocks_of
@@ -22,7 +23,7 @@ from hhr_dolfinx.models.interpolation import GrownGrid, Interpolant
 from hhr_dolfinx.models.projected import ReducedProblem, ReducedTerms
 from hhr_dolfinx.models.reshaped import InterpolatedProblem
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of, dependence, grown
+from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of, grown
 from hhr_dolfinx.reduction.projection import project
 
 REDUCED_GRID = GridSettings(1e-5, 300)
@@ -42,7 +43,7 @@ def interpolated_reduction(
         if problem.terms is None or not block.modes.size:
             continue
         part = _part(problem.terms, block, space)
-        grid, modes = grown(partial(_solved, problem.terms, block, part), space, part.axes, settings)
+        grid, modes = grown(partial(_solved, problem.terms, block, part), space, part.axes, settings, part)
         grids.append(grid)
         if grid.surplus > settings.tolerance:
             return None, grids
@@ -56,8 +57,9 @@ def _part(terms: ReducedTerms, block: Block, space: ParameterSpace) -> Part:
     conditions = np.flatnonzero(block.test.any(axis=0) | block.trial.any(axis=1))
     forced = np.flatnonzero(terms.forces[block.modes].any(axis=0))
     lifted = np.flatnonzero(terms.lifts[:, block.modes].any(axis=(0, 1)))
-    factor, axes = dependence([terms.moduli[k] for k in block.parts], (), space.names)
-    return Part(conditions, forced, lifted, factor, axes)
+    moduli = [terms.moduli[k] for k in block.parts]
+    factor, axes = dependence(moduli, (), space.names)
+    return Part(conditions, forced, lifted, factor, axes, tuple(moduli))
 
 
 def _solved(terms: ReducedTerms, block: Block, part: Part, point: np.ndarray) -> dict[str, np.ndarray]:
@@ -121,7 +123,7 @@ def interpolated_shapes(
              for name in scalar.formula.variables}  # fmt: skip
     axes = np.array(sorted({space.names.index(name) for name in named} | set(full.reshaped.axes)), dtype=np.int64)
     forced = np.flatnonzero(np.any(assembly(full.middle).loads, axis=0))
-    part = Part(np.arange(len(problem.gaps)), forced, np.zeros(0, dtype=np.int64), None, axes)
+    part = Part(np.arange(len(problem.gaps)), forced, np.zeros(0, dtype=np.int64), None, axes, full.moduli)
 
     def solved(point: np.ndarray) -> dict[str, np.ndarray]:
         there = assembly(point)
@@ -133,7 +135,7 @@ def interpolated_shapes(
         reduced = {"schur": trial @ pushed, "columns": (trial @ free).T, "pushed": pushed, "free": free.T}
         return reduced | {"gaps": there.gaps}
 
-    grid, modes = grown(solved, space, axes, settings)
+    grid, modes = grown(solved, space, axes, settings, part)
     if grid.surplus > settings.tolerance:
         return None, [grid]
     size = len(problem.stiffness)

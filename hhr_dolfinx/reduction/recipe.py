@@ -60,6 +60,15 @@ class Indicator(Protocol):
         """What maps an answer to its estimate, with all that can be computed beforehand."""
 
 
+def _check_truths(step: Any) -> None:
+    """Raise ReductionError for an attribute of a step that must be True or False, and is neither."""
+    for item in fields(step):
+        if item.type in (bool, "bool") and not isinstance(getattr(step, item.name), bool):
+            raise ReductionError(
+                f"{item.name} = {getattr(step, item.name)!r} of {type(step).__name__} must be True or False"
+            )
+
+
 @dataclass(frozen=True)
 class _Truncated:
     """What takes a POD: ``tolerance`` is epsilon of (1.53), in (0, 1)."""
@@ -72,6 +81,7 @@ class _Truncated:
                 f"tolerance = {self.tolerance} of {type(self).__name__} must lie in (0, 1): it is the part of the "
                 "snapshots left out"
             )
+        _check_truths(self)
 
 
 @dataclass(frozen=True)
@@ -234,7 +244,7 @@ class Enrich:
     kappa_max: float = 3.0
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.kappa_max, Real) and self.kappa_max >= 1):
+        if not (isinstance(self.kappa_max, Real) and not isinstance(self.kappa_max, bool) and self.kappa_max >= 1):
             raise ReductionError(f"kappa_max = {self.kappa_max} must be at least 1: no condition number is smaller")
 
 

@@ -83,6 +83,7 @@ def _between(full: Any) -> Between:
         sure = _proved(solver.component, part, kind)
         proved &= sure is not None and seen <= sure + NOISE
         errors += [OBSERVED * seen if sure is None or seen > sure + NOISE else sure]
+    errors += [grid.unresolved for grid in grids]
     if problem.reshaped is not None:
         errors.append(OBSERVED * grids[-1].surplus)
     _check_resolved(max(errors))

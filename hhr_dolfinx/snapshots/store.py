@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.sparse import issparse
 
 from hhr_dolfinx.certify.accuracy import contact_residuals, slack_residuals
 from hhr_dolfinx.contact.active_set import Status
@@ -26,6 +25,7 @@ from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.models.answer import Answer, GaussState, History
 from hhr_dolfinx.models.answer import Path as History_path
 from hhr_dolfinx.models.path import MarchSettings, checked_path
+from hhr_dolfinx.snapshots.digest import add_to
 from hhr_dolfinx.version import __version__
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ class SnapshotStore:
                 key = place, *constants.values()
                 if key not in self._behaviours:
                     digest = hashlib.sha256()
-                    _add_to(digest, [list(constants.values()), *_answers_of(material.at(point).groups[place])])
+                    add_to(digest, [list(constants.values()), *_answers_of(material.at(point).groups[place])])
                     self._behaviours[key] = digest.hexdigest()
                 digests.append(self._behaviours[key])
         return digests
@@ -261,7 +261,7 @@ def _digest_of(full: Any) -> bytes:
     """
     digest = hashlib.sha256(f"{FORMAT} {VERSION} of hhr_dolfinx {__version__}\0".encode())
     problem: ContactProblem = full.problem
-    others = ("amplitudes", "parameters", "moduli", "reshaped", "rigid", "resting", "pins", "loose")
+    others = ("amplitudes", "parameters", "moduli", "reshaped", "rigid", "resting", "pins", "loose", "whole_contact")
     parts = [getattr(problem, item.name) for item in fields(problem) if item.name not in others]
     parts += [problem.parameters.names, problem.amplitudes.constant, problem.amplitudes.slopes]
     parts += [text for modulus in problem.moduli for text in (modulus.factor, modulus.rest)]
@@ -270,17 +270,8 @@ def _digest_of(full: Any) -> bytes:
     parts += [part for group in groups for part in (group.indices, group.young, group.poisson, _answers_of(group))]
     if full.equilibrium is not None and full.equilibrium.eigenstrains.nnz:
         parts.append(full.equilibrium.eigenstrains)
-    _add_to(digest, parts)
+    add_to(digest, parts)
     return digest.digest()
-
-
-def _add_to(digest: Any, parts: list[Any]) -> None:
-    """Tell a digest of arrays, sparse or not, numbers and texts, and of lists of these, to the last bit."""
-    for part in parts:
-        for item in part if isinstance(part, tuple | list) else (part,):
-            arrays = (item.indptr, item.indices, item.data) if issparse(item) else (np.ascontiguousarray(item),)
-            for array in arrays:
-                digest.update(f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
 
 
 def _answers_of(group: Group) -> list[Any]:

@@ -6,7 +6,6 @@ which points are chosen is that of the scene or, where bodies flow, that of a fa
 
 from __future__ import annotations
 
-import hashlib
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ from hhr_dolfinx.path_families import PathFamily
 from hhr_dolfinx.reduction.build import build, usual_recipe
 from hhr_dolfinx.reduction.recipe import Pod, Recipe
 from hhr_dolfinx.sampling import Lattice, Sobol
+from hhr_dolfinx.snapshots.digest import digest_of_values
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.study.greedy_indicators import ForceError, GreedyIndicator, LargestEstimate, Score
 
@@ -328,8 +328,8 @@ class KeptChoice:
 
     def __init__(self, folder: Path, problem: str, greedy: Greedy, recipe: Recipe, space: ParameterSpace):
         box = [space.names, *(tuple(float(end) for end in ends) for ends in (space.lower, space.upper))]
-        told = f"{FORMAT} {VERSION} {problem} {greedy!r} {recipe!r} {box}"
-        self._digest = hashlib.sha256(told.encode()).hexdigest()[:40]
+        asked = FORMAT, VERSION, problem, greedy, recipe, box
+        self._digest = digest_of_values(asked, "a greedy training that is kept in a folder")[:40]
         self._path = folder / f"greedy_{self._digest[:16]}.npz"
 
     def load(self, space: ParameterSpace) -> tuple[np.ndarray, list[Round]] | None:

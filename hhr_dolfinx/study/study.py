@@ -102,6 +102,10 @@ class StudySettings:
                 raise StudyError(f"{name} = {given!r} must hold at least one entry")
         if self.correction is not None:
             _check_correction(self.correction)
+        if not isinstance(self.naive, bool):
+            raise StudyError(f"naive = {self.naive!r} of a study must be True or False")
+        if not isinstance(self.march, MarchSettings):
+            raise StudyError(f"march = {self.march!r} of a study must be MarchSettings(...)")
         recipes = {f"variant {label!r}": recipe for label, recipe in self.variants}
         recipes |= {f"model {label!r}": recipe for label, recipe in self.models.items()}
         recipes |= {} if self.recipe is None else {"recipe": self.recipe}

@@ -1,0 +1,96 @@
+"""Fields under known forces: those of an elimination for every parameter, and nobody makes them who does not ask."""
+
+import numpy as np
+import pytest
+from scenes import largest_difference, pressed_pair
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.geometries import two_blocks
+from hhr_dolfinx.models.block_elimination import BlockElimination, BlockReduction, DiagonalBlock
+from hhr_dolfinx.models.reshaped import ReshapedReduction
+from hhr_dolfinx.reduction.condense import condense
+from hhr_dolfinx.reduction.interpolate import GridSettings
+from hhr_dolfinx.shapes import coordinate_names
+
+MATERIALS = {"E1": (1.0, 6.0), "nu1": (0.1, 0.49), "E2": (2.0, 90.0), "c": (0.0, 1.0)}
+OUTPUTS = hhr.LargestPressure("peak", 0), hhr.ContactForce("force", 0, (0.0, 1.0))
+
+
+def condensed(bodies, box, **changes):
+    scene = pressed_pair("plane_strain", bodies, box, cells=2, outputs=OUTPUTS, **changes)
+    training = hhr.train(scene, hhr.Sobol(16), held_out=0)
+    return condense(training.full_order, training.snapshots, GridSettings(1e-3, 30), bound=False)
+
+
+@pytest.fixture(scope="module")
+def materials():
+    """Both bodies vary: one in its volume and shape, one as a whole."""
+    return condensed((("E1", "nu1"), ("E2 * (1 + c)", 0.3)), MATERIALS)
+
+
+@pytest.fixture(scope="module")
+def shape():
+    x, y = coordinate_names("plane_strain")
+    wider = hhr.Shape(two_blocks.SECOND, (f"1 + ({x} - 1) * (1 + wide)", y))
+    return condensed(((3.0, 0.3), (4.0, 0.3)), {"wide": (0.0, 0.05)}, shapes=(wider,), matching=False)
+
+
+@pytest.mark.parametrize("name", ["materials", "shape"])
+def test_fields_are_those_of_an_elimination(name, request):
+    """1e-9: round-off over the condition of K~, near 1e6 where nu is near one half."""
+    model = request.getfixturevalue(name)
+    for point in model.parameters.random(20, 1):
+        answer = model.solve(point)
+        expected = model.fields.galerkin(point).unknown(answer.multipliers)
+        assert largest_difference(model.fields.galerkin.under(point, answer.multipliers), expected) < 1e-9
+
+
+def test_blocks_of_one_and_of_two_parts_are_diagonal(materials):
+    blocks = materials.fields.galerkin._eliminated.blocks
+    assert sorted(block.parts.size for block in blocks) == [1, 2]
+    assert all(DiagonalBlock.of(block) is not None for block in blocks)
+
+
+def test_a_block_of_other_parts_is_factored(materials, monkeypatch):
+    """Three parts have no modes in common: the same answers by factors."""
+    point = materials.parameters.random(1, 2)[0]
+    answer = materials.solve(point)
+    before = answer.displacement()
+    monkeypatch.setattr(DiagonalBlock, "of", staticmethod(lambda block: None))
+    galerkin = BlockReduction(materials.fields.galerkin.problem, materials.fields.galerkin.amplitudes)
+    assert largest_difference(materials.fields.basis @ galerkin.under(point, answer.multipliers)
+                              + materials.fields.lifts @ materials.fields.amplitudes(point), before) < 1e-9  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["materials", "shape"])
+def test_outputs_of_forces_make_no_field(name, request, monkeypatch):
+    """They took 25 times as long as the forces that they are made of."""
+    model = request.getfixturevalue(name)
+    points = model.parameters.random(5, 3)
+    answers = [model.solve(point) for point in points]
+
+    def refused(*_):
+        raise AssertionError("no output has a row of displacement")
+
+    for kind, method in ((BlockElimination, "__call__"), (BlockReduction, "under"), (ReshapedReduction, "under")):
+        monkeypatch.setattr(kind, method, refused)
+    monkeypatch.setattr(ReshapedReduction, "__call__", refused)
+    for answer in answers:
+        found = answer.outputs()
+        assert found["peak"] > 0 or not answer.active.any()
+
+
+def test_outputs_of_forces_keep_their_derivatives(materials):
+    point = materials.parameters.random(3, 4)[1]
+    found = materials.outputs(point, gradient=True)
+    for name in ("peak", "force"):
+        slopes = []
+        for place, (low, high) in enumerate(zip(materials.parameters.lower, materials.parameters.upper, strict=True)):
+            ends = []
+            for sign in (-1, 1):
+                moved = point.copy()
+                moved[place] += sign * 1e-6 * (high - low)
+                ends.append(materials.outputs(moved)[name])
+            slopes.append((ends[1] - ends[0]) / (2e-6 * (high - low)))
+        # differences of 1e-6 of the box: their square, and round-off of 1e-10 over it
+        assert found.gradient[name] == pytest.approx(slopes, rel=1e-4, abs=1e-5 * np.abs(slopes).max())
