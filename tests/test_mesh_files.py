@@ -12,6 +12,7 @@ import your_scene
 from click.testing import CliRunner
 from dolfinx import io
 from mpi4py import MPI
+from scenes import largest_difference
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.command.main import hhr as command
@@ -372,7 +373,7 @@ def test_a_model_by_names_is_saved_and_read(tmp_path, exact):
         model = training.build()
     hhr.save_model(tmp_path / "m.npz", model)
     again = hhr.load_model(tmp_path / "m.npz").solve(POINT)
-    assert np.array_equal(again.multipliers, model.solve(POINT).multipliers)
+    assert largest_difference(again.multipliers, model.solve(POINT).multipliers) < 1e-12
 
 
 def test_a_roller_that_nothing_but_contact_holds_is_named(tmp_path):

@@ -3,10 +3,24 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
+
+CONDENSED, HHR, FOM_BEST = "condensed", "hhr", "fom_best"
 
 
-def advice(report: dict[str, Any]) -> str:
+class Advice(NamedTuple):
+    """What a report advises.
+
+    Attributes:
+        method: ``condensed``, ``hhr`` or ``fom_best``.
+        text: why, in words.
+    """
+
+    method: str
+    text: str
+
+
+def advice(report: dict[str, Any]) -> Advice:
     """Which method a scene should use, and why: elastic, with a stiffness or a shape of parameters, or flowing."""
     if "condensed_full" not in report["times"]:
         return advice_flowing(report)
@@ -15,7 +29,7 @@ def advice(report: dict[str, Any]) -> str:
     return advice_varying(report) if "offline_condensed" in report["times"] else advice_exact(report)
 
 
-def advice_exact(report: dict[str, Any]) -> str:
+def advice_exact(report: dict[str, Any]) -> Advice:
     """Which method an elastic scene should use, and why, in words.
 
     Exact condensation has no reduction error; it is advised unless it is much slower than the reduced model
@@ -30,25 +44,28 @@ def advice_exact(report: dict[str, Any]) -> str:
         f"{in_words(reduced)} by the hyper-reduced model ({accuracy})"
     )
     if exact <= 3 * reduced:
-        return (
+        return Advice(
+            CONDENSED,
             f"Use exact condensation while the stiffness stays constant: {figures}. "
-            "Use the hyper-reduced model where the displacement field is not needed for every query or memory is short."
+            "Use the hyper-reduced model where few queries need the displacement field, or memory is short.",
         )
-    return f"Use the hyper-reduced model: {figures}. Use exact condensation where no error can be afforded."
+    why = f"Use the hyper-reduced model: {figures}. Use exact condensation where no error can be afforded."
+    return Advice(HHR, why)
 
 
-def advice_alone(report: dict[str, Any]) -> str:
+def advice_alone(report: dict[str, Any]) -> Advice:
     """Whether the hyper-reduced model is worth it where there is no condensation beside it."""
     times, error = report["times"], report["errors"]["dual_full_floored"]
     reduced, best = times["online_forces"]["median"], times["fom_best"]["median"]
-    return (
+    return Advice(
+        HHR if reduced < best else FOM_BEST,
         f"Use {'the hyper-reduced model' if reduced < best else 'the full order'}: forces take {in_words(reduced)} by "
         f"the hyper-reduced model and {in_words(best)} by the best full order (force errors {error['median']:.1%} "
-        f"median, {error['max']:.1%} at most). No condensation is built in for this scene."
+        f"median, {error['max']:.1%} at most). No condensation is built in for this scene.",
     )
 
 
-def advice_varying(report: dict[str, Any]) -> str:
+def advice_varying(report: dict[str, Any]) -> Advice:
     """Which method a scene should use whose stiffness or shape depends on parameters, by what was measured.
 
     The most accurate one within a factor of three of the fastest is advised: beside the full order both are fast.
@@ -73,12 +90,13 @@ def advice_varying(report: dict[str, Any]) -> str:
     sentence = f"Use {names[favoured]}: {told(favoured)}."
     for other in others:
         sentence += f" {names[other].capitalize()}: {told(other)}."
-    return sentence + (
+    sentence += (
         " The hyper-reduced model is for contact conditions by the thousand, and where operators do not interpolate."
     )
+    return Advice(favoured.lower(), sentence)
 
 
-def advice_flowing(report: dict[str, Any]) -> str:
+def advice_flowing(report: dict[str, Any]) -> Advice:
     """Which method a scene should use that flows, by what was measured; one that was refused, with its reason.
 
     The most accurate one within a factor of three of the fastest is advised: beside the full order both are fast.
@@ -113,10 +131,11 @@ def advice_flowing(report: dict[str, Any]) -> str:
     for key, (_, name, _, _) in kinds.items():
         if key not in measured:
             sentence += f" {name[0].upper()}{name[1:]} is refused here: {models[key]['refused'].rstrip('.')}."
-    return sentence + (
+    sentence += (
         " The hyper-reduced model is the one for contact conditions by the thousand, and where parts that hang "
         "together have moduli that are parameters of their own."
     )
+    return Advice(favoured, sentence)
 
 
 TRAINING = ("full_order", "snapshots", "held_out")

@@ -82,7 +82,7 @@ class Measurement:
         skipped: what was left out, and why.
         drawn: what pictures need besides: the full and the reduced history at the last test; nothing of points.
         refused: rows of the work-precision table of methods that were refused, each with the reason.
-        models: small models of a study of histories, by their names among the ``models`` of the report.
+        models: small models beside the full order by ``hhr`` and ``condensed``, the names that an advice has for them.
     """
 
     own: Row

@@ -97,7 +97,9 @@ def measure_points(
     how = {"condensed": "interpolated"} if offline else {}
     order = [name for name in ("condensed", "fom_best", "fom_naive") if name in exact]
     rows = [Row(name, how.get(name, "exact"), warm[name], exact[name]) for name in order]
-    return Measurement(own, rows, beside, report, skipped)
+    return Measurement(
+        own, rows, beside, report, skipped, models={name: models[name] for name in ("condensed",) if name in models}
+    )
 
 
 def _condensed(training: Training, known: KnownStatuses) -> tuple[CondensedModel | VaryingModel, ...]:

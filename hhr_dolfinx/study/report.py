@@ -50,7 +50,7 @@ def make_report(
     report["times"]["offline"] |= _read_from_files(training, report["times"]["fom_best"])
     report["skipped"] += measured.skipped
     report["break_even"] = break_even(report["times"])
-    report["advice"] = advice(report)
+    report["advised"], report["advice"] = advice(report)
     return report
 
 

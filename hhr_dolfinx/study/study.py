@@ -142,7 +142,10 @@ class Study:
     report: dict[str, Any]
 
     def write(self, folder: str | Path, console: Console | None = None, view: View | None = None) -> None:
-        """Write and print the report, keep the model, draw the pictures of a view; all of them in ``report.html``."""
+        """Write and print the report, keep the model, draw the pictures of a view; all of them in ``report.html``.
+
+        Where the report advises condensation that model is kept too, as ``condensed.npz``.
+        """
         from hhr_dolfinx.online.model_file import save_model
         from hhr_dolfinx.study.page import write_page
 
@@ -151,6 +154,9 @@ class Study:
         print_report(self.report, console)
         model: Any = self.model
         save_model(folder / "model.npz", model)
+        advised: Any = self.measured.models.get(self.report["advised"])
+        if advised is not None and advised is not model:
+            save_model(folder / "condensed.npz", advised)
         if view is not None:
             from hhr_dolfinx.study.plots import draw_study
 
