@@ -99,7 +99,8 @@ def condensed_of(
             warnings.simplefilter("ignore")
             # a model that cannot answer in the middle of its box is none
             answer = model.solve(np.mean([model.parameters.lower, model.parameters.upper], axis=0), gradient=True)
-            answer.displacement()
+            if getattr(model.fields, "galerkin", None) is not None:
+                answer.displacement()
             if getattr(model.fields, "functionals", None) is not None:
                 answer.outputs()
     except (HHRError, KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
