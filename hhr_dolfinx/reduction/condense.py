@@ -18,6 +18,7 @@ from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError, ReductionError, StabilityWarning
 from hhr_dolfinx.models.block_elimination import BlockReduction
 from hhr_dolfinx.models.interpolated import Compliances, InterpolatedFields
+from hhr_dolfinx.models.interpolation import GrownGrid
 from hhr_dolfinx.models.reshaped import ReshapedReduction
 from hhr_dolfinx.models.starts import LinearStarts
 from hhr_dolfinx.models.varying import VaryingModel
@@ -98,15 +99,7 @@ def condense(
     solvers = [Solver(full, component) for component in components_of(problem)]
     with log.stage("compliances"):
         compliances, grids, _ = interpolated_compliances(problem, solvers, settings)
-    worst = max((grid.surplus for grid in grids), default=0.0)
-    if worst > settings.tolerance:
-        warnings.warn(
-            f"interpolated condensation of scene '{full.scene.name}' spent its budget of {settings.budget} solutions, "
-            f"and an error of about {worst:.1e} is left where {settings.tolerance:g} was wished: raise the budget, "
-            "narrow the box, smooth formulas of moduli that jump or have spikes, or take the hyper-reduced model",
-            StabilityWarning,
-            stacklevel=3,
-        )
+    _warn_of_budget(full, grids, settings)
     with log.stage("starts"):
         known = linear_starts(compliances, Sobol(STARTS).points(problem.parameters), problem.contact_pairs)
     with log.stage("fields"):
@@ -127,6 +120,19 @@ def condense(
     numbers = [grid.evaluations for grid in grids], [grid.surplus for grid in grids]
     model.offline = CondensedRecord(settings, *numbers, comparison, log)
     return model
+
+
+def _warn_of_budget(full: Any, grids: list[GrownGrid], settings: GridSettings) -> None:
+    """Warn of a grid that spent its budget before it had settled."""
+    worst = max((grid.surplus for grid in grids), default=0.0)
+    if worst > settings.tolerance:
+        warnings.warn(
+            f"interpolated condensation of scene '{full.scene.name}' spent its budget of {settings.budget} solutions, "
+            f"and an error of about {worst:.1e} is left where {settings.tolerance:g} was wished: raise the budget, "
+            "narrow the box, smooth formulas of moduli that jump or have spikes, or take the hyper-reduced model",
+            StabilityWarning,
+            stacklevel=4,
+        )
 
 
 def _no_fields(full: Any, settings: GridSettings) -> InterpolatedFields:
