@@ -69,6 +69,7 @@ from .snapshots.records import SnapshotSet as SnapshotSet
 from .snapshots.records import compute_snapshots as compute_snapshots
 from .snapshots.records import spread_snapshots as spread_snapshots
 from .snapshots.store import SnapshotStore as SnapshotStore
+from .study.condensing import condense as condense
 from .study.fields import write_fields as write_fields
 from .study.greedy import Greedy as Greedy
 from .study.greedy_indicators import Eta as Eta

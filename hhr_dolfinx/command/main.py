@@ -31,6 +31,8 @@ def _examples(*lines: str) -> str:
 SCENE = click.argument("scene")
 OUT = click.option("--out", type=click.Path(path_type=Path), help="folder of the results [out/<scene>]")
 AT = click.option("--at", "words", multiple=True, help="value of a parameter, name=value; once for each")
+KINDS = {"hhr": "build", "condensed": "condense", "local": "local"}
+"""Kinds of models that a training makes, and how."""
 TRAINING = (
     click.option("--grid", help="train on a regular grid: counts along the parameters, as 16,16"),
     click.option("--sobol", type=click.IntRange(2), help="train on so many Sobol points"),
@@ -90,12 +92,15 @@ def check(scene: str, words: tuple[str, ...], picture: Path | None) -> None:
 @hhr.command(epilog=_examples("hhr train my_scene.py --sobol 64", "mpirun -n 4 hhr train my_scene.py --greedy 0.01"))
 @SCENE
 @_with(TRAINING)
+@click.option("--model", "kind", type=click.Choice(list(KINDS)), default="hhr", show_default=True, help="what to build")
 @OUT
 @guarded
-def train(scene: str, out: Path | None, **how: Any) -> None:
-    """Solve the scene for training parameters, build a reduced model, check it, and save it as model.npz.
+def train(scene: str, out: Path | None, kind: str, **how: Any) -> None:
+    """Solve the scene for training parameters, build a model, check it, and save it.
 
-    Answers are kept in the folder as they are found: a command that was interrupted goes on.
+    hhr is the hyper-reduced model, model.npz; condensed keeps all contact conditions, condensed.npz; local is a set of
+    hyper-reduced models, each for a part of the box, local.npz. Answers are kept in the folder as they are found: a
+    command that was interrupted goes on.
     """
     from mpi4py import MPI
 
@@ -112,14 +117,22 @@ def train(scene: str, out: Path | None, **how: Any) -> None:
     for item in training.log.skipped:
         if item["stage"] == "snapshots":  # what was there already
             console.print(item["why"], highlight=False)
-    model = training.build()
-    save_model(folder / "model.npz", model)
-    basis, cells = model.fields.basis, model.offline.sets.cells
-    console.print(
-        f"{made.name}: {basis.shape[0]} dofs and {len(model.fields.gaps)} contacts -> {basis.shape[1]} modes and "
-        f"{len(model.fields.A_lambda)} contacts on {len(cells)} of {len(training.full_order.problem.cell_nodes)} cells"
-    )
-    console.print(f"model: {folder / 'model.npz'}")
+    model, target = getattr(training, KINDS[kind])(), folder / f"{'model' if kind == 'hhr' else kind}.npz"
+    save_model(target, model)
+    problem = training.full_order.problem
+    console.print(f"{made.name}: {problem.free.size} dofs and {len(problem.gaps)} contacts -> {_described(model)}")
+    console.print(f"model: {target}")
+
+
+def _described(model: Any) -> str:
+    """The size of a model, in words."""
+    if hasattr(model, "models"):
+        sizes = [len(one.problem.stiffness) for one in model.models]
+        return f"{len(model)} models of {min(sizes)} to {max(sizes)} modes"
+    if hasattr(model.fields, "A_lambda"):
+        cells = "" if model.offline is None else f" on {len(model.offline.sets.cells)} cells"
+        return f"{model.fields.basis.shape[1]} modes and {len(model.fields.A_lambda)} contacts{cells}"
+    return f"{model.conditions} contacts, all of them kept"
 
 
 def _settings_of(scene: str) -> Any:

@@ -302,7 +302,8 @@ class InterpolatedFields(ElasticFields):
         amplitudes: θ as a function of the parameters.
         basis: V, (N, ell).
         lifts: imposed displacements, sparse, (N, 1 + T).
-        galerkin: eliminates the unknown of the basis at a point, (P,), and finds it under known forces.
+        galerkin: eliminates the unknown of the basis at a point, (P,), and finds it under known forces; None where no
+            field can be asked for.
         dimension: components of the displacement at a node.
         stress_of: stress of a displacement at a parameter; None where there is no mesh.
         functionals: outputs of the scene; None where it has none.
@@ -312,7 +313,7 @@ class InterpolatedFields(ElasticFields):
     amplitudes: Amplitudes
     basis: np.ndarray
     lifts: csc_matrix
-    galerkin: BlockReduction | ReshapedReduction
+    galerkin: BlockReduction | ReshapedReduction | None
     dimension: int
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     functionals: Functionals | ReshapedFunctionals | None = None
@@ -328,7 +329,7 @@ class InterpolatedFields(ElasticFields):
         if self.bound is None or not answer.converged:
             return None
         point, forces = answer.parameter, np.maximum(answer.multipliers, 0.0)
-        gamma, theta = self.galerkin.under(point, forces), self.amplitudes(point)
+        gamma, theta = self._solver.under(point, forces), self.amplitudes(point)
         problem = self.bound.problem_at(point)
 
         def slack() -> np.ndarray:
@@ -381,17 +382,33 @@ class InterpolatedFields(ElasticFields):
     def coordinate_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all forces and of these coordinates."""
         functionals: Any = self.functionals
+        if not any(item.count for item in functionals.items):
+            assert answer.gradient is not None
+            return answer.gradient.multipliers, np.zeros((0, answer.parameter.size))
         forces, modes = self._mode_changes(answer)
         return forces, np.vstack([modes, changes[functionals.lifted]])
 
     def _gamma(self, answer: Answer) -> np.ndarray:
-        """The displacement in the basis under the forces of an answer, (ell,)."""
-        return self.galerkin.under(answer.parameter, answer.multipliers)
+        """The displacement in the basis under the forces of an answer, (ell,).
+
+        Raises:
+            NotOfferedError: for a model without fields.
+        """
+        return self._solver.under(answer.parameter, answer.multipliers)
+
+    @property
+    def _solver(self) -> BlockReduction | ReshapedReduction:
+        if self.galerkin is None:
+            raise NotOfferedError(
+                "this model was condensed for contact forces, and has no displacement: hhr.condense(scene, "
+                "fields=True), or hhr.train(scene, ...).condense()"
+            )
+        return self.galerkin
 
     def _mode_changes(self, answer: Answer) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all forces and of gamma, (N_lambda, P) and (ell, P)."""
         assert answer.gradient is not None
-        forces, galerkin = answer.gradient.multipliers, self.galerkin(answer.parameter)
+        forces, galerkin = answer.gradient.multipliers, self._solver(answer.parameter)
         _, fixed = galerkin.at_fixed_forces(answer.multipliers, galerkin.unknown(answer.multipliers))
         return forces, fixed - galerkin.pushed(forces)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hhr_dolfinx.amplitudes import Amplitudes, Coverage
-from hhr_dolfinx.errors import FileContentError, HHRError, ModelFileError
+from hhr_dolfinx.errors import FileContentError, HHRError, ModelFileError, NotOfferedError
 from hhr_dolfinx.files import write_arrays
 from hhr_dolfinx.formulas import Formula, Modulus, Scalar, check_over_box
 from hhr_dolfinx.linear.dense import LapackLU
@@ -118,8 +119,9 @@ def condensed_of(
             warnings.simplefilter("ignore")
             # a model that cannot answer in the middle of its box is none
             answer = model.solve(np.mean([model.parameters.lower, model.parameters.upper], axis=0), gradient=True)
-            answer.displacement()
-            answer.estimate()
+            with suppress(NotOfferedError):  # of a model of forces alone
+                answer.displacement()
+                answer.estimate()
             if getattr(model.fields, "functionals", None) is not None:
                 answer.outputs()
     except (HHRError, KeyError, IndexError, TypeError, ValueError, AttributeError) as error:

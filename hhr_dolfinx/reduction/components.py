@@ -113,6 +113,13 @@ class Solver:
         loads = problem.loads[:, np.union1d(part.forced, part.lifted)]
         return factors.solve_columns(hstack([pushed, loads], format="csc"))
 
+    def fields_under(self, point: np.ndarray, points: np.ndarray, forces: np.ndarray) -> np.ndarray:
+        """Displacements under the loads at some points, (k, P), and contact forces, (k, m), and lifts: (N, k + T)."""
+        problem, factors = self.factored(point)
+        loaded = np.stack([problem.external @ problem.amplitudes(one) for one in points], axis=1)
+        drawn = problem.own_stiffness @ problem.lifts[:, self.component.part.lifted]
+        return factors.solve_columns(csc_matrix(hstack([csc_matrix(loaded - problem.contact.T @ forces.T), drawn])))
+
     def factored(self, point: np.ndarray) -> tuple[ContactProblem, FreeCholesky]:
         """The problem at a point, and its factors."""
         problem = self.problem.at(point)

@@ -18,6 +18,7 @@ from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError, NotOfferedError, ReductionError, StabilityWarning
 from hhr_dolfinx.models.block_elimination import BlockReduction
 from hhr_dolfinx.models.interpolated import Compliances, InterpolatedFields
+from hhr_dolfinx.models.interpolation import GrownGrid
 from hhr_dolfinx.models.reshaped import ReshapedReduction
 from hhr_dolfinx.models.starts import LinearStarts
 from hhr_dolfinx.models.varying import VaryingModel
@@ -40,6 +41,8 @@ FIELD_TOLERANCE = 1e-13
 """Part of the squared sum of displacements that the basis of the fields may leave out."""
 FORCE_TOLERANCE, FIELD_NODES, TINY = 1e-9, 8, 1e-300
 """Part of the squared forces that the fields of a shape may leave out, and at how many shapes they are solved for."""
+ALONG_NODES = 16
+"""Nodes of a grid at which fields are solved for that no snapshot tells of."""
 
 
 @dataclass(frozen=True)
@@ -63,20 +66,23 @@ class CondensedRecord:
 
 def condense(
     full: Any,
-    snapshots: SnapshotSet,
+    snapshots: SnapshotSet | None,
     settings: GridSettings = DEFAULT_GRID,
     held_out: SnapshotSet | None = None,
     *,
     bound: bool = True,
+    fields: bool = True,
 ) -> VaryingModel:
     """Build a model that keeps all contact conditions and interpolates what is behind them.
 
     Args:
         full: the full model, on one rank, whose stiffness depends on parameters.
-        snapshots: answers whose displacements span the fields; the contact forces do not need them.
+        snapshots: answers whose displacements span the fields; the contact forces do not need them. None takes what
+            forces and loads as they occur move at some nodes of the grids.
         settings: how far the sparse grids grow.
         held_out: answers the model is compared with.
         bound: whether answers have a bound of their error, or an estimate where none is proved.
+        fields: whether displacements can be asked for; without them there is no bound either.
 
     Raises:
         ReductionError: for a scene whose stiffness is constant, or that flows.
@@ -87,11 +93,37 @@ def condense(
     problem: ContactProblem = full.problem
     _check_scene(full)
     problem.require_whole()
-    check_of_problem("snapshots", snapshots, problem)
+    if snapshots is not None:
+        check_of_problem("snapshots", snapshots, problem)
     log = StageLog()
     solvers = [Solver(full, component) for component in components_of(problem)]
     with log.stage("compliances"):
         compliances, grids, _ = interpolated_compliances(problem, solvers, settings)
+    _warn_of_budget(full, grids, settings)
+    with log.stage("starts"):
+        known = linear_starts(compliances, Sobol(STARTS).points(problem.parameters), problem.contact_pairs)
+    with log.stage("fields"):
+        if not fields:
+            made = _no_fields(full, settings)
+        else:
+            seen = [] if problem.reshaped is None else _fields_seen(compliances, solvers, known)
+            seen += _fields_along(compliances, solvers, known) if snapshots is None else [snapshots.displacements]
+            made = _fields(full, np.column_stack(seen), settings)
+    if bound and fields:
+        made = _bounded(full, made, log)
+    model = VaryingModel(full.parameters, compliances, known, made, problem.contact_pairs)
+    comparison = None
+    if held_out is not None and snapshots is not None and fields:
+        with log.stage("validation"):
+            comparison = compare_points(full, model, held_out, force_floor(problem, snapshots))
+            check_comparison(comparison, TrustLimits())
+    numbers = [grid.evaluations for grid in grids], [grid.surplus for grid in grids]
+    model.offline = CondensedRecord(settings, *numbers, comparison, log)
+    return model
+
+
+def _warn_of_budget(full: Any, grids: list[GrownGrid], settings: GridSettings) -> None:
+    """Warn of a grid that spent its budget before it had settled."""
     worst = max((grid.surplus for grid in grids), default=0.0)
     if worst > settings.tolerance:
         warnings.warn(
@@ -99,24 +131,19 @@ def condense(
             f"and an error of about {worst:.1e} is left where {settings.tolerance:g} was wished: raise the budget, "
             "narrow the box, smooth formulas of moduli that jump or have spikes, or take the hyper-reduced model",
             StabilityWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
-    with log.stage("starts"):
-        known = linear_starts(compliances, Sobol(STARTS).points(problem.parameters), problem.contact_pairs)
-    with log.stage("fields"):
-        seen = [] if problem.reshaped is None else _fields_seen(compliances, solvers, known)
-        fields = _fields(full, np.column_stack([snapshots.displacements, *seen]), settings)
-    if bound:
-        fields = _bounded(full, fields, log)
-    model = VaryingModel(full.parameters, compliances, known, fields, problem.contact_pairs)
-    comparison = None
-    if held_out is not None:
-        with log.stage("validation"):
-            comparison = compare_points(full, model, held_out, force_floor(problem, snapshots))
-            check_comparison(comparison, TrustLimits())
-    numbers = [grid.evaluations for grid in grids], [grid.surplus for grid in grids]
-    model.offline = CondensedRecord(settings, *numbers, comparison, log)
-    return model
+
+
+def _no_fields(full: Any, settings: GridSettings) -> InterpolatedFields:
+    """Outputs of forces, and no displacement."""
+    problem, functionals = full.problem, full.functionals
+    basis = np.zeros((problem.free.size, 0))
+    if problem.reshaped is not None and functionals is not None:
+        functionals = reshaped_functionals(functionals, problem, basis, settings)
+    return InterpolatedFields(
+        problem.amplitudes, basis, problem.lifts, None, problem.block_size, None, functionals=functionals
+    )
 
 
 def _fields(full: Any, displacements: np.ndarray, settings: GridSettings) -> InterpolatedFields:
@@ -171,6 +198,21 @@ def _fields_seen(compliances: Compliances, solvers: list[Solver], known: LinearS
             point = solver.problem.middle
             point[part.interpolant.axes] = node
             found.append(solver.fields_at(point, forces))
+    return found
+
+
+def _fields_along(compliances: Compliances, solvers: list[Solver], known: LinearStarts) -> list[np.ndarray]:
+    """Displacements under loads and forces of solved points, (N, k) each; every node of a grid has its share of them.
+
+    What imposed displacements move is by itself, since it does not depend on a factor of the stiffness.
+    """
+    forces, found = np.maximum(known.margins, 0.0), []
+    for part, solver in zip(compliances.parts, solvers, strict=True):
+        nodes = part.interpolant.nodes[:ALONG_NODES]
+        for first, node in enumerate(nodes):
+            point, share = solver.problem.middle, slice(first, None, len(nodes))
+            point[part.interpolant.axes] = node
+            found.append(solver.fields_under(point, known.points[share], forces[share]))
     return found
 
 

@@ -26,6 +26,7 @@ from hhr_dolfinx.study.counts import check_counts
 from hhr_dolfinx.timing import StageLog
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.condensed import CondensedModel
     from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
     from hhr_dolfinx.models.fallback import FallbackModel
     from hhr_dolfinx.models.local import LocalModels
@@ -140,21 +141,25 @@ class Training:
             raise StudyError(f"{given!r} is no recipe: give a Recipe")
         return how.models(self, given if checked else given.as_it_is(), progress("local models"))
 
-    def condense(self, settings: Any = None) -> VaryingModel | CondensedFlowModel:
+    def condense(self, settings: Any = None) -> CondensedModel | VaryingModel | CondensedFlowModel:
         """A model that keeps all contact conditions, with its check.
 
-        Where bodies flow their elastic response is eliminated and the plastic correction reduced, by
-        :class:`~hhr_dolfinx.reduction.condense_flow.CorrectionSettings`; where nothing flows and the stiffness or the
-        shape depends on parameters the condensation is interpolated, by
-        :class:`~hhr_dolfinx.reduction.interpolate.GridSettings`.
+        Where nothing flows and the stiffness is constant it is exact. Where the stiffness or the shape depends on
+        parameters it is interpolated, by :class:`~hhr_dolfinx.reduction.interpolate.GridSettings`. Where bodies flow
+        their elastic response is eliminated and the plastic correction reduced, by
+        :class:`~hhr_dolfinx.reduction.condense_flow.CorrectionSettings`.
 
         Raises:
-            ReductionError: for another scene.
+            NotOfferedError: where contact alone holds bodies whose moduli or shapes are parameters.
         """
         if self.full_order.equilibrium is not None:
             from hhr_dolfinx.reduction.condense_flow import condense_flow
 
             return condense_flow(self.full_order, self.snapshots, settings, self.held_out)
+        if not self.full_order.problem.varies:
+            from hhr_dolfinx.baselines.condensation import exact_condensation
+
+            return exact_condensation(self.full_order, self.snapshots.known_statuses(), field=False)
         from hhr_dolfinx.reduction.condense import condense
         from hhr_dolfinx.reduction.interpolate import GridSettings
 

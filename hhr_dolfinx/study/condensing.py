@@ -1,0 +1,76 @@
+"""Condensation without a training: contact forces need no snapshots."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from mpi4py import MPI
+
+from hhr_dolfinx.baselines.condensation import exact_condensation
+from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses
+from hhr_dolfinx.sampling import Sobol
+from hhr_dolfinx.scene import Scene
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.varying import VaryingModel
+
+STARTS = 64
+"""Points at which statuses are solved for on S beforehand, where nothing but loads varies."""
+
+
+def condense(
+    scene: Scene | FullOrderModel, settings: Any = None, *, fields: bool | None = None
+) -> CondensedModel | VaryingModel:
+    """A model that keeps all contact conditions and eliminates the rest, without snapshots.
+
+    Where the stiffness is constant it answers as the full model does, to round-off. Where moduli or the shape depend on
+    parameters S and the free slack are interpolated between few of them, each a factorisation; displacements are then
+    Galerkin's on what forces and loads move at some of these.
+
+    Args:
+        scene: the scene, or its full model on one rank.
+        settings: a :class:`~hhr_dolfinx.reduction.interpolate.GridSettings`, how far interpolation goes; None for the
+            usual. Of no effect where the stiffness is constant.
+        fields: whether displacements can be asked for where they are not exact at no price; None if an output of the
+            scene needs one. Without them answers have forces and their outputs, and no bound.
+
+    Raises:
+        ReductionError: for bodies that flow, which are condensed from histories: ``train(...).condense()``; or that
+            vary and are held by contact alone.
+        SceneError: for what is no scene, or one that cannot be built.
+
+    Warns:
+        StabilityWarning: if a grid spent its budget before it had settled.
+    """
+    full = scene if isinstance(scene, FullOrderModel) else FullOrderModel(scene, MPI.COMM_SELF)
+    if full.equilibrium is not None:
+        raise ReductionError(
+            f"bodies of scene '{full.scene.name}' flow: a condensation of these is made of histories, "
+            "hhr.train(scene, paths).condense()"
+        )
+    if fields is None:
+        fields = full.functionals is not None and any(item.count for item in full.functionals.items)
+    if not isinstance(fields, bool):
+        raise ReductionError(f"fields = {fields!r} of a condensation must be True, False, or None")
+    if not full.problem.varies:
+        return exact_condensation(full, _known_statuses(full), field=fields)
+    from hhr_dolfinx.reduction.condense import condense as interpolated
+    from hhr_dolfinx.reduction.interpolate import GridSettings
+
+    return interpolated(full, None, settings or GridSettings(), bound=fields, fields=fields)
+
+
+def _known_statuses(full: FullOrderModel) -> KnownStatuses:
+    """Statuses at some points of the box, solved on S from none."""
+    problem = full.problem
+    nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
+    model = exact_condensation(full, nothing, field=False)
+    points = Sobol(STARTS).points(problem.parameters)
+    answers = [model.solve(point, start=None, raise_on_failure=False) for point in points]
+    found = [answer for answer in answers if answer.converged]
+    if not found:
+        return nothing
+    return KnownStatuses(*(np.array([getattr(answer, name) for answer in found]) for name in ("parameter", "active")))
