@@ -22,7 +22,7 @@ from hhr_dolfinx.geometries import block
 from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.materials.update import Material
 from hhr_dolfinx.models.cubature_flow import CubatureFlow
-from hhr_dolfinx.models.error_bound import Estimate
+from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.output_bound import OutputBound
 from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.online import layout

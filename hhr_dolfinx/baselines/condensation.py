@@ -14,7 +14,7 @@ from hhr_dolfinx.errors import HHRError, SceneError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import Answer, ElasticFields
 from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses
-from hhr_dolfinx.models.error_bound import Estimate
+from hhr_dolfinx.models.estimates import Estimate
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals import Functionals

@@ -16,7 +16,7 @@ from hhr_dolfinx.trained import Signs
 
 if TYPE_CHECKING:
     from hhr_dolfinx.materials.update import State
-    from hhr_dolfinx.models.error_bound import Estimate
+    from hhr_dolfinx.models.estimates import Estimate
     from hhr_dolfinx.models.functionals import Outputs
     from hhr_dolfinx.models.gradient import Gradient
 

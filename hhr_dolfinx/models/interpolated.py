@@ -21,7 +21,7 @@ from hhr_dolfinx.models.interpolation import Interpolant
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Scalar
-    from hhr_dolfinx.models.error_bound import Estimate
+    from hhr_dolfinx.models.estimates import Estimate
     from hhr_dolfinx.models.functionals import Functionals
     from hhr_dolfinx.models.shaped_functionals import ReshapedFunctionals
     from hhr_dolfinx.models.varying import Elimination
@@ -304,12 +304,13 @@ class InterpolatedFields(ElasticFields):
             return None
         point, forces = answer.parameter, np.maximum(answer.multipliers, 0.0)
         gamma, theta = self.galerkin(point).unknown(forces), self.amplitudes(point)
-        problem = self.bound.problem_at(point)
+        bound = self.bound
 
         def slack() -> np.ndarray:
+            problem = bound.problem_at(point)
             return (problem.gaps @ theta - problem.contact_trial @ gamma)[None]
 
-        return self.bound.at(point[None], theta).of(gamma[None], forces[None], slack)[0]
+        return bound.at(point[None], theta).of(gamma[None], forces[None], slack)[0]
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """V gamma and the lift, (N,)."""

@@ -17,7 +17,7 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.answer import Answer, History, Path, WithOutputs
 from hhr_dolfinx.models.choice import LEAF, Choice
-from hhr_dolfinx.models.error_bound import Estimates
+from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.models.fallback import ALIKE
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
 from hhr_dolfinx.models.reconstruct import Reconstruction
@@ -209,15 +209,7 @@ class LocalAnswers:
 
     def estimates(self) -> Estimates | None:
         """See :meth:`ManyAnswers.estimates`."""
-        found = [(rows, many.estimates()) for rows, many in self.parts]
-        known = [(rows, one) for rows, one in found if one is not None]
-        if not known:
-            return None
-        names = ("primal", "dual", "primal_relative", "dual_relative")
-        numbers = np.full((len(names), len(self)), np.nan)
-        for rows, one in known:
-            numbers[:, rows] = [getattr(one, name) for name in names]
-        return Estimates(" and ".join(sorted({one.kind for _, one in known})), *numbers)
+        return Estimates.joined([(rows, many.estimates()) for rows, many in self.parts], len(self))
 
     def outputs(self) -> dict[str, np.ndarray]:
         """See :meth:`ManyAnswers.outputs`."""

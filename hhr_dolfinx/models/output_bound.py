@@ -27,7 +27,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from hhr_dolfinx.models.error_bound import ROUND_OFF, ErrorBound, Estimate
+from hhr_dolfinx.models.error_bound import ROUND_OFF, ErrorBound
+from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.functionals import Functional, Functionals, State
 
 if TYPE_CHECKING:
@@ -116,7 +117,10 @@ class OutputBound:
         given = fields.amplitudes(answer.parameter)
         theta = np.zeros(self.free.shape[1])
         theta[given.terms] = given.values
-        better, off = bound.response.settled(np.maximum(forces, 0.0), bound.free_slack @ given)
+        pushing = np.maximum(forces, 0.0)[None]
+        free_slack = (bound.free_slack @ given)[None]
+        found, _, left = bound.response.settled(pushing, free_slack, pushing @ bound.schur)
+        better, off = found[0], float(left[0])
         size = math.sqrt(max(better @ (bound.schur @ better), 0.0))
         own, free = fields.measured(answer, theta), self.free @ theta
         near, nothing = free - self.pressed @ better, np.zeros_like(better)

@@ -25,13 +25,15 @@ from scipy.linalg import LinAlgError, cholesky
 from hhr_dolfinx.errors import BoundError, ConvergenceError
 from hhr_dolfinx.models.block_elimination import Block, blocks_of
 from hhr_dolfinx.models.contact_response import ContactResponse
-from hhr_dolfinx.models.error_bound import Estimates, Given, bounded, relative
+from hhr_dolfinx.models.error_bound import ForceScale, Given, bounded
+from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.models.interpolated import Compliances, InterpolatedElimination
 from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.parameters import is_number
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.gradient import Gradient
+    from hhr_dolfinx.models.interpolation import Interpolant
     from hhr_dolfinx.models.reshaped import InterpolatedProblem
 
 ROUND_OFF = 1e-13
@@ -62,6 +64,8 @@ class VaryingBound:
         inexact: relative error of what is interpolated, in the order of energies.
         proved: whether that is more than what was observed.
         middle: of the box, (P,).
+        areas, least: see :class:`~hhr_dolfinx.models.error_bound.ForceScale`; S is that of the middle.
+        reshaped_areas: areas where they change with the shape of the bodies; None where they do not.
     """
 
     compliances: Compliances
@@ -70,6 +74,9 @@ class VaryingBound:
     inexact: float
     proved: bool
     middle: np.ndarray
+    areas: np.ndarray
+    least: np.ndarray
+    reshaped_areas: Interpolant | None = None
 
     def __post_init__(self) -> None:
         """Refuse an error that is none."""
@@ -82,6 +89,15 @@ class VaryingBound:
     def kind(self) -> str:
         """A bound, or an estimate where the interpolation is not proved."""
         return "bound" if self.proved else "estimate"
+
+    @cached_property
+    def _scale(self) -> ForceScale:
+        """What forces are measured by, in the middle of the box."""
+        return ForceScale(self.areas, self.least)
+
+    def scale_at(self, point: np.ndarray) -> ForceScale:
+        """What forces are measured by at a point."""
+        return self._scale if self.reshaped_areas is None else ForceScale(self.reshaped_areas.value(point), self.least)
 
     @property
     def schur(self) -> np.ndarray:
@@ -187,10 +203,8 @@ class VaryingThere(NamedTuple):
             return norms[0], norms[1], norms[2]
 
         given = Given(forces, slack, found.free_slack[None])
-        primal, dual, size, pushed = bounded(given, self.response, fields, inexact)
-        # S and its inverse are right to a factor of 1 + ε or 1 - ε
-        primal, dual = primal * (1 + 2 * inexact), dual * (1 + 2 * inexact)
-        return Estimates(self.owner.kind, primal, dual, relative(primal, size), relative(dual, pushed))
+        scale = self.owner.scale_at(found.point)
+        return bounded(given, self.response, fields, scale, self.owner.kind, inexact).estimates()
 
     def _energies(self, forces: np.ndarray) -> _Energies:
         """Of the field in equilibrium with forces, (m,)."""

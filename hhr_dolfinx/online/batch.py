@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Comm
     from rich.console import Console
 
-    from hhr_dolfinx.models.error_bound import Estimate
+    from hhr_dolfinx.models.estimates import Estimate
 
 Progress = Callable[[Iterable], Iterable]
 """Wraps an iteration, for a progress bar."""

@@ -8,8 +8,8 @@ import numpy as np
 
 from hhr_dolfinx.parameters import ParameterSpace
 
-FORMAT, VERSION = "hhr_dolfinx reduced model", 11
-CONDENSED, CONDENSED_VERSION = "hhr_dolfinx condensed model", 2
+FORMAT, VERSION = "hhr_dolfinx reduced model", 12
+CONDENSED, CONDENSED_VERSION = "hhr_dolfinx condensed model", 3
 """Format of files of interpolated condensation, see ``varying_file``."""
 CONDENSED_FLOW, CONDENSED_FLOW_VERSION = "hhr_dolfinx condensed flow model", 3
 """Format of files of condensed flow, see ``condensed_flow_file``."""
@@ -54,6 +54,8 @@ LAYOUT = {
     "bound.basis": ("float", "field rows", "ell"),
     "bound.loads": ("float", "load rows", "terms"),
     "bound.lifts": ("float", "lift rows", "terms"),
+    "bound.areas": ("float", "N_lambda"),
+    "bound.least": ("float", "norms of forces"),
     "output_bound.steepness": ("float", "outputs", "norms"),
     "output_bound.free": ("float", "output rows", "terms"),
     "output_bound.pressed": ("float", "output rows", "N_lambda"),

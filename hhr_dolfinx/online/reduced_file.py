@@ -226,6 +226,10 @@ def _check_bound(arrays: Mapping[str, np.ndarray], sizes: Mapping[str, int]) -> 
     ranks = [sizes[name] for name in ("N_lambda", "field rows", "load rows", "lift rows")]
     if ranks[: 3 if ranks[3] == 0 else 4] != sorted(ranks[: 3 if ranks[3] == 0 else 4]):
         raise FileContentError(f"directions of unit energy in its bound are not one more than another: {ranks}")
+    if not (
+        (arrays["bound.areas"] >= 0).all() and (arrays["bound.least"] >= 0).all() and len(arrays["bound.least"]) == 3
+    ):
+        raise FileContentError("areas, or three least sizes of forces, in its bound are negative or missing")
     schur, lower = arrays["bound.schur"], arrays["bound.lower"]
     off = np.abs(lower @ lower.T - schur).max() / np.abs(schur).max(initial=1e-300)
     if not (off <= 1e-10 and (lower.diagonal() > 0).all() and not np.triu(lower, 1).any()):

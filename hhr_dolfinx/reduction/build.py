@@ -287,10 +287,10 @@ def _bound_of(shared: _Offline, basis: np.ndarray) -> Bound | None:
     try:
         with log.stage("bound"):
             if full.equilibrium is not None or not full.problem.varies:
-                return error_bound(full, basis)
+                return error_bound(full, basis, shared.snapshots.forces)
             from hhr_dolfinx.reduction.varying_bound import varying_bound
 
-            return varying_bound(full, basis)
+            return varying_bound(full, basis, shared.snapshots.forces)
     except BoundError as error:
         log.skip("bound", str(error))
         return None

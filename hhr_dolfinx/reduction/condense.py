@@ -107,7 +107,7 @@ def condense(
         seen = [] if problem.reshaped is None else _fields_seen(compliances, solvers, known)
         fields = _fields(full, np.column_stack([snapshots.displacements, *seen]), settings)
     if bound:
-        fields = _bounded(full, fields, log)
+        fields = _bounded(full, fields, snapshots.forces, log)
     model = VaryingModel(full.parameters, compliances, known, fields, problem.contact_pairs)
     comparison = None
     if held_out is not None:
@@ -141,11 +141,11 @@ def _fields(full: Any, displacements: np.ndarray, settings: GridSettings) -> Int
     return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest)
 
 
-def _bounded(full: Any, fields: InterpolatedFields, log: StageLog) -> InterpolatedFields:
+def _bounded(full: Any, fields: InterpolatedFields, forces: np.ndarray, log: StageLog) -> InterpolatedFields:
     """Fields with a bound; as they are where there is none, with the reason in the log."""
     try:
         with log.stage("bound"):
-            return replace(fields, bound=varying_bound(full, fields.basis))
+            return replace(fields, bound=varying_bound(full, fields.basis, forces))
     except BoundError as error:
         log.skip("bound", str(error))
         return fields

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from hhr_dolfinx.certify.accuracy import FORCE_FLOOR, summary
+from hhr_dolfinx.certify.accuracy import least_sizes, summary
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import (
     HHRError,
@@ -292,8 +292,7 @@ def p95(errors: np.ndarray) -> float:
 
 def least_forces(full: Any, snapshots: SnapshotSet) -> float:
     """A thousandth of the largest training forces in the S norm, of the middle of the box."""
-    forces = snapshots.forces
-    return FORCE_FLOOR * float(np.sqrt(np.einsum("ms,ms->s", forces, full.schur @ forces).max(initial=0.0)))
+    return float(least_sizes(full, snapshots.forces)[0])
 
 
 def force_errors(model: ReducedModel | LocalModels, points: np.ndarray, floor: float) -> np.ndarray:
