@@ -117,22 +117,29 @@ class ContactResponse:
             free: slack without forces, (n, m).
             pushed: S times the forces, (n, m).
         """
-        slack = free + pushed
-        touching = (self.schur.diagonal() * forces >= slack) & ((forces > 0) | (slack < 0))
-        found, left = np.zeros(forces.shape), list(range(len(forces)))
+        found, left = np.empty(forces.shape), list(range(len(forces)))
+        touching = self._stiffness * forces > free + pushed
         if len(forces) > 1:
             found, _, left = settled(self.schur, free, touching, LapackCholesky)
-        failed = np.zeros(len(forces), dtype=bool)
+        closed = np.ones(len(forces), dtype=bool)
         for k in left:
             alone = active_set(self.equalities, free[k], touching[k])
-            found[k], failed[k] = alone.forces, alone.status is not Status.CONVERGED
-        better = np.where(failed[:, None], forces, np.maximum(found, 0.0))
+            closed[k] = alone.status is Status.CONVERGED
+            found[k] = alone.forces if closed[k] else forces[k]
+        better = np.maximum(found, 0.0)
         less = better @ self.schur
-        open_ = free + less
-        # a force that was cut off leaves an open gap elsewhere
-        closed = (found > 0) & ~(found < 0).any(axis=1, keepdims=True) & ~failed[:, None]
-        open_[closed] = 0.0
-        return better, less, self.off(open_, better)
+        slack = free + less
+        # a force that was cut off leaves gaps open elsewhere
+        closed &= found.min(axis=1) >= 0
+        slack[(better > 0) & closed[:, None]] = 0.0
+        if closed.all() and slack.min() >= 0:
+            return better, less, np.zeros(len(forces))
+        return better, less, self.off(slack, better)
+
+    @cached_property
+    def _stiffness(self) -> np.ndarray:
+        """Diagonal of S, (m,)."""
+        return self.schur.diagonal().copy()
 
     def off(self, slack: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """|r|_{S^-1} of slacks and forces, (n, m) each: r is the slack where there is a force, or it is negative."""

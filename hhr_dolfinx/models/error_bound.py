@@ -56,9 +56,14 @@ class ForceScale:
         """One over the areas, (m,)."""
         return np.divide(1.0, self.areas, out=np.zeros(self.areas.shape), where=self.areas > 0)
 
+    def amplified(self, response: ContactResponse) -> np.ndarray:
+        """The most that forces of S norm 1 have in the S norm, in the Euclidean norm, and as a pressure, (3,)."""
+        longest, most = response.amplified
+        return np.array((1.0, longest, (most * self.per_area).max()))
+
     def peak(self, forces: np.ndarray) -> np.ndarray:
-        """Largest pressure of forces that are not negative, (n, m): (n,)."""
-        return (forces * self.per_area).max(axis=1, initial=0.0)
+        """Largest pressure of forces that are not negative, (..., m): (...,)."""
+        return np.maximum.reduce(forces * self.per_area, axis=-1, initial=0.0)
 
 
 class Given(NamedTuple):
@@ -76,31 +81,27 @@ class Given(NamedTuple):
 
 
 class Bounded(NamedTuple):
-    """Bounds of n answers, and what the exact answers have at least, (n,) each but for ``kind``.
+    """Bounds of n answers.
 
     Attributes:
         kind: see :class:`~hhr_dolfinx.models.estimates.Estimate`.
-        primal, dual, forces_euclid, pressure: see there.
-        field: energy norm of the fields.
-        least: S norm, Euclidean norm and peak pressure of the exact forces at least, or a thousandth of the largest
-            ones of training, (3, n).
+        errors: of displacement and forces in energy, of forces in the Euclidean norm, and of pressures, (4, n).
+        least: what the exact answers have at least in these norms; of forces a thousandth of the largest ones of
+            training at least, (4, n).
     """
 
     kind: str
-    primal: np.ndarray
-    dual: np.ndarray
-    forces_euclid: np.ndarray
-    pressure: np.ndarray
-    field: np.ndarray
+    errors: np.ndarray
     least: np.ndarray
 
     def estimates(self) -> Estimates:
-        """With the relative ones."""
-        dual, euclid, pressure = map(_over, (self.dual, self.forces_euclid, self.pressure), self.least)
-        absolute = {"forces_euclid": self.forces_euclid, "pressure": self.pressure}
-        shares = {"forces_euclid_relative": euclid, "pressure_relative": pressure}
-        found = self.primal, self.dual, _over(self.primal, self.field - self.primal), dual
-        return Estimates(self.kind, *found, **absolute, **shares)
+        """With the relative ones: infinite where the exact answer may be nothing, unless nothing is off."""
+        if self.least.min(initial=np.inf) > 0:
+            shares = self.errors / self.least
+        else:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                shares = np.where(self.errors == 0, 0.0, self.errors / np.maximum(self.least, 0.0))
+        return Estimates(self.kind, *self.errors[:2], *shares[:2], *self.errors[2:], *shares[2:])
 
 
 def bounded(
@@ -108,6 +109,7 @@ def bounded(
     response: ContactResponse,
     fields: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]],
     scale: ForceScale,
+    amplified: np.ndarray,
     kind: str = "bound",
     inexact: float = ROUND_OFF,
 ) -> Bounded:
@@ -123,15 +125,18 @@ def bounded(
         fields: maps forces, (n, m), to |ρ|_{K^-1}, to the energy norm of the field, and to that of the field in
             equilibrium with them, as far as this is only known up to ``inexact``, (n,) each.
         scale: what forces are measured by.
+        amplified: see :meth:`ForceScale.amplified`, (3,).
         kind: of the bounds.
         inexact: relative error of S and of the free slack, in the order of energies.
     """
     forces, free = given.forces, given.free
     pushed = forces @ response.schur
     better, less, nearer = response.settled(forces, free, pushed)
-    off = forces - better
+    off, pulled = forces - better, pushed - less
     unbalanced, size, balanced = fields(better)
-    sizes, exact = _lengths(forces, pushed), _lengths(better, less)
+    # products of many rows at once: each call has an overhead
+    one, other = np.array((forces, better, off, off, better)), np.array((pushed, less, pulled, off, better))
+    sizes, exact, apart, apart_euclid, exact_euclid = _lengths(one, other)
     noise, primal = inexact * (sizes + exact + balanced), unbalanced + nearer
     # row by row, so that a bound is the same in any table
     if (rows := np.flatnonzero(nearer > NOTHING * unbalanced)).size:
@@ -139,19 +144,18 @@ def bounded(
         primal[rows] = np.minimum(primal[rows], (alone + np.sqrt(alone**2 + 4 * nearer[rows] * left)) / 2)
     # S and its inverse are right to a factor of 1 + ε or 1 - ε
     wider = 1 + 2 * inexact
-    rest = (nearer + noise) * wider
-    longest, most = response.amplified
-    further = np.array([rest, longest * wider * rest, (most * scale.per_area).max(initial=0.0) * wider * rest])
-    errors = np.array([_lengths(off, pushed - less) * wider, _lengths(off, off), scale.peak(np.abs(off))]) + further
-    least = np.array([exact / wider, _lengths(better, better), scale.peak(better)]) - further
-    least = np.maximum(least, scale.least[:, None])
-    return Bounded(kind, (primal + ROUND_OFF * size + noise) * wider, *errors, size, least)
+    further = amplified[:, None] * ((nearer + noise) * wider**2)
+    pressures = scale.peak(np.array((np.abs(off), better)))
+    errors = further + np.array((apart * wider, apart_euclid, pressures[0]))
+    least = np.maximum(np.array((exact / wider, exact_euclid, pressures[1])) - further, scale.least[:, None])
+    primal = (primal + ROUND_OFF * size + noise) * wider
+    return Bounded(kind, np.array((primal, *errors)), np.array((size - primal, *least)))
 
 
 def _lengths(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Square roots of products of rows, (n,)."""
+    """Square roots of products of rows, (..., m): (...,)."""
     # products of matrices have a fifth of the overhead of sums by indices
-    return np.sqrt(np.maximum((one[:, None, :] @ other[:, :, None])[:, 0, 0], 0.0))
+    return np.sqrt(np.maximum((one[..., None, :] @ other[..., None])[..., 0, 0], 0.0))
 
 
 class BoundThere(Protocol):
@@ -247,6 +251,11 @@ class ErrorBound:
         """What forces are measured by."""
         return ForceScale(self.areas, self.least)
 
+    @cached_property
+    def amplified(self) -> np.ndarray:
+        """See :meth:`ForceScale.amplified`."""
+        return self.scale.amplified(self.response)
+
     def prepared(self, inside: np.ndarray) -> Outside:
         """See :class:`Bound`."""
         return self.response.outside(inside)
@@ -303,17 +312,11 @@ class ConstantThere(NamedTuple):
                 CANCELLED * _lengths(field, field),
             )
 
-        return bounded(Given(forces, slack, self.free), owner.response, fields, owner.scale).estimates()
+        return bounded(
+            Given(forces, slack, self.free), owner.response, fields, owner.scale, owner.amplified
+        ).estimates()
 
 
 def driven(matrix: np.ndarray, theta: Any) -> np.ndarray:
     """Columns of a matrix, (k, 1 + T), for θ of each answer, (n, 1 + T) or one Theta: (n, k)."""
     return (matrix @ theta)[None] if isinstance(theta, Theta) else np.asarray(theta @ matrix.T)
-
-
-def _over(error: np.ndarray, least: np.ndarray) -> np.ndarray:
-    """Errors over the least size of what is exact, (n,); infinite where that may be nothing, unless nothing is off."""
-    if least.min(initial=np.inf) > 0:
-        return error / least
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(error == 0, 0.0, error / np.maximum(least, 0.0))

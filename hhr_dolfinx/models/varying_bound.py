@@ -204,7 +204,8 @@ class VaryingThere(NamedTuple):
 
         given = Given(forces, slack, found.free_slack[None])
         scale = self.owner.scale_at(found.point)
-        return bounded(given, self.response, fields, scale, self.owner.kind, inexact).estimates()
+        how = scale, scale.amplified(self.response), self.owner.kind, inexact
+        return bounded(given, self.response, fields, *how).estimates()
 
     def _energies(self, forces: np.ndarray) -> _Energies:
         """Of the field in equilibrium with forces, (m,)."""
