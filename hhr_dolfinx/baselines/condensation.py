@@ -38,6 +38,7 @@ class ExactFields(ElasticFields):
     unloaded: np.ndarray
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None
     functionals: Functionals | None = None
+    unbounded = "exact condensation has no reduction error"
 
     def __reduce__(self) -> tuple:
         """Copy and pickle by the arrays."""

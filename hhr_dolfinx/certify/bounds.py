@@ -62,7 +62,8 @@ def check_hypotheses(full: Any) -> None:
         raise BoundError("ranks share the factors of K, and the bounds need whole columns: build on MPI.COMM_SELF")
     if problem.pins is not None:
         raise BoundError(
-            "contact alone holds bodies: K, whose inverse is in the bounds, is singular along their motions"
+            "contact alone holds bodies, and K, whose inverse is in the bounds, is singular along their motions: "
+            + problem.loose
         )
     skew, size = abs(problem.stiffness - problem.stiffness.T).max(), abs(problem.stiffness).max()
     if skew > SYMMETRIC * size:

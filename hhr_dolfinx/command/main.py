@@ -116,6 +116,7 @@ def train(scene: str, out: Path | None, **how: Any) -> None:
         f"{made.name}: {basis.shape[0]} dofs and {len(model.fields.gaps)} contacts -> {basis.shape[1]} modes and "
         f"{len(model.fields.A_lambda)} contacts on {len(cells)} of {len(training.full_order.problem.cell_nodes)} cells"
     )
+    console.print(f"errors of its answers: {model.known_error}", highlight=False, markup=False)
     console.print(f"model: {folder / 'model.npz'}")
 
 
@@ -197,8 +198,7 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
         rows |= {heads[name]: value for name, value in outputs.values.items()}
     estimate = answer.estimate() if is_model(what) else None
     if estimate is not None:
-        rows |= {f"{estimate.kind} of displacement": estimate.primal_relative,
-                 f"{estimate.kind} of forces": estimate.dual_relative}  # fmt: skip
+        rows |= estimate.shown()
     if first_rank():
         for name, value in rows.items():
             click.echo(f"{name}: {value:.6g}")
@@ -250,6 +250,7 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
     middle = tuple((low + high) / 2 for low, high in zip(made.parameters.lower, made.parameters.upper, strict=True))
     unit = "Pa" if made.units is None else made.units.stress
     found.write(folder, console, beside(scene, "VIEW") or View(points=(middle,), stress=unit))
+    console.print(f"errors of its answers: {found.model.known_error}", highlight=False, markup=False)
 
 
 @hhr.command(
@@ -271,6 +272,7 @@ def answer(model: Path, table: Path, out: Path | None) -> None:
     console, progress = spoken()
     loaded: Any = load_model(model)
     rows = read_points(table, loaded.parameters)
+    console.print(f"errors of its answers: {loaded.known_error}", highlight=False, markup=False)
     bad = answer_table(loaded, rows, out or Path("answers.csv"), console, progress("answers"))
     sys.exit(NO_ANSWER if bad else 0)
 

@@ -304,6 +304,8 @@ class FullOrderModel(WithOutputs):
         """Cumulated plastic strain at all Gauss points; empty where nothing flows."""
         return np.zeros(0) if answer.gauss is None else answer.gauss.state.cumulated.copy()
 
+    unbounded = "the full model has no reduction error"
+
     def estimate(self, answer: Answer) -> Estimate | None:
         """No error but that of the mesh, which is not estimated; None without an answer."""
         return Estimate.exact(self.functionals) if answer.converged else None

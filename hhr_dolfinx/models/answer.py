@@ -44,7 +44,13 @@ class Fields(Protocol):
 
 
 class ElasticFields:
-    """What all fields of models have in common in which nothing flows and whose conditions are all there."""
+    """What all fields of models have in common in which nothing flows and whose conditions are all there.
+
+    Attributes:
+        unbounded: why nothing is known of errors, where nothing is.
+    """
+
+    unbounded: str = ""
 
     def forces(self, answer: Answer) -> np.ndarray:
         """The multipliers, (N_lambda,), for the caller to change as he likes."""
@@ -225,6 +231,13 @@ class WithOutputs:
     """What all models do alike."""
 
     solve: Callable[..., Answer]
+
+    @property
+    def known_error(self) -> str:
+        """Which errors the answers of this model know, or why they know none, in one line."""
+        from hhr_dolfinx.models.known_error import known_error
+
+        return known_error(getattr(self, "fields", self))
 
     def outputs(self, mu: Any, *, gradient: bool = False, **how: Any) -> Outputs:
         """Outputs of the scene at one parameter; ``how`` are further arguments of :meth:`Model.solve`.

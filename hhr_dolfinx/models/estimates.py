@@ -22,6 +22,8 @@ import numpy as np
 
 NO_OUTPUTS: Mapping[str, float] = {}
 """Of what has no outputs, or no bounds of them."""
+NO_OUTPUTS_SHOWN: Mapping[str, str] = {}
+"""Heads of no outputs."""
 NUMBERS = (
     "primal", "dual", "primal_relative", "dual_relative",
     "forces_euclid", "pressure", "forces_euclid_relative", "pressure_relative",
@@ -79,6 +81,14 @@ class Estimate(NamedTuple):
         items = () if functionals is None else functionals.items
         return cls("bound", 0.0, 0.0, 0.0, 0.0, {item.name: 0.0 for item in items}, 0.0, 0.0, 0.0, 0.0)
 
+    def shown(self, outputs: Mapping[str, str] = NO_OUTPUTS_SHOWN) -> dict[str, float]:
+        """What a table says of the error, by the heads of :func:`columns`; NaN of outputs without a bound."""
+        names = INDICATED if self.kind == "indicator" else tuple(SHOWN)
+        values = [float(getattr(self, SHOWN[name])) for name in names]
+        if self.kind != "indicator":
+            values += [self.outputs.get(name, math.nan) for name in outputs]
+        return dict(zip(columns(self.kind, outputs), values, strict=True))
+
 
 @dataclass(frozen=True)
 class Estimates:
@@ -105,7 +115,10 @@ class Estimates:
 
     def __getitem__(self, k: int) -> Estimate:
         """That of one answer."""
-        return Estimate(self.kind, **{name: float(getattr(self, name)[k]) for name in NUMBERS})
+        own = self.primal, self.dual, self.primal_relative, self.dual_relative
+        further = self.forces_euclid, self.pressure, self.forces_euclid_relative, self.pressure_relative
+        a, b, c, d, e, f, g, h = (float(values[k]) for values in (*own, *further))
+        return Estimate(self.kind, a, b, c, d, NO_OUTPUTS, e, f, g, h)
 
     @property
     def numbers(self) -> np.ndarray:
@@ -146,10 +159,3 @@ def columns(kind: str, outputs: Mapping[str, str]) -> list[str]:
     """
     shown = INDICATED if kind == "indicator" else (*SHOWN, *outputs.values())
     return [f"{kind} of {name}" for name in shown]
-
-
-def cells(estimate: Estimate, outputs: Mapping[str, str]) -> list[float]:
-    """Values of these columns; NaN of outputs without a bound."""
-    shown = INDICATED if estimate.kind == "indicator" else SHOWN
-    values = [float(getattr(estimate, SHOWN[name])) for name in shown]
-    return values if estimate.kind == "indicator" else [*values, *(estimate.outputs.get(o, math.nan) for o in outputs)]

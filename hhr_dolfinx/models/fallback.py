@@ -10,6 +10,7 @@ import numpy as np
 
 from hhr_dolfinx.errors import BoundError, HHRError, OutsideTrainingError, ParameterError, ReductionError
 from hhr_dolfinx.models.answer import Answer, Model, WithOutputs
+from hhr_dolfinx.models.known_error import check_asked, known_error, relative_error
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 
 _log = logging.getLogger(__name__)
@@ -40,9 +41,12 @@ class Growth(NamedTuple):
 class FallbackModel(WithOutputs):
     """Answers by a reduced model, and by the full one where the reduced one may be off by more than is allowed.
 
-    No answer that is handed out is off by more than ``tolerance``, relative to the exact one, in the energy of the
-    displacement and in the S norm of the forces, see :mod:`hhr_dolfinx.models.error_bound`; where answers have no bound
-    but an ``estimate``, by that. With ``rebuild`` it grows:
+    No answer that is handed out is off by more than ``tolerance``, relative to the exact one, by the error ``of``:
+    ``forces``, nodal contact forces in the Euclidean norm; ``pressure``, the largest error of a nodal pressure over the
+    peak pressure; ``displacement``, its energy; or an output, by its name. None takes displacement and forces, both in
+    energy, where forces are in the S norm: nodal forces and pressures are then off by ten times as much and more. See
+    :mod:`hhr_dolfinx.models.estimates`; where answers have no bound but an ``estimate``, by that. With ``rebuild`` it
+    grows:
     after every so many answers of the full model that it had not seen a reduced model is built from all of them, within
     the query that is one too many, and takes the place of the old one. If it cannot be built the old one stays, and the
     next attempt has more to build from. Not for several threads at once.
@@ -50,7 +54,8 @@ class FallbackModel(WithOutputs):
     Args:
         reduced: a model whose answers have a bound.
         full: the full model of the same scene.
-        tolerance: largest relative error of displacement and forces.
+        tolerance: largest relative error.
+        of: which error that is.
         rebuild: builds a reduced model from :attr:`learned`, as ``Training.safe_model`` has one; None keeps the reduced
             model as it is.
         every: new answers of the full model after which it is built again.
@@ -65,15 +70,25 @@ class FallbackModel(WithOutputs):
 
     Raises:
         BoundError: for a reduced model whose answers have no bound.
-        ParameterError: for a tolerance that is no positive number, or ``every`` that is no number of answers.
+        ParameterError: for a tolerance that is no positive number, ``every`` that is no number of answers, or an error
+            that is not known, or of an output without a bound.
         ReductionError: for what is no full model, or that of another scene.
     """
 
     def __init__(
-        self, reduced: Any, full: Model, tolerance: float = 0.01, *, rebuild: Rebuild | None = None, every: int = 20
+        self,
+        reduced: Any,
+        full: Model,
+        tolerance: float = 0.01,
+        *,
+        of: str | None = None,
+        rebuild: Rebuild | None = None,
+        every: int = 20,
     ):
         check_allowance(tolerance, every, "every")
         _check_alike(reduced, full)
+        check_asked(reduced.fields, of)
+        self.of = of
         self.reduced, self.full, self.tolerance = reduced, full, float(tolerance)
         self.parameters: ParameterSpace = reduced.parameters
         self.asked, self.fallen, self.learned = 0, 0, list[Answer]()
@@ -84,6 +99,13 @@ class FallbackModel(WithOutputs):
     def share(self) -> float:
         """Part of the queries that the full model answered."""
         return self.fallen / max(self.asked, 1)
+
+    @property
+    def known_error(self) -> str:
+        """See :attr:`WithOutputs.known_error`."""
+        asked = "displacement or forces, in energy," if self.of is None else self.of
+        known = known_error(self.reduced.fields)
+        return f"{known}. Where {asked} may be off by more than {self.tolerance:g} the full model answers"
 
     def fell_back(self, answer: Answer) -> bool:
         """Whether the full model gave an answer."""
@@ -108,8 +130,8 @@ class FallbackModel(WithOutputs):
         except OutsideTrainingError:
             answer = None
         if answer is not None and (estimate := answer.estimate()) is not None:
-            # of a NaN neither is true
-            if estimate.primal_relative <= self.tolerance and estimate.dual_relative <= self.tolerance:
+            # which is not true of a NaN
+            if relative_error(answer, estimate, self.of) <= self.tolerance:
                 self.asked += 1
                 return answer
         exact = self.full.solve(mu, raise_on_failure=raise_on_failure, gradient=gradient)
@@ -140,6 +162,7 @@ class FallbackModel(WithOutputs):
         try:
             reduced = self._rebuild(tuple(self.learned))
             _check_alike(reduced, self.full)
+            check_asked(reduced.fields, self.of)
             self.reduced = reduced
         except HHRError as error:
             why = str(error)
@@ -170,9 +193,10 @@ def _check_alike(reduced: Any, full: Any) -> None:
         ReductionError: for what is no full model, or that of another scene.
     """
     if getattr(getattr(reduced, "fields", None), "bound", None) is None:
-        held = getattr(getattr(full, "problem", None), "rigid", None) is not None
-        why = ", since contact alone holds bodies" if held else ""
-        raise BoundError(f"answers of this reduced model have no bound{why}, and nothing says when to ask the full one")
+        why = known_error(getattr(reduced, "fields", None)).removeprefix("none: ")
+        raise BoundError(
+            f"answers of this reduced model have no bound, so that nothing says when to ask the full one: {why}"
+        )
     if not (hasattr(full, "problem") and hasattr(full, "schur")):
         raise ReductionError(f"{full!r} is no full model, whose answers are exact: give FullOrderModel(scene)")
     one, other = reduced.parameters, full.parameters

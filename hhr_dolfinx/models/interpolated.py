@@ -282,6 +282,7 @@ class InterpolatedFields(ElasticFields):
         stress_of: stress of a displacement at a parameter; None where there is no mesh.
         functionals: outputs of the scene; None where it has none.
         bound: bounds the error of an answer; None where its hypotheses fail.
+        unbounded: why there is none.
     """
 
     amplitudes: Amplitudes
@@ -292,11 +293,12 @@ class InterpolatedFields(ElasticFields):
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     functionals: Functionals | ReshapedFunctionals | None = None
     bound: VaryingBound | None = None
+    unbounded: str = ""
 
     def __reduce__(self) -> tuple:
         """Copy and pickle by the arrays: a mesh belongs to one process."""
         given = self.amplitudes, self.basis, self.lifts, self.galerkin, self.dimension
-        return InterpolatedFields, (*given, None, self.functionals, self.bound)
+        return InterpolatedFields, (*given, None, self.functionals, self.bound, self.unbounded)
 
     def estimate(self, answer: Answer) -> Estimate | None:
         """The bound; None without one, or without an answer."""

@@ -144,6 +144,7 @@ class Reconstruction:
         reshaped_contact: gaps and B V beside each other where they change with the shape of the bodies; else None.
         functionals: outputs of the scene; None where it has none.
         output_bound: bounds the errors of outputs, beside ``bound``; None without either.
+        unbounded: why there is no bound, where there is none.
     """
 
     amplitudes: Amplitudes
@@ -162,6 +163,7 @@ class Reconstruction:
     functionals: Functionals | ReshapedFunctionals | None = None
     reshaped_contact: Interpolant | None = None
     output_bound: OutputBound | None = None
+    unbounded: str = ""
 
     def contact_at(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gaps, (N_lambda, 1 + T), and B V, (N_lambda, ell), at a point."""

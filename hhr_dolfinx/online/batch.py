@@ -18,6 +18,7 @@ from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import HHRError, ParameterError
 from hhr_dolfinx.files import replacing
 from hhr_dolfinx.models.choice import LEAF
+from hhr_dolfinx.models.estimates import Estimate, columns
 from hhr_dolfinx.models.fallback import FallbackModel
 from hhr_dolfinx.models.local import LocalModels
 from hhr_dolfinx.models.reduced import ReducedModel
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Comm
     from rich.console import Console
 
-    from hhr_dolfinx.models.estimates import Estimate
 
 Progress = Callable[[Iterable], Iterable]
 """Wraps an iteration, for a progress bar."""
@@ -53,9 +53,9 @@ class Answers(NamedTuple):
         largest_displacement: of any node, (S,).
         forces: nodal contact forces on the whole surface, (S, N_lambda).
         outputs: those of the scene by the head of their column, ``name [unit]``, (S,) each.
-        estimates: what is known of the errors, by the head of their column, (S,) each: ``displacement`` and ``forces``
-            relative to the exact ones, ``bound of``, ``estimate of`` or ``indicator of`` before them, and bounds of
-            outputs in their units; NaN where nothing is. None of a model that estimates nothing.
+        estimates: what is known of the errors, by the head of their column, (S,) each, see
+            :func:`~hhr_dolfinx.models.estimates.columns`: relative to the exact ones, but for bounds of outputs, which
+            are in their units; NaN where nothing is known. None of a model that estimates nothing.
         fell_back: whether the full model answered, (S,) bool; None of a model that cannot fall back.
         model: number of the local model that answered, (S,) int; -1 where none of them did. None of a single model.
     """
@@ -246,13 +246,13 @@ def write_answers(
 
 def _columns_of(answers: Answers) -> dict[str, np.ndarray]:
     """Numbers of all rows by the heads of their columns, in their order."""
-    columns = {"largest_displacement": answers.largest_displacement, "total_force": answers.forces.sum(axis=1)}
-    columns |= {**answers.outputs, **answers.estimates}
+    found = {"largest_displacement": answers.largest_displacement, "total_force": answers.forces.sum(axis=1)}
+    found |= {**answers.outputs, **answers.estimates}
     if answers.fell_back is not None:
-        columns["fell_back"] = answers.fell_back.astype(float)
+        found["fell_back"] = answers.fell_back.astype(float)
     if answers.model is not None:
-        columns["model"] = np.where(answers.model == LEAF, np.nan, answers.model)
-    return columns | {f"force_{k}": force for k, force in enumerate(answers.forces.T)}
+        found["model"] = np.where(answers.model == LEAF, np.nan, answers.model)
+    return found | {f"force_{k}": force for k, force in enumerate(answers.forces.T)}
 
 
 def _text(value: float) -> str:
@@ -334,20 +334,16 @@ def _estimate_heads(model: Answering) -> list[str]:
     # fields of models that keep all contact conditions, or of a rival, know of no estimates
     bound, of_outputs, indicator = (getattr(fields, name, None) for name in ("bound", "output_bound", "indicator"))
     if bound is not None:
-        return [
-            f"{bound.kind} of {name}" for name in ("displacement", "forces", *(_heads_of(model) if of_outputs else []))
-        ]
-    return [] if indicator is None else ["indicator of displacement", "indicator of forces"]
+        return columns(bound.kind, _outputs_of(model) if of_outputs else {})
+    return [] if indicator is None else columns("indicator", {})
 
 
 def _estimates(model: Answering, estimate: Estimate | None, count: int) -> list[float]:
     """Values of the columns of estimates; NaN of outputs without a bound."""
     if estimate is None:
         return [np.nan] * count
-    values = [estimate.primal_relative, estimate.dual_relative]
-    if count > len(values):
-        values += [estimate.outputs.get(name, np.nan) for name in _outputs_of(model)]
-    return values
+    # answers of the full model are exact, whatever the reduced one knows
+    return list(estimate.shown(_outputs_of(model)).values())[:count]
 
 
 def _forces_of(model: Answering) -> int:

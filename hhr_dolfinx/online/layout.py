@@ -59,6 +59,7 @@ LAYOUT = {
     "output_bound.steepness": ("float", "outputs", "norms"),
     "output_bound.free": ("float", "output rows", "terms"),
     "output_bound.pressed": ("float", "output rows", "N_lambda"),
+    "output_bound.least": ("float", "outputs"),
     "amplitudes.constant": ("float", "affine terms"),
     "amplitudes.slopes": ("float", "affine terms", "P"),
     "known.points": ("float", "S", "P"),
@@ -200,7 +201,9 @@ MAY_BE_NONE |= {f"entries of {name}" for name in PACKED}
 
 
 class Content(NamedTuple):
-    """What a file holds, checked: the box, arrays of the table, sizes by name, values that are a kind and numbers."""
+    """What a file holds, checked: the box, arrays of the table, sizes by name, values that are a kind and numbers, and
+    why there is no bound where there is none.
+    """
 
     space: ParameterSpace
     dimension: int
@@ -209,3 +212,4 @@ class Content(NamedTuple):
     amplitudes: list[Any]
     laws: list[Any]
     outputs: list[Any]
+    unbounded: str

@@ -18,6 +18,7 @@ from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError, ReductionError, StabilityWarning
 from hhr_dolfinx.models.block_elimination import BlockReduction
 from hhr_dolfinx.models.interpolated import Compliances, InterpolatedFields
+from hhr_dolfinx.models.known_error import NOT_ASKED, known_error
 from hhr_dolfinx.models.reshaped import ReshapedReduction
 from hhr_dolfinx.models.starts import LinearStarts
 from hhr_dolfinx.models.varying import VaryingModel
@@ -106,8 +107,8 @@ def condense(
     with log.stage("fields"):
         seen = [] if problem.reshaped is None else _fields_seen(compliances, solvers, known)
         fields = _fields(full, np.column_stack([snapshots.displacements, *seen]), settings)
-    if bound:
-        fields = _bounded(full, fields, snapshots.forces, log)
+    fields = _bounded(full, fields, snapshots.forces, log) if bound else replace(fields, unbounded=NOT_ASKED)
+    log.say(known_error(fields))
     model = VaryingModel(full.parameters, compliances, known, fields, problem.contact_pairs)
     comparison = None
     if held_out is not None:
@@ -148,7 +149,7 @@ def _bounded(full: Any, fields: InterpolatedFields, forces: np.ndarray, log: Sta
             return replace(fields, bound=varying_bound(full, fields.basis, forces))
     except BoundError as error:
         log.skip("bound", str(error))
-        return fields
+        return replace(fields, unbounded=str(error))
 
 
 def _of_energy(basis: np.ndarray, problem: ContactProblem) -> np.ndarray:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhr_dolfinx.models.fallback import FallbackModel, check_allowance
+from hhr_dolfinx.models.known_error import check_word
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import timed
@@ -22,17 +23,25 @@ ALLOWED = 0.01
 
 
 def safe_model(
-    training: Training, tolerance: float, grow: int | None, recipe: Recipe | None, *, checked: bool
+    training: Training,
+    tolerance: float,
+    grow: int | None,
+    recipe: Recipe | None,
+    *,
+    of: str | None = None,
+    checked: bool,
 ) -> FallbackModel:
     """See :meth:`hhr_dolfinx.study.training.Training.safe_model`."""
 
     # before a model is built, which takes long
     check_allowance(tolerance, 1 if grow is None else grow, "grow")
+    functionals = training.full_order.functionals
+    check_word([] if functionals is None else [item.name for item in functionals.items], of)
 
     def built(snapshots: SnapshotSet) -> ReducedModel:
         return replace(training, snapshots=snapshots).build(recipe, checked=checked)
 
-    model = partial(FallbackModel, built(training.snapshots), training.full_order, tolerance)
+    model = partial(FallbackModel, built(training.snapshots), training.full_order, tolerance, of=of)
     if grow is None:
         return model()
     return model(rebuild=lambda learned: built(training.snapshots.joined(SnapshotSet.of_answers(learned))), every=grow)
