@@ -90,7 +90,8 @@ def test_training_says_each_thing_once(trained):
     folder, found = trained
     lines = found.stdout.splitlines()
     assert lines[:2] == ["snapshots: 12 to do", "held out: 100 to do"]
-    assert "3128 dofs and 86 contacts -> " in lines[2] and lines[3:] == [f"model: {folder / 'model.npz'}"]
+    assert "3128 dofs and 86 contacts -> " in lines[2] and lines[4:] == [f"model: {folder / 'model.npz'}"]
+    assert lines[3].startswith("errors of its answers: bound, proved: the displacement in energy; nodal contact forces")
     # twelve points are few, which is said
     warned = [line for line in found.stderr.splitlines() if line]
     assert warned and all(line.startswith("warning: ") for line in warned) and len(set(warned)) == len(warned)

@@ -13,7 +13,7 @@ import numpy as np
 
 from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.certify.compare import Comparison, compare_points
-from hhr_dolfinx.certify.trust import TrustLimits, check_comparison
+from hhr_dolfinx.certify.trust import OF_CONDENSATION, TrustLimits, check_comparison
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError, ReductionError, StabilityWarning
 from hhr_dolfinx.models.block_elimination import BlockReduction
@@ -114,7 +114,7 @@ def condense(
     if held_out is not None:
         with log.stage("validation"):
             comparison = compare_points(full, model, held_out, force_floor(problem, snapshots))
-            check_comparison(comparison, TrustLimits())
+            check_comparison(comparison, TrustLimits(), OF_CONDENSATION)
     numbers = [grid.evaluations for grid in grids], [grid.surplus for grid in grids]
     model.offline = CondensedRecord(settings, *numbers, comparison, log)
     return model
