@@ -136,7 +136,8 @@ def test_scene_and_model_answer_alike(trained, full, model):
     words = ["--at", "lowered = 0.1", "--at", "travel=5e-1,"]
     code, output = invoke("solve", trained[0] / "model.npz", *words)
     found = told(output)
-    assert code == 0 and found.pop("bound of displacement") < 0.01 and found.pop("bound of forces") < 0.01
+    bounds = [f"bound of {name}" for name in ("displacement", "forces", "pressure", "forces in energy")]
+    assert code == 0 and max(found.pop(name) for name in bounds) < 0.05
     assert found == pytest.approx(exact, rel=1e-4)
 
 

@@ -415,8 +415,8 @@ def test_answers_without_a_table_are_written_as_numbers(small_reduction, tmp_pat
     assert hhr.write_answers(tmp_path / "answers.csv", space, answers) == 1
     with open(tmp_path / "answers.csv", newline="") as file:
         header, one, two = csv.reader(file)
-    bounds = ["bound of displacement", "bound of forces"]
-    assert header[:8] == ["P1", "h1", "status", "largest_displacement", "total_force", *bounds, "force_0"]
+    bounds = [f"bound of {name}" for name in ("displacement", "forces", "pressure", "forces in energy")]
+    assert header[:10] == ["P1", "h1", "status", "largest_displacement", "total_force", *bounds, "force_0"]
     assert one[:3] == ["170.0", "3.2", "ok"] and two[0] == "nan" and not any(two[3:])
     assert float(one[4]) == pytest.approx(answers.forces[0].sum(), rel=1e-11)  # 12 digits are written
 
