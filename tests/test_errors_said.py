@@ -107,6 +107,18 @@ def test_estimates_of_parts_are_put_in_order():
     assert single.kind == "indicator" and single[1] == Estimate.indicated(0.5) and np.isinf(single.pressure[1])
 
 
+def test_local_models_measure_by_the_same_sizes(pellet, reduced):
+    """Each is trained on a part, and the largest forces of all parts count."""
+    local, points = pellet.local(hhr.Clusters(2), checked=False), pellet.full_order.parameters.random(30, 6)
+    for model in local.models:
+        assert model.fields.bound.least == pytest.approx(reduced.fields.bound.least, rel=1e-12)
+    said, full = local.solve_many(points, outside="ignore").estimates(), pellet.full_order
+    off = [local.solve(point, outside="ignore").forces() - full.solve(point).forces() for point in points]
+    assert (np.linalg.norm(off, axis=1) <= said.forces_euclid).all()
+    assert (np.abs(off / full.problem.contact_areas).max(axis=1) <= said.pressure).all()
+    assert local.known_error == reduced.known_error
+
+
 def test_files_and_copies_say_the_same(reduced, condensed, tmp_path):
     for name, model in (("reduced", reduced), ("condensed", condensed)):
         hhr.save_model(tmp_path / f"{name}.npz", model)
