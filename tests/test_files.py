@@ -330,7 +330,7 @@ def test_every_answer_has_all_columns_and_a_bad_one_names_its_column(table, smal
     with open(tmp_path / "answers.csv", newline="") as file:
         header, *rows = csv.reader(file)
     assert bad == 5 and len(rows) == 7
-    assert {len(row) for row in rows} == {len(header)} == {7 + len(small_reduction.fields.gaps)}
+    assert {len(row) for row in rows} == {len(header)} == {9 + len(small_reduction.fields.gaps)}
     assert [row[2] == "ok" for row in rows] == [True, False, False, False, False, True, False]
     assert all(not any(row[3:]) for row in rows if row[2] != "ok")
     assert rows[2][2] == "h1 = 'nine' is no number" and rows[4][2] == "h1 is empty"

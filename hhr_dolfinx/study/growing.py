@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hhr_dolfinx.models.estimates import SHOWN
 from hhr_dolfinx.models.fallback import FallbackModel, check_allowance
-from hhr_dolfinx.models.known_error import check_word
+from hhr_dolfinx.models.known_error import ASKED, check_word
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import timed
@@ -54,11 +55,21 @@ def fallback_report(model: ReducedModel, full: Any, points: np.ndarray, alone: f
 
     Returns:
         The ``fallback`` part of a report: ``kind`` of what is known of errors; ``tolerance``, the relative error
-        allowed; ``share`` of the queries that the full model answered; mean seconds of a ``query`` with all forces and
-        their bound, and of the ``full`` model alone.
+        allowed; ``share`` of the queries that the full model answered, and ``shares`` by the one error that is asked
+        for; mean seconds of a ``query`` with all forces and their bound, and of the ``full`` model alone.
     """
     safe = FallbackModel(model, full, ALLOWED)
     count = len(points)
     spent = timed(lambda: safe.solve_many(points, raise_on_failure=False))[1]
     kind = model.fields.bound.kind if model.fields.bound is not None else ""
-    return {"kind": kind, "tolerance": ALLOWED, "share": safe.share, "query": spent / count, "full": alone}
+    own = {"share": safe.share, "shares": _shares(model, points), "query": spent / count, "full": alone}
+    return {"kind": kind, "tolerance": ALLOWED, **own}
+
+
+def _shares(model: ReducedModel, points: np.ndarray) -> dict[str, float]:
+    """Part of some points, (n, P), at which an error may be larger than is allowed, by its name."""
+    found = model.solve_many(points, raise_on_failure=False, outside="ignore").estimates()
+    if found is None:
+        return {}
+    # a NaN is of a point without an answer
+    return {name: float(np.mean(~(getattr(found, SHOWN[name]) <= ALLOWED))) for name in ASKED}
