@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhr_dolfinx.models.estimates import SHOWN
+from hhr_dolfinx.models.estimates import SHOWN, Estimates
 from hhr_dolfinx.models.fallback import FallbackModel, check_allowance
 from hhr_dolfinx.models.known_error import ASKED, check_word
 from hhr_dolfinx.models.reduced import ReducedModel
@@ -68,7 +68,8 @@ def fallback_report(model: ReducedModel, full: Any, points: np.ndarray, alone: f
 
 def _shares(model: ReducedModel, points: np.ndarray) -> dict[str, float]:
     """Part of some points, (n, P), at which an error may be larger than is allowed, by its name."""
-    found = model.solve_many(points, raise_on_failure=False, outside="ignore").estimates()
+    answers = [model.solve(point, raise_on_failure=False, outside="ignore") for point in points]
+    found = Estimates.of([answer.estimate() for answer in answers])
     if found is None:
         return {}
     # a NaN is of a point without an answer
