@@ -115,8 +115,8 @@ class VaryingBound:
             lower = cholesky(found.schur, lower=True)
         except LinAlgError:
             raise ConvergenceError(
-                f"S, interpolated between parameters, is not definite at {points[0].tolist()}: build the model without a "
-                "bound, Recipe(bound=False), or condense(..., bound=False)"
+                f"S, interpolated between parameters, is not definite at {points[0].tolist()}: build the model without "
+                "a bound, Recipe(bound=False), or condense(..., bound=False)"
             ) from None
         return VaryingThere(self, found, ContactResponse(found.schur, lower))
 
