@@ -83,9 +83,12 @@ class ContactResponse:
         """Copy and pickle by the arrays: factors and locks belong to one process."""
         return ContactResponse, (self.schur, self.lower)
 
-    def outside(self, inside: np.ndarray) -> Outside:
-        """What conditions do to each other where the forces of some, ``inside``, are given."""
-        outside = np.setdiff1d(np.arange(len(self.schur)), inside, assume_unique=True)
+    def outside(self, inside: np.ndarray, outside: np.ndarray | None = None) -> Outside:
+        """What conditions do to each other where the forces of some, ``inside``, are given; the others if known."""
+        if outside is None:
+            outside = np.setdiff1d(np.arange(len(self.schur)), inside, assume_unique=True)
+        if not outside.size:
+            return Outside(inside, outside, self.equalities, np.zeros((inside.size, 0)))
         equalities = SchurEqualities.symmetric(np.ascontiguousarray(self.schur[np.ix_(outside, outside)]))
         return Outside(inside, outside, equalities, np.ascontiguousarray(self.schur[np.ix_(inside, outside)]))
 

@@ -104,9 +104,9 @@ class VaryingBound:
         """S in the middle of the box."""
         return self.compliances(self.middle).schur
 
-    def prepared(self, inside: np.ndarray) -> np.ndarray:
-        """See :class:`Bound`: S is not known yet."""
-        return inside
+    def prepared(self, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See :class:`Bound`: S is not known yet, but which conditions are inside and outside."""
+        return inside, np.setdiff1d(np.arange(self.areas.size), inside, assume_unique=True)
 
     def at(self, points: np.ndarray, theta: Any) -> VaryingThere:
         """See :class:`Bound`; for one answer."""
@@ -178,16 +178,16 @@ class VaryingThere(NamedTuple):
         """See :class:`BoundThere`."""
         return self.found.free_slack + forces @ self.found.schur
 
-    def completed(self, own: np.ndarray, outside: np.ndarray) -> np.ndarray:
+    def completed(self, own: np.ndarray, outside: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """See :class:`BoundThere`."""
-        return self.response.outside(outside).completed(own, self.found.free_slack[None])
+        return self.response.outside(*outside).completed(own, self.found.free_slack[None])
 
     def force_changes(
-        self, forces: np.ndarray, outside: np.ndarray, gradient: Gradient, changes: np.ndarray
+        self, forces: np.ndarray, outside: tuple[np.ndarray, np.ndarray], gradient: Gradient, changes: np.ndarray
     ) -> np.ndarray:
         """See :class:`BoundThere`."""
         fixed, _ = self.found.at_fixed_forces(forces, np.zeros(0))
-        return self.response.outside(outside).changes(forces, gradient.multipliers, fixed)
+        return self.response.outside(*outside).changes(forces, gradient.multipliers, fixed)
 
     def of(self, unknown: np.ndarray, forces: np.ndarray, slack: Callable[[], np.ndarray]) -> Estimates:
         """See :class:`BoundThere`."""
