@@ -52,6 +52,10 @@ class StageLog:
             self.times[name] = self.times.get(name, 0.0) + seconds
             logger.info("%s ends after %.3g s", name, seconds)
 
+    def say(self, what: str) -> None:
+        """Tell the logger what was made."""
+        logger.info("%s", what)
+
     def skip(self, stage: str, why: str) -> None:
         """Record a stage that this scene does not need."""
         self.skipped.append({"stage": stage, "why": why})

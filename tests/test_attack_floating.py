@@ -194,7 +194,7 @@ def test_small_models_of_a_stack(how, tmp_path):
         hhr.save_model(tmp_path / f"{number}.npz", model)
         models.append(hhr.load_model(tmp_path / f"{number}.npz"))
     assert all(model.solve((0.5, 0.5)).estimate() is None for model in models)
-    with pytest.raises(BoundError, match="no bound, since contact alone holds bodies"):
+    with pytest.raises(BoundError, match=r"have no bound.*: contact alone holds bodies"):
         training.safe_model(tolerance=0.01)
     models.append(exact_condensation(full, training.snapshots.known_statuses()))
     for point in full.parameters.random(6, seed=5):

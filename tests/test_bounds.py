@@ -95,7 +95,7 @@ def test_pairs_of_blocks_in_all_hypotheses():
 
 
 def test_the_full_model_is_exact(hertz, hertz_reduction):
-    assert hertz.solve(0.3).estimate() == ("bound", 0.0, 0.0, 0.0, 0.0, {})
+    assert hertz.solve(0.3).estimate() == ("bound", 0.0, 0.0, 0.0, 0.0, {}, 0.0, 0.0, 0.0, 0.0)
     first = hertz_reduction.solve(0.3).estimate()
     assert first.kind == "bound" and 0 < first.dual_relative < 0.2
 

@@ -91,7 +91,8 @@ def test_training_says_each_thing_once(trained):
     folder, found = trained
     lines = found.stdout.splitlines()
     assert lines[:2] == ["snapshots: 12 to do", "held out: 100 to do"]
-    assert "3128 dofs and 86 contacts -> " in lines[2] and lines[3:] == [f"model: {folder / 'model.npz'}"]
+    assert "3128 dofs and 86 contacts -> " in lines[2] and lines[4:] == [f"model: {folder / 'model.npz'}"]
+    assert lines[3].startswith("errors of its answers: bound, proved: the displacement in energy; nodal contact forces")
     # twelve points are few, which is said
     warned = [line for line in found.stderr.splitlines() if line]
     assert warned and all(line.startswith("warning: ") for line in warned) and len(set(warned)) == len(warned)
@@ -140,7 +141,8 @@ def test_scene_and_model_answer_alike(trained, full, model):
     words = ["--at", "lowered = 0.1", "--at", "travel=5e-1,"]
     code, output = invoke("solve", trained[0] / "model.npz", *words)
     found = told(output)
-    assert code == 0 and found.pop("bound of displacement") < 0.01 and found.pop("bound of forces") < 0.01
+    bounds = [f"bound of {name}" for name in ("displacement", "forces", "pressure", "forces in energy")]
+    assert code == 0 and max(found.pop(name) for name in bounds) < 0.05
     # a file says neither units nor which force belongs to which contact
     exact["largest displacement"] = exact.pop("largest displacement [mm]")
     exact["sum of the forces of all contacts"] = sum(sums)

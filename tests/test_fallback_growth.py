@@ -128,9 +128,12 @@ def test_batches_report_how_many_fell_back(pellet, tmp_path, capsys):
     )
     table = np.vstack([points, [1e9, 1.0]])
     answers = hhr.answer_points(model, table)
-    assert list(answers.estimates) == [f"bound of {name}" for name in ("displacement", "forces", "peak [MPa]", "area")]
+    names = ("displacement", "forces", "pressure", "forces in energy", "peak [MPa]", "area")
+    assert list(answers.estimates) == [f"bound of {name}" for name in names]
     assert 0 < answers.fell_back.sum() == model.fallen < 8 and not answers.fell_back[8]
-    errors = np.max([answers.estimates[f"bound of {name}"][:8] for name in ("displacement", "forces")], axis=0)
+    errors = np.max(
+        [answers.estimates[f"bound of {name}"][:8] for name in ("displacement", "forces in energy")], axis=0
+    )
     assert (errors <= 0.05).all() and (errors[answers.fell_back[:8]] == 0).all()
     reduced = ~answers.fell_back[:8]
     assert (answers.estimates["bound of peak [MPa]"][:8][reduced] > 0).all()

@@ -8,9 +8,9 @@ from scenes import pressed_block
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.contact.together import KeptFactors
 from hhr_dolfinx.errors import OutsideTrainingError, OutsideTrainingWarning, ParameterError
 from hhr_dolfinx.linear.dense import LapackLU
-from hhr_dolfinx.models.many import KeptFactors
 
 
 @pytest.fixture(scope="module", params=["discs", "pellet"])

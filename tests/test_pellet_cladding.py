@@ -233,14 +233,14 @@ def test_batch_answers_good_rows_and_names_bad_ones(small, small_reduction, tmp_
     said = console.file.getvalue()
     assert "4 bad rows" in said and "line 5 (500, 3.2): P1 = 500 is outside" in said
     header, *answers = csv.reader((tmp_path / "answers.csv").read_text().splitlines())
-    bounds = ["bound of displacement", "bound of forces"]
-    assert header[:7] == ["P1", "h1", "status", "total_force", *bounds, "force_0"]
+    bounds = [f"bound of {name}" for name in ("displacement", "forces", "pressure", "forces in energy")]
+    assert header[:9] == ["P1", "h1", "status", "total_force", *bounds, "force_0"]
     assert len(answers) == 6
     status = [row[2] for row in answers]
     assert [text == "ok" for text in status] == [True, False, False, False, False, True]
     assert "P1 = 500 is outside [5, 200]" in status[3] and "nine" in status[2]
     forces = small_reduction.solve((170.0, 3.2)).forces()
-    assert [float(value) for value in answers[0][6:]] == pytest.approx(forces, rel=1e-11)
+    assert [float(value) for value in answers[0][8:]] == pytest.approx(forces, rel=1e-11)
 
 
 def test_batch_without_a_column_or_file(small, tmp_path):

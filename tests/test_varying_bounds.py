@@ -106,6 +106,22 @@ def test_shapes_have_estimates(shaped):
     assert check(full, model, full.parameters.random(20, 4), 1.2) == {"estimate"}
 
 
+def test_pressures_of_shapes_are_over_their_own_areas(shaped):
+    """Areas are interpolated too: those of the middle are off by a sixth."""
+    training, model = shaped
+    full, areas = training.full_order, model.fields.bound.reshaped_areas
+    for point in full.parameters.random(15, 2):
+        exact, answer, own = (
+            full.solve(point),
+            model.solve(point, outside="ignore"),
+            full.problem.at(point).contact_areas,
+        )
+        assert areas.value(point) == pytest.approx(own, rel=1e-6)
+        off = answer.forces() - exact.forces()
+        assert np.linalg.norm(off) <= answer.estimate().forces_euclid
+        assert np.abs(off / own).max() <= answer.estimate().pressure
+
+
 def test_what_is_proved_of_the_interpolation_holds():
     """Δ of all that condensation interpolates lies between -ε and ε times it, in the order of energies."""
     training, model, _ = trained("lower")

@@ -29,6 +29,24 @@ def force_floor(problem: ContactProblem, training: SnapshotSet) -> float:
     return floor if training.histories else max(floor, round_off_force(problem, training))
 
 
+def least_sizes(full: Any, forces: np.ndarray | None) -> np.ndarray:
+    """S norm, Euclidean norm and peak pressure of forces below which relative errors of them mean nothing, (3,).
+
+    A thousandth of the largest of training forces, (N_lambda, S); nothing without any. S is that of the middle of the
+    box.
+    """
+    if forces is None:
+        return np.zeros(3)
+    pressures = forces / np.where(full.problem.contact_areas > 0, full.problem.contact_areas, np.inf)[:, None]
+    squares = np.einsum("ms,ms->s", forces, full.schur @ forces)
+    largest = (
+        np.sqrt(squares.max(initial=0.0)),
+        np.linalg.norm(forces, axis=0).max(initial=0.0),
+        pressures.max(initial=0.0),
+    )
+    return FORCE_FLOOR * np.array(largest)
+
+
 def round_off_force(problem: ContactProblem, solutions: SnapshotSet) -> float:
     """Force norm that is round-off beside the internal forces K U of some solutions.
 

@@ -9,6 +9,7 @@ from scipy import linalg
 from scipy.linalg import solve_triangular
 from scipy.sparse import csr_matrix
 
+from hhr_dolfinx.certify.accuracy import least_sizes
 from hhr_dolfinx.errors import BoundError
 from hhr_dolfinx.models.error_bound import ErrorBound
 
@@ -20,8 +21,10 @@ SYMMETRIC = 1e-10
 """Largest entry of K - K^T over the largest of K."""
 
 
-def error_bound(full: Any, basis: np.ndarray) -> ErrorBound:
+def error_bound(full: Any, basis: np.ndarray, forces: np.ndarray | None = None) -> ErrorBound:
     """Bounds for answers with a basis, (N, ell), of a full model on one rank whose stiffness is constant.
+
+    Of forces of training, (N_lambda, S), a thousandth is what relative errors are taken over at least.
 
     Raises:
         BoundError: with the hypothesis that fails.
@@ -40,6 +43,8 @@ def error_bound(full: Any, basis: np.ndarray) -> ErrorBound:
         free_slack=np.asfortranarray(problem.gaps - problem.contact @ loads),
         schur=schur,
         lower=np.asfortranarray(lower),
+        areas=problem.contact_areas,
+        least=least_sizes(full, forces),
         **_coordinates(problem, full.per_force, lower, basis, loads),
     )
 
@@ -57,7 +62,8 @@ def check_hypotheses(full: Any) -> None:
         raise BoundError("ranks share the factors of K, and the bounds need whole columns: build on MPI.COMM_SELF")
     if problem.pins is not None:
         raise BoundError(
-            "contact alone holds bodies: K, whose inverse is in the bounds, is singular along their motions"
+            "contact alone holds bodies, and K, whose inverse is in the bounds, is singular along their motions: "
+            + problem.loose
         )
     skew, size = abs(problem.stiffness - problem.stiffness.T).max(), abs(problem.stiffness).max()
     if skew > SYMMETRIC * size:

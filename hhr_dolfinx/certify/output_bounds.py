@@ -8,14 +8,23 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.sparse import csr_matrix, vstack
 
+from hhr_dolfinx.certify.accuracy import FORCE_FLOOR
 from hhr_dolfinx.certify.bounds import ROUND_OFF, energies, energy_directions
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.error_bound import ErrorBound
 from hhr_dolfinx.models.functionals import Functional
 from hhr_dolfinx.models.output_bound import UNKNOWN, OutputBound, is_read_nearer
 
+MOST_READ = 50
+"""Training answers of which outputs are read."""
 
-def output_bound(full: Any, bound: ErrorBound, basis: np.ndarray) -> OutputBound:
-    """Bounds of the outputs of answers with a basis, (N, ell), of a full model with outputs that has a bound."""
+
+def output_bound(full: Any, bound: ErrorBound, basis: np.ndarray, training: Any = None) -> OutputBound:
+    """Bounds of the outputs of answers with a basis, (N, ell), of a full model with outputs that has a bound.
+
+    ``training`` are snapshots, whose outputs say what is large.
+    """
     problem, items = full.problem, full.functionals.items
     size, m = problem.free.size, len(bound.lower)
     per_condition = solve_triangular(bound.lower, np.eye(m), lower=True).T
@@ -37,7 +46,19 @@ def output_bound(full: Any, bound: ErrorBound, basis: np.ndarray) -> OutputBound
             lengths = energies(problem.stiffness, columns)
             directions = energy_directions(problem.stiffness, columns, ROUND_OFF * lengths)[0]
         steepness[number] = _along_both(item, item.matrix(size), directions, per_condition)
-    return OutputBound(steepness, np.asfortranarray(free), np.asfortranarray(pressed))
+    return OutputBound(steepness, np.asfortranarray(free), np.asfortranarray(pressed), _least(full, training))
+
+
+def _least(full: Any, training: Any) -> np.ndarray:
+    """A thousandth of the largest absolute value of each output in some training answers; zero without any, (n,)."""
+    if training is None:
+        return np.zeros(len(full.functionals.items))
+    answers = []
+    for k in np.unique(np.linspace(0, len(training.points) - 1, MOST_READ).astype(int)):
+        forces = training.forces[:, k]
+        how = forces, forces > 0, 0, Status.CONVERGED, False, full
+        answers.append(Answer(training.points[k], training.displacements[:, k], *how).outputs().values)
+    return FORCE_FLOOR * np.abs([list(values.values()) for values in answers]).max(axis=0)
 
 
 def _along_both(

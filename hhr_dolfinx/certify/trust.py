@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from numbers import Real
 from typing import TYPE_CHECKING, Any
@@ -219,12 +219,18 @@ def check_stability(stability: Stability, limits: TrustLimits) -> None:
 
 
 OF_A_RID = "add RID layers, train on more points, or change the POD tolerance"
+OF_CONDENSATION = {
+    "displacement": "it is a combination of training answers, of which forces need none: train on more points",
+    "contact force": "S is interpolated: take GridSettings with a smaller tolerance or a larger budget",
+}
+"""What helps models that keep all contact conditions, and have no RID, by the error."""
 
 
-def check_comparison(comparison: Comparison, limits: TrustLimits, remedy: str = OF_A_RID) -> None:
+def check_comparison(comparison: Comparison, limits: TrustLimits, remedy: str | Mapping[str, str] = OF_A_RID) -> None:
     """Raise UnstableModelError if the 95th percentile of an error is beyond its limit, and warn if it is doubtful.
 
-    The worst point is named, and warned of if its force error is beyond a limit of its own.
+    The worst point is named, and warned of if its force error is beyond a limit of its own. The remedy fits the kind of
+    model, and the error where there is one for each.
     """
     for name, values, refuse, warn, warn_worst in (
         ("displacement", comparison.primal, limits.refuse_primal, limits.warn_primal, math.inf),
@@ -235,7 +241,8 @@ def check_comparison(comparison: Comparison, limits: TrustLimits, remedy: str = 
         reached = "there is no one answer" if math.isinf(values[worst]) else f"it is {values[worst]:.0%}"
         message = (
             f"the {name} error, on the whole mesh, is {_share(high)} at 95 % of {values.size} solutions compared; "
-            f"the worst is at {comparison.labels[worst]}, where {reached}: {remedy}"
+            f"the worst is at {comparison.labels[worst]}, where {reached}: "
+            + (remedy if isinstance(remedy, str) else remedy[name])
         )
         if high > refuse:
             raise UnstableModelError(message)

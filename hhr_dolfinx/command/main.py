@@ -121,6 +121,7 @@ def train(scene: str, out: Path | None, kind: str, **how: Any) -> None:
     save_model(target, model)
     problem = training.full_order.problem
     console.print(f"{made.name}: {problem.free.size} dofs and {len(problem.gaps)} contacts -> {_described(model)}")
+    console.print(f"errors of its answers: {model.known_error}", highlight=False, markup=False)
     console.print(f"model: {target}")
 
 
@@ -213,8 +214,7 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
         rows |= {heads[name]: value for name, value in outputs.values.items()}
     estimate = answer.estimate() if is_model(what) else None
     if estimate is not None:
-        rows |= {f"{estimate.kind} of displacement": estimate.primal_relative,
-                 f"{estimate.kind} of forces": estimate.dual_relative}  # fmt: skip
+        rows |= estimate.shown()
     if first_rank():
         for name, value in rows.items():
             click.echo(f"{name}: {value:.6g}")
@@ -252,6 +252,7 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
         return
     middle = tuple((low + high) / 2 for low, high in zip(made.parameters.lower, made.parameters.upper, strict=True))
     found.write(folder, console, beside(scene, "VIEW") or View(points=(middle,)))
+    console.print(f"errors of its answers: {found.model.known_error}", highlight=False, markup=False)
 
 
 @hhr.command(
@@ -277,6 +278,7 @@ def answer(model: Path, table: Path, out: Path | None, displacement: bool) -> No
     console, progress = spoken()
     loaded: Any = load_model(model)
     rows = read_points(table, loaded.parameters)
+    console.print(f"errors of its answers: {loaded.known_error}", highlight=False, markup=False)
     how: dict[str, Any] = {"displacement": displacement, "resume": checksum(model)}
     bad = answer_table(loaded, rows, out or Path("answers.csv"), console, progress("answers"), **how)
     sys.exit(NO_ANSWER if bad else 0)

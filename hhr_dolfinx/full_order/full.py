@@ -20,7 +20,7 @@ from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.linear.sparse import FreeCholesky, ordering_of
 from hhr_dolfinx.models.answer import Answer, History, Path, WithOutputs, found_as, outcome, unanswered
 from hhr_dolfinx.models.condensed import checked_start
-from hhr_dolfinx.models.error_bound import Estimate
+from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient, solve_along
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.trained import check_outside
@@ -329,6 +329,8 @@ class FullOrderModel(WithOutputs):
     def plastic_strain(self, answer: Answer) -> np.ndarray:
         """Cumulated plastic strain at all Gauss points; empty where nothing flows."""
         return np.zeros(0) if answer.gauss is None else answer.gauss.state.cumulated.copy()
+
+    unbounded = "the full model has no reduction error"
 
     def estimate(self, answer: Answer) -> Estimate | None:
         """No error but that of the mesh, which is not estimated; None without an answer."""

@@ -16,7 +16,7 @@ from hhr_dolfinx.trained import Signs
 
 if TYPE_CHECKING:
     from hhr_dolfinx.materials.update import State
-    from hhr_dolfinx.models.error_bound import Estimate, Estimates
+    from hhr_dolfinx.models.estimates import Estimate, Estimates
     from hhr_dolfinx.models.functionals import Outputs
     from hhr_dolfinx.models.gradient import Gradient
     from hhr_dolfinx.parameters import ParameterSpace
@@ -45,7 +45,13 @@ class Fields(Protocol):
 
 
 class ElasticFields:
-    """What all fields of models have in common in which nothing flows and whose conditions are all there."""
+    """What all fields of models have in common in which nothing flows and whose conditions are all there.
+
+    Attributes:
+        unbounded: why nothing is known of errors, where nothing is.
+    """
+
+    unbounded: str = ""
 
     def forces(self, answer: Answer) -> np.ndarray:
         """The multipliers, (N_lambda,), for the caller to change as he likes."""
@@ -213,7 +219,7 @@ class SeveralAnswers:
 
     def estimates(self) -> Estimates | None:
         """What is known of the errors, as :meth:`Answer.estimate`; None where nothing is."""
-        from hhr_dolfinx.models.error_bound import Estimates
+        from hhr_dolfinx.models.estimates import Estimates
 
         return Estimates.of([answer.estimate() for answer in self])
 
@@ -337,6 +343,13 @@ class WithOutputs:
     def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> SeveralAnswers:
         """Answer many parameters, (n, P), one by one; where bodies flow each in one step from rest."""
         return one_by_one(self, points, {"raise_on_failure": raise_on_failure, "outside": outside})
+
+    @property
+    def known_error(self) -> str:
+        """Which errors the answers of this model know, or why they know none, in one line."""
+        from hhr_dolfinx.models.known_error import known_error
+
+        return known_error(getattr(self, "fields", self))
 
     def outputs(self, mu: Any, *, gradient: bool = False, **how: Any) -> Outputs:
         """Outputs of the scene at one parameter; ``how`` are further arguments of :meth:`Model.solve`.

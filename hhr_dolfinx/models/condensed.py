@@ -15,7 +15,7 @@ from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -157,6 +157,10 @@ class CondensedModel(WithOutputs):
 
     offline: Any = None  # nothing was approximated: there is no record
     file_format = "condensed"
+    kept: ClassVar[Mapping[str, str]] = MappingProxyType(
+        {name: name for name in ("parameters", "amplitudes", "known", "fields", "pairs")} | {"responses": "eliminated"}
+    )
+    """Arguments by which a file keeps it, and attributes that hold them."""
 
     def __init__(
         self,

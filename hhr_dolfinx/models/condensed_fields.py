@@ -12,7 +12,7 @@ from scipy.sparse import csr_matrix, diags
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.condensed_flow import PartFactors
-from hhr_dolfinx.models.error_bound import Estimate
+from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.reconstruct import FlowFields
 
 if TYPE_CHECKING:

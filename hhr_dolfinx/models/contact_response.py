@@ -7,14 +7,16 @@ statuses are the same.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dtrtrs
+from scipy.linalg.lapack import dtrtri, dtrtrs
 
 from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
+from hhr_dolfinx.contact.together import settled
 from hhr_dolfinx.linear.dense import LapackCholesky
 
 
@@ -77,52 +79,70 @@ class ContactResponse:
     schur: np.ndarray
     lower: np.ndarray
 
-    def outside(self, inside: np.ndarray) -> Outside:
-        """What conditions do to each other where the forces of some, ``inside``, are given."""
-        outside = np.setdiff1d(np.arange(len(self.schur)), inside, assume_unique=True)
+    def __reduce__(self) -> tuple:
+        """Copy and pickle by the arrays: factors and locks belong to one process."""
+        return ContactResponse, (self.schur, self.lower)
+
+    def outside(self, inside: np.ndarray, outside: np.ndarray | None = None) -> Outside:
+        """What conditions do to each other where the forces of some, ``inside``, are given; the others if known."""
+        if outside is None:
+            outside = np.setdiff1d(np.arange(len(self.schur)), inside, assume_unique=True)
+        if not outside.size:
+            return Outside(inside, outside, self.equalities, np.zeros((inside.size, 0)))
         equalities = SchurEqualities.symmetric(np.ascontiguousarray(self.schur[np.ix_(outside, outside)]))
         return Outside(inside, outside, equalities, np.ascontiguousarray(self.schur[np.ix_(inside, outside)]))
 
-    def improved(self, forces: np.ndarray, free: np.ndarray, pushed: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Forces that close the gaps where given ones say that bodies touch, S times them, and their slack, (n, m).
+    @cached_property
+    def equalities(self) -> SchurEqualities:
+        """Equality problems on S; neighbouring answers share factors."""
+        return SchurEqualities.symmetric(self.schur)
+
+    @cached_property
+    def amplified(self) -> tuple[float, np.ndarray]:
+        """The most that forces of S norm 1 have in the Euclidean norm, and at each condition, (m,).
+
+        Of the second (S^-1)_ii^1/2 is the exact value. The first, |L^-1|, is at most the Frobenius norm, and at most
+        the root of the largest column sum times the largest row sum.
+        """
+        inverse = np.abs(dtrtri(self.lower, lower=1)[0])
+        sizes = np.sqrt((inverse * inverse).sum(axis=0))
+        sums = float(inverse.sum(axis=0).max() * inverse.sum(axis=1).max())
+        return math.sqrt(min(sums, float(sizes @ sizes))), sizes
+
+    def settled(self, forces: np.ndarray, free: np.ndarray, pushed: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Forces that solve the contact problem on S, S times them, (n, m) each, and their error in the S norm, (n,).
+
+        The search starts from the statuses of given forces, which stay where it does not settle. Gaps that are closed
+        count as closed: round-off there is bounded by the sizes of the answers.
 
         Args:
             forces: not negative, (n, m).
             free: slack without forces, (n, m).
             pushed: S times the forces, (n, m).
         """
-        slack = free + pushed
-        touching = (self.schur.diagonal() * forces >= slack) & ((forces > 0) | (slack < 0))
-        found = np.zeros(forces.shape)
-        for rows, index in _alike(touching):
-            factor = LapackCholesky(self.schur.take(index, axis=0).take(index, axis=1).T)
-            found[rows[:, None], index] = factor.solve(-free[rows[:, None], index].T).T
-        pulling = found < 0
-        found[pulling] = 0.0
-        less = found @ self.schur
+        found, left = np.empty(forces.shape), list(range(len(forces)))
+        touching = self._stiffness * forces > free + pushed
+        if len(forces) > 1:
+            found, _, left = settled(self.schur, free, touching, LapackCholesky)
+        closed = np.ones(len(forces), dtype=bool)
+        for k in left:
+            alone = active_set(self.equalities, free[k], touching[k])
+            closed[k] = alone.status is Status.CONVERGED
+            found[k] = alone.forces if closed[k] else forces[k]
+        better = np.maximum(found, 0.0)
+        less = better @ self.schur
         slack = free + less
-        # round-off where nothing pulled, which the sizes of the answers bound
-        slack[touching & ~pulling.any(axis=1, keepdims=True)] = 0.0
-        return found, less, slack
+        # a force that was cut off leaves gaps open elsewhere
+        closed &= found.min(axis=1) >= 0
+        slack[(better > 0) & closed[:, None]] = 0.0
+        if closed.all() and slack.min() >= 0:
+            return better, less, np.zeros(len(forces))
+        return better, less, self.off(slack, better)
 
-    def settled(self, forces: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, float]:
-        """Forces whose gaps are closed, from the statuses of given ones, and their error in the S norm at most.
-
-        Where these statuses do not settle, the given ones.
-
-        Args:
-            forces: not negative, (m,).
-            free: slack without forces, (m,).
-        """
-        slack = free + self.schur @ forces
-        given = forces, float(self.off(slack[None], forces[None])[0])
-        touching = (self.schur.diagonal() * forces >= slack) & ((forces > 0) | (slack < 0))
-        found = active_set(SchurEqualities.symmetric(self.schur), free, touching)
-        if found.status is not Status.CONVERGED:
-            return given
-        better = np.maximum(found.forces, 0.0)
-        off = float(self.off((free + self.schur @ better)[None], better[None])[0])
-        return (better, off) if off < given[1] else given
+    @cached_property
+    def _stiffness(self) -> np.ndarray:
+        """Diagonal of S, (m,)."""
+        return self.schur.diagonal().copy()
 
     def off(self, slack: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """|r|_{S^-1} of slacks and forces, (n, m) each: r is the slack where there is a force, or it is negative."""
@@ -131,14 +151,3 @@ class ContactResponse:
             return np.zeros(len(left))
         found = dtrtrs(self.lower, left.T, lower=1, overwrite_b=1)[0].T
         return np.sqrt((found[:, None, :] @ found[:, :, None])[:, 0, 0])
-
-
-def _alike(statuses: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Rows that share their statuses, (n, m), and the conditions that touch there; none where nothing touches."""
-    groups: dict[bytes, list[int]] = {}
-    for k, row in enumerate(statuses):
-        groups.setdefault(row.tobytes(), []).append(k)
-    for rows in groups.values():
-        index = np.flatnonzero(statuses[rows[0]])
-        if index.size:
-            yield np.array(rows), index

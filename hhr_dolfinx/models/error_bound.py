@@ -14,15 +14,16 @@ has the proof in full. Theorems 3 to 8 of the thesis bound the same errors throu
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.models.contact_response import ContactResponse, Outside
+from hhr_dolfinx.models.estimates import Estimates
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.gradient import Gradient
@@ -31,81 +32,38 @@ ROUND_OFF = 1e-10
 """Part of an answer that is round-off of the exact one too: nothing is known to be nearer."""
 
 
-SHARP = 1e-4
-"""Part of the forces from which on their bound is made as sharp as it can be; below, it is a third larger at times."""
 CANCELLED = 1e-3
 """Round-off of a field that a lift cancels, over the round-off of what is left."""
 NOTHING = 0.01
 """Part of the bound of a field that a bound of forces adds without being worth a second look."""
-NO_OUTPUTS: Mapping[str, float] = {}
-"""Of what has no outputs, or no bounds of them."""
-
-
-class Estimate(NamedTuple):
-    """What is known of the error of an answer.
-
-    Attributes:
-        kind: ``bound``, which no error exceeds; ``estimate``, the same but for an interpolation of which nothing is
-            proved; or ``indicator``, which follows the error.
-        primal: of the displacement in energy, (v^T K v)^1/2.
-        dual: of the contact forces, (λ^T S λ)^1/2: the energy of the displacement that they make alone.
-            Both are infinite of an indicator, which knows no units.
-        primal_relative, dual_relative: over the least that the exact answer can have in these norms; infinite where a
-            bound is larger than the answer itself.
-        outputs: bounds of the errors of the outputs of the scene, by name; those of which nothing is known are left
-            out, see :mod:`hhr_dolfinx.models.output_bound`.
-    """
-
-    kind: str
-    primal: float
-    dual: float
-    primal_relative: float
-    dual_relative: float
-    outputs: Mapping[str, float] = NO_OUTPUTS
-
-    @classmethod
-    def indicated(cls, value: float) -> Estimate:
-        """What an indicator says, in units of its own, taken as relative."""
-        return cls("indicator", math.inf, math.inf, value, value)
-
-    @classmethod
-    def exact(cls, functionals: Any) -> Estimate:
-        """Of an answer without an error, with the outputs of a scene, or None."""
-        items = () if functionals is None else functionals.items
-        return cls("bound", 0.0, 0.0, 0.0, 0.0, {item.name: 0.0 for item in items})
 
 
 @dataclass(frozen=True)
-class Estimates:
-    """Estimates of many answers; ``estimates[k]`` is the :class:`Estimate` of one.
+class ForceScale:
+    """What contact forces are measured by (m conditions).
 
     Attributes:
-        kind: see there.
-        primal, dual, primal_relative, dual_relative: see there, (n,) each; NaN without an answer.
+        areas: tributary area of each condition, by which a nodal force is a pressure, (m,); that of one without an
+            area is zero, and so is its pressure.
+        least: S norm, Euclidean norm and peak pressure below which relative errors are taken over these, (3,).
     """
 
-    kind: str
-    primal: np.ndarray
-    dual: np.ndarray
-    primal_relative: np.ndarray
-    dual_relative: np.ndarray
+    areas: np.ndarray
+    least: np.ndarray
 
-    def __len__(self) -> int:
-        return len(self.primal)
+    @cached_property
+    def per_area(self) -> np.ndarray:
+        """One over the areas, (m,)."""
+        return np.divide(1.0, self.areas, out=np.zeros(self.areas.shape), where=self.areas > 0)
 
-    def __getitem__(self, k: int) -> Estimate:
-        """That of one answer."""
-        own, relative = (self.primal, self.dual), (self.primal_relative, self.dual_relative)
-        return Estimate(self.kind, float(own[0][k]), float(own[1][k]), float(relative[0][k]), float(relative[1][k]))
+    def amplified(self, response: ContactResponse) -> np.ndarray:
+        """The most that forces of S norm 1 have in the S norm, in the Euclidean norm, and as a pressure, (3,)."""
+        longest, most = response.amplified
+        return np.array((1.0, longest, (most * self.per_area).max()))
 
-    @classmethod
-    def of(cls, found: list[Estimate | None]) -> Estimates | None:
-        """Of estimates found one by one; None where there are none."""
-        kinds = {estimate.kind for estimate in found if estimate is not None}
-        if not kinds:
-            return None
-        rows = [(np.nan,) * 4 if estimate is None else estimate[1:5] for estimate in found]
-        return cls(" and ".join(sorted(kinds)), *np.array(rows, dtype=float).T)
+    def peak(self, forces: np.ndarray) -> np.ndarray:
+        """Largest pressure of forces that are not negative, (..., m): (...,)."""
+        return np.maximum.reduce(forces * self.per_area, axis=-1, initial=0.0)
 
 
 class Given(NamedTuple):
@@ -122,47 +80,82 @@ class Given(NamedTuple):
     free: np.ndarray
 
 
+class Bounded(NamedTuple):
+    """Bounds of n answers.
+
+    Attributes:
+        kind: see :class:`~hhr_dolfinx.models.estimates.Estimate`.
+        errors: of displacement and forces in energy, of forces in the Euclidean norm, and of pressures, (4, n).
+        least: what the exact answers have at least in these norms; of forces a thousandth of the largest ones of
+            training at least, (4, n).
+    """
+
+    kind: str
+    errors: np.ndarray
+    least: np.ndarray
+
+    def estimates(self) -> Estimates:
+        """With the relative ones: infinite where the exact answer may be nothing, unless nothing is off."""
+        if self.least.min(initial=np.inf) > 0:
+            shares = self.errors / self.least
+        else:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                shares = np.where(self.errors == 0, 0.0, self.errors / np.maximum(self.least, 0.0))
+        return Estimates(self.kind, *self.errors[:2], *shares[:2], *self.errors[2:], *shares[2:])
+
+
 def bounded(
     given: Given,
     response: ContactResponse,
     fields: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]],
+    scale: ForceScale,
+    amplified: np.ndarray,
+    kind: str = "bound",
     inexact: float = ROUND_OFF,
-) -> tuple[np.ndarray, ...]:
-    """Bounds of displacements and forces, and the sizes that these have, (n,) each.
+) -> Bounded:
+    """Bounds of displacements and forces.
 
-    Any forces may stand in the proof, so that better ones make the bound sharp; the distance to them is known.
+    Any forces may stand in the proof, and those of the contact problem on S are the exact ones up to round-off and to
+    what S is off by, δ in the S norm: errors are differences to them. An error e of the rest has |e| <= |L^-1| δ and
+    |e_i| <= (S^-1)_ii^1/2 δ.
 
     Args:
         given: what is bounded.
         response: S.
         fields: maps forces, (n, m), to |ρ|_{K^-1}, to the energy norm of the field, and to that of the field in
             equilibrium with them, as far as this is only known up to ``inexact``, (n,) each.
+        scale: what forces are measured by.
+        amplified: see :meth:`ForceScale.amplified`, (3,).
+        kind: of the bounds.
         inexact: relative error of S and of the free slack, in the order of energies.
     """
     forces, free = given.forces, given.free
     pushed = forces @ response.schur
-    own = _lengths(forces, pushed)
-    known = response.off(free + pushed, forces)
-    better, nearer, dual, least = forces, known, known, own
-    # sharper where it is worth a factor of S
-    if (rows := np.flatnonzero(known > SHARP * own)).size:
-        found, less, left = response.improved(forces[rows], free[rows], pushed[rows])
-        better, nearer, dual, least = forces.copy(), known.copy(), known.copy(), own.copy()
-        better[rows], nearer[rows], least[rows] = found, response.off(left, found), _lengths(found, less)
-        dual[rows] = np.minimum(known[rows], nearer[rows] + _lengths(forces[rows] - found, pushed[rows] - less))
+    better, less, nearer = response.settled(forces, free, pushed)
+    off, pulled = forces - better, pushed - less
     unbalanced, size, balanced = fields(better)
-    noise, primal = inexact * (own + least + balanced), unbalanced + nearer
+    # products of many rows at once: each call has an overhead
+    one, other = np.array((forces, better, off, off, better)), np.array((pushed, less, pulled, off, better))
+    sizes, exact, apart, apart_euclid, exact_euclid = _lengths(one, other)
+    noise, primal = inexact * (sizes + exact + balanced), unbalanced + nearer
     # row by row, so that a bound is the same in any table
     if (rows := np.flatnonzero(nearer > NOTHING * unbalanced)).size:
         alone, left = unbalanced[rows], response.off(given.slack()[rows], better[rows])
         primal[rows] = np.minimum(primal[rows], (alone + np.sqrt(alone**2 + 4 * nearer[rows] * left)) / 2)
-    return primal + ROUND_OFF * size + noise, dual + noise, size, own
+    # S and its inverse are right to a factor of 1 + ε or 1 - ε
+    wider = 1 + 2 * inexact
+    further = amplified[:, None] * ((nearer + noise) * wider**2)
+    pressures = scale.peak(np.array((np.abs(off), better)))
+    errors = further + np.array((apart * wider, apart_euclid, pressures[0]))
+    least = np.maximum(np.array((exact / wider, exact_euclid, pressures[1])) - further, scale.least[:, None])
+    primal = (primal + ROUND_OFF * size + noise) * wider
+    return Bounded(kind, np.array((primal, *errors)), np.array((size - primal, *least)))
 
 
 def _lengths(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Square roots of products of rows, (n,)."""
+    """Square roots of products of rows, (..., m): (...,)."""
     # products of matrices have a fifth of the overhead of sums by indices
-    return np.sqrt(np.maximum((one[:, None, :] @ other[:, :, None])[:, 0, 0], 0.0))
+    return np.sqrt(np.maximum((one[..., None, :] @ other[..., None])[..., 0, 0], 0.0))
 
 
 class BoundThere(Protocol):
@@ -231,6 +224,7 @@ class ErrorBound:
         basis: V in directions of unit energy, of which the first m are those of K^-1 B^T, (r, ell).
         loads: K^-1 loads in the same directions and more, (r', 1 + T).
         lifts: imposed motions in these and more, (r'', 1 + T); no rows where nothing is imposed.
+        areas, least: see :class:`ForceScale`.
     """
 
     free_slack: np.ndarray
@@ -239,16 +233,28 @@ class ErrorBound:
     basis: np.ndarray
     loads: np.ndarray
     lifts: np.ndarray
+    areas: np.ndarray
+    least: np.ndarray
 
     @property
     def kind(self) -> str:
         """It is proved."""
         return "bound"
 
-    @property
+    @cached_property
     def response(self) -> ContactResponse:
         """S."""
         return ContactResponse(self.schur, self.lower)
+
+    @cached_property
+    def scale(self) -> ForceScale:
+        """What forces are measured by."""
+        return ForceScale(self.areas, self.least)
+
+    @cached_property
+    def amplified(self) -> np.ndarray:
+        """See :meth:`ForceScale.amplified`."""
+        return self.scale.amplified(self.response)
 
     def prepared(self, inside: np.ndarray) -> Outside:
         """See :class:`Bound`."""
@@ -306,19 +312,11 @@ class ConstantThere(NamedTuple):
                 CANCELLED * _lengths(field, field),
             )
 
-        primal, dual, *sizes = bounded(Given(forces, slack, self.free), self.owner.response, fields)
-        return Estimates("bound", primal, dual, relative(primal, sizes[0]), relative(dual, sizes[1]))
+        return bounded(
+            Given(forces, slack, self.free), owner.response, fields, owner.scale, owner.amplified
+        ).estimates()
 
 
 def driven(matrix: np.ndarray, theta: Any) -> np.ndarray:
     """Columns of a matrix, (k, 1 + T), for θ of each answer, (n, 1 + T) or one Theta: (n, k)."""
     return (matrix @ theta)[None] if isinstance(theta, Theta) else np.asarray(theta @ matrix.T)
-
-
-def relative(error: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Errors over the least size of what is exact, that of what was found less the error, (n,)."""
-    least = size - error
-    if least.min(initial=np.inf) > 0:
-        return error / least
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(error == 0, 0.0, error / np.maximum(least, 0.0))

@@ -13,7 +13,7 @@ from scipy.sparse import csc_matrix
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer import Answer, ElasticFields
-from hhr_dolfinx.models.error_bound import Estimate
+from hhr_dolfinx.models.estimates import Estimate
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals import Functionals
@@ -42,6 +42,8 @@ class ExactFields(ElasticFields):
     floats: bool = False
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     functionals: Functionals | None = None
+
+    unbounded = "exact condensation has no reduction error"
 
     def __reduce__(self) -> tuple:
         """Copy and pickle by the arrays."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from hhr_dolfinx.errors import BoundError, HHRError, OutsideTrainingError, ParameterError, ReductionError
 from hhr_dolfinx.models.answer import Answer, History, ListedAnswers, Path, SeveralAnswers, WithOutputs
+from hhr_dolfinx.models.known_error import check_asked, known_error, relative_error, relative_errors
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 from hhr_dolfinx.trained import check_outside
@@ -42,9 +43,12 @@ class Growth(NamedTuple):
 class FallbackModel(WithOutputs):
     """Answers by a reduced model, and by the full one where the reduced one may be off by more than is allowed.
 
-    No answer that is handed out is off by more than ``tolerance``, relative to the exact one, in the energy of the
-    displacement and in the S norm of the forces, see :mod:`hhr_dolfinx.models.error_bound`; where answers have no bound
-    but an ``estimate``, by that. With ``rebuild`` it grows:
+    No answer that is handed out is off by more than ``tolerance``, relative to the exact one, by the error ``of``:
+    ``forces``, nodal contact forces in the Euclidean norm; ``pressure``, the largest error of a nodal pressure over the
+    peak pressure; ``displacement``, its energy; or an output, by its name. None takes displacement and forces, both in
+    energy, where forces are in the S norm: nodal forces and pressures are then off by ten times as much and more. See
+    :mod:`hhr_dolfinx.models.estimates`; where answers have no bound but an ``estimate``, by that. With ``rebuild`` it
+    grows:
     after every so many answers of the full model that it had not seen a reduced model is built from all of them, within
     the query that is one too many, and takes the place of the old one. If it cannot be built the old one stays, and the
     next attempt has more to build from. Not for several threads at once.
@@ -52,7 +56,8 @@ class FallbackModel(WithOutputs):
     Args:
         reduced: a model whose answers have a bound.
         full: the full model of the same scene.
-        tolerance: largest relative error of displacement and forces.
+        tolerance: largest relative error.
+        of: which error that is.
         rebuild: builds a reduced model from :attr:`learned`, as ``Training.safe_model`` has one; None keeps the reduced
             model as it is.
         every: new answers of the full model after which it is built again.
@@ -67,17 +72,27 @@ class FallbackModel(WithOutputs):
 
     Raises:
         BoundError: for a reduced model whose answers have no bound.
-        ParameterError: for a tolerance that is no positive number, or ``every`` that is no number of answers.
+        ParameterError: for a tolerance that is no positive number, ``every`` that is no number of answers, or an error
+            that is not known, or of an output without a bound.
         ReductionError: for what is no full model, or that of another scene.
     """
 
     instead = "its full model needs the mesh. Keep the reduced one, save_model(path, safe.reduced)"
 
     def __init__(
-        self, reduced: Any, full: Any, tolerance: float = 0.01, *, rebuild: Rebuild | None = None, every: int = 20
+        self,
+        reduced: Any,
+        full: Any,
+        tolerance: float = 0.01,
+        *,
+        of: str | None = None,
+        rebuild: Rebuild | None = None,
+        every: int = 20,
     ):
         check_allowance(tolerance, every, "every")
         _check_alike(reduced, full)
+        check_asked(reduced.fields, of)
+        self.of = of
         self.reduced, self.full, self.tolerance = reduced, full, float(tolerance)
         self.parameters: ParameterSpace = reduced.parameters
         self.asked, self.fallen, self.learned = 0, 0, list[Answer]()
@@ -98,6 +113,13 @@ class FallbackModel(WithOutputs):
     def share(self) -> float:
         """Part of the queries that the full model answered."""
         return self.fallen / max(self.asked, 1)
+
+    @property
+    def known_error(self) -> str:
+        """See :attr:`WithOutputs.known_error`."""
+        asked = "displacement or forces, in energy," if self.of is None else self.of
+        known = known_error(self.reduced.fields)
+        return f"{known}. Where {asked} may be off by more than {self.tolerance:g} the full model answers"
 
     def fell_back(self, answer: Answer) -> bool:
         """Whether the full model gave an answer."""
@@ -136,13 +158,13 @@ class FallbackModel(WithOutputs):
         checked = self.parameters.points(points)
         try:
             many = self.reduced.solve_many(checked, raise_on_failure=False, outside=outside)
-            estimates = many.estimates()
+            errors = relative_errors(many, self.of)
         except HHRError:  # one of them alone may be refused, or have no estimate
-            estimates = None
-        if estimates is None or self._rebuild is not None:
+            errors = None
+        if errors is None or self._rebuild is not None:
             how: dict[str, Any] = {"raise_on_failure": raise_on_failure, "outside": outside}
             return ListedAnswers(tuple(self.solve(point, **how) for point in checked))
-        good = np.maximum(estimates.primal_relative, estimates.dual_relative) <= self.tolerance
+        good = errors <= self.tolerance
         self.asked += len(checked)
         exact = tuple(self._exact(point, raise_on_failure, gradient=False) for point in checked[~good])
         parts = [(np.flatnonzero(good), many.take(good))] if good.any() else []
@@ -169,11 +191,11 @@ class FallbackModel(WithOutputs):
         """Whether an answer is known to be right to the tolerance."""
         try:
             estimate = answer.estimate()
+            # which is not true of a NaN
+            return estimate is not None and relative_error(answer, estimate, self.of) <= self.tolerance
         except HHRError as error:
             _log.info("the full model is asked: %s", error)
             return False
-        # of a NaN neither is true
-        return estimate is not None and max(estimate.primal_relative, estimate.dual_relative) <= self.tolerance
 
     def _own_start(self, start: Any) -> Any:
         """Statuses for the reduced model: those of an answer of the full one, as along a path, may be too many."""
@@ -206,6 +228,7 @@ class FallbackModel(WithOutputs):
         try:
             reduced = self._rebuild(tuple(self.learned))
             _check_alike(reduced, self.full)
+            check_asked(reduced.fields, self.of)
             self.reduced = reduced
         except HHRError as error:
             why = str(error)
@@ -237,9 +260,10 @@ def _check_alike(reduced: Any, full: Any) -> None:
     """
     bound = getattr(getattr(reduced, "fields", None), "bound", None)
     if bound is None:
-        held = getattr(getattr(full, "problem", None), "rigid", None) is not None
-        why = ", since contact alone holds bodies" if held else ""
-        raise BoundError(f"answers of this reduced model have no bound{why}, and nothing says when to ask the full one")
+        why = known_error(getattr(reduced, "fields", None)).removeprefix("none: ")
+        raise BoundError(
+            f"answers of this reduced model have no bound, so that nothing says when to ask the full one: {why}"
+        )
     if not (hasattr(full, "problem") and hasattr(full, "schur")):
         raise ReductionError(f"{full!r} is no full model, whose answers are exact: give FullOrderModel(scene)")
     one, other = reduced.parameters, full.parameters

@@ -22,7 +22,7 @@ from hhr_dolfinx.models.interpolation import Interpolant
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Scalar
     from hhr_dolfinx.models.block_elimination import BlockReduction
-    from hhr_dolfinx.models.error_bound import Estimate
+    from hhr_dolfinx.models.estimates import Estimate
     from hhr_dolfinx.models.functionals import Functionals
     from hhr_dolfinx.models.reshaped import ReshapedReduction
     from hhr_dolfinx.models.shaped_functionals import ReshapedFunctionals
@@ -308,6 +308,7 @@ class InterpolatedFields(ElasticFields):
         stress_of: stress of a displacement at a parameter; None where there is no mesh.
         functionals: outputs of the scene; None where it has none.
         bound: bounds the error of an answer; None where its hypotheses fail.
+        unbounded: why there is none.
     """
 
     amplitudes: Amplitudes
@@ -318,11 +319,12 @@ class InterpolatedFields(ElasticFields):
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     functionals: Functionals | ReshapedFunctionals | None = None
     bound: VaryingBound | None = None
+    unbounded: str = ""
 
     def __reduce__(self) -> tuple:
         """Copy and pickle by the arrays: a mesh belongs to one process."""
         given = self.amplitudes, self.basis, self.lifts, self.galerkin, self.dimension
-        return InterpolatedFields, (*given, None, self.functionals, self.bound)
+        return InterpolatedFields, (*given, None, self.functionals, self.bound, self.unbounded)
 
     def estimate(self, answer: Answer) -> Estimate | None:
         """The bound; None without one, or without an answer."""
@@ -330,12 +332,13 @@ class InterpolatedFields(ElasticFields):
             return None
         point, forces = answer.parameter, np.maximum(answer.multipliers, 0.0)
         gamma, theta = self._solver.under(point, forces), self.amplitudes(point)
-        problem = self.bound.problem_at(point)
+        bound = self.bound
 
         def slack() -> np.ndarray:
+            problem = bound.problem_at(point)
             return (problem.gaps @ theta - problem.contact_trial @ gamma)[None]
 
-        return self.bound.at(point[None], theta).of(gamma[None], forces[None], slack)[0]
+        return bound.at(point[None], theta).of(gamma[None], forces[None], slack)[0]
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """V gamma and the lift, (N,)."""

@@ -10,17 +10,14 @@ from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes, Coverage
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import SingularError
-from hhr_dolfinx.linear.dense import LapackLU
+from hhr_dolfinx.contact.together import settled
 from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers
-from hhr_dolfinx.models.error_bound import Estimates
+from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.parameters import ParameterSpace
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed import CondensedModel
 
-ROUNDS = 6
-"""Times that statuses are changed for many points together; what is left then is solved point by point."""
 BLOCK = 1024
 """Points whose unknown is made at once, so that what is made on the way stays small beside the answers."""
 
@@ -128,16 +125,8 @@ class PartedAnswers(SeveralAnswers):
         return forces
 
     def estimates(self) -> Estimates | None:
-        """See :meth:`ManyAnswers.estimates`."""
-        found = [(rows, many.estimates()) for rows, many in self.parts]
-        known = [(rows, one) for rows, one in found if one is not None]
-        if not known:
-            return None
-        names = ("primal", "dual", "primal_relative", "dual_relative")
-        numbers = np.full((len(names), len(self)), np.nan)
-        for rows, one in known:
-            numbers[:, rows] = [getattr(one, name) for name in names]
-        return Estimates(" and ".join(sorted({one.kind for _, one in known})), *numbers)
+        """See :meth:`SeveralAnswers.estimates`."""
+        return Estimates.joined([(rows, many.estimates()) for rows, many in self.parts], len(self))
 
     def outputs(self) -> dict[str, np.ndarray]:
         """See :meth:`ManyAnswers.outputs`."""
@@ -165,7 +154,7 @@ def condensed_answers(model: CondensedModel, points: np.ndarray, **how: Any) -> 
     response, schur, per_force = model.responses
     m, n = len(schur), len(points)
     theta, active = amplitudes_at(model.amplitudes, points), model.known.starts(points)
-    forces, iterations, left = _settled(schur, np.asarray(theta @ response[:m].T), active)
+    forces, iterations, left = settled(schur, np.asarray(theta @ response[:m].T), active)
     unknown, status = np.empty((n, len(response) - m)), [Status.CONVERGED] * n
     for first in range(0, n, BLOCK):
         block = slice(first, first + BLOCK)
@@ -197,82 +186,3 @@ def amplitudes_at(amplitudes: Amplitudes, points: np.ndarray) -> np.ndarray | cs
         columns, entries = (np.concatenate([getattr(theta, part) for theta in given]) for part in ("terms", "values"))
         starts = np.cumsum([0, *(theta.values.size for theta in given)])
     return csr_matrix((entries.ravel(), columns.ravel(), starts), shape=(len(points), amplitudes.firsts[-1]))
-
-
-def _settled(schur: np.ndarray, free_slack: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[int]]:
-    """Alg. 1.1 for many free slacks, (n, m), from statuses that are changed in place.
-
-    Returns:
-        The forces, (n, m); equality problems solved for each point, (n,); and the points that have not settled:
-        round-off and singular sets are left to the search of a single point.
-    """
-    forces, iterations = np.zeros_like(free_slack), np.zeros(len(active), dtype=int)
-    factors = KeptFactors(schur)
-    pending, left = np.arange(len(active)), []
-    for _ in range(ROUNDS):
-        groups: dict[bytes, list[int]] = {}
-        for k in pending.tolist():
-            groups.setdefault(active[k].tobytes(), []).append(k)
-        changed = []
-        for key, places in groups.items():
-            members = np.array(places)
-            index = np.flatnonzero(active[places[0]])
-            try:
-                found, slack = _equalities(schur, free_slack[members], index, key, factors)
-            except SingularError:
-                left += places
-                continue
-            forces[members] = found
-            iterations[members] += 1
-            # what is not finite is wrong too
-            wrong = ~((found >= 0) & (slack >= 0))
-            open_ = wrong.any(axis=1)
-            active[members[open_]] ^= wrong[open_]
-            changed.append(members[open_])
-        pending = np.concatenate([np.zeros(0, dtype=int), *changed])
-        if not pending.size:
-            break
-    return forces, iterations, [*left, *pending.tolist()]
-
-
-class KeptFactors:
-    """LU factors of blocks of S, (m, m), by statuses; those asked for last are kept, up to ``most_bytes``.
-
-    Attributes:
-        kept_bytes: memory of what is kept.
-    """
-
-    most_bytes = 64 * 2**20
-
-    def __init__(self, schur: np.ndarray):
-        self._schur, self.kept_bytes = schur, 0
-        self._factors: dict[bytes, LapackLU] = {}  # the one asked for longest ago first
-
-    def of(self, index: np.ndarray, key: bytes) -> LapackLU:
-        """Factors of the block of some conditions, (k,), whose statuses have this key.
-
-        Raises:
-            SingularError: if the block is singular.
-        """
-        found = self._factors.pop(key, None)
-        if found is None:
-            found = LapackLU(self._schur[np.ix_(index, index)])
-            self.kept_bytes += found.nbytes
-        self._factors[key] = found
-        while self.kept_bytes > self.most_bytes:
-            self.kept_bytes -= self._factors.pop(next(iter(self._factors))).nbytes
-        return found
-
-
-def _equalities(
-    schur: np.ndarray, free_slack: np.ndarray, index: np.ndarray, key: bytes, factors: KeptFactors
-) -> tuple[np.ndarray, np.ndarray]:
-    """Forces and slacks, (g, m) each, of points that share their statuses."""
-    forces = np.zeros_like(free_slack)
-    if not index.size:
-        return forces, free_slack
-    local = factors.of(index, key).solve(-free_slack[:, index].T).T
-    forces[:, index] = local
-    slack = free_slack + local @ schur[:, index].T
-    slack[:, index] = 0.0
-    return forces, slack

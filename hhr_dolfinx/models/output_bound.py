@@ -27,7 +27,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from hhr_dolfinx.models.error_bound import ROUND_OFF, ErrorBound, Estimate
+from hhr_dolfinx.models.error_bound import ROUND_OFF, ErrorBound
+from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.functionals import Functional, Functionals, State
 
 if TYPE_CHECKING:
@@ -86,17 +87,34 @@ class OutputBound:
         free: rows of the outputs that are read at the nearer field, times the displacement without contact forces,
             (K', 1 + T).
         pressed: the same rows times K^-1 B^T, (K', m).
+        least: a thousandth of the largest absolute value in training of each output, over which a relative error is
+            taken at least, (n,).
     """
 
     steepness: np.ndarray
     free: np.ndarray
     pressed: np.ndarray
+    least: np.ndarray
+
+    def knows(self, number: int, item: Functional) -> bool:
+        """Whether an output has a bound."""
+        per_energy, per_force = self.steepness[number].tolist()
+        if is_read_nearer(item, self.pressed.shape[1]):
+            return item.affine or per_force != UNKNOWN
+        return per_energy != UNKNOWN
+
+    def least_of(self, functionals: Any, name: str) -> float:
+        """The least size of an output by its name."""
+        return float(self.least[[item.name for item in functionals.items].index(name)])
 
     def fits(self, functionals: Any) -> bool:
         """Whether these may be bounds of some outputs: sizes, and constants that are not negative."""
         rows = sum(item.count for item in functionals.items if is_read_nearer(item, self.pressed.shape[1]))
         known = (self.steepness >= 0) | (self.steepness == UNKNOWN)
-        return self.steepness.shape == (len(functionals.items), 2) and bool(known.all()) and len(self.free) == rows
+        count, positive = len(functionals.items), bool(known.all() and (self.least >= 0).all())
+        return (
+            self.steepness.shape == (count, 2) and self.least.shape == (count,) and positive and len(self.free) == rows
+        )
 
     def errors(self, fields: Any, answer: Answer, forces: np.ndarray, estimate: Estimate) -> OutputErrors:
         """Bounds at an answer.
@@ -116,7 +134,10 @@ class OutputBound:
         given = fields.amplitudes(answer.parameter)
         theta = np.zeros(self.free.shape[1])
         theta[given.terms] = given.values
-        better, off = bound.response.settled(np.maximum(forces, 0.0), bound.free_slack @ given)
+        pushing = np.maximum(forces, 0.0)[None]
+        free_slack = (bound.free_slack @ given)[None]
+        found, _, left = bound.response.settled(pushing, free_slack, pushing @ bound.schur)
+        better, off = found[0], float(left[0])
         size = math.sqrt(max(better @ (bound.schur @ better), 0.0))
         own, free = fields.measured(answer, theta), self.free @ theta
         near, nothing = free - self.pressed @ better, np.zeros_like(better)
@@ -127,20 +148,19 @@ class OutputBound:
 
         affine = [(k, state(better, near[rows[k]])) for k, item in enumerate(functionals.items) if item.affine]
         slopes = self._slopes(functionals, affine, rows, bound.lower)
-        found = {}
+        errors: dict[str, float] = {}
         for k, (item, place) in enumerate(zip(functionals.items, functionals.places, strict=True)):
             per_energy, per_force = self.steepness[k].tolist()
+            if not self.knows(k, item):
+                continue
             if k not in rows:
-                if per_energy != UNKNOWN:
-                    found[item.name] = per_energy * estimate.primal + per_force * estimate.dual
+                errors[item.name] = per_energy * estimate.primal + per_force * estimate.dual
                 continue
             steep = slopes.get(k, per_force)
-            if steep == UNKNOWN:
-                continue
             value, nearer = item.value(state(forces, own[place])), item.value(state(better, near[rows[k]]))
             sizes = abs(value) + abs(nearer) + abs(item.value(state(nothing, free[rows[k]]))) + steep * size
-            found[item.name] = abs(value - nearer) + steep * off + ROUND_OFF * sizes
-        return found
+            errors[item.name] = abs(value - nearer) + steep * off + ROUND_OFF * sizes
+        return errors
 
     def _rows(self, functionals: Functionals) -> dict[int, slice]:
         """Rows of each output that is read at the nearer field, among those of all of them, by its place."""

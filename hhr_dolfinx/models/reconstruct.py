@@ -17,7 +17,8 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.models.error_bound import Bound, BoundThere, ErrorBound, Estimate, Estimates, driven
+from hhr_dolfinx.models.error_bound import Bound, BoundThere, ErrorBound, driven
+from hhr_dolfinx.models.estimates import NUMBERS, Estimate, Estimates
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals import Functionals
@@ -143,6 +144,7 @@ class Reconstruction:
         reshaped_contact: gaps and B V beside each other where they change with the shape of the bodies; else None.
         functionals: outputs of the scene; None where it has none.
         output_bound: bounds the errors of outputs, beside ``bound``; None without either.
+        unbounded: why there is no bound, where there is none.
     """
 
     amplitudes: Amplitudes
@@ -161,6 +163,7 @@ class Reconstruction:
     functionals: Functionals | ReshapedFunctionals | None = None
     reshaped_contact: Interpolant | None = None
     output_bound: OutputBound | None = None
+    unbounded: str = ""
 
     @property
     def conditions(self) -> int:
@@ -356,7 +359,7 @@ class Reconstruction:
         if not isinstance(self.bound, ErrorBound) or self.force_snapshots is not None:
             return None
         solved = np.flatnonzero([status is Status.CONVERGED for status in many.status])
-        numbers = np.full((4, len(many)), np.nan)
+        numbers = np.full((len(NUMBERS), len(many)), np.nan)
         for first in range(0, solved.size, TOGETHER):
             rows = solved[first : first + TOGETHER]
             theta = amplitudes_at(self.amplitudes, many.points[rows])
@@ -364,7 +367,7 @@ class Reconstruction:
             forces = there.completed(many.multipliers[rows], self._outside)
             unknown = many.unknown[rows]
             found = there.of(unknown, forces, partial(self._slack, theta, unknown, many.points[rows[0]]))
-            numbers[:, rows] = found.primal, found.dual, found.primal_relative, found.dual_relative
+            numbers[:, rows] = found.numbers
         return Estimates("bound", *numbers)
 
     def _indicated(self, answer: Answer) -> Estimate | None:

@@ -11,7 +11,7 @@ from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -157,6 +157,10 @@ class VaryingModel(WithOutputs):
     """
 
     file_format = "condensed"
+    kept: ClassVar[Mapping[str, str]] = MappingProxyType(
+        {name: name for name in ("parameters", "eliminated", "known", "fields", "pairs")}
+    )
+    """Arguments by which a file keeps it, and attributes that hold them."""
 
     def __init__(
         self,

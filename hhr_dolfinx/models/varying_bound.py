@@ -25,13 +25,15 @@ from scipy.linalg import LinAlgError, cholesky
 from hhr_dolfinx.errors import BoundError, ConvergenceError
 from hhr_dolfinx.models.block_elimination import Block, blocks_of
 from hhr_dolfinx.models.contact_response import ContactResponse
-from hhr_dolfinx.models.error_bound import Estimates, Given, bounded, relative
+from hhr_dolfinx.models.error_bound import ForceScale, Given, bounded
+from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.models.interpolated import Compliances, InterpolatedElimination
 from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.parameters import is_number
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.gradient import Gradient
+    from hhr_dolfinx.models.interpolation import Interpolant
     from hhr_dolfinx.models.reshaped import InterpolatedProblem
 
 ROUND_OFF = 1e-13
@@ -62,6 +64,8 @@ class VaryingBound:
         inexact: relative error of what is interpolated, in the order of energies.
         proved: whether that is more than what was observed.
         middle: of the box, (P,).
+        areas, least: see :class:`~hhr_dolfinx.models.error_bound.ForceScale`; S is that of the middle.
+        reshaped_areas: areas where they change with the shape of the bodies; None where they do not.
     """
 
     compliances: Compliances
@@ -70,6 +74,9 @@ class VaryingBound:
     inexact: float
     proved: bool
     middle: np.ndarray
+    areas: np.ndarray
+    least: np.ndarray
+    reshaped_areas: Interpolant | None = None
 
     def __post_init__(self) -> None:
         """Refuse an error that is none."""
@@ -83,14 +90,23 @@ class VaryingBound:
         """A bound, or an estimate where the interpolation is not proved."""
         return "bound" if self.proved else "estimate"
 
+    @cached_property
+    def _scale(self) -> ForceScale:
+        """What forces are measured by, in the middle of the box."""
+        return ForceScale(self.areas, self.least)
+
+    def scale_at(self, point: np.ndarray) -> ForceScale:
+        """What forces are measured by at a point."""
+        return self._scale if self.reshaped_areas is None else ForceScale(self.reshaped_areas.value(point), self.least)
+
     @property
     def schur(self) -> np.ndarray:
         """S in the middle of the box."""
         return self.compliances(self.middle).schur
 
-    def prepared(self, inside: np.ndarray) -> np.ndarray:
-        """See :class:`Bound`: S is not known yet."""
-        return inside
+    def prepared(self, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See :class:`Bound`: S is not known yet, but which conditions are inside and outside."""
+        return inside, np.setdiff1d(np.arange(self.areas.size), inside, assume_unique=True)
 
     def at(self, points: np.ndarray, theta: Any) -> VaryingThere:
         """See :class:`Bound`; for one answer."""
@@ -99,8 +115,8 @@ class VaryingBound:
             lower = cholesky(found.schur, lower=True)
         except LinAlgError:
             raise ConvergenceError(
-                f"S, interpolated between parameters, is not definite at {points[0].tolist()}: build the model with "
-                "Recipe(bound=False)"
+                f"S, interpolated between parameters, is not definite at {points[0].tolist()}: build the model without "
+                "a bound, Recipe(bound=False), or condense(..., bound=False)"
             ) from None
         return VaryingThere(self, found, ContactResponse(found.schur, lower))
 
@@ -162,16 +178,16 @@ class VaryingThere(NamedTuple):
         """See :class:`BoundThere`."""
         return self.found.free_slack + forces @ self.found.schur
 
-    def completed(self, own: np.ndarray, outside: np.ndarray) -> np.ndarray:
+    def completed(self, own: np.ndarray, outside: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """See :class:`BoundThere`."""
-        return self.response.outside(outside).completed(own, self.found.free_slack[None])
+        return self.response.outside(*outside).completed(own, self.found.free_slack[None])
 
     def force_changes(
-        self, forces: np.ndarray, outside: np.ndarray, gradient: Gradient, changes: np.ndarray
+        self, forces: np.ndarray, outside: tuple[np.ndarray, np.ndarray], gradient: Gradient, changes: np.ndarray
     ) -> np.ndarray:
         """See :class:`BoundThere`."""
         fixed, _ = self.found.at_fixed_forces(forces, np.zeros(0))
-        return self.response.outside(outside).changes(forces, gradient.multipliers, fixed)
+        return self.response.outside(*outside).changes(forces, gradient.multipliers, fixed)
 
     def of(self, unknown: np.ndarray, forces: np.ndarray, slack: Callable[[], np.ndarray]) -> Estimates:
         """See :class:`BoundThere`."""
@@ -187,10 +203,9 @@ class VaryingThere(NamedTuple):
             return norms[0], norms[1], norms[2]
 
         given = Given(forces, slack, found.free_slack[None])
-        primal, dual, size, pushed = bounded(given, self.response, fields, inexact)
-        # S and its inverse are right to a factor of 1 + ε or 1 - ε
-        primal, dual = primal * (1 + 2 * inexact), dual * (1 + 2 * inexact)
-        return Estimates(self.owner.kind, primal, dual, relative(primal, size), relative(dual, pushed))
+        scale = self.owner.scale_at(found.point)
+        how = scale, scale.amplified(self.response), self.owner.kind, inexact
+        return bounded(given, self.response, fields, *how).estimates()
 
     def _energies(self, forces: np.ndarray) -> _Energies:
         """Of the field in equilibrium with forces, (m,)."""

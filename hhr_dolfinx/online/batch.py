@@ -18,6 +18,7 @@ from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import HHRError, ParameterError
 from hhr_dolfinx.models.answer import Answer, ListedAnswers, SeveralAnswers, WithOutputs
 from hhr_dolfinx.models.choice import LEAF
+from hhr_dolfinx.models.estimates import INDICATED, SHOWN, Estimate, columns
 from hhr_dolfinx.models.fallback import FallbackModel
 from hhr_dolfinx.models.local import LocalModels
 from hhr_dolfinx.parameters import ParameterSpace
@@ -26,7 +27,6 @@ from hhr_dolfinx.trained import TrainedRange, check_outside
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
-    from hhr_dolfinx.models.error_bound import Estimate
 
 Progress = Callable[[Iterable], Iterable]
 """Wraps an iteration, for a progress bar."""
@@ -45,9 +45,9 @@ class Answers(NamedTuple):
         status: ``ok``, or why there is no answer.
         forces: nodal contact forces on the whole surface, (S, N_lambda).
         outputs: those of the scene by the head of their column, ``name [unit]``, (S,) each.
-        estimates: what is known of the errors, by the head of their column, (S,) each: ``displacement`` and ``forces``
-            relative to the exact ones, ``bound of``, ``estimate of`` or ``indicator of`` before them, and bounds of
-            outputs in their units; NaN where nothing is. None of a model that estimates nothing.
+        estimates: what is known of the errors, by the head of their column, (S,) each, see
+            :func:`~hhr_dolfinx.models.estimates.columns`: relative to the exact ones, but for bounds of outputs, which
+            are in their units; NaN where nothing is known. None of a model that estimates nothing.
         largest_displacement: of any node, (S,); None where it was not asked for, since it needs the whole field.
         fell_back: whether the full model answered, (S,) bool; None of a model that cannot fall back.
         model: number of the local model that answered, (S,) int; -1 where none of them did. None of a single model.
@@ -132,50 +132,52 @@ class Query:
     displacement: bool = False
 
     @property
-    def names(self) -> list[str]:
-        """Names of the outputs of the scene."""
+    def outputs(self) -> dict[str, str]:
+        """Heads of the columns of the outputs of the scene, by their names."""
         functionals = getattr(self.model.fields, "functionals", None)
-        return [] if functionals is None else [item.name for item in functionals.items]
+        items = () if functionals is None else functionals.items
+        return {item.name: f"{item.name} [{item.unit}]" if item.unit else item.name for item in items}
 
     @property
     def heads(self) -> list[str]:
-        """Heads of their columns."""
-        functionals = getattr(self.model.fields, "functionals", None)
-        items = () if functionals is None else functionals.items
-        return [f"{item.name} [{item.unit}]" if item.unit else item.name for item in items]
+        """Heads of the columns of the outputs."""
+        return list(self.outputs.values())
+
+    @property
+    def bounded_outputs(self) -> dict[str, str]:
+        """Those of which columns of estimates speak."""
+        return self.outputs if getattr(self.model.fields, "output_bound", None) is not None else {}
 
     @property
     def estimate_heads(self) -> list[str]:
         """Heads of the columns of estimates; none where nothing is estimated."""
-        fields = self.model.fields
         # fields of models that keep all contact conditions, or of a rival, know of no estimates
-        bound, of_outputs, indicator = (getattr(fields, name, None) for name in ("bound", "output_bound", "indicator"))
+        bound, indicator = (getattr(self.model.fields, name, None) for name in ("bound", "indicator"))
         if bound is not None:
-            heads = self.heads if of_outputs else []
-            return [f"{bound.kind} of {name}" for name in ("displacement", "forces", *heads)]
-        return [] if indicator is None else ["indicator of displacement", "indicator of forces"]
+            return columns(bound.kind, self.bounded_outputs)
+        return [] if indicator is None else columns("indicator", {})
 
     # threads of BLAS slow small blocks down, a hundredfold where other processes keep the cores busy
     @threadpool_limits.wrap(limits=1, user_api="blas")
     def __call__(self, points: np.ndarray) -> Answers:
         """Answers to some points, (n, P), any of which may have none."""
-        status, columns = self._faults(points), self._blank(len(points))
+        status, table = self._faults(points), self._blank(len(points))
         left = np.flatnonzero([text == OK for text in status])
         try:
             many = self.model.solve_many(points[left], raise_on_failure=False, outside=self.outside)
             solved = many.converged
-            self._fill(columns, left[solved], many.take(solved))
+            self._fill(table, left[solved], many.take(solved))
             left = left[~solved]
         except HHRError:  # refused for one of them: for which, and why, is told one by one
             pass
         for k in left:
             try:
-                self._fill(columns, np.array([k]), ListedAnswers((self.model.solve(points[k], outside=self.outside),)))
+                self._fill(table, np.array([k]), ListedAnswers((self.model.solve(points[k], outside=self.outside),)))
             except HHRError as error:  # what a row may do; anything else is a fault of the program and ends the run
                 status[k] = str(error)
-        outputs = {head: columns.pop(head) for head in self.heads}
-        estimates = {head: columns.pop(head) for head in self.estimate_heads}
-        return Answers(points, status, outputs=outputs, estimates=estimates, **columns)
+        outputs = {head: table.pop(head) for head in self.heads}
+        estimates = {head: table.pop(head) for head in self.estimate_heads}
+        return Answers(points, status, outputs=outputs, estimates=estimates, **table)
 
     def _faults(self, points: np.ndarray) -> list[str]:
         """What is wrong with points before any is solved; ``ok`` for nothing."""
@@ -200,18 +202,18 @@ class Query:
 
     def _blank(self, count: int) -> dict[str, np.ndarray]:
         """Columns by name, without a number yet."""
-        columns = {head: np.full(count, np.nan) for head in (*self.heads, *self.estimate_heads)}
-        columns["forces"] = np.full((count, self.model.conditions), np.nan)
+        table = {head: np.full(count, np.nan) for head in (*self.heads, *self.estimate_heads)}
+        table["forces"] = np.full((count, self.model.conditions), np.nan)
         if self.displacement:
-            columns["largest_displacement"] = np.full(count, np.nan)
+            table["largest_displacement"] = np.full(count, np.nan)
         if isinstance(self.model, FallbackModel):
-            columns["fell_back"] = np.zeros(count, dtype=bool)
+            table["fell_back"] = np.zeros(count, dtype=bool)
         if isinstance(self._reduced, LocalModels):
-            columns["model"] = np.full(count, LEAF, dtype=np.int64)
-        return columns
+            table["model"] = np.full(count, LEAF, dtype=np.int64)
+        return table
 
-    def _fill(self, columns: dict[str, np.ndarray], rows: np.ndarray, many: SeveralAnswers) -> None:
-        """Put answers into some rows of the columns, all or, where one of them is refused, none."""
+    def _fill(self, table: dict[str, np.ndarray], rows: np.ndarray, many: SeveralAnswers) -> None:
+        """Put answers into some rows of the table, all or, where one of them is refused, none."""
         if not rows.size:
             return
         found: dict[str, Any] = {"forces": many.forces()}
@@ -219,32 +221,30 @@ class Query:
             found |= dict(zip(self.heads, many.outputs().values(), strict=True))
         if self.estimate_heads:
             found |= dict(zip(self.estimate_heads, self._estimates(many), strict=True))
-        if "largest_displacement" in columns:
+        if "largest_displacement" in table:
             found["largest_displacement"] = [self._largest(answer) for answer in many]
         if isinstance(self.model, FallbackModel):
             found["fell_back"] = [self.model.fell_back(answer) for answer in many]
-        if "model" in columns:
+        if "model" in table:
             found["model"] = [self._number(answer) for answer in many]
         for name, values in found.items():
-            columns[name][rows] = values
+            table[name][rows] = values
 
     def _estimates(self, many: SeveralAnswers) -> np.ndarray:
         """Values of the columns of estimates, (columns, n); NaN where nothing is known."""
-        outputs = len(self.estimate_heads) - 2
-        if outputs:
-            singles = [answer.estimate() for answer in many]
-            return np.array([self._estimate(one) for one in singles]).T
+        if self.bounded_outputs:
+            return np.array([self._estimate(answer.estimate()) for answer in many]).T
         found = many.estimates()
         if found is None:
-            return np.full((2, len(many)), np.nan)
-        return np.array([found.primal_relative, found.dual_relative])
+            return np.full((len(self.estimate_heads), len(many)), np.nan)
+        names = INDICATED if found.kind == "indicator" else SHOWN
+        return np.array([getattr(found, SHOWN[name]) for name in names])
 
     def _estimate(self, estimate: Estimate | None) -> list[float]:
         """Those of one answer, with bounds of outputs."""
-        if estimate is None:
-            return [np.nan] * len(self.estimate_heads)
-        bounds = (estimate.outputs.get(name, np.nan) for name in self.names)
-        return [estimate.primal_relative, estimate.dual_relative, *bounds]
+        count = len(self.estimate_heads)
+        # answers of the full model are exact, whatever the reduced one knows
+        return [np.nan] * count if estimate is None else list(estimate.shown(self.bounded_outputs).values())[:count]
 
     def _largest(self, answer: Answer) -> float:
         """Largest displacement of any node."""

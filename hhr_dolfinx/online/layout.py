@@ -8,8 +8,8 @@ import numpy as np
 
 from hhr_dolfinx.parameters import ParameterSpace
 
-FORMAT, VERSION = "hhr_dolfinx reduced model", 11
-CONDENSED, CONDENSED_VERSION = "hhr_dolfinx condensed model", 3
+FORMAT, VERSION = "hhr_dolfinx reduced model", 12
+CONDENSED, CONDENSED_VERSION = "hhr_dolfinx condensed model", 4
 """Format of files of condensation, exact or interpolated, see ``varying_file``."""
 CONDENSED_FLOW, CONDENSED_FLOW_VERSION = "hhr_dolfinx condensed flow model", 3
 """Format of files of condensed flow, see ``condensed_flow_file``."""
@@ -56,9 +56,12 @@ LAYOUT = {
     "bound.basis": ("float", "field rows", "ell"),
     "bound.loads": ("float", "load rows", "terms"),
     "bound.lifts": ("float", "lift rows", "terms"),
+    "bound.areas": ("float", "N_lambda"),
+    "bound.least": ("float", "norms of forces"),
     "output_bound.steepness": ("float", "outputs", "norms"),
     "output_bound.free": ("float", "output rows", "terms"),
     "output_bound.pressed": ("float", "output rows", "N_lambda"),
+    "output_bound.least": ("float", "outputs"),
     "amplitudes.constant": ("float", "affine terms"),
     "amplitudes.slopes": ("float", "affine terms", "P"),
     "known.points": ("float", "S", "P"),
@@ -200,7 +203,9 @@ MAY_BE_NONE |= {f"entries of {name}" for name in PACKED}
 
 
 class Content(NamedTuple):
-    """What a file holds, checked: the box, arrays of the table, sizes by name, values that are a kind and numbers."""
+    """What a file holds, checked: the box, arrays of the table, sizes by name, values that are a kind and numbers, and
+    why there is no bound where there is none.
+    """
 
     space: ParameterSpace
     dimension: int
@@ -209,3 +214,4 @@ class Content(NamedTuple):
     amplitudes: list[Any]
     laws: list[Any]
     outputs: list[Any]
+    unbounded: str

@@ -96,7 +96,7 @@ def _save_local_histories(path: str | Path, model: Any) -> None:
 
 
 def _save_condensed(path: str | Path, model: Any) -> None:
-    from hhr_dolfinx.online.varying_file import save_condensed
+    from hhr_dolfinx.online.condensed_file import save_condensed
 
     save_condensed(path, model)
 

@@ -58,7 +58,13 @@ def reduced_parts(model: ReducedModel) -> tuple[dict[str, Any], dict[str, np.nda
     values = dict(zip(VALUES, lists, strict=True))
     space = model.parameters
     box = {"names": space.names, "lower": [float(x) for x in space.lower], "upper": [float(x) for x in space.upper]}
-    header: dict[str, Any] = {"parameters": box, "dimension": int(model.dimension)}
+    # an indicator is code, and no file holds code
+    why = (
+        model.fields.unbounded
+        if model.fields.indicator is None
+        else "its indicator stayed behind, a file holds no code"
+    )
+    header: dict[str, Any] = {"parameters": box, "dimension": int(model.dimension), "unbounded": why}
     fields = _taken_apart(model)
     kinds = _kinds(fields, (), {type(item) for items in values.values() for item in items if item is not None})
     layout = _layout(fields)
@@ -163,7 +169,7 @@ def _checked(header: dict, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
     """The content of a file, if it is that of a model."""
     _check_header(header)
     space, arrays = ParameterSpace(**header["parameters"]), dict(arrays)
-    values = [values_of(what, header[what], arrays, kinds) for what in VALUES]
+    amplitudes, laws, outputs = (values_of(what, header[what], arrays, kinds) for what in VALUES)
     layout = _layout(arrays)
     sizes = check_layout(arrays, layout, {"P": len(space.names), "ends": 2})
     empty = [name for name, size in sizes.items() if size == 0 and name not in MAY_BE_NONE]
@@ -171,7 +177,8 @@ def _checked(header: dict, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
         raise FileContentError(f"sizes {empty} are zero")
     # compiled loops multiply indices, for which four bytes may be too few
     arrays = {name: arrays[name].astype(TYPES[kind[0]], copy=False) for name, kind in layout.items()}
-    content = Content(space, header["dimension"], arrays, sizes, *values)
+    own = amplitudes, laws, outputs, header["unbounded"]
+    content = Content(space, header["dimension"], arrays, sizes, *own)
     if part_of_flow(arrays):
         check_flow(content)
     elif content.laws:
@@ -189,12 +196,14 @@ def _checked(header: dict, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
 
 
 def _check_header(header: dict) -> None:
-    if header.keys() != {"parameters", "dimension", *VALUES}:
+    if header.keys() != {"parameters", "dimension", "unbounded", *VALUES}:
         raise FileContentError(f"its header has the keys {sorted(header)}")
     if type(header["dimension"]) is not int or header["dimension"] not in (2, 3):
         raise FileContentError(f"the dimension must be 2 or 3, not {repr(header['dimension'])[:40]}")
     if not all(isinstance(header[what], list) for what in VALUES):
         raise FileContentError(f"the {', '.join(VALUES)} in its header must be lists")
+    if not isinstance(header["unbounded"], str):
+        raise FileContentError("why there is no bound must be a text")
     box = header["parameters"]
     if not isinstance(box, dict) or box.keys() != {"names", "lower", "upper"}:
         raise FileContentError("the parameters must have names, lower and upper")
@@ -227,6 +236,10 @@ def _check_bound(arrays: Mapping[str, np.ndarray], sizes: Mapping[str, int]) -> 
     ranks = [sizes[name] for name in ("N_lambda", "field rows", "load rows", "lift rows")]
     if ranks[: 3 if ranks[3] == 0 else 4] != sorted(ranks[: 3 if ranks[3] == 0 else 4]):
         raise FileContentError(f"directions of unit energy in its bound are not one more than another: {ranks}")
+    if not (
+        (arrays["bound.areas"] >= 0).all() and (arrays["bound.least"] >= 0).all() and len(arrays["bound.least"]) == 3
+    ):
+        raise FileContentError("areas, or three least sizes of forces, in its bound are negative or missing")
     schur, lower = arrays["bound.schur"], arrays["bound.lower"]
     off = np.abs(lower @ lower.T - schur).max() / np.abs(schur).max(initial=1e-300)
     if not (off <= 1e-10 and (lower.diagonal() > 0).all() and not np.triu(lower, 1).any()):
@@ -255,7 +268,8 @@ def _model(content: Content) -> ReducedModel:
     kind = part_of_flow(content.arrays)
     flow, completion = flow_of(parts[kind], parts["completion"], content) if kind else (None, None)
     given = {"force_snapshots": None} | parts["fields"]
-    fields = Reconstruction(theta, **given, dimension=content.dimension, flow=completion)
+    given |= {"dimension": content.dimension, "unbounded": content.unbounded}
+    fields = Reconstruction(theta, **given, flow=completion)
     if "bound" in parts:
         fields = replace(fields, bound=ErrorBound(**parts["bound"]))
     if content.outputs:

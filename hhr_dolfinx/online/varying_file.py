@@ -14,7 +14,6 @@ import numpy as np
 
 from hhr_dolfinx.amplitudes import Amplitudes, Coverage
 from hhr_dolfinx.errors import FileContentError, HHRError, ModelFileError, NotOfferedError
-from hhr_dolfinx.files import write_arrays
 from hhr_dolfinx.formulas import Formula, Modulus, Scalar, check_over_box
 from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.models.block_elimination import BlockReduction
@@ -37,7 +36,6 @@ from hhr_dolfinx.models.shaped_functionals import ReshapedFunctionals, Zone
 from hhr_dolfinx.models.starts import LinearStarts
 from hhr_dolfinx.models.varying import VaryingModel
 from hhr_dolfinx.models.varying_bound import PartEnergy, VaryingBound
-from hhr_dolfinx.online.layout import CONDENSED, CONDENSED_VERSION
 from hhr_dolfinx.online.tree import put_together, taken_apart
 from hhr_dolfinx.pairings.mortar import Mortar
 from hhr_dolfinx.pairings.node_to_node import NodeToNode
@@ -59,44 +57,13 @@ KINDS = (
 PREFIX = "varying"
 
 
-CONSTANT, EACH_QUERY = "constant", "each query"
-"""Whether what is behind the contact is eliminated once, or for each query."""
-PARTS = {
-    CONSTANT: ("parameters", "amplitudes", "responses", "known", "fields", "pairs"),
-    EACH_QUERY: ("parameters", "eliminated", "known", "fields", "pairs"),
-}
-"""Parts of condensed models in their files."""
-
-
-def _parts_of(model: CondensedModel | VaryingModel) -> tuple[str, dict[str, Any]]:
-    """How the rest is eliminated, and the parts by name; a mesh, which stress needs, stays behind."""
-    kind, fields = (
-        (CONSTANT if isinstance(model, CondensedModel) else EACH_QUERY),
-        replace(model.fields, stress_of=None),
-    )
-    given = {"responses": model.eliminated, "fields": fields}
-    return kind, {name: given[name] if name in given else getattr(model, name) for name in PARTS[kind]}
-
-
-def _made_of(kind: str, parts: dict[str, Any]) -> CondensedModel | VaryingModel:
-    """The model of such parts."""
-    return CondensedModel(**parts, factorise=LapackLU) if kind == CONSTANT else VaryingModel(**parts)
-
-
-def save_condensed(path: str | Path, model: CondensedModel | VaryingModel) -> None:
-    """Write a model of condensation, exact or interpolated, as one ``.npz`` file; what needs the mesh stays behind.
-
-    Raises:
-        ModelFileError: if the model cannot be read back: numbers that are not finite, amplitudes that are no data.
-    """
-    arrays: dict[str, np.ndarray] = {}
-    kind, parts = _parts_of(model)
-    try:
-        tree = {name: taken_apart(part, name, arrays) for name, part in parts.items()}
-    except FileContentError as error:
-        raise ModelFileError(f"this model cannot be kept in {path}: {error}") from error
-    header = {"format": CONDENSED, "version": CONDENSED_VERSION, "eliminated": kind, "tree": tree}
-    write_arrays(path, header, arrays)
+def _made_of(parts: dict[str, Any]) -> CondensedModel | VaryingModel:
+    """The model of the parts of a file: eliminated once for all, or for each query."""
+    if parts.keys() == CondensedModel.kept.keys():
+        return CondensedModel(**parts, factorise=LapackLU)
+    if parts.keys() == VaryingModel.kept.keys():
+        return VaryingModel(**parts)
+    raise FileContentError(f"parts {sorted(parts)[:10]} make no condensed model")
 
 
 def condensed_of(
@@ -113,8 +80,8 @@ def condensed_of(
         ModelFileError: if it is damaged.
     """
     try:
-        kinds, kind, given = by_name([*KINDS, *known]), header["eliminated"], header["tree"]
-        model = _made_of(kind, {name: put_together(given[name], arrays, kinds) for name in PARTS[kind]})
+        kinds = by_name([*KINDS, *known])
+        model = _made_of({name: put_together(part, arrays, kinds) for name, part in header["tree"].items()})
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             # a model that cannot answer in the middle of its box is none

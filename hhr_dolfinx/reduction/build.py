@@ -26,6 +26,7 @@ from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError, ReductionError
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.error_bound import Bound, ErrorBound
+from hhr_dolfinx.models.known_error import NOT_ASKED, known_error
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.choice import basis_of, chosen_nodes
 from hhr_dolfinx.reduction.completion import Completion
@@ -233,17 +234,18 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
         check_solvable(stability, problem, sets)
         if recipe.trust is not None:
             check_stability(stability, recipe.trust)
-    bound = _bound_of(shared, basis)
+    bound, unbounded = _bound_of(shared, basis)
     with log.stage("reconstruction"):
         fields = shared.completion.reconstruction(problem, basis, sets, flow, cone=recipe.cone or bound is None)
-        fields = replace(fields, bound=bound, stress_of=full.stress_of, functionals=_functionals(full, basis))
+        fields = replace(fields, bound=bound, unbounded=unbounded, stress_of=full.stress_of)
+        fields = replace(fields, functionals=_functionals(full, basis))
         if recipe.indicator is not None:
             fields = replace(fields, indicator=recipe.indicator.prepared(problem, basis, sets))
     if isinstance(bound, ErrorBound) and full.functionals is not None:
         from hhr_dolfinx.certify.output_bounds import output_bound
 
         with log.stage("bound"):
-            fields = replace(fields, output_bound=output_bound(full, bound, basis))
+            fields = replace(fields, output_bound=output_bound(full, bound, basis, shared.snapshots))
     known = shared.snapshots.known_statuses(sets.A_lambda) if flow is None else None
     with log.stage("online_arrays"):
         range_ = TrainedRange.of(shared.snapshots.points, problem.parameters) if flow is None else None
@@ -255,6 +257,7 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
     margin = _checked_margin(shared, model, layers)
     with log.stage("validation"):
         comparison, trained = _compared(shared, model)
+    shared.log.say(known_error(model.fields))
     record = OfflineRecord(recipe, layers, basis, sets, stability, enrichment, margin, comparison, log)
     return model.changed(trained=trained, offline=record)
 
@@ -279,21 +282,21 @@ def _flow_of(shared: _Offline, basis: np.ndarray, sets: IndexSets, layers: int) 
         return cubature_flow(equilibrium, basis, sets, shared.snapshots, *how)[0]
 
 
-def _bound_of(shared: _Offline, basis: np.ndarray) -> Bound | None:
-    """Bounds of errors; None where they were not asked for, or are not proved, with the reason in the log."""
+def _bound_of(shared: _Offline, basis: np.ndarray) -> tuple[Bound | None, str]:
+    """Bounds of errors; None where they were not asked for, or are not proved, with the reason."""
     full, recipe, log = shared.full, shared.recipe, shared.log
     if not recipe.bound or recipe.indicator is not None:
-        return None
+        return None, NOT_ASKED
     try:
         with log.stage("bound"):
             if full.equilibrium is not None or not full.problem.varies:
-                return error_bound(full, basis)
+                return error_bound(full, basis, shared.snapshots.forces), ""
             from hhr_dolfinx.reduction.varying_bound import varying_bound
 
-            return varying_bound(full, basis)
+            return varying_bound(full, basis, shared.snapshots.forces), ""
     except BoundError as error:
         log.skip("bound", str(error))
-        return None
+        return None, str(error)
 
 
 def _functionals(full: Any, basis: np.ndarray) -> Any:

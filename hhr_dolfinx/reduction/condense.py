@@ -13,12 +13,13 @@ import numpy as np
 
 from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.certify.compare import Comparison, compare_points
-from hhr_dolfinx.certify.trust import TrustLimits, check_comparison
+from hhr_dolfinx.certify.trust import OF_CONDENSATION, TrustLimits, check_comparison
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError, NotOfferedError, ReductionError, StabilityWarning
 from hhr_dolfinx.models.block_elimination import BlockReduction
 from hhr_dolfinx.models.interpolated import Compliances, InterpolatedFields
 from hhr_dolfinx.models.interpolation import GrownGrid
+from hhr_dolfinx.models.known_error import NOT_ASKED, known_error
 from hhr_dolfinx.models.reshaped import ReshapedReduction
 from hhr_dolfinx.models.starts import LinearStarts
 from hhr_dolfinx.models.varying import VaryingModel
@@ -110,13 +111,17 @@ def condense(
             seen += _fields_along(compliances, solvers, known) if snapshots is None else [snapshots.displacements]
             made = _fields(full, np.column_stack(seen), settings)
     if bound and fields:
-        made = _bounded(full, made, log)
+        acting = np.maximum(known.margins, 0.0).T if snapshots is None else snapshots.forces
+        made = _bounded(full, made, acting, log)
+    elif fields:
+        made = replace(made, unbounded=NOT_ASKED)
+    log.say(known_error(made))
     model = VaryingModel(full.parameters, compliances, known, made, problem.contact_pairs)
     comparison = None
     if held_out is not None and snapshots is not None and fields:
         with log.stage("validation"):
             comparison = compare_points(full, model, held_out, force_floor(problem, snapshots))
-            check_comparison(comparison, TrustLimits())
+            check_comparison(comparison, TrustLimits(), OF_CONDENSATION)
     numbers = [grid.evaluations for grid in grids], [grid.surplus for grid in grids]
     model.offline = CondensedRecord(settings, *numbers, comparison, log)
     return model
@@ -168,14 +173,14 @@ def _fields(full: Any, displacements: np.ndarray, settings: GridSettings) -> Int
     return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest)
 
 
-def _bounded(full: Any, fields: InterpolatedFields, log: StageLog) -> InterpolatedFields:
+def _bounded(full: Any, fields: InterpolatedFields, forces: np.ndarray, log: StageLog) -> InterpolatedFields:
     """Fields with a bound; as they are where there is none, with the reason in the log."""
     try:
         with log.stage("bound"):
-            return replace(fields, bound=varying_bound(full, fields.basis))
+            return replace(fields, bound=varying_bound(full, fields.basis, forces))
     except BoundError as error:
         log.skip("bound", str(error))
-        return fields
+        return replace(fields, unbounded=str(error))
 
 
 def _of_energy(basis: np.ndarray, problem: ContactProblem) -> np.ndarray:

@@ -245,6 +245,7 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
         model.march(shared.snapshots.histories[0].path[:2], MarchSettings(outside="ignore"))
     with log.stage("validation"):
         comparison, trained = _compared(shared, model, settings)
+    log.say(model.known_error)
     sizes_ = basis.shape[1], flow.points.size, domain.points.size
     record = CorrectionRecord(settings, *sizes_, cubature.misfit, energy, comparison, log)
     return model.changed(trained=trained, offline=record)

@@ -10,17 +10,19 @@ import numpy as np
 from scipy.linalg import eigvalsh
 from scipy.sparse import csc_matrix, csr_matrix, hstack
 
+from hhr_dolfinx.certify.accuracy import least_sizes
 from hhr_dolfinx.certify.bounds import check_hypotheses
 from hhr_dolfinx.certify.interpolation import PartStiffness
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError
 from hhr_dolfinx.models.interpolated import Compliance, Compliances
+from hhr_dolfinx.models.interpolation import Interpolant
 from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.models.reshaped import InterpolatedProblem
 from hhr_dolfinx.models.varying_bound import ROUND_OFF, PartEnergy, VaryingBound
 from hhr_dolfinx.reduction.components import Component, Solver, components_of, interpolated_compliances
-from hhr_dolfinx.reduction.interpolate import GridSettings
-from hhr_dolfinx.reduction.interpolate_reduced import interpolated_problem
+from hhr_dolfinx.reduction.interpolate import GridSettings, grown
+from hhr_dolfinx.reduction.interpolate_reduced import SHAPE_GRID, interpolated_problem
 from hhr_dolfinx.reduction.projection import project
 
 GRID = GridSettings(1e-9, 150)
@@ -40,15 +42,17 @@ class Between(NamedTuple):
     energies: tuple[PartEnergy, ...]
     inexact: float
     proved: bool
+    areas: Interpolant | None
 
 
 _KNOWN: WeakKeyDictionary[Any, Between] = WeakKeyDictionary()
 
 
-def varying_bound(full: Any, basis: np.ndarray) -> VaryingBound:
+def varying_bound(full: Any, basis: np.ndarray, forces: np.ndarray | None = None) -> VaryingBound:
     """Bounds for answers with a basis, (N, ell), of a full model on one rank whose stiffness depends on parameters.
 
-    What does not depend on the basis is solved for once, and kept as long as the full model lives.
+    What does not depend on the basis is solved for once, and kept as long as the full model lives. Of forces of
+    training, (N_lambda, S), a thousandth is what relative errors are taken over at least.
 
     Raises:
         BoundError: with the hypothesis that fails.
@@ -57,7 +61,10 @@ def varying_bound(full: Any, basis: np.ndarray) -> VaryingBound:
     problem: ContactProblem = full.problem
     if full not in _KNOWN:
         _KNOWN[full] = _between(full)
-    return VaryingBound(*_KNOWN[full][:2], _whole(problem, basis), *_KNOWN[full][2:], problem.middle)
+    known, sizes = _KNOWN[full], (problem.contact_areas, least_sizes(full, forces))
+    return VaryingBound(
+        *known[:2], _whole(problem, basis), known.inexact, known.proved, problem.middle, *sizes, known.areas
+    )
 
 
 def _between(full: Any) -> Between:
@@ -87,7 +94,19 @@ def _between(full: Any) -> Between:
     if problem.reshaped is not None:
         errors.append(OBSERVED * grids[-1].surplus)
     _check_resolved(max(errors))
-    return Between(compliances, energies, max(errors), proved)
+    return Between(compliances, energies, max(errors), proved, _areas(problem))
+
+
+def _areas(problem: ContactProblem) -> Interpolant | None:
+    """Tributary areas between shapes; None where they do not change."""
+    if problem.reshaped is None:
+        return None
+    axes = np.array(problem.reshaped.axes, dtype=np.int64)
+
+    def there(point: np.ndarray) -> dict[str, np.ndarray]:
+        return {"areas": problem.reshaped(point).contact_areas}
+
+    return grown(there, problem.parameters, axes, SHAPE_GRID)[0].interpolant
 
 
 def _check_resolved(error: float) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from hhr_dolfinx.certify.accuracy import FORCE_FLOOR, summary
+from hhr_dolfinx.certify.accuracy import least_sizes, summary
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import (
     HHRError,
@@ -261,11 +261,21 @@ def _held_out_of(training: Training, choice: Choice, number: int) -> SnapshotSet
 def together(models: list[ReducedModel], choice: Choice, snapshots: SnapshotSet, record: LocalRecord) -> LocalModels:
     """The set of some models, whose door is that of all that was trained: where one ends another one goes on."""
     trained = TrainedRange.of(snapshots.points, models[0].parameters)
-    own = [model.changed(trained=trained) for model in models]
+    own = [model.changed(trained=trained, fields=fields) for model, fields in zip(models, _alike(models), strict=True)]
     if record.missed:
         more = "" if len(record.missed) == 1 else f", and {len(record.missed) - 1} more in offline.missed"
         warnings.warn(f"{record.missed[0]}{more}", LocalModelWarning, stacklevel=4)
     return LocalModels(own, choice, replace(record, points=snapshots.points))
+
+
+def _alike(models: list[ReducedModel]) -> list[Any]:
+    """Fields of the models, whose relative errors are over the same least sizes of forces: those of all training."""
+    fields = [model.fields for model in models]
+    bounds: list[Any] = [item.bound for item in fields]
+    if None in bounds:
+        return fields
+    least = np.max([bound.least for bound in bounds], axis=0)
+    return [replace(item, bound=replace(bound, least=least)) for item, bound in zip(fields, bounds, strict=True)]
 
 
 def built(
@@ -292,8 +302,7 @@ def p95(errors: np.ndarray) -> float:
 
 def least_forces(full: Any, snapshots: SnapshotSet) -> float:
     """A thousandth of the largest training forces in the S norm, of the middle of the box."""
-    forces = snapshots.forces
-    return FORCE_FLOOR * float(np.sqrt(np.einsum("ms,ms->s", forces, full.schur @ forces).max(initial=0.0)))
+    return float(least_sizes(full, snapshots.forces)[0])
 
 
 def force_errors(model: ReducedModel | LocalModels, points: np.ndarray, floor: float) -> np.ndarray:

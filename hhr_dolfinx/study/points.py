@@ -79,15 +79,10 @@ def measure_points(
         if full.problem.pins is not None:
             why = "nothing but contact holds a body: without it K is singular, and the first program fails"
         skipped.append({"stage": "fom_naive", "why": why})
-    iterations = [answer.iterations for answer in answers]
     report = {
         "times": {**_summaries(warm, TIMED), "cold_start": _summaries(cold, COLD), **offline},
         "ratios": {**_ratios(warm), "cold_start": _ratios(cold)},
-        "active_set": {
-            "iterations_median": float(np.median(iterations)),
-            "iterations_max": max(iterations),
-            "cycles": sum(answer.cycled for answer in answers),
-        },
+        "active_set": _searches(answers),
     }
     if full.functionals is not None:
         report["outputs"] = _outputs(full, references.solutions, answers)
@@ -97,9 +92,15 @@ def measure_points(
     how = {"condensed": "interpolated"} if offline else {}
     order = [name for name in ("condensed", "fom_best", "fom_naive") if name in exact]
     rows = [Row(name, how.get(name, "exact"), warm[name], exact[name]) for name in order]
-    return Measurement(
-        own, rows, beside, report, skipped, models={name: models[name] for name in ("condensed",) if name in models}
-    )
+    small = {name: models[name] for name in ("condensed",) if name in models}
+    return Measurement(own, rows, beside, report, skipped, models=small)
+
+
+def _searches(answers: list[Answer]) -> dict[str, Any]:
+    """The ``active_set`` part of a report."""
+    iterations = [answer.iterations for answer in answers]
+    cycles = sum(answer.cycled for answer in answers)
+    return {"iterations_median": float(np.median(iterations)), "iterations_max": max(iterations), "cycles": cycles}
 
 
 def _condensed(training: Training, known: KnownStatuses) -> tuple[CondensedModel | VaryingModel, ...]:

@@ -286,10 +286,11 @@ def _sizes_in_words(report: dict[str, Any]) -> str:
 
 def _fallback_in_words(row: dict[str, Any]) -> str:
     """What a model costs that falls back on the full one."""
+    shares = ", ".join(f"of {name} {share:.1%}" for name, share in row["shares"].items())
     return (
-        f"off by {row['tolerance']:g} of displacement and forces at most, by its {row['kind']}: {row['share']:.1%} of "
-        f"queries fall back on the full order, {in_words(row['query'])} per query beside {in_words(row['full'])} of it "
-        "alone"
+        f"off by {row['tolerance']:g} of displacement and forces in energy at most, by its {row['kind']}: "
+        f"{row['share']:.1%} of queries fall back on the full order, {in_words(row['query'])} per query beside "
+        f"{in_words(row['full'])} of it alone; by the error {shares}"
     )
 
 

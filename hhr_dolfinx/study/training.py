@@ -82,6 +82,7 @@ class Training:
         self,
         tolerance: float = 0.01,
         *,
+        of: str | None = None,
         grow: int | None = 20,
         recipe: Recipe | None = None,
         checked: bool = True,
@@ -89,18 +90,23 @@ class Training:
         """A reduced model that asks the full one where it may be off by more than a tolerance, and learns from it.
 
         Args:
-            tolerance: largest relative error of displacement and forces of any answer.
+            tolerance: largest relative error of any answer.
+            of: which error that is: ``forces``, nodal contact forces in the Euclidean norm; ``pressure``, the largest
+                error of a nodal pressure over the peak pressure; ``displacement``, its energy; or an output, by its
+                name. None takes displacement and forces, both in energy: nodal forces and pressures are then off by
+                ten times as much and more.
             grow: number of new answers of the full model after which the reduced one is built again, from the training
                 and all of them; None keeps it as it is.
             recipe, checked: see :meth:`build`.
 
         Raises:
             BoundError: where answers of the reduced model have no bound.
-            ParameterError: for a tolerance, or ``grow``, that is none.
+            ParameterError: for a tolerance, or ``grow``, that is none, an error that is not known, or one of an output
+                without a bound.
         """
         from hhr_dolfinx.study.growing import safe_model
 
-        return safe_model(self, tolerance, grow, recipe, checked=checked)
+        return safe_model(self, tolerance, grow, recipe, of=of, checked=checked)
 
     def local(
         self, how: Any = None, *, recipe: Recipe | None = None, checked: bool = True, progress: Progress = silent

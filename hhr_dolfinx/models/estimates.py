@@ -1,0 +1,161 @@
+"""What is known of the errors of answers: of one, and of many at once.
+
+Norms, with σ = λ / area the nodal pressure, zero of a condition without an area:
+
+    displacement      (v^T K v)^1/2, energy
+    forces in energy  (λ^T S λ)^1/2, the energy of the displacement that forces make alone
+    forces            (λ^T λ)^1/2, Euclidean, of nodal forces
+    pressure          max σ_i, the largest
+
+A relative error of forces and pressures is the error over the exact size, or over a thousandth of the largest one of
+training where the exact size is less: where contact is nearly lost a relative error means nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+NO_OUTPUTS: Mapping[str, float] = {}
+"""Of what has no outputs, or no bounds of them."""
+NO_OUTPUTS_SHOWN: Mapping[str, str] = {}
+"""Heads of no outputs."""
+NUMBERS = (
+    "primal", "dual", "primal_relative", "dual_relative",
+    "forces_euclid", "pressure", "forces_euclid_relative", "pressure_relative",
+)  # fmt: skip
+"""Numbers of an estimate that are not of outputs."""
+SHOWN = {
+    "displacement": "primal_relative",
+    "forces": "forces_euclid_relative",
+    "pressure": "pressure_relative",
+    "forces in energy": "dual_relative",
+}
+"""Relative errors by the names under which users read them."""
+INDICATED = ("displacement", "forces")
+"""Those of which an indicator speaks."""
+
+
+class Estimate(NamedTuple):
+    """What is known of the error of an answer.
+
+    Attributes:
+        kind: ``bound``, which no error exceeds; ``estimate``, the same but for an interpolation of which nothing is
+            proved; or ``indicator``, which follows the error.
+        primal: of the displacement in energy, (v^T K v)^1/2.
+        dual: of the contact forces in the S norm, (λ^T S λ)^1/2: the energy of the displacement that they make alone.
+            What an indicator says knows no units: this and all that is no relative error is infinite.
+        primal_relative, dual_relative: over the least that the exact answer can have in these norms; infinite where a
+            bound is larger than the answer itself.
+        outputs: bounds of the errors of the outputs of the scene, by name; those of which nothing is known are left
+            out, see :mod:`hhr_dolfinx.models.output_bound`.
+        forces_euclid: of the nodal contact forces in the Euclidean norm.
+        pressure: the largest error of a nodal pressure.
+        forces_euclid_relative, pressure_relative: over the Euclidean norm of the exact forces, and over the exact peak
+            pressure.
+    """
+
+    kind: str
+    primal: float
+    dual: float
+    primal_relative: float
+    dual_relative: float
+    outputs: Mapping[str, float] = NO_OUTPUTS
+    forces_euclid: float = math.inf
+    pressure: float = math.inf
+    forces_euclid_relative: float = math.inf
+    pressure_relative: float = math.inf
+
+    @classmethod
+    def indicated(cls, value: float) -> Estimate:
+        """What an indicator says, in units of its own, taken as relative; of pressures it says nothing."""
+        return cls("indicator", math.inf, math.inf, value, value, forces_euclid_relative=value)
+
+    @classmethod
+    def exact(cls, functionals: Any) -> Estimate:
+        """Of an answer without an error, with the outputs of a scene, or None."""
+        items = () if functionals is None else functionals.items
+        return cls("bound", 0.0, 0.0, 0.0, 0.0, {item.name: 0.0 for item in items}, 0.0, 0.0, 0.0, 0.0)
+
+    def shown(self, outputs: Mapping[str, str] = NO_OUTPUTS_SHOWN) -> dict[str, float]:
+        """What a table says of the error, by the heads of :func:`columns`; NaN of outputs without a bound."""
+        names = INDICATED if self.kind == "indicator" else tuple(SHOWN)
+        values = [float(getattr(self, SHOWN[name])) for name in names]
+        if self.kind != "indicator":
+            values += [self.outputs.get(name, math.nan) for name in outputs]
+        return dict(zip(columns(self.kind, outputs), values, strict=True))
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """Estimates of many answers; ``estimates[k]`` is the :class:`Estimate` of one.
+
+    Attributes:
+        kind: see there.
+        primal, dual, primal_relative, dual_relative, forces_euclid, pressure, forces_euclid_relative,
+            pressure_relative: see there, (n,) each; NaN without an answer.
+    """
+
+    kind: str
+    primal: np.ndarray
+    dual: np.ndarray
+    primal_relative: np.ndarray
+    dual_relative: np.ndarray
+    forces_euclid: np.ndarray
+    pressure: np.ndarray
+    forces_euclid_relative: np.ndarray
+    pressure_relative: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.primal)
+
+    def __getitem__(self, k: int) -> Estimate:
+        """That of one answer."""
+        own = self.primal, self.dual, self.primal_relative, self.dual_relative
+        further = self.forces_euclid, self.pressure, self.forces_euclid_relative, self.pressure_relative
+        a, b, c, d, e, f, g, h = (float(values[k]) for values in (*own, *further))
+        return Estimate(self.kind, a, b, c, d, NO_OUTPUTS, e, f, g, h)
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """All of them in the order of :data:`NUMBERS`, (8, n)."""
+        return np.array([getattr(self, name) for name in NUMBERS])
+
+    @classmethod
+    def of(cls, found: Sequence[Estimate | None]) -> Estimates | None:
+        """Of estimates found one by one; None where there are none."""
+        rows = [(np.arange(k, k + 1), one) for k, one in enumerate(found) if one is not None]
+        kinds = {one.kind for _, one in rows}
+        if not kinds:
+            return None
+        return cls._filled(kinds, len(found), rows)
+
+    @classmethod
+    def joined(cls, parts: Sequence[tuple[np.ndarray, Estimates | None]], count: int) -> Estimates | None:
+        """Of parts of ``count`` answers, each with the places of its own; None where none has any."""
+        known = [(rows, part) for rows, part in parts if part is not None]
+        return cls._filled({part.kind for _, part in known}, count, known) if known else None
+
+    @classmethod
+    def _filled(cls, kinds: set[str], count: int, parts: Sequence[tuple[np.ndarray, Any]]) -> Estimates:
+        """Of numbers at some places, NaN elsewhere."""
+        numbers = np.full((len(NUMBERS), count), np.nan)
+        for rows, part in parts:
+            for row, name in zip(numbers, NUMBERS, strict=True):
+                row[rows] = getattr(part, name)
+        return cls(" and ".join(sorted(kinds)), *numbers)
+
+
+def columns(kind: str, outputs: Mapping[str, str]) -> list[str]:
+    """Heads of the columns of a table for what is known of errors.
+
+    Args:
+        kind: see :class:`Estimate`.
+        outputs: heads of the outputs that are bounded, by name.
+    """
+    shown = INDICATED if kind == "indicator" else (*SHOWN, *outputs.values())
+    return [f"{kind} of {name}" for name in shown]
