@@ -205,8 +205,14 @@ UNNEEDED = {
     "families of paths": ["hhr_dolfinx.path_families"],
 }  # fmt: skip
 """What a study of an elastic scene on matching meshes does without; numba is not listed: DOLFINx loads it itself."""
+OF_FILES = {
+    "hhr_dolfinx.models.functional_kinds", "hhr_dolfinx.models.functionals", "hhr_dolfinx.models.reshaped",
+    "hhr_dolfinx.models.interpolation", "hhr_dolfinx.shapes", "hhr_dolfinx.formulas",
+}  # fmt: skip
+"""What checks a file of condensed flow where it is written, and knows all that such files may hold."""
 UNNEEDED_BY_FLOW = {
-    **{name: UNNEEDED[name] for name in UNNEEDED if name not in ("flow", "meshes that do not match")},
+    **{name: [item for item in UNNEEDED[name] if item not in OF_FILES] for name in UNNEEDED
+       if name not in ("flow", "meshes that do not match")},
     "what only elastic scenes are compared with": [
         "hhr_dolfinx.study.points", "hhr_dolfinx.study.references", "hhr_dolfinx.baselines.naive",
         "hhr_dolfinx.baselines.condensation", "hhr_dolfinx.study.verify"],
