@@ -32,7 +32,7 @@ def quick(tmp_path_factory):
 def test_report(quick):
     report = json.loads((quick / "report.json").read_text())
     keys = "scene seed versions machine sizes stability errors times ratios work_precision active_set skipped"
-    keys += " recipe refused_before advice kkt break_even models fallback"
+    keys += " recipe refused_before advice kkt break_even models fallback date parameters materials units"
     assert set(report) == set(keys.split())
     assert report["recipe"]["basis"]["tolerance"] == 1e-11 and report["recipe"]["domain"]["layers"] == 2
     sizes = report["sizes"]

@@ -169,7 +169,9 @@ for k in range(int(sys.argv[2]), 10**9):
 @pytest.mark.parametrize("kills", [3, pytest.param(20, marks=pytest.mark.slow)])
 def test_kills_leave_whole_snapshots_and_the_next_run_clears_up(kills, tmp_path):
     dice, left = random.Random(kills), 0
-    for kill in range(kills):
+    for kill in range(20 * kills):
+        if kill >= kills and left:
+            break  # a busy machine may leave them no time to begin a file
         command = [sys.executable, "-c", SAVES, str(tmp_path), str(kill)]
         pair = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
         for child in pair:
@@ -395,7 +397,8 @@ def test_many_points_as_arrays(small_reduction):
     space = small_reduction.parameters
     points = np.vstack([space.random(5, 3), [[np.nan, 3.0], [1e9, 3.0]]])
     found = hhr.answer_points(small_reduction, points)
-    assert found.status[:5] == ["ok"] * 5 and all("is outside" in why for why in found.status[5:])
+    assert found.status[:5] == ["ok"] * 5 and " = nan is not finite" in found.status[5]
+    assert "is outside" in found.status[6]
     assert found.forces.shape == (7, len(small_reduction.fields.gaps))
     assert np.isnan(found.forces[5:]).all() and np.isnan(found.largest_displacement[5:]).all()
     for k in range(5):

@@ -114,10 +114,13 @@ def first_trusted(attempt: Callable[[int], Any], layers: int, most_layers: int, 
         layers += 1
 
 
-def check_solvable(stability: Stability, problem: ContactProblem, sets: IndexSets) -> None:
-    """Raise NotSolvableError if the rows of B~1 or B~2 are dependent, thesis (1.67), (5.24)-(5.25)."""
+def check_solvable(stability: Stability, problem: ContactProblem | None = None, sets: IndexSets | None = None) -> None:
+    """Raise NotSolvableError if the rows of B~1 or B~2 are dependent, thesis (1.67), (5.24)-(5.25).
+
+    Of the problem and the RID, where they are given, conditions of one node and normal are named.
+    """
     if math.isinf(stability.kappa_B) or math.isinf(stability.kappa_B_2):
-        twins = _twins(problem, sets)
+        twins = "" if problem is None or sets is None else _twins(problem, sets)
         raise NotSolvableError(
             "the contact rows are dependent on the reduced basis, thesis (1.67): "
             + (twins or "keep more modes (a smaller POD tolerance) or fewer contact points in the RID (fewer layers or "
