@@ -107,7 +107,7 @@ install() {
 rm -rf "$venv"
 if [ -n "$system_python" ]; then
     say "Set-up 2 of 3: the DOLFINx of $system_python is used; installing the rest into $venv"
-    say "    (up to 290 MB to download, 1.1 GB on disk, two minutes)"
+    say "    (up to 440 MB to download, 1.7 GB on disk, two minutes)"
     "$system_python" -m venv --system-site-packages "$venv"
     extras=all,test
 else
@@ -117,7 +117,7 @@ else
         exit 1
     fi
     say "Set-up 2 of 3: installing DOLFINx, PETSc, SLEPc and the rest for $python into $venv"
-    say "    (430 MB to download, 1.7 GB on disk, two minutes)"
+    say "    (520 MB to download, 1.9 GB on disk, two minutes)"
     "$python" -m venv "$venv"
     extras=all,solver,test
 fi

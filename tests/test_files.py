@@ -169,7 +169,9 @@ for k in range(int(sys.argv[2]), 10**9):
 @pytest.mark.parametrize("kills", [3, pytest.param(20, marks=pytest.mark.slow)])
 def test_kills_leave_whole_snapshots_and_the_next_run_clears_up(kills, tmp_path):
     dice, left = random.Random(kills), 0
-    for kill in range(kills):
+    for kill in range(20 * kills):
+        if kill >= kills and left:
+            break  # a busy machine may leave them no time to begin a file
         command = [sys.executable, "-c", SAVES, str(tmp_path), str(kill)]
         pair = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
         for child in pair:

@@ -133,7 +133,7 @@ def test_legs_that_are_none(given, message):
 
 @pytest.mark.parametrize(("call", "given", "message"), [
     ("path", [20.0, 0.0, 0.0], r"family of paths 'down': gap = 20 is outside \[5, 15\]"),
-    ("path", [np.nan, 0.0, 0.0], "gap = nan is outside"),
+    ("path", [np.nan, 0.0, 0.0], "gap = nan is not finite"),
     ("path", [10.0], "'down': expected 3 parameters"),
     ("path", {"gap": 10.0, "hold": 1.0}, r"'down': parameters \['back'\] do not match"),
     ("paths", np.ones(3), r"'down': points have the shape \(3,\)"),

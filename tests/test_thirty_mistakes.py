@@ -224,8 +224,8 @@ MISTAKES: dict[str, tuple[Change, str]] = {
                                    r"5 on tag roller_flat and 6 .*component 1 at .*leave one of them out"),
     "a displacement on a body": (with_displacement(lambda: hhr.Displacement("stop", 1)),
                                  r"'stop' is a body of it: a surface is needed here"),
-    "a displacement as text": (with_displacement(lambda: hhr.Displacement("roller_flat", 1, "travel"), "roller_flat"),
-                               r"'travel' of the displacement on tag roller_flat .*Amplitude\(slopes="),
+    "a displacement as text": (with_displacement(lambda: hhr.Displacement("roller_flat", 1, "0.3 mm"), "roller_flat"),
+                               r"amplitude of the displacement on tag roller_flat: the formula '0.3 mm'"),
     # contacts
     "a pair listed twice": (with_contact(lambda: Pair("spring_bottom", "stop_round")),
                             r"contacts 0 and 1 .*'stop_round'.*List each pair once"),

@@ -140,23 +140,31 @@ def first_trusted(attempt: Callable[[int], Any], layers: int, most_layers: int, 
         layers += 1
 
 
-def check_solvable(stability: Stability, problem: ContactProblem, sets: IndexSets) -> None:
-    """Raise NotSolvableError if the rows of B~1 or B~2 are dependent, thesis (1.67), (5.24)-(5.25)."""
+def check_solvable(stability: Stability, problem: ContactProblem | None = None, sets: IndexSets | None = None) -> None:
+    """Raise NotSolvableError if the rows of B~1 or B~2 are dependent, thesis (1.67), (5.24)-(5.25).
+
+    Of the problem and the RID, where they are given, conditions that say the same are named.
+    """
     if not (math.isinf(stability.kappa_B) or math.isinf(stability.kappa_B_2)):
         return
+    twins = ""
+    if problem is not None and sets is not None:
+        _check_parallel(problem, sets)
+        twins = _twins(problem, sets)
+    raise NotSolvableError(
+        "the contact rows are dependent on the reduced basis, thesis (1.67): "
+        + (twins or "keep more modes (a smaller POD tolerance) or fewer contact points in the RID (layers, zones)")
+    )
+
+
+def _check_parallel(problem: ContactProblem, sets: IndexSets) -> None:
+    """Raise NotSolvableError where conditions of the RID say the same whatever the basis."""
     if same := _parallel_rows(problem.contact[sets.A_lambda]):
         raise NotSolvableError(
             f"{same} contact conditions say the same as another one, as a stop does beside a pair whose master is "
             "imposed: no basis tells their forces apart, thesis (1.67). Leave one of the two contacts out, or end "
             "their surfaces at different nodes"
         )
-    raise NotSolvableError(
-        "the contact rows are dependent on the reduced basis, thesis (1.67): "
-        + (
-            _twins(problem, sets)
-            or "keep more modes (a smaller POD tolerance) or fewer contact points in the RID (fewer layers or zones)"
-        )
-    )
 
 
 def _twins(problem: ContactProblem, sets: IndexSets) -> str:

@@ -147,7 +147,7 @@ def _round_turns(found: Sequence[FreeBody], problem: ContactProblem, rigid: np.n
     effects, driven = np.linalg.norm(problem.contact @ rigid, axis=0), _driven(problem, rigid)
     found_round = np.zeros(rigid.shape[1], dtype=bool)
     for body in found:
-        fields = rigid.reshape(len(problem.points), -1, rigid.shape[1])[body.nodes]
+        fields = rigid.reshape(len(problem.points), problem.block_size, rigid.shape[1])[body.nodes]
         own = np.flatnonzero(np.abs(fields).max(axis=(0, 1)) > ALMOST_NONE)
         for place in own:
             turn = fields[:, :, place]

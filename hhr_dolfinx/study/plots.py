@@ -55,7 +55,7 @@ def draw_study(study: Study, view: View, folder: Path) -> None:
         exact, found = study.measured.drawn
         method = study.measured.own.method
         _draw_answers(full, model, {"": (exact.answers[-1], found.answers[-1])}, view, folder, method)
-        _draw_over_time({"full order": exact, method: found}, folder)
+        _draw_over_time({"full order": exact, method: found}, full.problem.contact_pairs, folder)
         return
     names = full.parameters.names
     if len(names) == 1 and isinstance(study.tests, np.ndarray):
@@ -134,14 +134,20 @@ def _cells(model: ReducedModel | CondensedFlowModel) -> np.ndarray:
     return np.unique(model.flow.points // model.flow.per_cell)
 
 
-def _draw_over_time(histories: dict[str, History], folder: Path) -> None:
-    """Contact force, largest plastic strain and iterations of each step of a full and a reduced history, by method."""
+def _draw_over_time(histories: dict[str, History], contacts: np.ndarray, folder: Path) -> None:
+    """Force of each contact, largest plastic strain and iterations of the steps of histories, by method."""
+    times = [answer.time for answer in next(iter(histories.values())).answers]
+    pairs, lines = np.unique(contacts), {}
+    for label, history in histories.items():
+        forces = np.array([answer.forces() for answer in history.answers])
+        for pair in pairs:
+            name = f"{label}, contact {pair}" if pairs.size > 1 else label
+            lines[name] = times, forces[:, contacts == pair].sum(axis=1)
+    plot_curves(lines, folder / "contact_force.png", ("time [s]", "contact force"))
     quantities = {
-        "contact force": lambda history: [answer.forces().sum() for answer in history.answers],
         "largest plastic strain": lambda history: [answer.gauss.state.cumulated.max() for answer in history.answers],
         "iterations of a step": lambda history: history.iterations,
     }
-    times = [answer.time for answer in next(iter(histories.values())).answers]
     for name, quantity in quantities.items():
         lines = {label: (times, quantity(history)) for label, history in histories.items()}
         plot_curves(lines, folder / f"{name.replace(' ', '_')}.png", ("time [s]", name))
