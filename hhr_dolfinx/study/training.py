@@ -12,6 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from hhr_dolfinx import ranks
+from hhr_dolfinx.certify.strains import check_small_strains
 from hhr_dolfinx.errors import ParameterError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path
@@ -212,6 +213,9 @@ def train(
             # forces decide on points, whose last digits may differ between machines
             given = apart if isinstance(apart, list) else held_out_points(full.problem, snapshots, apart, seed + 2000)
             kept = spread_snapshots(full, comm.bcast(given), comm, progress("held out"), store, march)
+    if full.equilibrium is None:  # along histories each step is looked at
+        for answers in (snapshots, *(() if kept is None else (kept,))):
+            check_small_strains(full.problem, answers, scene.hypothesis == "axisymmetric")
     found = comm.allreduce(0 if store is None else store.found)
     if found:
         count = len(snapshots.points) + (0 if kept is None else len(kept.points))
