@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -19,8 +19,8 @@ TOGETHER = 50
 """Answers whose strains are made at once."""
 
 
-def check_small_strains(problem: ContactProblem, solutions: SnapshotSet, axisymmetric: bool) -> None:
-    """Look at the strains of answers at single parameters.
+def check_small_strains(full: Any, *sets: SnapshotSet | None) -> None:
+    """Look at the strains of answers of a full model at single parameters; those of histories were, step by step.
 
     Raises:
         ReductionError: where any has strains that no theory of small strains knows.
@@ -28,22 +28,32 @@ def check_small_strains(problem: ContactProblem, solutions: SnapshotSet, axisymm
     Warns:
         SmallStrainWarning: where strains are large in any, with the parameter.
     """
-    strain_of = _strains(problem, axisymmetric)
-    worst, where = 0.0, solutions.points[0]
+    given = [item for item in sets if item is not None]
+    if full.equilibrium is not None or not given:
+        return
+    problem = full.problem
+    strain_of = _strains(problem, full.scene.hypothesis == "axisymmetric")
+    points = np.concatenate([item.points for item in given])
+    spread = np.concatenate([_spread(problem, strain_of, item) for item in given])
+    worst = int(spread.argmax())
+    if spread[worst] <= LARGE:
+        return
+    message = f"at {problem.parameters.described(points[worst])}: {large_strain(spread[worst])}"
+    if spread[worst] > MOST:
+        raise ReductionError(message)
+    warnings.warn(message, SmallStrainWarning, stacklevel=3)
+
+
+def _spread(problem: ContactProblem, strain_of: csr_matrix, solutions: SnapshotSet) -> np.ndarray:
+    """The strain of each answer that few cells exceed, (S,)."""
+    spread = []
     for first in range(0, len(solutions.points), TOGETHER):
         part = slice(first, first + TOGETHER)
         lifts = problem.amplitudes.sum_columns(problem.lifts, solutions.points[part])
         found = np.abs(strain_of @ (solutions.displacements[:, part] + lifts))
-        for sizes, point in zip(found.reshape(len(problem.cell_nodes), -1, found.shape[1]).max(axis=1).T,
-                                solutions.points[part], strict=True):  # fmt: skip
-            if sizes.max() > worst and (strain := spread_strain(sizes)) > worst:
-                worst, where = strain, point
-    if worst <= LARGE:
-        return
-    message = f"at {problem.parameters.described(where)}: {large_strain(worst)}"
-    if worst > MOST:
-        raise ReductionError(message)
-    warnings.warn(message, SmallStrainWarning, stacklevel=3)
+        sizes = found.reshape(len(problem.cell_nodes), -1, found.shape[1]).max(axis=1)
+        spread += [spread_strain(column) for column in sizes.T]
+    return np.array(spread)
 
 
 def _strains(problem: ContactProblem, axisymmetric: bool) -> csr_matrix:

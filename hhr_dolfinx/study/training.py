@@ -213,9 +213,7 @@ def train(
             # forces decide on points, whose last digits may differ between machines
             given = apart if isinstance(apart, list) else held_out_points(full.problem, snapshots, apart, seed + 2000)
             kept = spread_snapshots(full, comm.bcast(given), comm, progress("held out"), store, march)
-    if full.equilibrium is None:  # along histories each step is looked at
-        for answers in (snapshots, *(() if kept is None else (kept,))):
-            check_small_strains(full.problem, answers, scene.hypothesis == "axisymmetric")
+    check_small_strains(full, snapshots, kept)
     found = comm.allreduce(0 if store is None else store.found)
     if found:
         count = len(snapshots.points) + (0 if kept is None else len(kept.points))
