@@ -199,8 +199,8 @@ class PathFamily:
         What flows most does so at corners, which points inside never reach: on two rollers 5 % of all paths, with
         forces 31 to 46 % wrong, were one corner. And what stays when a part of a load is gone is no part of what stays
         behind the whole: a model that knows full loads alone is wrong by half. Up to half of the paths are corners:
-        all of them, or as many as there is room for, in which each parameter is at both of its ends alike. Part loads
-        are shares of the way from the start, from 0.1 on, evenly in their logarithm, at the paces of whole loads.
+        all of them, or as many as there is room for, in which each parameter is about as often at either end.
+        Part loads are shares of the way from the start, from 0.1 on, evenly in their logarithm, at whole loads' paces.
 
         To test on, draw from a sampling: ``family.paths(Sobol(20, seed=2))``.
 
