@@ -30,6 +30,7 @@ from hhr_dolfinx.timing import StageLog
 if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
     from hhr_dolfinx.models.fallback import FallbackModel
+    from hhr_dolfinx.models.force_correction import ForceCorrection
     from hhr_dolfinx.models.local import LocalModels
     from hhr_dolfinx.models.local_histories import LocalHistories
     from hhr_dolfinx.models.varying import VaryingModel
@@ -159,6 +160,18 @@ class Training:
         from hhr_dolfinx.reduction.interpolate import GridSettings
 
         return condense(self.full_order, self.snapshots, settings or GridSettings(), self.held_out)
+
+    def force_correction(self) -> ForceCorrection:
+        """What tells how far contact forces of histories are off, and corrects them once, for any model trained here.
+
+        ``correction.of(history)`` has better forces of each step, and their distance from those of the model.
+
+        Raises:
+            ReductionError: where nothing flows, and where moduli are no factors of what hangs together.
+        """
+        from hhr_dolfinx.reduction.force_correction import force_correction
+
+        return force_correction(self.full_order)
 
 
 def train(
