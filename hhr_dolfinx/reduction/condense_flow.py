@@ -59,7 +59,7 @@ class CorrectionSettings:
     """How far a reduced plastic correction is to go.
 
     Attributes:
-        modes: energy norm of training corrections that the modes leave out, relative.
+        modes: energy norm of training corrections, each over the root of its own, that the modes leave out, relative.
         cubature: relative misfit of the integrals at training states.
         stability: relative misfit of the energies of the modes.
         most_modes, most_points: bounds; None for none.
