@@ -5,6 +5,9 @@ import numpy as np
 import pytest
 from test_door import cantilever, legs  # noqa: F401
 
+from hhr_dolfinx.certify.compare import Comparison
+from hhr_dolfinx.certify.trust import TrustLimits, check_comparison
+from hhr_dolfinx.errors import StabilityWarning, UnstableModelError
 from hhr_dolfinx.reduction import state_modes as module
 from hhr_dolfinx.reduction.state_modes import state_modes
 
@@ -32,3 +35,20 @@ def test_what_stays_behind_trained_part_loads(cantilever):  # noqa: F811
         for name in ("stress", "plastic_strain"):
             found, right = (getattr(answer, name)() for answer in (here, there))
             assert np.linalg.norm(found - right) < 0.05 * np.linalg.norm(right)
+
+
+@pytest.mark.parametrize("name", ["stress", "plastic strain"])
+@pytest.mark.parametrize("error, outcome", [(0.04, None), (0.12, "warned"), (0.4, "refused")])
+def test_limits_look_at_stress_and_plastic_strain(name, error, outcome):
+    """Displacement and forces are right; what users read besides need not be."""
+    none, wrong = np.full(2, 1e-3), np.array([1e-3, error])
+    fields = (wrong, none) if name == "stress" else (none, wrong)
+    comparison, limits = Comparison(["path 1", "path 2"], none, none, *fields), TrustLimits.of_histories()
+    if outcome is None:
+        check_comparison(comparison, limits)
+    elif outcome == "warned":
+        with pytest.warns(StabilityWarning, match=f"the {name} error, .* is 12.0% at 95 % .* at path 2"):
+            check_comparison(comparison, limits)
+    else:
+        with pytest.raises(UnstableModelError, match=f"the {name} error"):
+            check_comparison(comparison, limits)
