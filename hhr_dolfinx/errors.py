@@ -109,5 +109,9 @@ class LockingWarning(UserWarning):
     """A body that keeps its volume is meshed with cells that are too stiff for it: linear triangles or tetrahedra."""
 
 
+class SmallStrainWarning(UserWarning):
+    """Strains are so large that a theory of small strains says little of them."""
+
+
 class LawWarning(UserWarning):
     """A law answers with a slope that is not the derivative of its flow."""

@@ -25,6 +25,8 @@ Targets = Mapping[str, float | str] | tuple[tuple[str, float | str], ...]
 NOTHING = 1e-12
 """Fraction of the longest leg, and of a parameter's range, that is round-off of a formula that was to be zero."""
 MOST_STEPS = 100_000
+LEAST_PART = 0.1
+"""Smallest share of a load that training looks at."""
 
 
 @runtime_checkable
@@ -191,6 +193,42 @@ class PathFamily:
             points = self.own.points(table)
         return [self.path(point) for point in points]
 
+    def training(self, count: int, seed: int = 1) -> list[NamedPath]:
+        """Paths to train on: corners of the own parameters first, then points inside, every other one at a part load.
+
+        What flows most does so at corners, which points inside never reach: on two rollers 5 % of all paths, with
+        forces 31 to 46 % wrong, were one corner. And what stays when a part of a load is gone is no part of what stays
+        behind the whole: a model that knows full loads alone is wrong by half. Up to half of the paths are corners:
+        all of them, or as many as there is room for, in which each parameter is about as often at either end.
+        Part loads are shares of the way from the start, from 0.1 on, evenly in their logarithm, at whole loads' paces.
+
+        To test on, draw from a sampling: ``family.paths(Sobol(20, seed=2))``.
+
+        Args:
+            count: number of paths; powers of 2 are best.
+            seed: of what is drawn.
+
+        Raises:
+            ParameterError: for a count or a seed that are none, and as :meth:`path`.
+        """
+        if not is_whole(count, 1) or not is_whole(seed, 0):
+            raise ParameterError(
+                f"count = {count!r} must be a positive integer, seed = {seed!r} one that is not negative"
+            )
+        size = len(self.own.names)
+        drawn = _drawn(size + 1, count, seed)
+        corners = np.indices((2,) * size).reshape(size, -1).T if 2 ** min(size, 31) <= count / 2 else None
+        if corners is None:
+            # half of the first 2^m points lie in the upper half of each parameter
+            room = 2 ** int(np.log2(count / 2)) if count > 1 else 0
+            corners = np.unique(drawn[:room, :size].round(), axis=0)
+        lower, upper = np.array([self.own.lower, self.own.upper], dtype=float)
+        paths = [self.path(np.where(corner, upper, lower)) for corner in corners]
+        for number, unit in enumerate(drawn[: count - len(paths)]):
+            path = self.path(lower + unit[:size] * (upper - lower))
+            paths.append(_part_of(path, LEAST_PART ** unit[size]) if number % 2 else path)
+        return paths
+
     @cached_property
     def _formulas(self) -> tuple[_Formulas, ...]:
         """Of the start, then of each leg."""
@@ -250,6 +288,21 @@ class PathFamily:
 
     def _called(self, values: np.ndarray) -> str:
         return f"{self.name} ({self.own.described(values)})"
+
+
+def _drawn(dimension: int, count: int, seed: int) -> np.ndarray:
+    """Scrambled Sobol points of the unit cube, (count, dimension)."""
+    from scipy.stats import qmc
+
+    whole = 1 << (count - 1).bit_length()  # balanced; other counts take the first of them
+    return qmc.Sobol(dimension, seed=seed).random(whole)[:count]
+
+
+def _part_of(path: NamedPath, share: float) -> NamedPath:
+    """A path that goes a share of its way from the start, at the same paces."""
+    time, start = path[0]
+    pairs = [(time + share * (there - time), start + share * (point - start)) for there, point in path]
+    return NamedPath(pairs, f"{share:.2g} of {path.name}", {**path.values, "part": share})
 
 
 class _Formulas(NamedTuple):

@@ -30,11 +30,10 @@ stayed below 1.2 times its imbalance, and 40 outside, with errors of the displac
 SMALL = 1e-3
 """Part of the forces, or of the gaps and motions, that is small whatever training showed: where a model reproduces its
 training to round-off, any other answer would seem far outside."""
-EARLY = 0.2
-"""Part of the largest stress known below which a history has hardly begun: its steps are badly explained in any."""
-UNEXPLAINED = 0.01
-"""Part of the stress that counts as explained by its modes whatever training showed: what they leave out of states that
-were trained is far less than of any other state, and stress at Gauss points is seldom known better."""
+EXPLAINED = 0.01
+"""Part of the stress of a step that counts as explained by its modes whatever training showed, for the same reason."""
+NOTHING = 1e-5
+"""Part of the largest stress known below which that of a step is round-off: steps are solved to 1e-5 of forces."""
 
 
 def check_outside(outside: Any) -> None:
@@ -117,6 +116,25 @@ class Signs(NamedTuple):
     misfit: float = 0.0
     stress: float = 0.0
 
+    @property
+    def estimate(self) -> float:
+        """Misfit over stress, what :meth:`Answer.estimate` says of a step of bodies that flow; 0 without stress."""
+        return self.misfit / self.stress if self.stress > 0 else 0.0
+
+
+class Known(NamedTuple):
+    """What a reduced model showed on histories that are known, each a list of signs, one for each step.
+
+    Attributes:
+        signs: along trained and held-out histories.
+        onsets: along first steps of trained histories in small parts, which any finer path passes through.
+        length: largest gap or relative motion of contact surfaces in training.
+    """
+
+    signs: Sequence[Sequence[Signs]]
+    onsets: Sequence[Sequence[Signs]]
+    length: float
+
 
 @dataclass(frozen=True)
 class TrainedPaths:
@@ -124,63 +142,67 @@ class TrainedPaths:
 
     Attributes:
         parameters: values along all trained paths.
-        slowest, fastest: smallest and largest rate of each parameter in any step, per second, (P,).
+        slowest, fastest: smallest and largest rate of each parameter in any step, per second, (P,). Of laws without
+            rates, which know directions only, its change while that which changes most, as a part of its trained
+            range, goes through all of it.
         steps: shortest and longest trained step, in seconds; kept to be read, since only rates decide.
+        rated: whether any law has rates.
         imbalance: largest imbalance of the known histories, solved by the reduced model, in the unit of force.
-        share: the largest one over the largest size in the history up to then.
         depth: largest depth of the known histories, or what counts as none.
-        misfit: largest misfit of the stress to its modes in the known histories, or what counts as none, in its unit.
         stress: largest norm of the stress in the known histories.
-        unexplained: largest misfit over the largest stress in the history up to then, or what counts as none: absolute
-            numbers of histories at large loads say nothing of one at small loads. See :func:`misfit_shares`.
+        estimate: largest estimate of any of their steps, or what counts as none.
+        begun: smallest norm of the stress behind the first step of any of them: below, a history has hardly begun.
+        onset: largest estimate of small parts of these first steps, at least ``estimate``.
     """
 
     parameters: TrainedRange
     slowest: np.ndarray
     fastest: np.ndarray
     steps: tuple[float, float]
+    rated: bool
     imbalance: float
-    share: float
     depth: float
-    misfit: float
     stress: float
-    unexplained: float
+    estimate: float
+    begun: float
+    onset: float
 
     @classmethod
     def of(
         cls,
         paths: Sequence[Sequence[tuple[float, np.ndarray]]],
         space: ParameterSpace,
-        known: Sequence[Sequence[Signs]],
-        length: float,
+        known: Known,
+        rated: bool = True,
     ) -> TrainedPaths:
         """From trained paths and what the reduced model showed on all histories that are known.
 
         Args:
             paths: of training, each a list of times and parameters with the start first.
             space: the box of the parameters.
-            known: signs along trained and held-out histories.
-            length: largest gap or relative motion of contact surfaces in training.
+            known: signs of known histories.
+            rated: whether any law has rates.
         """
         times = [np.array([time for time, _ in path]) for path in paths]
         points = [np.array([point for _, point in path]) for path in paths]
         steps = np.concatenate([np.diff(item) for item in times])
-        rates = np.concatenate([np.diff(item, axis=0) for item in points]) / steps[:, None]
-        shares = [imbalance_shares(signs) for signs in known]
-        size = max(sign.size for signs in known for sign in signs)
-        stress = max(sign.stress for signs in known for sign in signs)
-        unexplained = [misfit_shares(signs, stress) for signs in known]
+        changes = np.concatenate([np.diff(item, axis=0) for item in points])
+        range_ = TrainedRange.of(np.concatenate(points), space)
+        rates = changes / steps[:, None] if rated else np.array([_direction(item, range_) for item in changes])
+        every = [sign for signs in known.signs for sign in signs]
+        estimate = max(EXPLAINED, max(sign.estimate for sign in every))
         return cls(
-            TrainedRange.of(np.concatenate(points), space),
+            range_,
             rates.min(axis=0),
             rates.max(axis=0),
             (float(steps.min()), float(steps.max())),
-            max(SMALL * size, max(sign.imbalance for signs in known for sign in signs)),
-            max(SMALL, max(float(share.max()) for share in shares)),
-            max(SMALL * length, max(sign.depth for signs in known for sign in signs)),
-            max(max(UNEXPLAINED * sign.stress, sign.misfit) for signs in known for sign in signs),
-            stress,
-            max(UNEXPLAINED, max(float(share.max()) for share in unexplained)),
+            rated,
+            max(SMALL * max(sign.size for sign in every), max(sign.imbalance for sign in every)),
+            max(SMALL * known.length, max(sign.depth for sign in every)),
+            max(sign.stress for sign in every),
+            estimate,
+            min(signs[0].stress for signs in known.signs),
+            max([estimate, *(sign.estimate for signs in known.onsets for sign in signs)]),
         )
 
     @cached_property
@@ -195,32 +217,33 @@ class TrainedPaths:
         place = self.parameters.complaint(before) or self.parameters.complaint(after)
         if place:
             return place
-        rate, (low, high, noise) = (after - before) / step, self._paces
-        wrong = (rate < low - noise / step) | (rate > high + noise / step)
+        change, (low, high, noise) = after - before, self._paces
+        if self.rated:
+            rate, noise, per = change / step, noise / step, "second"
+        else:
+            rate, per = _direction(change, self.parameters), "whole range of what changes most"
+            if not rate.any():  # nothing changes, and nothing flows
+                return ""
+        wrong = (rate < low - noise) | (rate > high + noise)
         if not wrong.any():
             return ""
         return ", ".join(
-            f"{name} changes by {value:g} per second (trained {slow:g} to {fast:g})"
+            f"{name} changes by {value:g} per {per} (trained {slow:g} to {fast:g})"
             for name, value, slow, fast, bad in zip(
                 self.parameters.names, rate, self.slowest, self.fastest, wrong, strict=True
             )
             if bad
         )
 
-
-def imbalance_shares(signs: Sequence[Signs]) -> np.ndarray:
-    """Imbalance of each step over the largest size of the forces up to it, (steps,)."""
-    sizes = np.maximum.accumulate([sign.size for sign in signs])
-    return np.array([sign.imbalance for sign in signs]) / np.where(sizes > 0, sizes, 1.0)
+    def allowed(self, largest: float) -> float:
+        """Largest estimate of a step that passes, in a history with a largest norm of the stress up to then."""
+        return FACTOR * (self.estimate if largest >= self.begun else self.onset)
 
 
-def misfit_shares(signs: Sequence[Signs], stress: float) -> np.ndarray:
-    """Misfit of each step over the largest stress up to it, or a fifth of the largest one known, (steps,).
-
-    First steps are small and badly explained whatever comes later.
-    """
-    sizes = np.maximum(np.maximum.accumulate([sign.stress for sign in signs]), EARLY * stress)
-    return np.array([sign.misfit for sign in signs]) / np.where(sizes > 0, sizes, 1.0)
+def _direction(change: np.ndarray, trained: TrainedRange) -> np.ndarray:
+    """A change over the largest part of a trained range that it goes through, (P,); 0 for one that is round-off."""
+    largest = float(np.abs(change / (trained.upper - trained.lower)).max())
+    return change / largest if largest > 1e-9 else np.zeros_like(change)
 
 
 class Watch:
@@ -235,7 +258,7 @@ class Watch:
         check_outside(outside)
         self._trained, self._outside = trained, outside
         self._said: set[str] = set()
-        self._largest = self._stress = 0.0
+        self._largest = 0.0
 
     def before(self, number: int, start: float, end: float, here: np.ndarray, there: np.ndarray) -> None:
         """A step that is about to be solved, from one time and parameter to another."""
@@ -246,40 +269,29 @@ class Watch:
 
     def after(self, number: int, time: float, signs: Signs) -> None:
         """A step that was solved, with its signs."""
-        if self._trained is None:
+        trained = self._trained
+        if trained is None:
             return
-        self._largest = max(self._largest, signs.size)
-        share = signs.imbalance / (self._largest or 1.0)
         place = f"step {number}, to t = {time:g} s: "
-        if not signs.imbalance <= FACTOR * self._trained.imbalance:
+        if not signs.imbalance <= FACTOR * trained.imbalance:
             self._say(
                 "imbalance",
-                f"{place}{signs.what} by {signs.imbalance:.2g}, in training by {self._trained.imbalance:.2g} at most",
+                f"{place}{signs.what} by {signs.imbalance:.2g}, in training by {trained.imbalance:.2g} at most",
             )
-        elif not share <= FACTOR * self._trained.share:
-            self._say(
-                "imbalance",
-                f"{place}{signs.what} by {share:.2g} of their size, in training by {self._trained.share:.2g} at most",
-            )
-        if not signs.depth <= FACTOR * self._trained.depth:
+        if not signs.depth <= FACTOR * trained.depth:
             self._say(
                 "depth",
                 f"{place}the bodies overlap by {signs.depth:.2g} where the reduced domain does not look, "
-                f"in training by {self._trained.depth:.2g} at most",
+                f"in training by {trained.depth:.2g} at most",
             )
-        if not signs.misfit <= FACTOR * self._trained.misfit:
+        self._largest = max(self._largest, signs.stress)
+        known = trained.allowed(self._largest)
+        # of its own size: what stays behind a small load is small, and may be wrong as a whole
+        if not signs.stress <= NOTHING * trained.stress and not signs.estimate <= known:
             self._say(
                 "misfit",
-                f"{place}the stress differs from combinations of trained ones by {signs.misfit:.2g}, "
-                f"in training by {self._trained.misfit:.2g} at most",
-            )
-        self._stress = max(self._stress, signs.stress)
-        unexplained = signs.misfit / (max(self._stress, EARLY * self._trained.stress) or 1.0)
-        if not unexplained <= FACTOR * self._trained.unexplained:
-            self._say(
-                "misfit",
-                f"{place}the stress differs from combinations of trained ones by {unexplained:.2g} of the largest one, "
-                f"in training by {self._trained.unexplained:.2g} at most",
+                f"{place}the stress differs from combinations of trained ones by {signs.estimate:.2g} of its size, "
+                f"in training by {known / FACTOR:.2g} at most",
             )
 
     def _say(self, kind, message):

@@ -20,11 +20,12 @@ from hhr_dolfinx.errors import (
     UnstableModelError,
 )
 from hhr_dolfinx.geometries import block
+from hhr_dolfinx.materials.update import Group, Material
 from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.reduction import build as stages
 from hhr_dolfinx.reduction.recipe import Deim, FlowDeim, ForceDeim, Pod, Rid, StressDeim, Tangents, Zone
-from hhr_dolfinx.trained import Signs, TrainedPaths, Watch
+from hhr_dolfinx.trained import Known, Signs, TrainedPaths, Watch
 
 MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}
 NODES = (Deim(), ForceDeim(1e-8), StressDeim(1e-9), FlowDeim(1e-6), Zone(demo.pressed_nodes))
@@ -107,7 +108,7 @@ def test_an_imbalance_needs_no_unit_and_no_projection(pellet, reduction):
 def test_rates_and_places_in_words():
     space = ParameterSpace(("load", "gap"), (0.0, 0.0), (10.0, 1.0))
     paths = [[(0.0, np.array([0.0, gap])), (1.0, np.array([4.0, gap])), (2.0, np.array([10.0, gap]))] for gap in (0, 1)]
-    trained = TrainedPaths.of(paths, space, [[Signs(1.0, 10.0, 0.0)]], 1.0)
+    trained = TrainedPaths.of(paths, space, Known([[Signs(1.0, 10.0, 0.0)]], [], 1.0))
     here = np.array([4.0, 0.5])
     assert trained.complaint(1.0, here, np.array([9.0, 0.5])) == ""
     assert trained.complaint(0.1, here, np.array([4.4, 0.5])) == ""
@@ -117,11 +118,34 @@ def test_rates_and_places_in_words():
     assert "load = 11" in trained.complaint(1.0, here, np.array([11.0, 0.5]))
 
 
+def test_laws_without_rates_know_ways_and_no_paces():
+    """Loaded at any pace, held, or taken back by a trained way; but no other way."""
+    space = ParameterSpace(("load", "gap"), (0.0, 0.0), (10.0, 1.0))
+    paths = [[(0.0, np.zeros(2)), (1.0, np.array([10.0, 1.0])), (2.0, np.array([0.0, 0.6]))]]
+    trained = TrainedPaths.of(paths, space, Known([[Signs(1.0, 10.0, 0.0)]], [], 1.0), rated=False)
+    here = np.array([4.0, 0.5])
+    for seconds in (1e-3, 1.0, 1e3):
+        assert trained.complaint(seconds, here, here + np.array([2.0, 0.2])) == ""
+        assert trained.complaint(seconds, here, here - [2.0, 0.1]) == ""
+        assert trained.complaint(seconds, here, here) == ""
+        assert "gap changes by -1.1 per whole range of what changes most (trained -0.44 to 1.1)" in trained.complaint(
+            seconds, here, here - [0.0, 0.1]
+        )
+    rated = dataclasses.replace(trained, rated=True, slowest=np.array([-10.0, -0.4]), fastest=np.array([10.0, 1.0]))
+    assert "load changes by 2000 per second" in rated.complaint(1e-3, here, here + np.array([2.0, 0.2]))
+
+
+@pytest.mark.parametrize("law, rated", [(hhr.Plasticity(1.0), False), (hhr.Norton(1.0, 2.0), True)])
+def test_materials_know_whether_they_have_rates(law, rated):
+    assert Material([Group(np.arange(2), 1.0, 0.3, law)], 4).rated is rated
+    assert not Material([Group(np.arange(2), 1.0, 0.3, None)], 4).rated
+
+
 def test_held_out_histories_decide(pellet):
     """A held-out history that the model gets wrong refuses it, or is warned of, by its number."""
     full, histories = pellet
     slower = of([full.march(demo.history(100 * RAMP, RAMP, 10.0))])
-    limits = RECIPE.trust.of_histories(refuse_primal=10, refuse_dual=10)
+    limits = RECIPE.trust.of_histories(refuse_primal=10, refuse_dual=10, refuse_stress=10)
     with pytest.warns(StabilityWarning, match="held-out history 0"):
         hhr.build(full, of(histories), dataclasses.replace(RECIPE, trust=limits), slower)
 
@@ -286,7 +310,8 @@ def test_contact_that_training_never_saw_is_said_and_found(cantilever):
 
 def test_an_overlap_outside_of_the_reduced_domain_is_said():
     space = ParameterSpace(("load",), (0.0,), (10.0,))
-    trained = TrainedPaths.of([[(0.0, np.zeros(1)), (1.0, np.ones(1))]], space, [[Signs(1.0, 10.0, 1e-4)]], 1.0)
+    path, known = [(0.0, np.zeros(1)), (1.0, np.ones(1))], Known([[Signs(1.0, 10.0, 1e-4)]], [], 1.0)
+    trained = TrainedPaths.of([path], space, known)
     watch = Watch(trained, "warn")
     with warnings.catch_warnings():
         warnings.simplefilter("error", OutsideTrainingWarning)

@@ -14,13 +14,14 @@ from scipy.stats import spearmanr
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
+from hhr_dolfinx.certify.trust import check_door
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import OutsideTrainingError, OutsideTrainingWarning
+from hhr_dolfinx.errors import OutsideTrainingError, OutsideTrainingWarning, StabilityWarning
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.reconstruct import FlowFields, GappyField
 from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 from hhr_dolfinx.study.training import Training
-from hhr_dolfinx.trained import Signs, TrainedPaths, Watch, misfit_shares
+from hhr_dolfinx.trained import Known, Signs, TrainedPaths, Watch
 
 STEPS = 12
 SHARES = np.arange(STEPS + 1) / STEPS
@@ -88,8 +89,10 @@ def test_it_ranks_the_steps_of_histories(trained, model, exact):
              relative_error(here.stress().ravel(), there.stress().ravel())]
             for here, there in zip(found.answers, history.answers, strict=True)
         ]  # fmt: skip
-    for column in np.transpose(errors):
-        assert spearmanr(estimates, column).statistic >= 0.8
+    displacement, stress = np.transpose(errors)
+    assert spearmanr(estimates, stress).statistic >= 0.95
+    # displacements are mostly elastic, and those of condensed flow are right to a thousandth
+    assert spearmanr(estimates, displacement).statistic >= 0.7
 
 
 def by_least_squares(field, inside):
@@ -166,7 +169,7 @@ def test_the_door_of_few_points_sees_stress_that_was_never_trained():
     model = condensing.pellet()[2]
     inside, aside = condensing.loaded(9.0), condensing.loaded(9.0, height=1.4)
     trained = model.trained
-    rates = {"slowest": np.full(3, -1e9), "fastest": np.full(3, 1e9), "imbalance": 1e9, "share": 1e9}
+    rates = {"slowest": np.full(3, -1e9), "fastest": np.full(3, 1e9), "imbalance": 1e9}
     range_ = dataclasses.replace(trained.parameters, lower=np.full(3, -1e9), upper=np.full(3, 1e9))
     wide = model.changed(trained=dataclasses.replace(trained, parameters=range_, **rates))
     with warnings.catch_warnings():
@@ -176,30 +179,78 @@ def test_the_door_of_few_points_sees_stress_that_was_never_trained():
         wide.march(aside)
 
 
+def watched(known, onsets=()):
+    """What was trained, from signs of a history and of its onset."""
+    path, space = [(0.0, np.zeros(1)), (1.0, np.ones(1))], hhr.ParameterSpace(("load",), (0.0,), (1.0,))
+    return TrainedPaths.of([path], space, Known([known], [onsets], 1.0))
+
+
+def one(misfit, stress):
+    """Signs of a step."""
+    return Signs(0.0, 1.0, 0.0, misfit=misfit, stress=stress)
+
+
+def warns(trained, *signs):
+    """Whether any step of a history is warned of."""
+    watch = Watch(trained, "warn")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for number, sign in enumerate(signs, 1):
+            watch.after(number, float(number), sign)
+    return any("from combinations of trained ones" in str(item.message) for item in caught)
+
+
 def test_a_small_misfit_is_none():
     """Where training is reproduced to round-off any other answer would seem far outside."""
-    space = hhr.ParameterSpace(("load",), (0.0,), (1.0,))
-    path = [(0.0, np.zeros(1)), (1.0, np.ones(1))]
-    trained = TrainedPaths.of([path], space, [[Signs(0.0, 1.0, 0.0, "", 1e-12, 50.0)]], 1.0)
-    assert trained.misfit == 0.5
-    watch = Watch(trained, "refuse")
-    watch.after(1, 1.0, Signs(0.0, 1.0, 0.0, "", 1.4, 50.0))
-    with pytest.raises(OutsideTrainingError, match=r"by 1\.6, in training by 0\.5 at most"):
-        watch.after(1, 1.0, Signs(0.0, 1.0, 0.0, "", 1.6, 50.0))
+    trained = watched([one(1e-12, 50.0)])
+    assert trained.estimate == 0.01
+    assert not warns(trained, one(1.4, 50.0))
+    with pytest.raises(OutsideTrainingError, match=r"by 0\.032 of its size, in training by 0\.01 at most"):
+        Watch(trained, "refuse").after(1, 1.0, one(1.6, 50.0))
 
 
-def test_a_history_at_small_loads_is_held_against_its_own_stress():
-    """What passes beside a stress of 100 does not beside one of 30; what has hardly begun counts as a fifth."""
-    one = lambda misfit, stress: Signs(0.0, 1.0, 0.0, misfit=misfit, stress=stress)  # noqa: E731
-    known = [[one(1.0, 1.0), one(0.5, 50.0), one(1.0, 100.0)]]
-    assert misfit_shares(known[0], 100.0) == pytest.approx([0.05, 0.01, 0.01])
-    path, space = [(0.0, np.zeros(1)), (1.0, np.ones(1))], hhr.ParameterSpace(("p",), (0.0,), (1.0,))
-    trained = TrainedPaths.of([path], space, known, 1.0)
-    assert (trained.stress, trained.unexplained) == (100.0, pytest.approx(0.05))
-    for misfit, warns in ((4.0, False), (5.0, True)):
-        watch = Watch(dataclasses.replace(trained, misfit=np.inf), "warn")
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            watch.after(1, 1.0, one(0.1, 30.0))
-            watch.after(2, 2.0, one(misfit, 20.0))
-        assert any("of the largest one" in str(item.message) for item in caught) == warns
+def test_a_step_is_held_against_its_own_stress():
+    """What stays behind a part load is small beside all that was trained, and three quarters of it may be wrong."""
+    trained = watched([one(1.0, 20.0), one(0.5, 50.0), one(1.0, 100.0)])
+    assert (trained.estimate, trained.begun) == (0.05, 20.0)
+    assert not warns(trained, one(1.0, 30.0), one(0.14, 1.0)) and warns(trained, one(1.0, 30.0), one(0.16, 1.0))
+    assert not warns(trained, one(1.0, 30.0), one(0.9e-3, 0.9e-3)), "round-off beside a stress of 100 is no stress"
+
+
+def test_a_history_that_has_hardly_begun_is_held_against_onsets():
+    trained = watched([one(0.2, 20.0), one(1.0, 100.0)], [one(0.1, 1.0), one(0.5, 10.0)])
+    assert (trained.estimate, trained.onset) == (0.01, 0.1)
+    assert not warns(trained, one(0.29, 1.0), one(0.5, 19.0)) and warns(trained, one(0.31, 1.0))
+    assert warns(trained, one(0.1, 21.0), one(0.29, 1.0)), "the same, behind steps as large as trained ones"
+
+
+@pytest.mark.parametrize("steps", [6, 60, 200])
+def test_trained_paths_in_finer_and_coarser_steps_are_not_warned_of(model, steps):
+    shares = np.arange(steps + 1) / steps
+    path = demo.history(np.arange(2 * steps + 1) / steps, np.append(shares, shares[-2::-1]), 5.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", OutsideTrainingWarning)
+        model.march(path)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.2, 0.35])
+def test_part_loads_of_trained_paths_are_right_or_warned_of(trained, model, share):
+    """What stays behind them was 44 to 60 % wrong without a word, of itself, and small beside what was trained."""
+    count = max(round(share * STEPS), 2)
+    shares = share * np.append(np.arange(count + 1), np.arange(count)[::-1]) / count
+    path = demo.history(share * np.arange(2 * count + 1) / count, shares, 10.0)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found = model.march(path)
+    warned = any("of its size, in training by" in str(item.message) for item in caught)
+    stress = trained.full_order.march(path).answers[-1].stress()
+    wrong = relative_error(found.answers[-1].stress().ravel(), stress.ravel())
+    # three times what training showed passes
+    assert warned or wrong < 3 * model.trained.estimate
+
+
+def test_a_poor_model_says_that_its_door_is_wide():
+    limits = hhr.Recipe.flowing().trust
+    check_door(watched([one(0.09, 1.0)]), limits)
+    with pytest.warns(StabilityWarning, match=r"by up to 0\.2 of its size .* warned of from 0\.6 on only"):
+        check_door(watched([one(0.2, 1.0)]), limits)

@@ -387,7 +387,7 @@ SIGNED_FLOWING = {
     "imbalance has shape": array("paths.imbalance", lambda a: a[None]),
     "steps has shape": array("paths.steps", lambda a: np.append(a, 1.0)),
     r"'paths.imbalance'.* are missing": lambda header, arrays: arrays.pop("paths.imbalance"),
-    r"'paths.misfit'.* are missing": lambda header, arrays: arrays.pop("paths.misfit"),
+    r"'paths.estimate'.* are missing": lambda header, arrays: arrays.pop("paths.estimate"),
     r"'flow.cells'.* are missing": lambda header, arrays: arrays.pop("flow.cells"),
 }
 

@@ -48,6 +48,38 @@ def test_a_path_by_hand():
     assert family().path([10.0, 3.0, 0.5]) == path and checked_path(SPACE, path)[3][0] == 0.75
 
 
+@pytest.mark.parametrize("count, corners", [(16, 8), (32, 8), (8, 4), (2, 1), (1, 0)])
+def test_training_takes_corners_first_and_part_loads(count, corners):
+    """All eight corners where half of the paths have room for them, else some, balanced in each parameter."""
+    paths = family().training(count)
+    assert len(paths) == count and paths == family().training(count)
+    lower, upper = np.array([OWN.lower, OWN.upper])
+    unit = np.array([[path.values[name] for name in OWN.names] for path in paths])
+    unit = (unit - lower) / (upper - lower)
+    first = unit[:corners]
+    assert np.isin(first, (0.0, 1.0)).all() and not np.isin(unit[corners:], (0.0, 1.0)).any()
+    assert len({tuple(row) for row in first}) == corners
+    if corners > 1:
+        assert (first.sum(axis=0) == corners / 2).all()
+    parts = [path for path in paths if "part" in path.values]
+    assert len(parts) == (count - corners) // 2
+    for path in parts:
+        whole = family().path({name: path.values[name] for name in OWN.names})
+        (times, points), (whole_times, whole_points) = arrays(path), arrays(whole)
+        share = path.values["part"]
+        assert 0.1 <= share <= 1 and path.name.endswith(whole.name)
+        assert points[:, 0] == pytest.approx(share * whole_points[:, 0]) and (points[:, 1] == points[0, 1]).all()
+        assert np.diff(points[:, 0]) / np.diff(times) == pytest.approx(
+            np.diff(whole_points[:, 0]) / np.diff(whole_times)
+        )
+
+
+@pytest.mark.parametrize("given", [(0,), (2.0,), (True,), (4, -1)])
+def test_training_on_no_number_of_paths(given):
+    with pytest.raises(ParameterError, match="must be a positive integer"):
+        family().training(*given)
+
+
 def test_legs_that_take_no_time_are_left_out():
     assert arrays(family().path([10.0, 0.0, 0.5]))[0] == pytest.approx([0, 0.25, 0.5, 0.75, 1, 1.25, 1.5])
     assert len(family().path([10.0, 0.0, 0.0])) == 5

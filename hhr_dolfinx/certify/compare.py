@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhr_dolfinx.certify.accuracy import Residuals, contact_residuals, norm, relative_error, slack_residuals
-from hhr_dolfinx.errors import HHRError
+from hhr_dolfinx.errors import HHRError, SmallStrainWarning
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Model
 from hhr_dolfinx.models.path import MarchSettings
 from hhr_dolfinx.trained import Signs
@@ -22,8 +23,8 @@ ONE_ANSWER = 1e-6
 """Relative difference of forces from two starts above which a parameter has two answers."""
 
 
-Row = tuple[str, float, float]
-"""A label, and the errors of displacement and forces."""
+Row = tuple[str | float, ...]
+"""A label, and the errors of displacement and forces, of histories those of stress and plastic strain too."""
 
 
 @dataclass(frozen=True)
@@ -34,17 +35,21 @@ class Comparison:
         labels: where, in words.
         primal: relative L2 errors of the displacement everywhere.
         dual: relative floored errors of the forces on the whole contact surface.
+        stress: errors of the stress at all Gauss points over its largest size in a history; None of points.
+        plastic: those of the cumulated plastic strain.
     """
 
     labels: list[str]
     primal: np.ndarray
     dual: np.ndarray
+    stress: np.ndarray | None = None
+    plastic: np.ndarray | None = None
 
     @classmethod
     def of(cls, rows: Sequence[Row]) -> Comparison:
         """From one row per point or history."""
-        labels, primal, dual = zip(*rows, strict=True)
-        return cls(list(labels), np.array(primal), np.array(dual))
+        labels, *errors = zip(*rows, strict=True)
+        return cls(list(labels), *(np.array(column) for column in errors))
 
 
 def compare_points(full: Any, model: Model, solutions: SnapshotSet, floor: float) -> Comparison:
@@ -76,18 +81,20 @@ def compare_histories(
     """Errors of known histories, by label, solved by a model, and the signs of its steps.
 
     The error of a history is the largest of its steps over the largest displacement or force of the history: the
-    first touch, with forces of a twentieth of the last ones, would otherwise decide. A history that fails has infinite
-    errors and no signs.
+    first touch, with forces of a twentieth of the last ones, would otherwise decide. So with stress and plastic strain.
+    A history that fails has infinite errors and no signs.
     """
     rows: list[Row] = []
     signs = []
     for label, exact in histories.items():
         try:
-            found = model.march(exact.path, MarchSettings(outside="ignore"))
+            with warnings.catch_warnings():  # the full order has said it of this history
+                warnings.simplefilter("ignore", SmallStrainWarning)
+                found = model.march(exact.path, MarchSettings(outside="ignore"))
         except HHRError:
-            rows.append((label, math.inf, math.inf))
+            rows.append((label, *[math.inf] * 4))
             continue
-        rows.append((label, *largest_errors(full, found, exact, floor)))
+        rows.append((label, *largest_errors(full, found, exact, floor), *_state_errors(found, exact)))
         signs.append(found.signs)
     return Comparison.of(rows), signs
 
@@ -104,6 +111,18 @@ def largest_errors(full: Any, found: History, exact: History, floor: float) -> t
         max(norm(field, mass) for field in wrong) / length if length > 0 else 0.0,
         float(max(forces)) / largest if largest > 0 else 0.0,
     )
+
+
+def _state_errors(found: History, exact: History) -> tuple[float, float]:
+    """Largest errors of stress and cumulated plastic strain everywhere over their largest size in the history."""
+    wrong, sizes = np.zeros((2, len(exact.answers))), np.zeros((2, len(exact.answers)))
+    for k, (here, there) in enumerate(zip(found.answers, exact.answers, strict=True)):
+        stress, plastic = there.stress(), there.plastic_strain()
+        wrong[:, k] = np.linalg.norm(here.stress() - stress), np.linalg.norm(here.plastic_strain() - plastic)
+        sizes[:, k] = np.linalg.norm(stress), np.linalg.norm(plastic)
+    largest = sizes.max(axis=1)
+    stress, plastic = wrong.max(axis=1) / np.where(largest > 0, largest, 1.0)
+    return float(stress), float(plastic)
 
 
 def residuals_of(full: Any, answer: Answer) -> Residuals:

@@ -31,6 +31,7 @@ from hhr_dolfinx.timing import StageLog
 
 if TYPE_CHECKING:
     from hhr_dolfinx.snapshots.records import SnapshotSet
+    from hhr_dolfinx.trained import TrainedPaths
 
 EMPTY = 1.5
 """Distance from the training, over that between training points, at which a place counts as empty."""
@@ -58,8 +59,13 @@ class TrustLimits:
         refuse_inf_sup: smallest inf-sup constant relative to its matrix; below, it is round-off.
         refuse_primal: error of the displacement everywhere on solutions that were compared, 95th percentile.
         refuse_dual: error of the forces on the whole contact surface, floored, 95th percentile.
-        warn_primal, warn_dual: where the 95th percentile is worth a warning.
+        refuse_stress: error of the stress of histories, on the whole mesh, over its largest size, 95th percentile; from
+            0.5 to 1.4 % where all is well, 5 % where few points complete the stress of bodies of many stiffnesses.
+        refuse_plastic: that of the cumulated plastic strain; 0.1 to 0.5 % there.
+        warn_primal, warn_dual, warn_stress, warn_plastic: where the 95th percentile is worth a warning.
         warn_worst: where the worst force error is.
+        warn_estimate: largest estimate of a known step of a history; steps of others are told apart from three times
+            as much on.
     """
 
     refuse_cond_K: float = 1e7
@@ -70,9 +76,14 @@ class TrustLimits:
     refuse_inf_sup: float = 1e-10
     refuse_primal: float = 0.2
     refuse_dual: float = 0.6
+    refuse_stress: float = 0.3
+    refuse_plastic: float = 0.3
     warn_primal: float = 0.02
     warn_dual: float = 0.05
+    warn_stress: float = 0.08
+    warn_plastic: float = 0.05
     warn_worst: float = 0.1
+    warn_estimate: float = 0.1
 
     def __post_init__(self) -> None:
         """Refuse with ReductionError what is no limit, and warnings that could never be said."""
@@ -243,7 +254,11 @@ def check_comparison(comparison: Comparison, limits: TrustLimits, remedy: str | 
     for name, values, refuse, warn, warn_worst in (
         ("displacement", comparison.primal, limits.refuse_primal, limits.warn_primal, math.inf),
         ("contact force", comparison.dual, limits.refuse_dual, limits.warn_dual, limits.warn_worst),
+        ("stress", comparison.stress, limits.refuse_stress, limits.warn_stress, math.inf),
+        ("plastic strain", comparison.plastic, limits.refuse_plastic, limits.warn_plastic, math.inf),
     ):
+        if values is None:
+            continue
         # an order statistic, so that failed points do not turn it into NaN
         high, worst = float(np.percentile(values, 95, method="higher")), int(values.argmax())
         reached = "there is no one answer" if math.isinf(values[worst]) else f"it is {values[worst]:.0%}"
@@ -257,6 +272,16 @@ def check_comparison(comparison: Comparison, limits: TrustLimits, remedy: str | 
         # a point without an answer is never passed over
         if high > warn or values[worst] > warn_worst or math.isinf(values[worst]):
             _warn(message)
+
+
+def check_door(trained: TrainedPaths, limits: TrustLimits) -> None:
+    """Warn of a model so poor along histories that are known that its steps hardly tell what was never trained."""
+    if trained.estimate > limits.warn_estimate:
+        _warn(
+            f"the stress of known histories differs by up to {trained.estimate:.2g} of its size from combinations of "
+            f"trained ones: other histories are warned of from {trained.allowed(trained.begun):.2g} on only. Keep more "
+            "modes, allow more points, or train on more histories"
+        )
 
 
 def warn_of_training(full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> None:

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -27,7 +27,11 @@ from hhr_dolfinx.errors import SceneError
 
 
 class Flow(Protocol):
-    """What a body needs to flow."""
+    """What a body needs to flow.
+
+    A law whose flow does not depend on ``dt`` may say ``rated: ClassVar[bool] = False``: its histories know directions,
+    and no paces that were never trained.
+    """
 
     def flow(
         self, trial: np.ndarray, plastic_strain: np.ndarray, shear: float, dt: float
@@ -82,6 +86,7 @@ class Plasticity:
         'table(T, 20, 300, 600, 180)'
     """
 
+    rated: ClassVar[bool] = False
     yield_stress: float | str
     hardening: float | str = 0.0
 

@@ -131,6 +131,11 @@ class Material:
         """Whether any body can flow."""
         return any(group.law is not None for group in self.groups)
 
+    @property
+    def rated(self) -> bool:
+        """Whether any law may know of rates: one that does not says so by ``rated = False``."""
+        return any(group.law is not None and getattr(group.law, "rated", True) for group in self.groups)
+
     def restricted(self, indices: np.ndarray) -> Material:
         """The material of some Gauss points, renumbered in their order."""
         groups = []

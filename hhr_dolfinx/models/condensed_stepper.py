@@ -15,8 +15,9 @@ from hhr_dolfinx.models import condensed_step as compiled_step
 from hhr_dolfinx.models.answer import Answer, GaussState
 from hhr_dolfinx.models.condensed_arrays import StepLoad, Work
 from hhr_dolfinx.models.condensed_contact import touch
-from hhr_dolfinx.models.equilibrium import Diverged, Goal, check_small, extrapolated
+from hhr_dolfinx.models.equilibrium import Diverged, Goal, extrapolated
 from hhr_dolfinx.models.path import MarchSettings
+from hhr_dolfinx.models.small_strains import SmallStrains
 from hhr_dolfinx.trained import Signs
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ class CondensedStepper:
         flow = model.flow
         sizes = model.modes, model.conditions, flow.points.size, flow.components
         self._work, self._elastic = Work.of(*sizes), Work.of(*sizes)
-        self._said = ""
+        self._said, self._strains = "", SmallStrains()
 
     def learn(self, answer: Answer) -> None:
         """Take in a step that was solved before."""
@@ -140,7 +141,7 @@ class CondensedStepper:
         model, work = self._model, self._work
         self._work.numbers[codes.SIZE] = max(work.numbers[codes.SIZE], np.linalg.norm(work.here))
         plastic, strain = work.plastic.T.copy(), work.strain.reshape(work.plastic.shape).T
-        check_small(strain)
+        self._strains.check(strain)
         stress = np.einsum("nij,nj->ni", model.material.elastic, strain - plastic)
         gauss = GaussState(stress, State(plastic, load.cumulated + work.amount))
         forces = work.forces.copy()

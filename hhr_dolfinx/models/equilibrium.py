@@ -24,10 +24,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.path import MarchSettings
 
 
-MOST_STRAIN = 100.0
-"""A strain this large is a runaway, whatever the residual. At the corner of a punch single points reach a few units."""
-
-
 class Correction(NamedTuple):
     """Solution of one linearised contact problem.
 
@@ -202,11 +198,3 @@ def extrapolated(trail: Sequence[Answer], time: float, count: int | None = None)
         others = [other.time for other in trail if other is not answer]
         x += prod((time - other) / (answer.time - other) for other in others) * answer.unknown[:count]
     return x
-
-
-def check_small(strain: np.ndarray) -> None:
-    """Raise Diverged for strains (points, c) of a runaway: beyond its limit load a body is in balance to round-off."""
-    sizes = np.abs(strain)
-    if sizes.max() > MOST_STRAIN:
-        why = f"a strain of {sizes.max():.3g} is no small strain: the load is more than is borne"
-        raise Diverged(why, int(sizes.max(axis=1).argmax()))

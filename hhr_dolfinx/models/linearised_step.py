@@ -7,7 +7,7 @@ Anderson's acceleration. A step that does not converge is tried with new tangent
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,9 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.linear.anderson import Anderson
 from hhr_dolfinx.models.answer import Answer, GaussState, found_as
-from hhr_dolfinx.models.equilibrium import Diverged, Equilibrium, Goal, Linearisation, check_small, extrapolated
+from hhr_dolfinx.models.equilibrium import Diverged, Equilibrium, Goal, Linearisation, extrapolated
 from hhr_dolfinx.models.path import MarchSettings
+from hhr_dolfinx.models.small_strains import SmallStrains
 from hhr_dolfinx.trained import Signs
 
 ROUND_OFF_STRAIN = 1e-13
@@ -98,11 +99,15 @@ class LinearisedStepper:
 
 @dataclass
 class _Memory:
-    """The linearisation of the last step, if it served well, and the largest forces and stress (mean square) so far."""
+    """The linearisation of the last step, if it served well, and the largest forces and stress (mean square) so far.
+
+    Beside them what was said of strains.
+    """
 
     linearisation: Linearisation | None = None
     forces: np.ndarray | float = 0.0
     stress: float = 0.0
+    strains: SmallStrains = field(default_factory=SmallStrains)
 
     def grow(self, forces: np.ndarray, stress: float) -> None:
         """Take in the forces and the stress of one more step."""
@@ -156,7 +161,7 @@ def _step(
             largest = max(memory.stress, _root_mean_square(update.stress))
             floor = max(settings.floor_stress * largest, ROUND_OFF_STRAIN * linear.moduli.max())
             if (moved - settings.relative_stress * np.abs(update.stress)).max() <= floor:
-                check_small(strain)
+                memory.strains.check(strain)
                 slow = settings.search == "tangent" or iteration > PATIENCE
                 memory.linearisation = None if slow else linear
                 memory.grow(scale, largest)

@@ -215,7 +215,7 @@ class _Try:
     @property
     def unexplained(self) -> float:
         """What no mode of the model explains of its stress, from 0 to 1."""
-        return self.signs.misfit / self.signs.stress if self.signs.stress > 0 else 0.0
+        return self.signs.estimate
 
 
 class LocalStepper:

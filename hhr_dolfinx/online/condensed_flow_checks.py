@@ -188,6 +188,6 @@ def _check_trained(trained: TrainedPaths, space: ParameterSpace) -> None:
     pair = isinstance(steps, tuple) and len(steps) == 2 and all(is_number(step) for step in steps)
     if not pair or not 0 < steps[0] <= steps[1]:
         raise FileContentError(f"trained steps take {steps!r} s, which is no range")
-    signs = trained.imbalance, trained.share, trained.depth, trained.misfit, trained.stress, trained.unexplained
-    if not all(is_number(sign) and sign >= 0 for sign in signs):
-        raise FileContentError(f"the imbalance, its share, the depth and the misfit of the training are {signs!r}")
+    signs = trained.imbalance, trained.depth, trained.stress, trained.estimate, trained.begun, trained.onset
+    if not all(is_number(sign) and sign >= 0 for sign in signs) or not isinstance(trained.rated, bool):
+        raise FileContentError(f"the imbalance, the depth, the stress and the estimates of the training are {signs!r}")

@@ -11,7 +11,7 @@ from hhr_dolfinx.parameters import ParameterSpace
 FORMAT, VERSION = "hhr_dolfinx reduced model", 12
 CONDENSED, CONDENSED_VERSION = "hhr_dolfinx condensed model", 4
 """Format of files of condensation, exact or interpolated, see ``varying_file``."""
-CONDENSED_FLOW, CONDENSED_FLOW_VERSION = "hhr_dolfinx condensed flow model", 3
+CONDENSED_FLOW, CONDENSED_FLOW_VERSION = "hhr_dolfinx condensed flow model", 4
 """Format of files of condensed flow, see ``condensed_flow_file``."""
 LOCAL, LOCAL_VERSION = "hhr_dolfinx local models", 1
 """Format of files of local models, see ``local_file``; their models are of :data:`VERSION`."""
@@ -73,12 +73,13 @@ LAYOUT = {
     "paths.slowest": ("float", "P"),
     "paths.fastest": ("float", "P"),
     "paths.steps": ("float", "ends"),
+    "paths.rated": ("bool",),
     "paths.imbalance": ("float",),
-    "paths.share": ("float",),
     "paths.depth": ("float",),
-    "paths.misfit": ("float",),
     "paths.stress": ("float",),
-    "paths.unexplained": ("float",),
+    "paths.estimate": ("float",),
+    "paths.begun": ("float",),
+    "paths.onset": ("float",),
     "flow.gradients": ("float", "cells", "per cell", "components", "dofs of a cell"),
     "flow.weights": ("float", "cells", "per cell"),
     "flow.dofs": ("int", "cells", "dofs of a cell"),

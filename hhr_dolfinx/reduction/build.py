@@ -12,7 +12,7 @@ import numpy as np
 
 from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.certify.bounds import error_bound
-from hhr_dolfinx.certify.compare import Comparison, compare_histories, compare_points, largest_motion
+from hhr_dolfinx.certify.compare import Comparison, compare_points
 from hhr_dolfinx.certify.constants import FullConstants, Stability, assess
 from hhr_dolfinx.certify.trust import (
     check_comparison,
@@ -365,24 +365,19 @@ def _compared(shared: _Offline, model: ReducedModel) -> tuple[Comparison | None,
     How a model of histories looks inside its training shows only when it has solved those that are known.
     """
     full, snapshots, held_out, limits = shared.full, shared.snapshots, shared.held_out, shared.recipe.trust
-    floor, comparison, trained = force_floor(full.problem, snapshots), None, model.trained
+    trained = model.trained
     if snapshots.columns is not None:
         shared.log.skip("comparison", "trained on parts of histories: only models of all parts together answer one")
         return None, None
     if model.equilibrium is not None:
-        kept = () if held_out is None else held_out.histories
-        histories = {f"trained history {k}": history for k, history in enumerate(snapshots.histories)}
-        histories |= {f"held-out history {k}": history for k, history in enumerate(kept)}
-        comparison, signs = compare_histories(full, model, histories, floor)
-        if signs:  # without limits all of them may have failed
-            paths = [history.path for history in snapshots.histories]
-            trained = TrainedPaths.of(paths, full.parameters, signs, largest_motion(full, snapshots))
-    elif limits is not None:
-        if held_out is None:
-            every = max(1, len(snapshots.points) // MOST_TRAINING_COMPARED)
-            held_out = snapshots.take(np.arange(0, len(snapshots.points), every))
-        comparison = compare_points(full, model, held_out, floor)
-    if limits is None or comparison is None:
+        from hhr_dolfinx.certify.histories import checked_histories
+
+        return checked_histories(full, model, snapshots, held_out, limits)
+    if limits is None:
         return None, trained
+    if held_out is None:
+        every = max(1, len(snapshots.points) // MOST_TRAINING_COMPARED)
+        held_out = snapshots.take(np.arange(0, len(snapshots.points), every))
+    comparison = compare_points(full, model, held_out, force_floor(full.problem, snapshots))
     check_comparison(comparison, limits)
     return comparison, trained

@@ -15,7 +15,7 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.reconstruct import FlowFields, GappyField, Reconstruction
-from hhr_dolfinx.reduction.pod import pod
+from hhr_dolfinx.reduction.state_modes import state_modes
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
 if TYPE_CHECKING:
@@ -48,10 +48,13 @@ class Completion:
     def of(cls, problem: ContactProblem, snapshots: SnapshotSet) -> Completion:
         """Of training answers."""
         scale = _gap_scale(problem, snapshots)
-        if snapshots.stress is None or snapshots.cumulated is None:
+        if not snapshots.states:
             return cls(snapshots.forces, scale)
-        flowed = pod(snapshots.cumulated, PLASTIC_STRAIN)[0] if snapshots.flowed else None
-        return cls(snapshots.forces, scale, pod(snapshots.stress, STRESS)[0], flowed)
+        stress = state_modes([state.stress.ravel() for state in snapshots.states], STRESS)
+        if not snapshots.flowed:
+            return cls(snapshots.forces, scale, stress)
+        flowed = state_modes([state.state.cumulated for state in snapshots.states], PLASTIC_STRAIN)
+        return cls(snapshots.forces, scale, stress, flowed)
 
     @cached_property
     def rays(self) -> np.ndarray:

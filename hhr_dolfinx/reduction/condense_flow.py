@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy import linalg
 
-from hhr_dolfinx.certify.accuracy import force_floor
-from hhr_dolfinx.certify.compare import Comparison, compare_histories, largest_motion
-from hhr_dolfinx.certify.trust import TrustLimits, check_comparison, warn_of_training
+from hhr_dolfinx.certify.compare import Comparison
+from hhr_dolfinx.certify.histories import checked_histories
+from hhr_dolfinx.certify.trust import TrustLimits, warn_of_training
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import HHRError, ReductionError, UnstableModelError
 from hhr_dolfinx.materials.update import Group
@@ -32,9 +32,9 @@ from hhr_dolfinx.reduction.correction_modes import correction_modes
 from hhr_dolfinx.reduction.cubature import Cubature
 from hhr_dolfinx.reduction.elastic_response import ElasticResponse, elastic_response
 from hhr_dolfinx.reduction.flowing_domain import FlowingDomain, StrainAt
+from hhr_dolfinx.reduction.state_modes import state_modes
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import StageLog
-from hhr_dolfinx.trained import Signs, TrainedPaths
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
@@ -44,8 +44,6 @@ SHOWN = 1e-3
 LEFT_OUT = 1e-6
 """Part of the squared training fields that the modes for stress and for cumulated plastic strain leave out. Finer ones
 fit on Z what is noise there, and make stress elsewhere worse."""
-CHUNK = 20_000
-"""Values of each field that are stacked at once."""
 NOTHING = 1e-8
 """Energy of a correction, relative to the largest, below which it is round-off of the elastic solution."""
 LARGEST_ENERGY = 1.2
@@ -61,12 +59,13 @@ class CorrectionSettings:
     """How far a reduced plastic correction is to go.
 
     Attributes:
-        modes: energy norm of training corrections that the modes leave out, relative.
+        modes: energy norm of training corrections, each over the root of its own, that the modes leave out, relative.
         cubature: relative misfit of the integrals at training states.
         stability: relative misfit of the energies of the modes.
         most_modes, most_points: bounds; None for none.
         attempts: how often modes and cubature grow, by a factor of three in their tolerances, until errors are small.
-        primal, dual: errors of displacement and forces along known histories that are small enough.
+        primal, dual, stress, plastic: errors of displacement, forces, stress and cumulated plastic strain along known
+            histories that are small enough.
         trust: when a model is refused or warned of; None leaves out the check.
     """
 
@@ -78,6 +77,8 @@ class CorrectionSettings:
     attempts: int = 4
     primal: float = 2e-3
     dual: float = 0.06
+    stress: float = 0.08
+    plastic: float = 0.05
     trust: TrustLimits | None = field(default_factory=_limits)
 
     def __post_init__(self) -> None:
@@ -201,7 +202,8 @@ def _grown(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowModel:
         comparison = model.offline.comparison
         if comparison is None:
             return model
-        off = max(comparison.primal.max() / settings.primal, comparison.dual.max() / settings.dual)
+        wanted = {name: getattr(settings, name) for name in ("primal", "dual", "stress", "plastic")}
+        off = max(getattr(comparison, name).max() / wish for name, wish in wanted.items())
         if best is None or off < best[0]:
             best = off, model, caught
         if off <= 1:
@@ -244,28 +246,13 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
     with log.stage("compilation"):  # once for an installation, not for each model
         model.march(shared.snapshots.histories[0].path[:2], MarchSettings(outside="ignore"))
     with log.stage("validation"):
-        comparison, trained = _compared(shared, model, settings)
+        remedy = "allow more modes and points, or train on more histories"
+        checked = full, model, shared.snapshots, shared.held_out, settings.trust
+        comparison, trained = checked_histories(*checked, remedy)
     log.say(model.known_error)
     sizes_ = basis.shape[1], flow.points.size, domain.points.size
     record = CorrectionRecord(settings, *sizes_, cubature.misfit, energy, comparison, log)
     return model.changed(trained=trained, offline=record)
-
-
-def _compared(
-    shared: _Shared, model: CondensedFlowModel, settings: CorrectionSettings
-) -> tuple[Comparison | None, TrainedPaths]:
-    """Errors of known histories, and what the model was trained on."""
-    full, snapshots, held_out = shared.full, shared.snapshots, shared.held_out
-    histories = {f"trained history {k}": history for k, history in enumerate(snapshots.histories)}
-    kept = () if held_out is None else held_out.histories
-    histories |= {f"held-out history {k}": history for k, history in enumerate(kept)}
-    comparison, signs = compare_histories(full, model, histories, force_floor(full.problem, snapshots))
-    if settings.trust is not None:
-        check_comparison(comparison, settings.trust, "allow more modes and points, or train on more histories")
-    paths = [history.path for history in snapshots.histories]
-    known = [item for item in signs if item] or [[Signs(0.0, 0.0, 0.0)]]
-    trained = TrainedPaths.of(paths, full.parameters, known, largest_motion(full, snapshots))
-    return (None if settings.trust is None else comparison), trained
 
 
 def _online(
@@ -362,25 +349,10 @@ class _FieldModes:
         """Of training histories."""
         stress = [state.stress.ravel() for state in snapshots.states]
         cumulated = [state.state.cumulated for state in snapshots.states]
-        return cls(_modes(stress, LEFT_OUT), _modes(cumulated, LEFT_OUT) if snapshots.flowed else None)
+        return cls(state_modes(stress, LEFT_OUT), state_modes(cumulated, LEFT_OUT) if snapshots.flowed else None)
 
     def on(self, points: np.ndarray, components: int) -> FlowFields:
         """How fields are completed from some points."""
         values = (points[:, None] * components + np.arange(components)).ravel()
         flowed = None if self.cumulated is None else GappyField.fitted(self.cumulated, points)
         return FlowFields(points, GappyField.fitted(self.stress, values), flowed, len(self.stress) // components)
-
-
-def _modes(fields: Sequence[np.ndarray], tolerance: float) -> np.ndarray:
-    """POD modes that leave out a part of the squared sum, by the method of snapshots, of fields too long to stack."""
-    size = fields[0].size
-    parts = [slice(start, min(start + CHUNK, size)) for start in range(0, size, CHUNK)]
-    stacked = (np.stack([field[part] for field in fields]) for part in parts)
-    squares, ways = linalg.eigh(sum(block @ block.T for block in stacked))
-    squares, ways = np.maximum(squares[::-1], 0.0), ways[:, ::-1]
-    rest = np.append(np.cumsum(squares[::-1])[::-1], 0.0)
-    count = max(int(np.argmax(rest < max(tolerance, 1e-14) * rest[0])), 1)
-    modes = np.empty((size, count))
-    for part in parts:
-        modes[part] = np.stack([field[part] for field in fields], axis=1) @ (ways[:, :count] / np.sqrt(squares[:count]))
-    return modes

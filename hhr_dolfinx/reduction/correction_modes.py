@@ -8,21 +8,28 @@ from scipy import linalg
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.reduction.elastic_response import ElasticResponse
 
+SMALL = 1e-3
+"""Size of a correction, relative to the largest, from which on it counts by its root, and below by itself."""
+
 
 def correction_modes(
     problem: ContactProblem, corrections: np.ndarray, elastic: ElasticResponse, left_out: float, most: int | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Modes of corrections, (N, S), orthonormal in energy, (N, ell), and the energy norm of each state, (S,).
 
-    They leave out a part of the norm of all corrections together, unless there would be more than ``most``.
+    They leave out a part of the norm of all corrections together, unless there would be more than ``most``. Each counts
+    by the root of its size: by their sizes, corrections of trained part loads were left out beside those of full loads,
+    and the stress that stayed behind them was 75 to 90 % wrong on a cantilever, 12 to 25 % on the pellet; by the root
+    2 to 3 and 1 %, with twice as many modes. If all counted alike there were three times as many.
 
     Where moduli vary each part has modes of its own: a mode across parts would have no energy of its own.
     """
     sizes = np.sqrt(np.maximum(np.einsum("ns,ns->s", corrections, problem.stiffness @ corrections), 0.0))
+    weights = 1 / np.sqrt(np.maximum(sizes, SMALL * sizes.max(initial=0.0)) + np.finfo(float).tiny)
     found = []
     for part in np.unique(elastic.parts):
-        own = np.where((elastic.parts == part)[:, None], corrections, 0.0)
-        found.append(_energy_modes(problem, own, left_out * np.linalg.norm(sizes)))
+        own = np.where((elastic.parts == part)[:, None], corrections * weights, 0.0)
+        found.append(_energy_modes(problem, own, left_out * np.linalg.norm(sizes * weights)))
     values = np.concatenate([value for _, value in found])
     modes = np.concatenate([columns for columns, _ in found], axis=1)
     order = np.argsort(-values)[:most]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -14,10 +15,11 @@ import numpy as np
 from hhr_dolfinx import ranks
 from hhr_dolfinx.certify.accuracy import round_off_force
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.errors import ConvergenceError, ReductionError
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Path
 from hhr_dolfinx.models.condensed import KnownStatuses
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings
+from hhr_dolfinx.snapshots.lost import Lost
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -158,6 +160,7 @@ def compute_snapshots(
     progress: Progress = iter,
     store: SnapshotStore | None = None,
     settings: MarchSettings = DEFAULT_MARCH,
+    lost: Lost | None = None,
 ) -> SnapshotSet:
     """Answer queries by the full model: single parameters, or paths where bodies flow.
 
@@ -168,15 +171,39 @@ def compute_snapshots(
         progress: wraps the iteration, for a progress bar.
         store: answers found there are not computed, the others are kept as soon as they are there, step by step.
         settings: how histories are solved.
+        lost: takes in what has no answer, so that the others are kept; None lets the first one end them all.
 
     Raises:
         ParameterError: if a point or a path is none.
-        ConvergenceError: if a query does not converge.
+        ConvergenceError, NotSolvableError: if a query has no answer, or where those are taken in, no query has.
     """
+    found = _solved(full, queries, progress, store, settings, lost)
+    return _some(found, lost, len(queries))
+
+
+def _solved(
+    full: Any, queries: Any, progress: Progress, store: SnapshotStore | None, settings: MarchSettings, lost: Lost | None
+) -> SnapshotSet | None:
+    """Answers of queries; None where all are lost."""
     with ranks.together(full.comm, "solving for snapshots"):
         if not _are_paths(queries):
-            return SnapshotSet.of_answers(_answers(full, full.parameters.points(queries), progress, store))
-        return SnapshotSet.of_histories(_histories(full, queries, progress, store, settings))
+            answers = list(_answers(full, full.parameters.points(queries), progress, store, lost))
+            return SnapshotSet.of_answers(answers) if answers else None
+        histories = list(_histories(full, queries, progress, store, settings, lost))
+        return None if lost is not None and not histories else SnapshotSet.of_histories(histories)
+
+
+def _some(found: SnapshotSet | None, lost: Lost | None, count: int) -> SnapshotSet:
+    """Answers, of which there must be one."""
+    if found is None:
+        assert lost is not None
+        label, why = lost.told[0]
+        raise ConvergenceError(f"none of {count} queries has an answer; the first, {label}: {why}")
+    return found
+
+
+def _taking_in(lost: Lost | None, label: str) -> AbstractContextManager[None]:
+    return nullcontext() if lost is None else lost.taken_in(label)
 
 
 def _are_paths(queries: Any) -> bool:
@@ -187,20 +214,23 @@ def _are_paths(queries: Any) -> bool:
         return True
 
 
-def _answers(full: Any, points: np.ndarray, progress: Progress, store: SnapshotStore | None) -> list[Answer]:
+def _answers(
+    full: Any, points: np.ndarray, progress: Progress, store: SnapshotStore | None, lost: Lost | None
+) -> Iterator[Answer]:
     """Answers at some points."""
-    answers: list[Answer] = []
     start: Any = "nearest"
     for point in progress(points):
         answer = _stored(full, store, point)
         if answer is None:
-            answer = full.solve(point, start=start)
+            with _taking_in(lost, full.parameters.described(point)):
+                answer = full.solve(point, start=start)
+            if answer is None:
+                continue
             if store is not None and full.comm.rank == 0:
                 store.save(answer)
         start = answer.active
-        answers.append(answer)
-        _log.debug("answer %d at %s: %d iterations", len(answers), point, answer.iterations)
-    return answers
+        yield answer
+        _log.debug("answer at %s: %d iterations", point, answer.iterations)
 
 
 def _stored(full: Any, store: SnapshotStore | None, point: np.ndarray) -> Answer | None:
@@ -213,16 +243,26 @@ def _stored(full: Any, store: SnapshotStore | None, point: np.ndarray) -> Answer
 
 
 def _histories(
-    full: Any, paths: Sequence[Path], progress: Progress, store: SnapshotStore | None, settings: MarchSettings
+    full: Any,
+    paths: Sequence[Path],
+    progress: Progress,
+    store: SnapshotStore | None,
+    settings: MarchSettings,
+    lost: Lost | None,
 ) -> Iterator[History]:
     """Histories along some paths, which go on behind the steps that are kept."""
     for number, path in enumerate(progress(paths), start=1):
         _log.info("history %d of %d, %d steps", number, len(paths), len(path) - 1)
-        if store is None:
-            yield full.march(path, settings)
-        else:
-            kept = store.steps(path, settings)
-            yield kept.on_disk(full.march(path, settings, known=kept.load(), keep=kept.save))
+        history = None
+        label = getattr(path, "name", "") or f"a path that ends at {full.parameters.described(path[-1][1])}"
+        with _taking_in(lost, label):
+            if store is None:
+                history = full.march(path, settings)
+            else:
+                kept = store.steps(path, settings)
+                history = kept.on_disk(full.march(path, settings, known=kept.load(), keep=kept.save))
+        if history is not None:
+            yield history
 
 
 def spread_snapshots(
@@ -232,11 +272,12 @@ def spread_snapshots(
     progress: Progress = iter,
     store: SnapshotStore | None = None,
     settings: MarchSettings = DEFAULT_MARCH,
+    lost: Lost | None = None,
 ) -> SnapshotSet:
     """As :func:`compute_snapshots`, shared out over the ranks of ``comm``; every rank gets all answers.
 
     Each rank has a full model of its own, on a communicator of one, and the same queries; they share the folder of the
-    store. If a query does not converge on any rank, all of them raise.
+    store. If a query does not converge on any rank, all of them raise, unless ``lost`` takes it in, that of all ranks.
     """
     queries = queries if _are_paths(queries) else full.parameters.points(queries)
     own: Any = None
@@ -244,15 +285,19 @@ def spread_snapshots(
         # neighbours stay together, so that each start is a good one
         mine = np.array_split(np.arange(len(queries)), comm.size)[comm.rank]
         if mine.size:
-            own = compute_snapshots(full, [queries[k] for k in mine], progress, store, settings)
+            own = _solved(full, [queries[k] for k in mine], progress, store, settings, lost)
     if comm.size == 1:
-        return own
+        return _some(own, lost, len(queries))
+    if lost is not None:
+        lost.told = [item for items in comm.allgather(lost.told) for item in items]
+    if not any(comm.allgather(own is not None)):
+        return _some(None, lost, len(queries))
     if not _are_paths(queries):
         parts = [part for part in comm.allgather(own) if part is not None]
         columns: list[Any] = [
             np.concatenate(item, axis=1) for item in zip(*(part._columns() for part in parts), strict=True)
         ]
-        return SnapshotSet(queries, *columns)
+        return SnapshotSet(np.concatenate([part.points for part in parts]), *columns)
     # an answer knows its model, which belongs to one rank
     sent = () if own is None else [_with_fields(history, _NOWHERE) for history in own.histories]
     return SnapshotSet.of_histories(_with_fields(item, full) for part in comm.allgather(sent) for item in part)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -185,7 +186,9 @@ class Greedy:
                 chosen = comm.bcast(_chosen(errors, candidates, points, space, room))
             if chosen.size:
                 more = candidates[chosen]
-                points, known = np.vstack([points, more]), known.joined(solve(self._queries(more)))
+                points = np.vstack([points, more])
+                with suppress(ConvergenceError):  # none of them has an answer, and none is asked for again
+                    known = known.joined(solve(self._queries(more)))
             if kept is not None:
                 kept.save(points, rounds)
             if not chosen.size:

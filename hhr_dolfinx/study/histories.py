@@ -12,6 +12,7 @@ import numpy as np
 from hhr_dolfinx.certify.accuracy import force_floor, summary
 from hhr_dolfinx.errors import HHRError, ReductionError, UnstableModelError
 from hhr_dolfinx.models.answer import History, Model, Path
+from hhr_dolfinx.snapshots.lost import Lost
 from hhr_dolfinx.study.history_runs import (
     Run,
     errors_of_runs,
@@ -45,18 +46,17 @@ def measure_histories(
 
     Raises:
         ReductionError, UnstableModelError: if both are refused.
-        ConvergenceError: if the full order does not solve a path, or no small model solves any.
+        ConvergenceError: if the full order does not solve the first path, or no small model solves any.
+
+    Warns:
+        TrainingWarning: for paths that the full order does not solve, which are left out.
     """
-    full, paths = training.full_order, list(tests.values())
+    full = training.full_order
     models, refused = _built(training, settings)
     floor = force_floor(full.problem, training.snapshots)
-    ways, searches, skipped = timed_searches(full, paths[0], settings.march)
-    exact: list[Run] = []
-    found: dict[str, list[Run]] = {name: [] for name in models}
-    for path in progress("tests")(paths):
-        exact.append(run_in_full(full, path, ways))
-        for name, run in run_in_turns(models, path, settings.march, settings.repetitions).items():
-            found[name].append(run)
+    ways, searches, skipped = timed_searches(full, next(iter(tests.values())), settings.march)
+    tests, exact, found = _runs(full, models, tests, ways, settings, progress)
+    paths = list(tests.values())
     known = [run.history for run in exact if run.history is not None]
 
     def beside(method: str, setting: str, other: Model) -> Row:
@@ -88,6 +88,25 @@ def measure_histories(
     rows = [{"method": method, "setting": SETTINGS[method], "refused": str(why)} for method, why in refused.items()]
     by_key = {KEYS[method]: item.model for method, item in measured.items()}
     return own.model, Measurement(own.row, others, beside, report, skipped, drawn, rows, by_key)
+
+
+def _runs(
+    full: Any, models: Mapping[str, Any], tests: Mapping[Any, Path], ways: Any, settings: Any, progress: Progress
+) -> tuple[dict[Any, Path], list[Run], dict[str, list[Run]]]:
+    """Paths that the full order solves, by label, and histories along them: of the full order, and of each model."""
+    exact: list[Run] = []
+    found: dict[str, list[Run]] = {name: [] for name in models}
+    lost, solved = Lost(), {}
+    for label, path in progress("tests")(list(tests.items())):
+        with lost.taken_in(str(label)):
+            exact.append(run_in_full(full, path, ways))
+            solved[label] = path
+        if label not in solved:
+            continue
+        for name, run in run_in_turns(models, path, settings.march, settings.repetitions).items():
+            found[name].append(run)
+    lost.warn(len(tests), 1, "test paths")
+    return solved, exact, found
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhr_dolfinx.certify.accuracy import force_floor
-from hhr_dolfinx.certify.compare import Comparison, compare_histories, largest_motion
-from hhr_dolfinx.certify.trust import check_comparison, check_stability, first_trusted, warn_of_training
+from hhr_dolfinx.certify.compare import Comparison
+from hhr_dolfinx.certify.histories import checked_histories
+from hhr_dolfinx.certify.trust import check_stability, first_trusted, warn_of_training
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.full_order.full import FullOrderModel
@@ -31,7 +31,6 @@ from hhr_dolfinx.reduction.choice import chosen_nodes
 from hhr_dolfinx.reduction.recipe import Recipe, Rid
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import StageLog
-from hhr_dolfinx.trained import TrainedPaths
 
 if TYPE_CHECKING:
     from hhr_dolfinx.study.training import Training
@@ -141,25 +140,9 @@ class _Shared:
                 check_stability(models[-1].offline.stability, recipe.trust)
         local = LocalHistories(models)
         with self.log.stage("validation"):
-            comparison, trained = self._compared(local)
+            comparison, trained = checked_histories(self.full, local, self.snapshots, self.held_out, recipe.trust)
         record = LocalHistoryRecord(recipe, self.labels, self.overlap, layers, comparison, self.log)
         return local.changed(trained=trained, offline=record)
-
-    def _compared(self, local: LocalHistories) -> tuple[Comparison | None, TrainedPaths | None]:
-        """What users get beside known histories, and what the models were trained on together."""
-        full, snapshots = self.full, self.snapshots
-        kept = () if self.held_out is None else self.held_out.histories
-        histories = {f"trained history {k}": item for k, item in enumerate(snapshots.histories)}
-        histories |= {f"held-out history {k}": item for k, item in enumerate(kept)}
-        comparison, signs = compare_histories(full, local, histories, force_floor(full.problem, snapshots))
-        trained = None
-        if signs:  # without limits all of them may have failed
-            paths = [history.path for history in snapshots.histories]
-            trained = TrainedPaths.of(paths, full.parameters, signs, largest_motion(full, snapshots))
-        if self.recipe.trust is None:
-            return None, trained
-        check_comparison(comparison, self.recipe.trust)
-        return comparison, trained
 
 
 def _checked_labels(labels: Sequence[Any], histories: Sequence[History], overlap: object) -> tuple[np.ndarray, ...]:

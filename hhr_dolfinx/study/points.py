@@ -43,6 +43,7 @@ def measure_points(
     """Errors of the reduced model at test points, and its time beside that of all other models."""
     full, space, known = training.full_order, training.full_order.parameters, training.snapshots.known_statuses()
     references = References.at(points, full, training.snapshots, progress("references"))
+    points = references.solutions.points
     answers = [model.solve(point, raise_on_failure=False, outside="ignore") for point in points]
     models: dict[str, Model] = {"fom_best": full, "online": model, "online_lapack": _twin(model, LapackLU)}
     whole: Queries = {

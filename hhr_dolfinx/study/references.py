@@ -12,6 +12,7 @@ from hhr_dolfinx.certify.accuracy import Residuals, contact_residuals, energy_mi
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, OutsideTrainingWarning
 from hhr_dolfinx.models.answer import Model
+from hhr_dolfinx.snapshots.lost import Lost
 from hhr_dolfinx.snapshots.records import Progress, SnapshotSet, compute_snapshots
 from hhr_dolfinx.study.measure import Errors, answer_errors, conditions_inside
 
@@ -35,8 +36,13 @@ class References:
 
     @classmethod
     def at(cls, points: np.ndarray, full_order: Any, training: SnapshotSet, progress: Progress = iter) -> References:
-        """Solve the full model at test points, (n, P); the floor is that of its training solutions."""
-        solutions = compute_snapshots(full_order, points, progress)
+        """Solve the full model at test points, (n, P); the floor is that of its training solutions.
+
+        Points without an answer are left out, with a warning.
+        """
+        lost = Lost()
+        solutions = compute_snapshots(full_order, points, progress, lost=lost)
+        lost.warn(len(points), 1, "test points")
         return cls(full_order.problem, solutions, force_floor(full_order.problem, training))
 
     def errors(self, model: Model) -> Errors:

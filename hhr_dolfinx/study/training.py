@@ -12,6 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from hhr_dolfinx import ranks
+from hhr_dolfinx.certify.strains import check_small_strains
 from hhr_dolfinx.errors import ParameterError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path
@@ -20,6 +21,7 @@ from hhr_dolfinx.reduction.build import build, usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.held_out import held_out_points
+from hhr_dolfinx.snapshots.lost import Lost
 from hhr_dolfinx.snapshots.records import SnapshotSet, spread_snapshots
 from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.study.counts import check_counts
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed import CondensedModel
     from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
     from hhr_dolfinx.models.fallback import FallbackModel
+    from hhr_dolfinx.models.force_correction import ForceCorrection
     from hhr_dolfinx.models.local import LocalModels
     from hhr_dolfinx.models.local_histories import LocalHistories
     from hhr_dolfinx.models.varying import VaryingModel
@@ -171,6 +174,18 @@ class Training:
 
         return condense(self.full_order, self.snapshots, settings or GridSettings(), self.held_out)
 
+    def force_correction(self) -> ForceCorrection:
+        """What tells how far contact forces of histories are off, and corrects them once, for any model trained here.
+
+        ``correction.of(history)`` has better forces of each step, and their distance from those of the model.
+
+        Raises:
+            ReductionError: where nothing flows, and where moduli are no factors of what hangs together.
+        """
+        from hhr_dolfinx.reduction.force_correction import force_correction
+
+        return force_correction(self.full_order)
+
 
 def train(
     scene: Scene,
@@ -210,26 +225,51 @@ def train(
         with log.stage("full_order"):
             full = FullOrderModel(scene, MPI.COMM_SELF)
         store = None if folder is None else SnapshotStore(folder, full)
-    kept, choice = None, None
+    kept, choice, lost = None, None, Lost()
     with log.stage("snapshots"):
         if _chooses(queries):
 
             def solve(asked: Any) -> SnapshotSet:
-                return spread_snapshots(full, asked, comm, iter, store, march)
+                return spread_snapshots(full, asked, comm, iter, store, march, lost)
 
             snapshots, choice = queries.grown(full, solve, comm, progress("greedy"), store)
         else:
-            snapshots = spread_snapshots(full, queries, comm, progress("snapshots"), store, march)
+            snapshots = spread_snapshots(full, queries, comm, progress("snapshots"), store, march, lost)
+    count = len(queries if choice is None else choice.points)
+    lost.warn(count, (count + 1) // 2, "training queries")
     if apart:
         with log.stage("held_out"):
-            # forces decide on points, whose last digits may differ between machines
-            given = apart if isinstance(apart, list) else held_out_points(full.problem, snapshots, apart, seed + 2000)
-            kept = spread_snapshots(full, comm.bcast(given), comm, progress("held out"), store, march)
+            kept = _held_out(full, comm.bcast(_apart(full, snapshots, apart, seed)), comm, progress, store, march)
+    check_small_strains(full, snapshots, kept)
     found = comm.allreduce(0 if store is None else store.found)
     if found:
-        count = len(snapshots.points) + (0 if kept is None else len(kept.points))
-        log.skip("snapshots", f"{found} of {count} answers were read from {folder}: the times cover the others")
+        asked = len(snapshots.points) + (0 if kept is None else len(kept.points))
+        log.skip("snapshots", f"{found} of {asked} answers were read from {folder}: the times cover the others")
     return Training(full, snapshots, kept, log, choice, found)
+
+
+def _apart(full: FullOrderModel, snapshots: SnapshotSet, apart: Any, seed: int) -> Any:
+    """What is held out: paths as they are given, or a number of points, which forces decide on.
+
+    Their last digits may differ between machines.
+    """
+    return apart if isinstance(apart, list) else held_out_points(full.problem, snapshots, apart, seed + 2000)
+
+
+def _held_out(
+    full: FullOrderModel, given: Any, comm: MPI.Comm, progress: Progress, store: Any, march: MarchSettings
+) -> SnapshotSet:
+    """Answers that are held out."""
+    lost = Lost()
+    kept = spread_snapshots(full, given, comm, progress("held out"), store, march, lost)
+    lost.warn(len(given), 1, "queries held out")
+    return kept
+
+
+def _checked_path(scene: Scene, path: Any) -> Any:
+    """A path, checked; one of a family keeps its name."""
+    checked = checked_path(scene.parameters, path)
+    return path if isinstance(getattr(path, "name", None), str) else checked
 
 
 def _chooses(training: Any) -> bool:
@@ -275,7 +315,8 @@ def training_points(scene: Scene, training: Any) -> np.ndarray:
 def training_paths(scene: Scene, paths: Any) -> list:
     """Checked paths of a scene whose bodies flow; StudyError for what is no list of paths."""
     try:
-        checked = [checked_path(scene.parameters, path) for path in paths]
+        # paths of a family keep their names
+        checked = [_checked_path(scene, path) for path in paths]
     except (ParameterError, TypeError) as error:
         raise StudyError(
             f"bodies of scene '{scene.name}' flow: train on a list of paths, such as family.paths(Sobol(12)) ({error})"

@@ -1,0 +1,96 @@
+"""Strains that are not small: warned of from a tenth, refused from one, along histories and in training."""
+
+import dataclasses
+import warnings
+
+import condensing
+import numpy as np
+import pytest
+from scenes import pressed_block
+from test_plastic import tube
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.certify.strains import _strains
+from hhr_dolfinx.errors import ConvergenceError, ReductionError, SmallStrainWarning
+from hhr_dolfinx.models.equilibrium import Diverged
+from hhr_dolfinx.models.small_strains import SmallStrains
+
+
+def strains(largest, count=1000, rest=1e-3):
+    """Some strains, one of them by itself."""
+    found = np.full((count, 4), rest)
+    found[3, 1] = -largest
+    return found
+
+
+@pytest.mark.parametrize("strain, said", [(0.09, False), (0.11, True)])
+def test_large_strains_are_said_once(strain, said):
+    watch = SmallStrains()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for _ in range(2):
+            watch.check(strains(strain, rest=strain))
+    assert [item.category for item in caught] == [SmallStrainWarning] * said
+
+
+def test_what_is_no_small_strain_is_no_answer():
+    with pytest.raises(Diverged, match=r"a strain of 1\.1 is no small strain"):
+        SmallStrains().check(strains(1.1, rest=1.1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        SmallStrains().check(strains(3.0))  # the corner of a punch
+    with pytest.raises(Diverged):
+        SmallStrains().check(strains(101.0))
+
+
+@pytest.fixture(scope="module")
+def soft():
+    """A tube that creeps under pressure, full and condensed: strains grow with time."""
+    full = hhr.FullOrderModel(condensing.walled_tube(hhr.Norton(1.0, 1.0), wall=100.0, cells=4))
+    return full, condensing.condensed(full, [full.march(held(seconds)) for seconds in (0.01, 0.02)], trust=None)
+
+
+def held(seconds, steps=8):
+    """A pressure put on at once and held."""
+    return [(0.0, [0.0]), *((seconds * k / steps, [1.0]) for k in range(1, steps + 1))]
+
+
+def test_histories_full_and_small(soft):
+    for model in soft:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", SmallStrainWarning)
+            short = model.march(held(0.02), condensing.QUIET)
+        assert short.answers[-1].plastic_strain().max() < 0.1
+        with pytest.warns(SmallStrainWarning, match="no small strain, and answers are those of small strains"):
+            model.march(held(0.3), condensing.QUIET)
+        with pytest.raises(ConvergenceError, match="no small strain"):
+            model.march(held(10.0), dataclasses.replace(condensing.QUIET, cuts=0))
+
+
+def test_strains_in_cells_are_those_of_a_linear_field():
+    """A linear field on the tube has its own strain in each cell, the hoop one among them."""
+    full = hhr.FullOrderModel(tube(None, 1.0, cells=3))
+    problem = full.problem
+    r, z = problem.points.T
+    field = np.stack([0.2 * r + 0.06 * z, 0.04 * r - 0.1 * z], axis=1).ravel()
+    found = (_strains(problem, True) @ field).reshape(len(problem.cell_nodes), 4)
+    middle = problem.points[problem.cell_nodes].mean(axis=1)
+    expected = np.tile([0.2, 0.05, -0.1, 0.0], (len(middle), 1))
+    expected[:, 3] = 0.2 + 0.06 * middle[:, 1] / middle[:, 0]
+    assert found == pytest.approx(expected, abs=1e-14)
+
+
+@pytest.mark.parametrize("push, outcome", [(0.15, None), (0.5, "warned"), (4.0, "refused")])
+def test_training_of_elastic_bodies(push, outcome):
+    """A block of height 2 that is shortened: the strain is a little less than half of that."""
+    scene = pressed_block("plane_strain")
+    scene = dataclasses.replace(scene, parameters=hhr.ParameterSpace(("push",), (0.0,), (push,)))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        if outcome == "refused":
+            with pytest.raises(ReductionError, match=r"push = 4: a strain of 2 at .* mean nothing at 1"):
+                hhr.train(scene, 3, held_out=0)
+        else:
+            hhr.train(scene, 3, held_out=0)
+    said = [str(item.message) for item in caught if item.category is SmallStrainWarning]
+    assert len(said) == (outcome == "warned") and all("push = 0.5: a strain of 0.25 " in text for text in said)
