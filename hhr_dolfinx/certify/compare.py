@@ -13,6 +13,7 @@ from hhr_dolfinx.certify.accuracy import Residuals, contact_residuals, norm, rel
 from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Model
 from hhr_dolfinx.models.path import MarchSettings
+from hhr_dolfinx.models.step_warnings import told_once
 from hhr_dolfinx.trained import Signs
 
 if TYPE_CHECKING:
@@ -83,7 +84,10 @@ def compare_histories(
     signs = []
     for label, exact in histories.items():
         try:
-            found = model.march(exact.path, MarchSettings(outside="ignore"))
+            # with the same care in time, lest errors of steps pass for errors of the model
+            settings = MarchSettings(outside="ignore", time_tolerance=exact.time_tolerance)
+            with told_once():
+                found = model.march(exact.path, settings)
         except HHRError:
             rows.append((label, math.inf, math.inf))
             continue

@@ -86,6 +86,9 @@ class Answer(NamedTuple):
         time: in seconds; NaN of an answer that belongs to no history.
         gauss: stress and state where the model evaluates its laws; None where nothing flows.
         gradient: derivatives of the unknown and the multipliers along the parameters, if they were asked for.
+        time_error: estimated error of the time steps up to here, relative to the largest stress, see
+            :mod:`models.time_error`; 0 where no law has rates, NaN of an answer that belongs to no history.
+        parts: in how many parts the step was solved.
     """
 
     parameter: np.ndarray
@@ -99,6 +102,8 @@ class Answer(NamedTuple):
     time: float = math.nan
     gauss: GaussState | None = None
     gradient: Gradient | None = None
+    time_error: float = math.nan
+    parts: int = 1
 
     @property
     def converged(self) -> bool:
@@ -156,6 +161,7 @@ class History:
         answers: one per step asked for, the start not among them.
         signs: of each step, by which a reduced model tells that it left what it was trained on.
         cuts: steps that were solved in parts.
+        time_tolerance: by which steps were cut, if that was asked for.
     """
 
     start: float
@@ -163,6 +169,17 @@ class History:
     answers: list[Answer] = field(default_factory=list)
     signs: list[Signs] = field(default_factory=list)
     cuts: int = 0
+    time_tolerance: float | None = None
+
+    @property
+    def time_error(self) -> np.ndarray:
+        """Estimated error of the time steps up to the end of each, relative to the largest stress, (steps,)."""
+        return np.array([answer.time_error for answer in self.answers])
+
+    @property
+    def parts(self) -> list[int]:
+        """In how many parts each step was solved."""
+        return [answer.parts for answer in self.answers]
 
     @property
     def path(self) -> Path:

@@ -18,6 +18,7 @@ from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Path
 from hhr_dolfinx.models.condensed import KnownStatuses
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings
+from hhr_dolfinx.models.step_warnings import told_once
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -176,7 +177,8 @@ def compute_snapshots(
     with ranks.together(full.comm, "solving for snapshots"):
         if not _are_paths(queries):
             return SnapshotSet.of_answers(_answers(full, full.parameters.points(queries), progress, store))
-        return SnapshotSet.of_histories(_histories(full, queries, progress, store, settings))
+        with told_once("histories"):
+            return SnapshotSet.of_histories(_histories(full, queries, progress, store, settings))
 
 
 def _are_paths(queries: Any) -> bool:
