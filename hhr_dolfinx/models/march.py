@@ -109,7 +109,7 @@ def _march(
             stepper.learn(after)
             error = error.going_on(after) if after.parts > 1 else error.after(model.answering(after), trail[-1], after)
         else:
-            step = _stepped(model, stepper, trail, Goal(time, target), settings, error, 1 / (len(path) - 1))
+            step = _stepped(model, stepper, trail, Goal(time, target), settings, error)
             after, error = step.answer, step.error
             slopes_seen = slopes_seen or _check_slopes(model.answering(after), trail[-1], after)
         signs = stepper.signs(after)
@@ -139,9 +139,8 @@ def _stepped(
     goal: Goal,
     settings: MarchSettings,
     error: TimeError,
-    share: float,
 ) -> _Stepped:
-    """A step of a path: as it is, or cut by a time tolerance; ``share`` is its share of the path."""
+    """A step of a path: as it is, or cut by a time tolerance."""
 
     def advance(trail: tuple[Answer, ...], goal: Goal) -> list[Answer]:
         return _advance(stepper, trail, goal, settings)
@@ -152,7 +151,7 @@ def _stepped(
         spent = sum(part.iterations for part in parts)
         error = error.through(model, trail[-1], parts)
     else:
-        parts, error, spent = in_parts(advance, model, trail, goal, error, tolerance, share)
+        parts, error, spent = in_parts(advance, model, trail, goal, error, tolerance)
     return _Stepped(parts[-1]._replace(iterations=spent, time_error=error.estimate, parts=len(parts)), error)
 
 

@@ -36,6 +36,8 @@ SAFETY = 0.8
 """Part of what is allowed for which the next part of a step is meant."""
 SHRUNK, GROWN = 0.1, 4.0
 """Least and largest factor from one part of a step to the next."""
+STEPS = 20
+"""Steps of a path that forget nothing in which a tolerance is used up."""
 MOST_PARTS = 10_000
 """Parts of one step of a path after which a tolerance is out of reach."""
 SUDDEN = 1e-6
@@ -219,14 +221,14 @@ def in_parts(
     goal: Goal,
     error: TimeError,
     tolerance: float,
-    share: float,
 ) -> Parted:
     """Solve a step of a path in parts, so that none adds more than is allowed.
 
     A part may add so much that with what it forgets the error stays below the tolerance, tolerance times 1 - D, or
-    where it forgets little its share of the path. Both are about proportional to its length, as what it adds is to
-    the square: the next part, or the same one once more, is as much shorter or longer as it missed. The first one is
-    tried as a whole, so that a history that goes on behind stored answers finds the same parts.
+    where it forgets little the same as if the path had ``STEPS`` steps: of what comes later nothing is known. Both
+    are about proportional to its length, as what it adds is to the square: the next part, or the same one once more,
+    is as much shorter or longer as it missed. The first one is tried as a whole, so that a history that goes on behind
+    stored answers finds the same parts.
 
     Args:
         advance: solves one part.
@@ -235,7 +237,6 @@ def in_parts(
         goal: end of the step.
         error: known at its start.
         tolerance: of the estimate, relative.
-        share: of the step in its path, by the number of steps.
 
     Raises:
         Diverged: if a part does not converge, or more parts than ``MOST_PARTS`` would be needed.
@@ -253,7 +254,7 @@ def in_parts(
         spent += sum(answer.iterations for answer in found)
         after = error.through(model, trail[-1], found)
         taken = end - done
-        allowed = tolerance * max(1 - after.left, share * taken)
+        allowed = tolerance * max(1 - after.left, taken / STEPS)
         miss = after.added / allowed if len(found) == 1 else 1.0
         factor = float(np.clip(SAFETY / miss, SHRUNK, GROWN)) if miss > 0 else GROWN
         length = taken * factor
