@@ -179,6 +179,16 @@ def test_stored_histories_go_on_with_their_parts(pellet, tmp_path):
     assert stored(asked[0], QUIET)[1] == 0
 
 
+def test_another_model_takes_the_same_parts(pellet):
+    """The check of a model compares it in the parts of the full order: time steps are no error of the model."""
+    models, path = pellet
+    exact = models["full"].march(path(4), CONTROLLED)
+    assert len(exact.solved_path) == 1 + sum(exact.parts)
+    found = models["HHR"].march(exact.solved_path, QUIET).thinned([answer.time for answer in exact.answers])
+    assert np.array_equal([a.time for a in found.answers], [a.time for a in exact.answers])
+    assert found.time_error.max() == pytest.approx(exact.time_error.max(), rel=0.05)
+
+
 @pytest.mark.filterwarnings("always::hhr_dolfinx.errors.TimeStepWarning")
 def test_long_steps_are_warned_of_once(pellet):
     models, path = pellet

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -88,7 +88,7 @@ class Answer(NamedTuple):
         gradient: derivatives of the unknown and the multipliers along the parameters, if they were asked for.
         time_error: estimated error of the time steps up to here, relative to the largest stress, see
             :mod:`models.time_error`; 0 where no law has rates, NaN of an answer that belongs to no history.
-        parts: in how many parts the step was solved.
+        ends: times between the parts in which the step was solved, if there were several.
     """
 
     parameter: np.ndarray
@@ -103,7 +103,12 @@ class Answer(NamedTuple):
     gauss: GaussState | None = None
     gradient: Gradient | None = None
     time_error: float = math.nan
-    parts: int = 1
+    ends: tuple[float, ...] = ()
+
+    @property
+    def parts(self) -> int:
+        """In how many parts the step was solved."""
+        return len(self.ends) + 1
 
     @property
     def converged(self) -> bool:
@@ -185,6 +190,24 @@ class History:
     def path(self) -> Path:
         """Times and parameters, the start first: what was asked for."""
         return [(self.start, self.parameter), *((answer.time, answer.parameter) for answer in self.answers)]
+
+    @property
+    def solved_path(self) -> Path:
+        """The path with all parts of its steps: another model that marches along it has the same time errors."""
+        found = self.path[:1]
+        for answer in self.answers:
+            time, point = found[-1]
+            shares = [(end - time) / (answer.time - time) for end in answer.ends]
+            between = [point + share * (answer.parameter - point) for share in shares]
+            found += [*zip(answer.ends, between, strict=True), (answer.time, answer.parameter)]
+        return found
+
+    def thinned(self, times: Sequence[float]) -> History:
+        """The same history with the answers at some of its times alone."""
+        kept = set(times)
+        places = [place for place, answer in enumerate(self.answers) if answer.time in kept]
+        answers = [self.answers[place] for place in places]
+        return replace(self, answers=answers, signs=[self.signs[place] for place in places])
 
     @property
     def iterations(self) -> list[int]:

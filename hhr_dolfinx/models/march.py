@@ -152,7 +152,8 @@ def _stepped(
         error = error.through(model, trail[-1], parts)
     else:
         parts, error, spent = in_parts(advance, model, trail, goal, error, tolerance)
-    return _Stepped(parts[-1]._replace(iterations=spent, time_error=error.estimate, parts=len(parts)), error)
+    ends = tuple(part.time for part in parts[:-1])
+    return _Stepped(parts[-1]._replace(iterations=spent, time_error=error.estimate, ends=ends), error)
 
 
 def _turns(model: Stepping, trail: tuple[Answer, ...], target: np.ndarray) -> bool:

@@ -43,7 +43,7 @@ _GAUSS: dict[str, tuple[str, ...]] = {
     "plastic": ("float", "points", "components"),
     "cumulated": ("float", "points"),
     "iterations": ("int",),
-    "parts": ("int",),
+    "ends": ("float", "ends"),
     "time_error": ("float",),
 }
 """What a step of bodies that flow has besides."""
@@ -159,7 +159,7 @@ class SnapshotStore:
         values = {name: getattr(answer, name) for name in _LAYOUT}
         if answer.gauss is not None:
             values |= {"stress": answer.gauss.stress, **answer.gauss.state._asdict()}
-            values |= {name: getattr(answer, name) for name in ("iterations", "parts", "time_error")}
+            values |= {name: getattr(answer, name) for name in ("iterations", "ends", "time_error")}
         arrays = {name: np.asarray(values[name]) for name in self._layout()}
         check_layout(arrays, self._layout(), self._sizes)
         # one file in thousands: leftovers were cleared when the folder was opened
@@ -175,7 +175,7 @@ class SnapshotStore:
             state = self._full.equilibrium.material.at_rest()
             state = state._replace(plastic=arrays["plastic"], cumulated=arrays["cumulated"])
             gauss, iterations = GaussState(arrays["stress"], state), int(arrays["iterations"])
-            steps = {"time_error": float(arrays["time_error"]), "parts": int(arrays["parts"])}
+            steps = {"time_error": float(arrays["time_error"]), "ends": tuple(arrays["ends"].tolist())}
         unknown, multipliers, active = (arrays[name] for name in _LAYOUT)
         how = iterations, Status.CONVERGED, False, self._full
         return Answer(point, unknown, multipliers, active, *how, gauss=gauss, **steps)

@@ -17,8 +17,8 @@ from hhr_dolfinx.study.history_runs import (
     Run,
     errors_of_runs,
     row_of_runs,
+    run_beside,
     run_in_full,
-    run_in_turns,
     seconds_of_parts,
     timed_searches,
 )
@@ -58,12 +58,15 @@ def measure_histories(
     found: dict[str, list[Run]] = {name: [] for name in models}
     for path in progress("tests")(paths):
         exact.append(run_in_full(full, path, ways))
-        for name, run in run_in_turns(models, path, settings.march, settings.repetitions).items():
+        there = exact[-1].history
+        assert there is not None
+        for name, run in run_beside(models, path, settings.march, settings.repetitions, there).items():
             found[name].append(run)
     known = [run.history for run in exact if run.history is not None]
 
     def beside(method: str, setting: str, other: Model) -> Row:
-        runs = [run_in_turns({"": other}, path, settings.march, settings.repetitions)[""] for path in paths]
+        how, pairs = (settings.march, settings.repetitions), zip(paths, known, strict=True)
+        runs = [run_beside({"": other}, path, *how, there)[""] for path, there in pairs]
         return row_of_runs(method, setting, runs, errors_of_runs(full, other, runs, known, floor))
 
     measured = {}
