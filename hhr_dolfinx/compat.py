@@ -183,8 +183,14 @@ def shape_functions(cell: str, points: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return table[0], table[1:].transpose(1, 2, 0).copy()
 
 
-def compiled(**options: Any) -> Callable[[Callable], Callable]:
-    """numba's ``njit`` with a cache on disk, or without one where no place can be written."""
+def compiled(*, inner: bool = False, **options: Any) -> Callable[[Callable], Callable]:
+    """numba's ``njit`` with a cache on disk, or without one where no place can be written.
+
+    What only other compiled functions call is ``inner``: it needs no way in from Python, which takes a second or two to
+    compile where arguments hold dozens of arrays.
+    """
+    if inner:
+        options |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     with extra("flow", "a scene with bodies that flow or are nearly incompressible"):
         from numba import njit
 
