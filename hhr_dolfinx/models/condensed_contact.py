@@ -14,15 +14,18 @@ UPDATES = 64
 TOLERANCE = 1e-11
 """Negative forces and slacks below this part of the largest are round-off, as in :mod:`contact.active_set`."""
 
+STEP = "steps of condensed flow"
+"""What takes long to compile."""
 
-@compiled()
+
+@compiled(dear=STEP)
 def touch(model: StepModel, load: StepLoad, work: Work) -> bool:
     """Contact forces at ``work.there``, from the statuses at hand; whether they were found."""
     return touched(model, load.slack, work)
 
 
 @compiled(inner=True)
-def touched(model, free, work):
+def touched(model: StepModel, free: np.ndarray, work: Work) -> bool:
     """See :func:`touch`: from the slack without a correction, for other compiled functions."""
     slack = work.slack
     for i in range(slack.size):
@@ -195,6 +198,6 @@ def _refresh(schur, inverse, order, count):
 
 
 @compiled(inner=True)
-def inverse_of(matrix):
+def inverse_of(matrix: np.ndarray) -> np.ndarray:
     """The inverse of a matrix; LinAlgError for a singular one."""
     return np.linalg.inv(matrix)

@@ -50,7 +50,16 @@ from hhr_dolfinx.models.condensed_arrays import (
     StepModel,
     Work,
 )
-from hhr_dolfinx.models.condensed_contact import inverse_of, touched
+from hhr_dolfinx.models.condensed_contact import STEP, inverse_of, touched
+from hhr_dolfinx.models.condensed_points import (
+    ANY_ORDER,
+    flowing_of,
+    possible,
+    set_plastic,
+    set_residual,
+    set_strain,
+    set_trial,
+)
 
 LEAST_SHARE = 1 / 256
 """Smallest part of a Newton step that the line search tries."""
@@ -60,11 +69,21 @@ ROUND_OFF = 1e-14
 """Part of what the residual is made of that is round-off."""
 SLOW = 0.35
 """An old J serves as long as |R| falls at least by this factor in each iteration."""
-_ANY_ORDER = {"reassoc", "contract"}
-"""Sums in any order, so that they run side by side; what is not finite stays so."""
 
 
-@compiled()
+def begin(work: Work) -> None:
+    """Before the first iterate of a step."""
+    numbers = work.numbers
+    numbers[ITERATION] = 0.0
+    numbers[SHARE] = 1.0
+    numbers[MERIT] = np.inf
+    numbers[LINEAR] = min(numbers[LINEAR], OLD_TANGENT)
+
+
+_begin = compiled(inner=True)(begin)
+
+
+@compiled(dear=STEP)
 def solve(
     model: StepModel,
     load: StepLoad,
@@ -103,11 +122,6 @@ def solve(
     return code
 
 
-def begin(work: Work) -> None:
-    """Before the first iterate of a step whose laws are evaluated in Python."""
-    _begin.py_func(work)
-
-
 @compiled()
 def prepare(model: StepModel, load: StepLoad, work: Work) -> int:
     """Contact forces, strain and trial stress at ``work.there``."""
@@ -130,15 +144,6 @@ def judge(model: StepModel, load: StepLoad, work: Work, tolerance: float, most: 
 
 
 @compiled(inner=True)
-def _begin(work):
-    numbers = work.numbers
-    numbers[ITERATION] = 0.0
-    numbers[SHARE] = 1.0
-    numbers[MERIT] = np.inf
-    numbers[LINEAR] = min(numbers[LINEAR], OLD_TANGENT)
-
-
-@compiled(inner=True)
 def _judge(model, load, work, tolerance, most):
     """See :func:`judge`."""
     numbers = work.numbers
@@ -147,13 +152,13 @@ def _judge(model, load, work, tolerance, most):
     if first:
         # of a correction as small as that, as where the first point is about to yield, there is no more to know
         numbers[SIZE] = max(numbers[SIZE], ROUND_OFF * model.weight * _norm(work.strain) / tolerance)
-    possible = _possible(model.ends, model.shear, work.amount, work.slope, work.trial)
-    if possible:
-        _flow(load.plastic, work.amount, work.trial, work.deviator, work.plastic)
+    fine = possible(model.ends, model.shear, work.amount, work.slope, work.trial)
+    if fine:
+        set_plastic(load.plastic, work.amount, work.trial, work.deviator, work.plastic)
         pushed = model.coupled, work.forces, load.forces
-        left = _left(model.tested, work.plastic, model.modal, work.there, *pushed, work.residual)
-        possible = bool(np.isfinite(left))
-    if not possible:
+        left = set_residual(model.tested, work.plastic, model.modal, work.there, *pushed, work.residual)
+        fine = bool(np.isfinite(left))
+    if not fine:
         # a correction too far off, where a law has no answer
         return NOT_FINITE if first else _nearer(work, most)
     merit = _norm(work.residual)
@@ -179,7 +184,7 @@ def _judge(model, load, work, tolerance, most):
     return _go(work)
 
 
-@compiled(inner=True, fastmath=_ANY_ORDER)
+@compiled(inner=True, fastmath=ANY_ORDER)
 def _norm(values):
     total = 0.0
     for value in values:
@@ -248,93 +253,8 @@ def _nearer(work, most):
 def _try(model, free, plastic, work):
     """Strain and trial stress at ``work.there`` under the forces there."""
     strain, count = work.strain, int(work.numbers[COUNT])
-    _strain(strain, free, work.forces, work.order, count, work.rows, model.scale, work.there, model.per_mode)
-    _trial(strain, plastic, model.ends, model.shear, work.deviator, work.trial)
-
-
-@compiled(inner=True, fastmath=_ANY_ORDER)
-def _strain(strain, free, forces, order, count, rows, scale, there, per_mode):
-    """Strain that the laws see."""
-    for k in range(strain.size):
-        strain[k] = 0.0
-    for a in range(count):
-        force = forces[order[a]]
-        for k in range(strain.size):
-            strain[k] -= force * rows[a, k]
-    for k in range(scale.size):
-        strain[k] *= scale[k]
-    for k in range(strain.size):
-        strain[k] += free[k]
-    for j in range(there.size):
-        share = there[j]
-        for k in range(strain.size):
-            strain[k] += share * per_mode[j, k]
-
-
-@compiled(inner=True, fastmath=_ANY_ORDER)
-def _trial(strain, plastic, ends, shear, deviator, trial):
-    """Deviator and equivalent stress of a step without flow."""
-    components, points = plastic.shape
-    start = 0
-    for group in range(ends.size):
-        twice = 2 * shear[group]
-        end = ends[group]
-        for k in range(start, end):
-            trial[k] = (strain[k] + strain[points + k] + strain[2 * points + k]) / 3
-        for i in range(components):
-            for k in range(start, end):
-                mean = trial[k] if i < 3 else 0.0
-                deviator[i, k] = twice * (strain[i * points + k] - plastic[i, k] - mean)
-        start = end
-    for k in range(points):
-        trial[k] = 0.0
-    for i in range(components):
-        for k in range(points):
-            trial[k] += deviator[i, k] * deviator[i, k]
-    for k in range(points):
-        trial[k] = np.sqrt(1.5 * trial[k])
-
-
-@compiled(inner=True)
-def _possible(ends, shear, amount, slope, trial):
-    """Whether flows are finite and turn no stress round."""
-    start = 0
-    for group in range(ends.size):
-        stiff = 3 * shear[group]
-        for k in range(start, ends[group]):
-            if not (amount[k] >= 0 and stiff * amount[k] <= trial[k] * (1 + 1e-9) and np.isfinite(slope[k])):
-                return False
-        start = ends[group]
-    return True
-
-
-@compiled(inner=True)
-def _flow(old, amount, trial, deviator, plastic):
-    """Plastic strain behind the step."""
-    components, points = plastic.shape
-    for i in range(components):
-        for k in range(points):
-            along = 1.5 * amount[k] / trial[k] if amount[k] > 0 else 0.0
-            plastic[i, k] = old[i, k] + along * deviator[i, k]
-
-
-@compiled(inner=True, fastmath=_ANY_ORDER)
-def _left(tested, plastic, modal, there, coupled, forces, elastic, residual):
-    """R, and the sum of it."""
-    components, points = plastic.shape
-    total = 0.0
-    for j in range(residual.size):
-        value = 0.0
-        for i in range(components):
-            for k in range(points):
-                value += tested[j, i * points + k] * plastic[i, k]
-        for i in range(there.size):
-            value -= modal[j, i] * there[i]
-        for i in range(forces.size):
-            value -= coupled[j, i] * (forces[i] - elastic[i])
-        residual[j] = value
-        total += value
-    return total
+    set_strain(strain, free, work.forces, work.order, count, work.rows, model.scale, work.there, model.per_mode)
+    set_trial(strain, plastic, model.ends, model.shear, work.deviator, work.trial)
 
 
 @compiled()
@@ -382,7 +302,7 @@ def _add_flowing(model, work, moved, jacobian):
     """What flows of -J, by W."""
     count, ell = moved.shape
     laws = work.deviator, work.trial, work.amount, work.slope
-    flowing = _flowing(model.tested, model.ends, model.shear, *laws)
+    flowing = flowing_of(model.tested, model.ends, model.shear, *laws)
     direct = np.dot(flowing, model.single.T)
     for j in range(ell):
         for k in range(model.scale.size):
@@ -398,39 +318,3 @@ def _add_flowing(model, work, moved, jacobian):
         for a in range(count):
             for j in range(ell):
                 jacobian[i, j] += pressed[i, a] * moved[a, j]
-
-
-@compiled(inner=True, fastmath=_ANY_ORDER)
-def _flowing(tested, ends, shear, deviator, trial, amount, slope):
-    """w (G V)^T 2 μ dε_p/dε, (ell, c n).
-
-    dε_p/dε = (1 - θ) P + 3/2 (3 μ dΔp/dq - (1 - θ)) s⊗s / q² with 1 - θ = 3 μ Δp / q and the deviatoric projector P.
-    """
-    components, points = deviator.shape
-    turned = np.zeros(points)
-    along = np.zeros(points)
-    start = 0
-    for group in range(ends.size):
-        stiff = 3 * shear[group]
-        end = ends[group]
-        for k in range(start, end):
-            if amount[k] > 0:
-                q = trial[k]
-                turned[k] = stiff * amount[k] / q
-                along[k] = 1.5 * (stiff * slope[k] - turned[k]) / (q * q)
-        start = end
-    found = np.empty(tested.shape, dtype=np.float32)
-    onto = np.empty(points)
-    for j in range(len(found)):
-        for k in range(points):
-            onto[k] = 0.0
-        for i in range(components):
-            for k in range(points):
-                onto[k] += tested[j, i * points + k] * deviator[i, k]
-        for k in range(points):
-            onto[k] *= along[k]
-        for i in range(components):
-            for k in range(points):
-                place = i * points + k
-                found[j, place] = tested[j, place] * turned[k] + onto[k] * deviator[i, k]
-    return found
