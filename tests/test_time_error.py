@@ -24,7 +24,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.TimeStepWarn
 QUIET = hhr.MarchSettings(search="elastic", iterations=200, outside="ignore")
 CONTROLLED = replace(QUIET, time_tolerance=0.01)
 NEAR = 3.0
-"""Factor within which an estimate is to be of the largest error of a history; measured .9 to 2.3."""
+"""Factor within which an estimate is to be of the largest error of a history; measured .9 to 1.8 in bodies."""
 
 
 def held(steps, up=8, high=2, top=1.0):

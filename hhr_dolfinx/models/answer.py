@@ -178,7 +178,10 @@ class History:
 
     @property
     def time_error(self) -> np.ndarray:
-        """Estimated error of the time steps up to the end of each, relative to the largest stress, (steps,)."""
+        """Estimated error of the time steps up to the end of each, relative to the largest stress, (steps,).
+
+        The largest one counts; what a body still knows of it later may be underestimated.
+        """
         return np.array([answer.time_error for answer in self.answers])
 
     @property
