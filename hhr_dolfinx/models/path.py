@@ -30,8 +30,9 @@ class MarchSettings:
     """How histories are solved.
 
     Attributes:
-        search: operator of the linearisation: ``tangent``, renewed in each iteration; ``frozen``, the tangent at the
-            start of each step; ``elastic``. The latter two with Anderson's acceleration.
+        search: operator of the linearisation: ``tangent``, renewed in each iteration; ``frozen``, the elastic one until
+            a step takes many iterations, then the tangent at the start of a step until another one does; ``elastic``.
+            The latter two with Anderson's acceleration.
         relative_stress: ε_r of (6.19). In the place of R_σ (6.18), by which a prediction was wrong, stands what the
             next one still moves, H : ε(δ).
         floor_stress: ε_a of (6.19) as a fraction of the largest root mean square of the stress so far, without a unit.
