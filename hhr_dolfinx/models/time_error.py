@@ -13,7 +13,7 @@ Measured on a pellet that is pressed and held, a tube pressed against a wall and
 two to four decades of time, it is at its largest .9 to 1.8 times the largest error of stress, contact forces,
 displacement or cumulated strain, each over its own size, in a history. What counts is the largest of a history: at the
 end of a long hold it is up to fifteen times too small, since a body forgets more slowly than its points.
-It costs one evaluation of the laws that have rates. Laws without rates have none: their steps are exact for straight
+It costs one evaluation of the laws that have rates and .07 ms: little but for condensed flow, whose steps take .17 ms. Laws without rates have none: their steps are exact for straight
 paths of strain, and what they make of others is not estimated.
 """
 
@@ -152,13 +152,13 @@ class TimeError:
         points, place, shear = self.bodies[k]
         law: Any = material.groups[place].law
         old, new = before.state().state, answer.state().state
-        flowed = 2 * shear * (new.plastic[points] - old.plastic[points])
+        flowed = (2 * shear) * (new.plastic - old.plastic)[points]
         held = old.cumulated[points]
         trial = _equivalent(answer.state().stress[points]) + 3 * shear * (new.cumulated[points] - held)
         _, slope = flow_of(law, trial, held, shear, dt)
         rest = self.rate[k] if self.rate is not None else _rate(law, before, self.bodies[k], dt)
         added = (flowed - dt * rest) / 2
-        damping = np.clip(1 - 3 * shear * slope, 0.0, 1.0)[:, None]
+        damping = np.maximum(1 - (3 * shear) * slope, 0.0)[:, None]
         error, kept = damping * (self.error[k] + added), damping * added
         return error, flowed / dt, float(np.vdot(added, added)), float(np.vdot(kept, kept))
 
@@ -171,8 +171,8 @@ def _deviator(stress: np.ndarray) -> np.ndarray:
 
 def _equivalent(stress: np.ndarray) -> np.ndarray:
     """Equivalent stress, (n,), of stress in Kelvin's notation, (n, c)."""
-    deviator = _deviator(stress)
-    return np.sqrt(1.5 * np.einsum("nc,nc->n", deviator, deviator))
+    pressure = stress[:, 0] + stress[:, 1] + stress[:, 2]
+    return np.sqrt(np.maximum(1.5 * np.einsum("nc,nc->n", stress, stress) - 0.5 * pressure * pressure, 0.0))
 
 
 def _rate(law: Any, answer: Answer, body: _Rated, dt: float) -> np.ndarray:
