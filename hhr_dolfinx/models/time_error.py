@@ -13,8 +13,9 @@ Measured on a pellet that is pressed and held, a tube pressed against a wall and
 two to four decades of time, it is at its largest .9 to 1.8 times the largest error of stress, contact forces,
 displacement or cumulated strain, each over its own size, in a history. What counts is the largest of a history: at the
 end of a long hold it is up to fifteen times too small, since a body forgets more slowly than its points.
-It costs one evaluation of the laws that have rates and .07 ms: little but for condensed flow, whose steps take .17 ms. Laws without rates have none: their steps are exact for straight
-paths of strain, and what they make of others is not estimated.
+It costs one evaluation of the laws that have rates and .07 ms a step: little, but for condensed flow, whose steps take
+.17 ms. Laws without rates have none: their steps are exact for straight paths of strain, and what they make of others
+is not estimated.
 """
 
 from __future__ import annotations
