@@ -12,7 +12,8 @@ Condensed flow, which keeps all contact conditions, evaluates them on few points
     python demos/pellet_cladding_plastic.py --family [--out DIR] [--quick]
 
 The last one (20 minutes) trains on 12 paths of a family, in which the cladding is loaded to any height at any pace,
-held, unloaded and loaded again, and compares on 20 others.
+held, unloaded and loaded again, and compares on 20 others. Their steps are cut where they would be more than 2 % off in
+time; the report says how far the steps of the full order are from shorter ones.
 """
 
 import argparse
@@ -114,6 +115,8 @@ def settings_of_family(options: argparse.Namespace, steps: int) -> hhr.StudySett
         tests=family.paths(hhr.Sobol(tested, seed=2)),
         held_out=family.paths(hhr.Sobol(2, seed=3)),
         seed=options.seed,
+        # as they are drawn, holds are up to 23 % off in the stress by their steps alone
+        march=hhr.MarchSettings(time_tolerance=0.1 if options.quick else 0.02),
         repetitions=1,
         # forces within a tenth at any step are what a family of such width asks for
         correction=CorrectionSettings(modes=6e-4, cubature=3e-4, dual=0.1),

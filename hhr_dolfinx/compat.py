@@ -10,12 +10,17 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import logging
+import os
 import platform
+import stat
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
+from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +36,7 @@ if TYPE_CHECKING:
     """What a geometry returns: the mesh, the tags of its cells and of its facets; a :class:`NamedMesh` is one."""
     Groups = list[tuple[str | int, tuple[int, int | tuple[int, ...]]]]
 
+_log = logging.getLogger(__name__)
 MINIMUM_DOLFINX = (0, 9)
 
 
@@ -240,15 +246,83 @@ def shape_functions(cell: str, points: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return table[0], table[1:].transpose(1, 2, 0).copy()
 
 
-def compiled(**options: Any) -> Callable[[Callable], Callable]:
-    """numba's ``njit`` with a cache on disk, or without one where no place can be written."""
+def compiled(*, inner: bool = False, dear: str | None = None, **options: Any) -> Callable[[Callable], Callable]:
+    """numba's ``njit`` with a cache on disk, or without one where no place can be written.
+
+    Where neither the package nor the user's own cache can be written, as in an image that is mounted read-only, the
+    cache is in a folder of the user's own among temporary files; ``NUMBA_CACHE_DIR`` names another one.
+
+    Args:
+        inner: only other compiled functions call it: it needs no way in from Python, which takes a second or two to
+            compile where arguments hold dozens of arrays.
+        dear: what it does, for the log, where it takes long to compile: whoever waits for it is told why.
+        options: of numba.
+    """
     with extra("flow", "a scene with bodies that flow or are nearly incompressible"):
         from numba import njit
+    if inner:
+        options |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
     def decorate(function: Callable) -> Callable:
-        try:
-            return njit(cache=True, **options)(function)
-        except RuntimeError:
-            return njit(**options)(function)
+        if dear is not None:
+            _tell_of(function, dear)
+        for cache in (nullcontext, _private_cache):
+            try:
+                with cache():
+                    return njit(cache=True, **options)(function)
+            except RuntimeError:
+                continue
+        return njit(**options)(function)
 
     return decorate
+
+
+@contextmanager
+def _private_cache() -> Iterator[None]:
+    """Compiled functions go to a folder that is the user's alone: what lies there is executed.
+
+    Raises:
+        RuntimeError: if there is none.
+    """
+    from numba.core import config
+
+    if not hasattr(os, "getuid"):
+        raise RuntimeError("no folder is known to be the user's alone")
+    folder, given = Path(tempfile.gettempdir()) / f"hhr_dolfinx-{os.getuid()}", config.CACHE_DIR
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+    except OSError as error:
+        raise RuntimeError(str(error)) from error
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
+        raise RuntimeError(f"{folder} is open to others")
+    config.CACHE_DIR = str(folder)
+    try:
+        yield
+    finally:
+        config.CACHE_DIR = given
+
+
+_DEAR: dict[Callable, str] = {}
+"""Functions that take long to compile, and what they do."""
+
+
+def _tell_of(function: Callable, what: str) -> None:
+    """Say once, when a function is compiled, that this is what takes so long."""
+    from numba.core import event
+
+    class Told(event.Listener):
+        def on_start(self, event: Any) -> None:
+            dispatcher = event.data.get("dispatcher")
+            done = None if dispatcher is None else _DEAR.pop(dispatcher.py_func, None)
+            if done is not None:
+                for other in [key for key, value in _DEAR.items() if value == done]:
+                    del _DEAR[other]
+                _log.warning("compiling %s, once for an installation: this takes a quarter of a minute or more", done)
+
+        def on_end(self, event: Any) -> None:
+            pass
+
+    if not _DEAR:
+        event.register("numba:compile", Told())
+    _DEAR[function] = what

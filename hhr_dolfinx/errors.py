@@ -115,3 +115,7 @@ class SmallStrainWarning(UserWarning):
 
 class LawWarning(UserWarning):
     """A law answers with a slope that is not the derivative of its flow."""
+
+
+class TimeStepWarning(UserWarning):
+    """The time steps of a history are too long for the rates of its laws."""

@@ -48,6 +48,31 @@ def sound(rows: np.ndarray, found: Cubature) -> bool:
     return bool(increasing and (found.weights > 0).all()) and found.misfit == pytest.approx(misfit_of(rows, found))
 
 
+@pytest.mark.parametrize("make, share", [(smooth, 0.6), (noisy, 0.75)])
+def test_a_search_goes_on_from_another_cubature(make, share, monkeypatch):
+    """For more integrals and a finer tolerance: as few points as from nothing, after few of the additions.
+
+    Points of smooth integrals serve others of them too; of numbers without any order the search keeps fewer.
+    """
+    rows, added, add = make(120, 2500), [], cubature._Factor.add
+    monkeypatch.setattr(cubature._Factor, "add", lambda *arguments: added.append(None) or add(*arguments))
+    first = fitted(rows[:80], 1e-3)
+    counts, found = [], []
+    for start in (None, first):
+        added.clear()
+        found.append(fitted(rows, 3e-4, start=start))
+        counts.append(len(added))
+    cold, warm = found
+    assert sound(rows, warm) and warm.misfit <= 3e-4
+    assert warm.points.size <= 1.05 * cold.points.size and counts[1] < share * counts[0]
+    # points that say the same, or nothing, and more than are allowed
+    twins = np.hstack([rows, rows[:, first.points], np.zeros((120, 1))])
+    places = np.append(np.concatenate([first.points, 2500 + np.arange(first.points.size)]), twins.shape[1] - 1)
+    again = fitted(twins, 3e-4, start=Cubature(places, np.ones(places.size), 0.0))
+    assert sound(twins, again) and again.misfit <= 3e-4
+    assert fitted(rows, 3e-4, most=10, start=first).points.size <= 10
+
+
 @pytest.mark.parametrize("make", [smooth, noisy])
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4])
 def test_tolerance_is_met_with_few_points(make, tolerance):

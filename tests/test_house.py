@@ -181,6 +181,7 @@ UNNEEDED = {
              "hhr_dolfinx.study.history_runs", "hhr_dolfinx.reduction.condense_flow",
              "hhr_dolfinx.reduction.elastic_response", "hhr_dolfinx.reduction.flowing_domain",
              "hhr_dolfinx.models.condensed_arrays", "hhr_dolfinx.models.condensed_contact",
+             "hhr_dolfinx.models.condensed_points",
              "hhr_dolfinx.models.condensed_fields", "hhr_dolfinx.models.condensed_flow",
              "hhr_dolfinx.models.condensed_flow_model", "hhr_dolfinx.models.condensed_step",
              "hhr_dolfinx.models.condensed_stepper"],

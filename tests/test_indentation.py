@@ -95,3 +95,14 @@ def test_constants_are_found_again():
     # hardening is hardly seen by these lines, so that the box cuts its posterior
     assert samples.shape == (4000, 2) and np.abs(samples[:, 0].mean() - found[0]) < deviations[0]
     assert 0.3 * deviations[0] < samples[:, 0].std() < 1.5 * deviations[0]
+
+
+def test_the_default_search_is_as_quick_as_the_elastic_one():
+    """In space a new tangent costs as much as ten iterations: none is made where steps take few of them by the last."""
+    full = hhr.FullOrderModel(demo.scene(6))
+    made, linearised = [], type(full.equilibrium).linearised
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(type(full.equilibrium), "linearised", lambda *a: made.append(None) or linearised(*a))
+        found, other = (full.march(demo.path(0.02, 150.0, 6e3), hhr.MarchSettings(s)) for s in ("frozen", "elastic"))
+    assert len(made) <= 2 and sum(found.iterations) <= 1.1 * sum(other.iterations)
+    assert np.allclose(found.answers[-1].stress(), other.answers[-1].stress(), atol=1e-4 * 150)

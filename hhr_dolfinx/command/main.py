@@ -61,8 +61,7 @@ def hhr(verbose: bool) -> None:
     A SCENE is a Python file in which `scene` is one, or a function that returns one (file.py), or something else in it
     (file.py:name).
     """
-    if verbose:
-        logging.basicConfig(level=logging.INFO, format="%(message)s")
+    logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="%(message)s")
 
 
 @hhr.command(epilog=_examples("hhr check my_scene.py", "hhr check my_scene.py --at load=3 --picture scene.png"))

@@ -24,7 +24,7 @@ from hhr_dolfinx.materials.strain import ElasticPart, SparsePattern, StrainOpera
 from hhr_dolfinx.materials.update import Material, Update
 from hhr_dolfinx.models.answer import Answer, GaussState
 from hhr_dolfinx.models.equilibrium import Correction
-from hhr_dolfinx.models.linearised_step import LinearisedStepper
+from hhr_dolfinx.models.linearised_step import PATIENCE, PATIENCE_IN_SPACE, LinearisedStepper
 from hhr_dolfinx.models.path import MarchSettings
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.trained import Signs
@@ -224,7 +224,8 @@ class FullEquilibrium:
 
     def stepper(self, settings: MarchSettings) -> LinearisedStepper:
         """What solves the steps of a history."""
-        return LinearisedStepper(self, settings)
+        in_space = self.problem.block_size == 3
+        return LinearisedStepper(self, settings, PATIENCE_IN_SPACE if in_space else PATIENCE)
 
     def linearised(self, tangents: np.ndarray) -> _SparseLinearisation:
         """Factor the tangent stiffness; the linearisation before needs a factorisation again."""

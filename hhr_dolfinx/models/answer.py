@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 
@@ -93,6 +93,9 @@ class Answer(NamedTuple):
         time: in seconds; NaN of an answer that belongs to no history.
         gauss: stress and state where the model evaluates its laws; None where nothing flows.
         gradient: derivatives of the unknown and the multipliers along the parameters, if they were asked for.
+        time_error: estimated error of the time steps up to here, relative to the largest stress, see
+            :mod:`models.time_error`; 0 where no law has rates, NaN of an answer that belongs to no history.
+        ends: times between the parts in which the step was solved, if there were several.
     """
 
     parameter: np.ndarray
@@ -106,6 +109,13 @@ class Answer(NamedTuple):
     time: float = math.nan
     gauss: GaussState | None = None
     gradient: Gradient | None = None
+    time_error: float = math.nan
+    ends: tuple[float, ...] = ()
+
+    @property
+    def parts(self) -> int:
+        """In how many parts the step was solved."""
+        return len(self.ends) + 1
 
     @property
     def converged(self) -> bool:
@@ -163,6 +173,7 @@ class History:
         answers: one per step asked for, the start not among them.
         signs: of each step, by which a reduced model tells that it left what it was trained on.
         cuts: steps that were solved in parts.
+        time_tolerance: by which steps were cut, if that was asked for.
     """
 
     start: float
@@ -170,11 +181,43 @@ class History:
     answers: list[Answer] = field(default_factory=list)
     signs: list[Signs] = field(default_factory=list)
     cuts: int = 0
+    time_tolerance: float | None = None
+
+    @property
+    def time_error(self) -> np.ndarray:
+        """Estimated error of the time steps up to the end of each, relative to the largest stress, (steps,).
+
+        The largest one counts; what a body still knows of it later may be underestimated.
+        """
+        return np.array([answer.time_error for answer in self.answers])
+
+    @property
+    def parts(self) -> list[int]:
+        """In how many parts each step was solved."""
+        return [answer.parts for answer in self.answers]
 
     @property
     def path(self) -> Path:
         """Times and parameters, the start first: what was asked for."""
         return [(self.start, self.parameter), *((answer.time, answer.parameter) for answer in self.answers)]
+
+    @property
+    def solved_path(self) -> Path:
+        """The path with all parts of its steps: another model that marches along it has the same time errors."""
+        found = self.path[:1]
+        for answer in self.answers:
+            time, point = found[-1]
+            shares = [(end - time) / (answer.time - time) for end in answer.ends]
+            between = [point + share * (answer.parameter - point) for share in shares]
+            found += [*zip(answer.ends, between, strict=True), (answer.time, answer.parameter)]
+        return found
+
+    def thinned(self, times: Sequence[float]) -> History:
+        """The same history with the answers at some of its times alone."""
+        kept = set(times)
+        places = [place for place, answer in enumerate(self.answers) if answer.time in kept]
+        answers = [self.answers[place] for place in places]
+        return replace(self, answers=answers, signs=[self.signs[place] for place in places])
 
     @property
     def iterations(self) -> list[int]:

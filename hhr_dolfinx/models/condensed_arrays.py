@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 EVALUATE, CONVERGED, STALLED, LIMIT, NOT_FINITE, CONTACT = range(6)
-"""What :func:`advance` answers: evaluate the laws at the trial point, or why it stopped."""
+"""What :func:`judge` answers: evaluate the laws at the trial point, or why it stopped."""
 ITERATION, MERIT, SHARE, SIZE, COUNT, SWITCHED, LINEAR, NUMBERS = range(8)
 """Places in ``Work.numbers``: laws evaluated, |R| at ``here``, part of the direction tried, largest |g| so far, active
 conditions, changes of the inverse; whether J is none, an old one, or of ``here``."""

@@ -14,42 +14,45 @@ UPDATES = 64
 TOLERANCE = 1e-11
 """Negative forces and slacks below this part of the largest are round-off, as in :mod:`contact.active_set`."""
 
+STEP = "steps of condensed flow"
+"""What takes long to compile."""
 
-@compiled()
+
+@compiled(dear=STEP)
 def touch(model: StepModel, load: StepLoad, work: Work) -> bool:
-    """Contact forces at ``work.there``, from the statuses at hand; whether they were found.
+    """Contact forces at ``work.there``, from the statuses at hand; whether they were found."""
+    return touched(model, load.slack, work)
+
+
+@compiled(inner=True)
+def touched(model: StepModel, free: np.ndarray, work: Work) -> bool:
+    """See :func:`touch`: from the slack without a correction, for other compiled functions."""
+    slack = work.slack
+    for i in range(slack.size):
+        slack[i] = free[i]
+        for j in range(work.there.size):
+            slack[i] -= model.moved[i, j] * work.there[j]
+    arrays = work.inverse, work.order, work.active, work.rows, work.numbers
+    return _search(slack, work.forces, model.schur, model.per_force, *arrays)
+
+
+@compiled(inner=True)
+def _search(slack, forces, schur, per_force, inverse, order, active, rows, numbers):
+    """Forces under a slack and their statuses.
 
     All wrong statuses are switched at once as long as that leads nearer, then the first wrong one alone, by which a
     P-matrix is solved in finitely many steps (Murty 1974; Júdice and Pires 1994). Where rows are dependent the
     statuses at hand may leave no way on: the search then begins once more with nothing active.
     """
-    m = work.forces.size
-    slack = work.slack
-    slack[:] = load.slack - np.dot(model.moved, work.there)
+    m = forces.size
     fewest = m + 1
     patience = PATIENCE
-    local = np.empty(m)
+    local, found = np.empty(m), np.empty(m)
     wrong = np.empty(m, dtype=np.bool_)
     anew = False
     for _ in range(100 * m + 100):
-        active = int(work.numbers[COUNT])
-        order = work.order
-        work.forces[:] = 0.0
-        largest = 0.0
-        for a in range(active):
-            value = 0.0
-            for b in range(active):
-                value -= work.inverse[a, b] * slack[order[b]]
-            local[a] = value
-            work.forces[order[a]] = value
-            largest = max(largest, abs(value))
-        found = slack.copy()
-        for a in range(active):
-            row = model.schur[order[a]]
-            value = local[a]
-            for i in range(m):
-                found[i] += value * row[i]
-        count = _mark(work, found, largest, wrong)
+        largest = _forces(slack, forces, found, local, schur, inverse, order, int(numbers[COUNT]))
+        count = _mark(slack, forces, found, active, largest, wrong)
         if count == 0:
             return bool(np.isfinite(largest))
         if count < fewest:
@@ -60,71 +63,91 @@ def touch(model: StepModel, load: StepLoad, work: Work) -> bool:
         switched = False
         for i in range(m):
             # a condition that depends on active ones is passed over
-            if wrong[i] and (patience > 0 or not switched) and _switch(model, work, i):
-                switched = True
+            if wrong[i] and (patience > 0 or not switched):
+                if _switch(schur, per_force, inverse, order, active, rows, numbers, i):
+                    switched = True
         if not switched:
             if anew:
                 return False
             anew = True
             patience = 0
-            work.active[:] = False
-            work.numbers[COUNT] = 0
+            for i in range(m):
+                active[i] = False
+            numbers[COUNT] = 0
     return False
 
 
-@compiled()
-def _mark(work, found, largest, wrong):
+@compiled(inner=True)
+def _forces(slack, forces, found, local, schur, inverse, order, count):
+    """Forces of the active conditions, the slack ``found`` under them, and the largest one."""
+    largest = 0.0
+    for i in range(forces.size):
+        forces[i] = 0.0
+        found[i] = slack[i]
+    for a in range(count):
+        value = 0.0
+        for b in range(count):
+            value -= inverse[a, b] * slack[order[b]]
+        local[a] = value
+        forces[order[a]] = value
+        largest = max(largest, abs(value))
+    for a in range(count):
+        value = local[a]
+        for i in range(forces.size):
+            found[i] += value * schur[order[a], i]
+    return largest
+
+
+@compiled(inner=True)
+def _mark(slack, forces, found, active, largest, wrong):
     """Mark the conditions that pull or overlap by more than round-off; how many there are."""
     through = 0.0
     for i in range(wrong.size):
-        through = max(through, abs(work.slack[i]))
+        through = max(through, abs(slack[i]))
     count = 0
     for i in range(wrong.size):
-        if work.active[i]:
-            wrong[i] = work.forces[i] < -TOLERANCE * largest
+        if active[i]:
+            wrong[i] = forces[i] < -TOLERANCE * largest
         else:
             wrong[i] = found[i] < -TOLERANCE * through
         count += wrong[i]
     return count
 
 
-@compiled()
-def _switch(model, work, condition):
+@compiled(inner=True)
+def _switch(schur, per_force, inverse, order, active, rows, numbers, condition):
     """Change a status, and with it the inverse of S_AA; whether that is regular, else all stays as it is."""
-    numbers = work.numbers
     count = int(numbers[COUNT])
-    if work.active[condition]:
-        work.active[condition] = False
-        _leave(work, condition, count)
+    if active[condition]:
+        active[condition] = False
+        _leave(inverse, order, rows, condition, count)
         numbers[COUNT] = count - 1
     else:
         # one that is called active without a place in the inverse would let bodies overlap from then on
-        if not _join(model, work, condition, count):
+        if not _join(schur, per_force, inverse, order, rows, condition, count):
             return False
-        work.active[condition] = True
+        active[condition] = True
         numbers[COUNT] = count + 1
     numbers[SWITCHED] += 1
     if numbers[SWITCHED] > UPDATES:
-        _refresh(model, work)
+        numbers[SWITCHED] = 0
+        _refresh(schur, inverse, order, int(numbers[COUNT]))
     return True
 
 
-@compiled()
-def _join(model, work, condition, count):
+@compiled(inner=True)
+def _join(schur, per_force, inverse, order, rows, condition, count):
     """Border the inverse of S_AA by one condition."""
-    inverse = work.inverse
-    order = work.order
     column = np.zeros(count)
-    row = model.schur[condition]
     for a in range(count):
         value = 0.0
         for b in range(count):
-            value += inverse[a, b] * row[order[b]]
+            value += inverse[a, b] * schur[condition, order[b]]
         column[a] = value
-    pivot = row[condition]
+    pivot = schur[condition, condition]
     for a in range(count):
-        pivot -= row[order[a]] * column[a]
-    if not pivot > 1e-14 * row[condition]:
+        pivot -= schur[condition, order[a]] * column[a]
+    if not pivot > 1e-14 * schur[condition, condition]:
         return False
     for a in range(count):
         for b in range(count):
@@ -133,22 +156,22 @@ def _join(model, work, condition, count):
         inverse[count, a] = -column[a] / pivot
     inverse[count, count] = 1 / pivot
     order[count] = condition
-    work.rows[count] = model.per_force[condition]
+    for k in range(rows.shape[1]):
+        rows[count, k] = per_force[condition, k]
     return True
 
 
-@compiled()
-def _leave(work, condition, count):
+@compiled(inner=True)
+def _leave(inverse, order, rows, condition, count):
     """Take one condition out of the inverse of S_AA."""
-    inverse = work.inverse
-    order = work.order
     place = 0
     while order[place] != condition:
         place += 1
     last = count - 1
     if place != last:
         order[place] = order[last]
-        work.rows[place] = work.rows[last]
+        for k in range(rows.shape[1]):
+            rows[place, k] = rows[last, k]
         for a in range(count):
             inverse[place, a], inverse[last, a] = inverse[last, a], inverse[place, a]
         for a in range(count):
@@ -159,11 +182,22 @@ def _leave(work, condition, count):
             inverse[a, b] -= factor * inverse[last, b]
 
 
-@compiled()
-def _refresh(model, work):
+@compiled(inner=True)
+def _refresh(schur, inverse, order, count):
     """The inverse of S_AA from S."""
-    count = int(work.numbers[COUNT])
-    order = work.order[:count]
-    work.numbers[SWITCHED] = 0
-    if count:
-        work.inverse[:count, :count] = np.linalg.inv(model.schur[order][:, order])
+    if count == 0:
+        return
+    block = np.empty((count, count))
+    for a in range(count):
+        for b in range(count):
+            block[a, b] = schur[order[a], order[b]]
+    found = inverse_of(block)
+    for a in range(count):
+        for b in range(count):
+            inverse[a, b] = found[a, b]
+
+
+@compiled(inner=True)
+def inverse_of(matrix: np.ndarray) -> np.ndarray:
+    """The inverse of a matrix; LinAlgError for a singular one."""
+    return np.linalg.inv(matrix)

@@ -18,8 +18,10 @@ E_A = E_p - E_X,A^T W and W = S_AA^-1 (B V)_A, the derivative is, a sum over the
 
     J = sum of w (G V)^T 2 μ (dε_p/dε) dev E_A - Q - P_A W.
 
-Laws are evaluated between two calls of :func:`advance`, those of the package in the same compiled loop, those of a user
-in Python.
+Laws are evaluated between :func:`prepare` and :func:`judge`, those of the package in the same compiled loop, those of a
+user in Python. The first step of an installation waits for the compiler: whatever a function calls is optimised once
+more with it, so that calls are few and shallow, and loops are written out, which compile ten times as fast as
+expressions of whole arrays.
 """
 
 from __future__ import annotations
@@ -48,7 +50,16 @@ from hhr_dolfinx.models.condensed_arrays import (
     StepModel,
     Work,
 )
-from hhr_dolfinx.models.condensed_contact import touch
+from hhr_dolfinx.models.condensed_contact import STEP, inverse_of, touched
+from hhr_dolfinx.models.condensed_points import (
+    ANY_ORDER,
+    flowing_of,
+    possible,
+    set_plastic,
+    set_residual,
+    set_strain,
+    set_trial,
+)
 
 LEAST_SHARE = 1 / 256
 """Smallest part of a Newton step that the line search tries."""
@@ -60,7 +71,19 @@ SLOW = 0.35
 """An old J serves as long as |R| falls at least by this factor in each iteration."""
 
 
-@compiled()
+def begin(work: Work) -> None:
+    """Before the first iterate of a step."""
+    numbers = work.numbers
+    numbers[ITERATION] = 0.0
+    numbers[SHARE] = 1.0
+    numbers[MERIT] = np.inf
+    numbers[LINEAR] = min(numbers[LINEAR], OLD_TANGENT)
+
+
+_begin = compiled(inner=True)(begin)
+
+
+@compiled(dear=STEP)
 def solve(
     model: StepModel,
     load: StepLoad,
@@ -72,10 +95,14 @@ def solve(
 ) -> int:
     """The whole step, from the correction in ``work.there`` and the statuses in ``work``, by laws of the package.
 
-    ``kinds`` and ``constants`` are those of :mod:`materials.compiled_laws`, (G,) and (G, 2); see :func:`advance`.
+    ``kinds`` and ``constants`` are those of :mod:`materials.compiled_laws`, (G,) and (G, 2); see :func:`judge`.
     """
-    code = begin(model, load, work)
+    _begin(work)
+    code = EVALUATE
     while code == EVALUATE:
+        if not touched(model, load.slack, work):
+            return CONTACT
+        _try(model, load.strain, load.plastic, work)
         start = 0
         for group in range(model.ends.size):
             for k in range(start, model.ends[group]):
@@ -91,23 +118,21 @@ def solve(
                 work.amount[k] = flow[0]
                 work.slope[k] = flow[1]
             start = model.ends[group]
-        code = advance(model, load, work, tolerance, most)
+        code = _judge(model, load, work, tolerance, most)
     return code
 
 
 @compiled()
-def begin(model: StepModel, load: StepLoad, work: Work) -> int:
-    """Prepare the trial stress of the first iterate."""
-    numbers = work.numbers
-    numbers[ITERATION] = 0.0
-    numbers[SHARE] = 1.0
-    numbers[MERIT] = np.inf
-    numbers[LINEAR] = min(numbers[LINEAR], OLD_TANGENT)
-    return _try(model, load, work)
+def prepare(model: StepModel, load: StepLoad, work: Work) -> int:
+    """Contact forces, strain and trial stress at ``work.there``."""
+    if not touched(model, load.slack, work):
+        return CONTACT
+    _try(model, load.strain, load.plastic, work)
+    return EVALUATE
 
 
 @compiled()
-def advance(model: StepModel, load: StepLoad, work: Work, tolerance: float, most: int) -> int:
+def judge(model: StepModel, load: StepLoad, work: Work, tolerance: float, most: int) -> int:
     """Take in flows at the trial point, and go on to the next one.
 
     Args:
@@ -115,61 +140,96 @@ def advance(model: StepModel, load: StepLoad, work: Work, tolerance: float, most
         tolerance: |R| over the size of the correction at which a step is solved.
         most: evaluations of the laws.
     """
+    return _judge(model, load, work, tolerance, most)
+
+
+@compiled(inner=True)
+def _judge(model, load, work, tolerance, most):
+    """See :func:`judge`."""
     numbers = work.numbers
     numbers[ITERATION] += 1
     first = numbers[MERIT] == np.inf
     if first:
         # of a correction as small as that, as where the first point is about to yield, there is no more to know
-        noise = ROUND_OFF * model.weight * np.sqrt(np.dot(work.strain, work.strain))
-        numbers[SIZE] = max(numbers[SIZE], noise / tolerance)
-    if not _residual(model, load, work):
+        numbers[SIZE] = max(numbers[SIZE], ROUND_OFF * model.weight * _norm(work.strain) / tolerance)
+    fine = possible(model.ends, model.shear, work.amount, work.slope, work.trial)
+    if fine:
+        set_plastic(load.plastic, work.amount, work.trial, work.deviator, work.plastic)
+        pushed = model.coupled, work.forces, load.forces
+        left = set_residual(model.tested, work.plastic, model.modal, work.there, *pushed, work.residual)
+        fine = bool(np.isfinite(left))
+    if not fine:
         # a correction too far off, where a law has no answer
-        return NOT_FINITE if first else _nearer(model, load, work, most)
-    merit = np.sqrt(np.dot(work.residual, work.residual))
-    solved = merit <= tolerance * max(np.sqrt(np.dot(work.there, work.there)), numbers[SIZE])
+        return NOT_FINITE if first else _nearer(work, most)
+    merit = _norm(work.residual)
+    solved = merit <= tolerance * max(_norm(work.there), numbers[SIZE])
     if not (solved or first or merit <= (1 - DECREASE * numbers[SHARE]) * numbers[MERIT]):
-        return _nearer(model, load, work, most)
+        return _nearer(work, most)
     slow = merit > SLOW * numbers[MERIT]
     if not first:
-        _learn(work)
-    work.here[:] = work.there
-    work.left[:] = work.residual
+        _learn(work.there, work.here, work.newton, work.left, work.residual)
+    for j in range(work.here.size):
+        work.here[j] = work.there[j]
+        work.left[j] = work.residual[j]
     numbers[MERIT] = merit
     if solved:
         return CONVERGED
     if numbers[ITERATION] >= most:
         return LIMIT
     if numbers[LINEAR] == NO_TANGENT or (slow and not first):
-        if not linearise(model, work):
+        if not _linearise(model, work):
             return STALLED
     else:
         numbers[LINEAR] = OLD_TANGENT
-    return _go(model, load, work)
+    return _go(work)
 
 
-@compiled()
-def _learn(work):
+@compiled(inner=True, fastmath=ANY_ORDER)
+def _norm(values):
+    total = 0.0
+    for value in values:
+        total += value * value
+    return np.sqrt(total)
+
+
+@compiled(inner=True)
+def _learn(there, here, newton, left, residual):
     """Make the inverse of -J true of the step just taken (Broyden 1965, the first of his updates)."""
-    step = work.there - work.here
-    answered = np.dot(work.newton, work.left - work.residual)
-    along = np.dot(step, answered)
-    if abs(along) > 0.1 * np.dot(step, step):
-        work.newton[:] += np.outer(step - answered, np.dot(step, work.newton)) / along
+    ell = here.size
+    missed, turned = np.empty(ell), np.zeros(ell)
+    along, length = 0.0, 0.0
+    for i in range(ell):
+        step = there[i] - here[i]
+        answered = 0.0
+        for j in range(ell):
+            answered += newton[i, j] * (left[j] - residual[j])
+            turned[j] += step * newton[i, j]
+        missed[i] = step - answered
+        along += step * answered
+        length += step * step
+    if abs(along) > 0.1 * length:
+        for i in range(ell):
+            for j in range(ell):
+                newton[i, j] += missed[i] * turned[j] / along
 
 
-@compiled()
-def _go(model, load, work):
+@compiled(inner=True)
+def _go(work):
     """The whole of Newton's step from ``here``."""
-    work.direction[:] = np.dot(work.newton, work.left)
-    if not np.isfinite(work.direction.sum()):
-        return STALLED
+    total = 0.0
+    for i in range(work.here.size):
+        value = 0.0
+        for j in range(work.here.size):
+            value += work.newton[i, j] * work.left[j]
+        work.direction[i] = value
+        work.there[i] = work.here[i] + value
+        total += value
     work.numbers[SHARE] = 1.0
-    work.there[:] = work.here + work.direction
-    return _try(model, load, work)
+    return EVALUATE if np.isfinite(total) else STALLED
 
 
-@compiled()
-def _nearer(model, load, work, most):
+@compiled(inner=True)
+def _nearer(work, most):
     """A new J at ``here`` where that at hand is old, else half of the part of the direction that was tried last."""
     numbers = work.numbers
     if numbers[ITERATION] >= most:
@@ -178,75 +238,23 @@ def _nearer(model, load, work, most):
         # what the laws say at ``here`` was overwritten: they are asked again
         numbers[LINEAR] = NO_TANGENT
         numbers[MERIT] = np.inf
-        work.there[:] = work.here
-        return _try(model, load, work)
+        for j in range(work.here.size):
+            work.there[j] = work.here[j]
+        return EVALUATE
     numbers[SHARE] *= 0.5
     if numbers[SHARE] < LEAST_SHARE:
         return STALLED
-    work.there[:] = work.here + numbers[SHARE] * work.direction
-    return _try(model, load, work)
-
-
-@compiled(fastmath=True)
-def _try(model, load, work):
-    """Contact forces, strain and trial stress at ``work.there``."""
-    if not touch(model, load, work):
-        return CONTACT
-    _strain(model, load, work)
-    components, points = load.plastic.shape
-    strain = work.strain.reshape(components, points)
-    deviator = work.deviator
-    start = 0
-    for group in range(model.ends.size):
-        twice = 2 * model.shear[group]
-        end = model.ends[group]
-        for k in range(start, end):
-            work.trial[k] = (strain[0, k] + strain[1, k] + strain[2, k]) / 3
-        for i in range(components):
-            for k in range(start, end):
-                mean = work.trial[k] if i < 3 else 0.0
-                deviator[i, k] = twice * (strain[i, k] - load.plastic[i, k] - mean)
-        start = end
-    work.trial[:] = 0.0
-    for i in range(components):
-        for k in range(points):
-            work.trial[k] += deviator[i, k] * deviator[i, k]
-    for k in range(points):
-        work.trial[k] = np.sqrt(1.5 * work.trial[k])
+    for j in range(work.here.size):
+        work.there[j] = work.here[j] + numbers[SHARE] * work.direction[j]
     return EVALUATE
 
 
-@compiled()
-def _strain(model, load, work):
-    """Strain at ``work.there`` under the forces there."""
-    count = int(work.numbers[COUNT])
-    work.strain[:] = -np.dot(work.forces[work.order[:count]], work.rows[:count])
-    if model.scale.size:
-        work.strain[:] *= model.scale
-    work.strain[:] += load.strain
-    work.strain[:] += np.dot(work.there, model.per_mode)
-
-
-@compiled()
-def _residual(model, load, work):
-    """Plastic strain and R at the trial point; whether they are finite, and flows possible."""
-    components = load.plastic.shape[0]
-    start = 0
-    for group in range(model.ends.size):
-        stiff = 3 * model.shear[group]
-        end = model.ends[group]
-        for k in range(start, end):
-            amount = work.amount[k]
-            if not (amount >= 0 and stiff * amount <= work.trial[k] * (1 + 1e-9) and np.isfinite(work.slope[k])):
-                return False
-        start = end
-    for i in range(components):
-        for k in range(work.amount.size):
-            along = 1.5 * work.amount[k] / work.trial[k] if work.amount[k] > 0 else 0.0
-            work.plastic[i, k] = load.plastic[i, k] + along * work.deviator[i, k]
-    work.residual[:] = np.dot(model.tested, work.plastic.ravel()) - np.dot(model.modal, work.there)
-    work.residual[:] -= np.dot(model.coupled, work.forces - load.forces)
-    return bool(np.isfinite(work.residual.sum()))
+@compiled(inner=True)
+def _try(model, free, plastic, work):
+    """Strain and trial stress at ``work.there`` under the forces there."""
+    strain, count = work.strain, int(work.numbers[COUNT])
+    set_strain(strain, free, work.forces, work.order, count, work.rows, model.scale, work.there, model.per_mode)
+    set_trial(strain, plastic, model.ends, model.shear, work.deviator, work.trial)
 
 
 @compiled()
@@ -255,55 +263,58 @@ def linearise(model: StepModel, work: Work) -> bool:
 
     What flows is taken in single precision: what J is off by is seen in the number of iterations, if at all.
     """
-    count = int(work.numbers[COUNT])
-    index = work.order[:count]
+    return _linearise(model, work)
+
+
+@compiled(inner=True)
+def _linearise(model, work):
+    """See :func:`linearise`."""
+    count, ell = int(work.numbers[COUNT]), work.here.size
+    moved, coupled, inverse = np.empty((count, ell)), np.empty((ell, count)), np.empty((count, count))
+    for a in range(count):
+        for j in range(ell):
+            moved[a, j] = model.moved[work.order[a], j]
+            coupled[j, a] = model.coupled[j, work.order[a]]
+        for b in range(count):
+            inverse[a, b] = work.inverse[a, b]
     # W
-    moved = np.dot(np.ascontiguousarray(work.inverse[:count, :count]), model.moved[index])
-    jacobian = model.modal + np.dot(np.ascontiguousarray(model.coupled[:, index]), moved)
-    if np.any(work.amount > 0):
-        flowing = _flowing(model, work)
-        jacobian -= np.dot(flowing, model.single.T)
-        if model.scale.size:
-            flowing *= model.scale.astype(np.float32)
-        pressed = np.dot(flowing, work.rows[:count].astype(np.float32).T)
-        jacobian += np.dot(pressed, moved.astype(np.float32))
-    work.newton[:] = np.linalg.inv(jacobian)
+    moved = np.dot(inverse, moved)
+    jacobian = np.dot(coupled, moved)
+    for i in range(ell):
+        for j in range(ell):
+            jacobian[i, j] += model.modal[i, j]
+    if _norm(work.amount) > 0:
+        _add_flowing(model, work, moved, jacobian)
+    found = inverse_of(jacobian)
+    total = 0.0
+    for i in range(ell):
+        for j in range(ell):
+            work.newton[i, j] = found[i, j]
+            total += found[i, j]
     # kept for an old one it would stop all steps to come
-    regular = bool(np.isfinite(work.newton.sum()))
+    regular = bool(np.isfinite(total))
     work.numbers[LINEAR] = NEW_TANGENT if regular else NO_TANGENT
     return regular
 
 
-@compiled(fastmath=True)
-def _flowing(model, work):
-    """w (G V)^T 2 μ dε_p/dε, (ell, c n).
-
-    dε_p/dε = (1 - θ) P + 3/2 (3 μ dΔp/dq - (1 - θ)) s⊗s / q² with 1 - θ = 3 μ Δp / q and the deviatoric projector P.
-    """
-    components, points = work.deviator.shape
-    turned = np.zeros(points)
-    along = np.zeros(points)
-    start = 0
-    for group in range(model.ends.size):
-        stiff = 3 * model.shear[group]
-        end = model.ends[group]
-        for k in range(start, end):
-            if work.amount[k] > 0:
-                trial = work.trial[k]
-                turned[k] = stiff * work.amount[k] / trial
-                along[k] = 1.5 * (stiff * work.slope[k] - turned[k]) / (trial * trial)
-        start = end
-    found = np.empty(model.tested.shape, dtype=np.float32)
-    onto = np.empty(points)
-    for j in range(len(found)):
-        onto[:] = 0.0
-        for i in range(components):
-            for k in range(points):
-                onto[k] += model.tested[j, i * points + k] * work.deviator[i, k]
-        for k in range(points):
-            onto[k] *= along[k]
-        for i in range(components):
-            for k in range(points):
-                place = i * points + k
-                found[j, place] = model.tested[j, place] * turned[k] + onto[k] * work.deviator[i, k]
-    return found
+@compiled(inner=True)
+def _add_flowing(model, work, moved, jacobian):
+    """What flows of -J, by W."""
+    count, ell = moved.shape
+    laws = work.deviator, work.trial, work.amount, work.slope
+    flowing = flowing_of(model.tested, model.ends, model.shear, *laws)
+    direct = np.dot(flowing, model.single.T)
+    for j in range(ell):
+        for k in range(model.scale.size):
+            flowing[j, k] *= model.scale[k]
+    rows = np.empty((count, flowing.shape[1]), dtype=np.float32)
+    for a in range(count):
+        for k in range(flowing.shape[1]):
+            rows[a, k] = work.rows[a, k]
+    pressed = np.dot(flowing, rows.T)
+    for i in range(ell):
+        for j in range(ell):
+            jacobian[i, j] -= direct[i, j]
+        for a in range(count):
+            for j in range(ell):
+                jacobian[i, j] += pressed[i, a] * moved[a, j]

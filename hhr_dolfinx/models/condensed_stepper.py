@@ -94,10 +94,13 @@ class CondensedStepper:
                 kinds = np.array([kind for kind, _ in kernels])
                 constants = np.array([values for _, values in kernels])
                 return int(compiled_step.solve(self._arrays, load, work, kinds, constants, *limits))
-            code = compiled_step.begin(self._arrays, load, work)
+            compiled_step.begin(work)
+            code = compiled_step.prepare(self._arrays, load, work)
             while code == codes.EVALUATE:
                 self._evaluate(load, material)
-                code = compiled_step.advance(self._arrays, load, work, *limits)
+                code = compiled_step.judge(self._arrays, load, work, *limits)
+                if code == codes.EVALUATE:
+                    code = compiled_step.prepare(self._arrays, load, work)
         except LinAlgError:
             return codes.STALLED
         except ConvergenceError as error:

@@ -2,7 +2,8 @@
 
 How a step is solved is the business of the stepper of a model: by linearisation (:mod:`models.linearised_step`), or in
 one compiled loop (:mod:`models.condensed_flow`). One that does not converge is cut in halves; nothing unconverged is
-ever kept. Loads, imposed displacements, gaps, and constants of laws that are formulas are those
+ever kept. The error of the steps in time is estimated, and where a tolerance is given steps are cut by it
+(:mod:`models.time_error`). Loads, imposed displacements, gaps, and constants of laws that are formulas are those
 at the end of a step or of a part of it.
 """
 
@@ -12,6 +13,7 @@ import logging
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -21,6 +23,8 @@ from hhr_dolfinx.errors import ConvergenceError, LawWarning
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Path
 from hhr_dolfinx.models.equilibrium import Diverged, Goal, Marching, Stepper, Stepping
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, check_elasticity, check_settings
+from hhr_dolfinx.models.step_warnings import complain
+from hhr_dolfinx.models.time_error import TimeError, in_parts
 from hhr_dolfinx.trained import Watch
 
 _log = logging.getLogger(__name__)
@@ -54,10 +58,11 @@ def march(
     Warns:
         OutsideTrainingWarning: if a step is outside what was trained, and ``settings`` do not say otherwise.
         LawWarning: if the slope of a law is not the derivative of its flow.
+        TimeStepWarning: if the estimated error of the time steps is large, and no tolerance was given.
     """
     check_settings(settings)
     check_elasticity(model.material, path)
-    history = History(*path[0])
+    history = History(*path[0], time_tolerance=settings.time_tolerance)
     try:
         with model.lock:
             _march(model.at(path[0][1]), path, settings, history, known, keep)
@@ -73,6 +78,7 @@ def march(
         with suppress(AttributeError):
             stop.history = history  # type: ignore[attr-defined]
         raise
+    complain(float(history.time_error.max(initial=0.0)), settings.time_tolerance)
     if settings.gradient:
         from hhr_dolfinx.models.history_gradient import with_gradients
 
@@ -92,27 +98,62 @@ def _march(
     trail: tuple[Answer, ...] = (_at_rest(model, *path[0]),)
     slopes_seen = False
     stepper, watch = model.stepper(settings), Watch(model.trained, settings.outside)
+    error = TimeError.at_rest(model, trail[0])
     for number, (time, target) in enumerate(path[1:], start=1):
         watch.before(number, trail[-1].time, time, trail[-1].parameter, target)
         if _turns(model, trail, target):
             # what flowed before it flows no more: an extrapolation says nothing of this step
             trail = trail[-1:]
         if number <= len(known):
-            after, cut = known[number - 1], False
+            after = known[number - 1]
             stepper.learn(after)
+            error = error.going_on(after) if after.parts > 1 else error.after(model.answering(after), trail[-1], after)
         else:
-            after, cut = _advance(stepper, trail, Goal(time, target), settings)
+            step = _stepped(model, stepper, trail, Goal(time, target), settings, error)
+            after, error = step.answer, step.error
             slopes_seen = slopes_seen or _check_slopes(model.answering(after), trail[-1], after)
         signs = stepper.signs(after)
         # a step that is refused is not kept
         watch.after(number, time, signs)
         history.answers.append(after)
         history.signs.append(signs)
-        history.cuts += cut
-        _log.info("step %d of %d, t = %g s: %d iterations", number, len(path) - 1, time, after.iterations)
+        history.cuts += after.parts > 1
+        told = number, len(path) - 1, time, after.iterations, after.parts
+        _log.info("step %d of %d, t = %g s: %d iterations in %d parts", *told)
         if number > len(known):
             keep(after)
         trail = (*trail[-2:], after)
+
+
+class _Stepped(NamedTuple):
+    """A step of a path, and what is known of its time error."""
+
+    answer: Answer
+    error: TimeError
+
+
+def _stepped(
+    model: Stepping,
+    stepper: Stepper,
+    trail: tuple[Answer, ...],
+    goal: Goal,
+    settings: MarchSettings,
+    error: TimeError,
+) -> _Stepped:
+    """A step of a path: as it is, or cut by a time tolerance."""
+
+    def advance(trail: tuple[Answer, ...], goal: Goal) -> list[Answer]:
+        return _advance(stepper, trail, goal, settings)
+
+    tolerance = settings.time_tolerance
+    if tolerance is None or not error.bodies:
+        parts = advance(trail, goal)
+        spent = sum(part.iterations for part in parts)
+        error = error.through(model, trail[-1], parts)
+    else:
+        parts, error, spent = in_parts(advance, model, trail, goal, error, tolerance)
+    ends = tuple(part.time for part in parts[:-1])
+    return _Stepped(parts[-1]._replace(iterations=spent, time_error=error.estimate, ends=ends), error)
 
 
 def _turns(model: Stepping, trail: tuple[Answer, ...], target: np.ndarray) -> bool:
@@ -156,24 +197,24 @@ def _place(model, worst):
     return f"; worst at Gauss point {number}, in cell {number // model.per_cell}"
 
 
-def _advance(stepper: Stepper, trail: tuple[Answer, ...], goal: Goal, settings: MarchSettings) -> tuple[Answer, bool]:
+def _advance(stepper: Stepper, trail: tuple[Answer, ...], goal: Goal, settings: MarchSettings) -> list[Answer]:
     """One step as asked for, then in 2, 4, ... parts, each of which is tried like a step of its own.
 
-    ``trail`` holds the last answers, at most three, the present one at the end. Returned are the answer, with the
-    iterations of all attempts, and whether the step was cut.
+    ``trail`` holds the last answers, at most three, the present one at the end. Returned are the answers at the ends of
+    the parts; the first one has the iterations of all attempts that failed, besides its own.
     """
     here, spent = trail[-1], 0
     for parts in (2**halvings for halvings in range(settings.cuts + 1)):
-        last = trail
+        last, found = trail, list[Answer]()
         try:
             for share in np.arange(1, parts + 1) / parts:
                 time = here.time + share * (goal.time - here.time)
-                part = Goal(time, (1 - share) * here.parameter + share * goal.parameter)
-                after = stepper.step(last, part)
-                spent += after.iterations
+                after = stepper.step(last, Goal(time, (1 - share) * here.parameter + share * goal.parameter))
+                found.append(after)
                 last = (*last[-2:], after)
-            return after._replace(iterations=spent), parts > 1
+            found[0] = found[0]._replace(iterations=found[0].iterations + spent)
+            return found
         except Diverged as error:
             failure = error
-            spent += settings.iterations
+            spent += settings.iterations + sum(after.iterations for after in found)
     raise failure

@@ -183,6 +183,8 @@ class _Shared:
     corrections: np.ndarray
     fields: _FieldModes
     log: StageLog
+    known: list[Cubature] = field(default_factory=list)
+    """That of the last attempt, if there was one: the next one begins with its points."""
 
 
 def _grown(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowModel:
@@ -227,7 +229,8 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
         domain = FlowingDomain.of(full, basis, [shared.answers[k] for k in kept], sizes[kept])
         answers = [shared.answers[k] for k in kept]
         stressed = domain.stressed(full, elastic, answers, shared.corrections[:, kept], sizes[kept])
-        cubature = domain.cubature(stressed, settings)
+        cubature = domain.cubature(stressed, settings, shared.known[-1] if shared.known else None)
+        shared.known[:] = [cubature]
         del stressed
         energy = domain.largest_energy(cubature)
     if energy > LARGEST_ENERGY:

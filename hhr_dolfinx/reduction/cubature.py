@@ -57,13 +57,15 @@ class Cubature:
     misfit: float
 
 
-def fitted(rows: np.ndarray, tolerance: float, most: int | None = None) -> Cubature:
+def fitted(rows: np.ndarray, tolerance: float, most: int | None = None, start: Cubature | None = None) -> Cubature:
     """Few points and weights >= 0 whose sums are near those of all points.
 
     Args:
         rows: what each of P points contributes to each of R integrals, weights of the quadrature included, (R, P).
         tolerance: relative misfit at which the search stops; 0 goes on to the least misfit.
         most: largest number of points; None for no limit but the number of rows.
+        start: a cubature of the same candidates for other integrals, such as those of fewer modes, to begin with: what
+            it integrates of these is not searched for again. None begins with nothing.
 
     Returns:
         The cubature. Where the tolerance is out of reach within ``most`` points it is the best that was found, as its
@@ -91,7 +93,10 @@ def fitted(rows: np.ndarray, tolerance: float, most: int | None = None) -> Cubat
     size = float(np.linalg.norm(wanted))
     if size == 0:
         return Cubature(np.zeros(0, dtype=np.int64), np.zeros(0), 0.0)
-    chosen = _Search(rows, lengths, wanted).run(tolerance * size, min(most or len(rows), len(rows)))
+    search, most = _Search(rows, lengths, wanted), min(most or len(rows), len(rows))
+    if start is not None:
+        search.begin(start, most)
+    chosen = search.run(tolerance * size, most)
     order = np.argsort(chosen.points)
     points = np.array(chosen.points, dtype=np.int64)[order]
     weights = chosen.weights[order] / lengths[points]
@@ -176,6 +181,27 @@ def _large_part(gram: np.ndarray, outside: float) -> tuple[np.ndarray | None, np
     return basis, basis.T @ images
 
 
+class _Columns:
+    """A matrix that gains columns at its end, in the order of LAPACK, without being copied each time."""
+
+    def __init__(self, matrix: np.ndarray) -> None:
+        self._held, self._count = np.asfortranarray(matrix), matrix.shape[1]
+
+    @property
+    def all(self) -> np.ndarray:
+        """The matrix."""
+        return self._held[:, : self._count]
+
+    def append(self, column: np.ndarray) -> None:
+        """One more column."""
+        if self._count == self._held.shape[1]:
+            larger = np.empty((len(self._held), 2 * self._count + 16), order="F")
+            larger[:, : self._count] = self._held
+            self._held = larger
+        self._held[:, self._count] = column
+        self._count += 1
+
+
 class _Factor:
     """QR factor of the chosen columns, each of length one, and the least squares of the integrals in them."""
 
@@ -183,21 +209,21 @@ class _Factor:
         self.wanted = wanted
         self.points: list[int] = []
         self.weights = np.zeros(0)
-        self._columns = np.zeros((wanted.size, 0), order="F")
-        self._q = np.zeros((wanted.size, 0), order="F")
+        self._columns = _Columns(np.zeros((wanted.size, 0)))
+        self._q = _Columns(np.zeros((wanted.size, 0)))
         self._r = np.zeros((0, 0), order="F")
         self._changes = 0
 
     def misfit(self) -> np.ndarray:
         """What the weights leave of the integrals, (R,)."""
-        return self.wanted - self._columns @ self.weights
+        return self.wanted - self._columns.all @ self.weights
 
     def add(self, point: int, column: np.ndarray) -> bool:
         """Take in a column, with weight zero; False, and nothing is done, if it depends on those chosen."""
-        rest, shares = column, np.zeros(len(self.points))
+        rest, shares, q = column, np.zeros(len(self.points)), self._q.all
         for _ in range(2):  # twice is enough for orthogonality to round-off
-            part = self._q.T @ rest
-            rest, shares = rest - self._q @ part, shares + part
+            part = q.T @ rest
+            rest, shares = rest - q @ part, shares + part
         outside = np.linalg.norm(rest)
         if outside <= DEPENDENT:
             return False
@@ -206,39 +232,42 @@ class _Factor:
         r[:count, :count] = self._r
         r[:count, count] = shares
         r[count, count] = outside
-        self._q, self._r = _beside(self._q, rest / outside), r
-        self._columns = _beside(self._columns, column)
+        self._q.append(rest / outside)
+        self._r = r
+        self._columns.append(column)
         self.points.append(point)
         self.weights = np.append(self.weights, 0.0)
         self._changed()
         return True
 
+    def take(self, points: np.ndarray, columns: np.ndarray, weights: np.ndarray) -> None:
+        """Begin with some columns, (R, n), n <= R, and weights > 0; those that depend on others are left out."""
+        q, r, order = linalg.qr(columns, mode="economic", pivoting=True, check_finite=False)
+        kept = np.abs(np.diag(r)) > DEPENDENT
+        order = order[: int(kept.sum())]
+        self._q, self._r = _Columns(q[:, : order.size]), np.asfortranarray(r[: order.size, : order.size])
+        self._columns = _Columns(columns[:, order])
+        self.points, self.weights = [int(point) for point in points[order]], weights[order]
+
     def remove(self, place: int) -> None:
         """Leave out the column at a place."""
         count = len(self.points) - 1
-        q, r = linalg.qr_delete(self._q, self._r, place, which="col", check_finite=False)
-        self._q, self._r = q[:, :count], r[:count]  # of a square factor it leaves the rest
-        self._columns = np.asfortranarray(np.delete(self._columns, place, axis=1))
+        q, r = linalg.qr_delete(self._q.all, self._r, place, which="col", check_finite=False)
+        self._q, self._r = _Columns(q[:, :count]), r[:count]  # of a square factor it leaves the rest
+        self._columns = _Columns(np.delete(self._columns.all, place, axis=1))
         self.weights = np.delete(self.weights, place)
         del self.points[place]
         self._changed()
 
     def least_squares(self) -> np.ndarray:
         """Weights of any sign that leave the least misfit."""
-        return linalg.solve_triangular(self._r, self._q.T @ self.wanted, check_finite=False)
+        return linalg.solve_triangular(self._r, self._q.all.T @ self.wanted, check_finite=False)
 
     def _changed(self) -> None:
         self._changes += 1
         if self._changes % REFRESHED == 0 and self.points:
-            self._q, self._r = linalg.qr(self._columns, mode="economic", check_finite=False)
-
-
-def _beside(columns: np.ndarray, column: np.ndarray) -> np.ndarray:
-    """Columns with one more, in the order of LAPACK."""
-    out = np.empty((len(columns), columns.shape[1] + 1), order="F")
-    out[:, :-1] = columns
-    out[:, -1] = column
-    return out
+            q, self._r = linalg.qr(self._columns.all, mode="economic", check_finite=False)
+            self._q = _Columns(q)
 
 
 class _ShortList:
@@ -277,12 +306,12 @@ class _Search:
     def __init__(self, rows: np.ndarray, lengths: np.ndarray, wanted: np.ndarray) -> None:
         self.rows, self.lengths = rows, lengths
         self.factor = _Factor(wanted)
-        self.least = float(np.linalg.norm(wanted))
+        self.least = self.size = float(np.linalg.norm(wanted))
         self.tried: set[int] = set()
 
     def run(self, tolerance: float, most: int) -> _Factor:
         """Add points until the misfit is at most ``tolerance``, there are ``most``, or none is left that helps."""
-        floor, left = PARALLEL * self.least, PATIENCE * len(self.rows)
+        floor, left = PARALLEL * self.size, PATIENCE * len(self.rows)
 
         def open_() -> bool:
             return left > 0 and self.least > tolerance and len(self.factor.points) < most
@@ -296,6 +325,25 @@ class _Search:
             if not helped:
                 break
         return self.factor
+
+    def begin(self, start: Cubature, most: int) -> None:
+        """Take the points of another cubature, as many as may be, and the weights that are best on them."""
+        heavy = np.argsort(-start.weights * self.lengths[start.points], kind="stable")[:most]
+        points = start.points[heavy]
+        points = points[self.lengths[points] > 0]
+        weights = dict(zip(start.points, start.weights, strict=True))
+        lengths = self.lengths[points]
+        self.factor.take(points, self.rows[:, points] / lengths, np.array([weights[k] for k in points]) * lengths)
+        self._settle()
+        self.least = float(np.linalg.norm(self.factor.misfit()))
+
+    def _settle(self) -> None:
+        """Weights of the least misfit on the chosen points, of which those are left out that would be negative."""
+        free = self.factor.least_squares()
+        while free.size and not free.min() > 0:
+            self._step_to_zero(free)
+            free = self.factor.least_squares()
+        self.factor.weights = free
 
     def _take_best(self, listed: _ShortList, worth: float) -> bool:
         """Bring in the best point of the list that makes the misfit smaller; False if none worth it does."""
@@ -318,10 +366,7 @@ class _Search:
         if not free[-1] > 0:  # of round-off: its part along the misfit is positive
             factor.remove(len(factor.points) - 1)
             return False
-        while free.size and not free.min() > 0:
-            self._step_to_zero(free)
-            free = factor.least_squares()
-        factor.weights = free
+        self._settle()
         before, self.least = self.least, float(np.linalg.norm(factor.misfit()))
         return self.least < before
 

@@ -84,8 +84,11 @@ class FlowingDomain:
             found[k] = (plastic - deviator(strain)).ravel() / sizes[k]
         return found
 
-    def cubature(self, stressed: np.ndarray, settings: CorrectionSettings) -> Cubature:
-        """Points and weights for :meth:`stressed` states, (S, p c), and loosely for energies of the modes."""
+    def cubature(self, stressed: np.ndarray, settings: CorrectionSettings, start: Cubature | None = None) -> Cubature:
+        """Points and weights for :meth:`stressed` states, (S, p c), and loosely for energies of the modes.
+
+        ``start`` is a cubature of the same states for fewer modes, or for a larger tolerance.
+        """
         few = _alike(stressed, ROWS // self.deviators.shape[2])
         few = few.reshape(len(few), self.points.size, -1)
         pairs = np.triu_indices(self.deviators.shape[2])
@@ -104,7 +107,7 @@ class FlowingDomain:
         loose = compressed(energies, 0.1 * settings.stability)
         rows /= np.linalg.norm(rows.sum(axis=1))
         loose *= settings.cubature / settings.stability / np.linalg.norm(loose.sum(axis=1))
-        return fitted(np.vstack([rows, loose]), settings.cubature, settings.most_points)
+        return fitted(np.vstack([rows, loose]), settings.cubature, settings.most_points, start)
 
     def largest_energy(self, cubature: Cubature) -> float:
         """Largest energy of a mode by a cubature."""

@@ -19,6 +19,7 @@ from hhr_dolfinx.errors import ConvergenceError, ReductionError
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Path
 from hhr_dolfinx.models.condensed import KnownStatuses
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings
+from hhr_dolfinx.models.step_warnings import told_once
 from hhr_dolfinx.snapshots.lost import Lost
 
 if TYPE_CHECKING:
@@ -189,7 +190,8 @@ def _solved(
         if not _are_paths(queries):
             answers = list(_answers(full, full.parameters.points(queries), progress, store, lost))
             return SnapshotSet.of_answers(answers) if answers else None
-        histories = list(_histories(full, queries, progress, store, settings, lost))
+        with told_once("histories"):
+            histories = list(_histories(full, queries, progress, store, settings, lost))
         return None if lost is not None and not histories else SnapshotSet.of_histories(histories)
 
 

@@ -31,7 +31,7 @@ from hhr_dolfinx.version import __version__
 if TYPE_CHECKING:
     from hhr_dolfinx.materials.update import Group
 
-FORMAT, VERSION = "hhr_dolfinx snapshot", 5
+FORMAT, VERSION = "hhr_dolfinx snapshot", 6
 
 _LAYOUT: dict[str, tuple[str, ...]] = {
     "unknown": ("float", "N"),
@@ -43,6 +43,8 @@ _GAUSS: dict[str, tuple[str, ...]] = {
     "plastic": ("float", "points", "components"),
     "cumulated": ("float", "points"),
     "iterations": ("int",),
+    "ends": ("float", "ends"),
+    "time_error": ("float",),
 }
 """What a step of bodies that flow has besides."""
 
@@ -156,7 +158,8 @@ class SnapshotStore:
     def _save(self, answer: Answer, question: list) -> None:
         values = {name: getattr(answer, name) for name in _LAYOUT}
         if answer.gauss is not None:
-            values |= {"stress": answer.gauss.stress, **answer.gauss.state._asdict(), "iterations": answer.iterations}
+            values |= {"stress": answer.gauss.stress, **answer.gauss.state._asdict()}
+            values |= {name: getattr(answer, name) for name in ("iterations", "ends", "time_error")}
         arrays = {name: np.asarray(values[name]) for name in self._layout()}
         check_layout(arrays, self._layout(), self._sizes)
         # one file in thousands: leftovers were cleared when the folder was opened
@@ -167,13 +170,15 @@ class SnapshotStore:
 
     def _answer(self, point: np.ndarray, arrays: dict[str, np.ndarray]) -> Answer:
         gauss, iterations = None, 0
+        steps: dict[str, Any] = {}
         if "stress" in arrays:
             state = self._full.equilibrium.material.at_rest()
             state = state._replace(plastic=arrays["plastic"], cumulated=arrays["cumulated"])
             gauss, iterations = GaussState(arrays["stress"], state), int(arrays["iterations"])
+            steps = {"time_error": float(arrays["time_error"]), "ends": tuple(arrays["ends"].tolist())}
         unknown, multipliers, active = (arrays[name] for name in _LAYOUT)
         how = iterations, Status.CONVERGED, False, self._full
-        return Answer(point, unknown, multipliers, active, *how, gauss=gauss)
+        return Answer(point, unknown, multipliers, active, *how, gauss=gauss, **steps)
 
     def _residual(self, answer: Answer, forces: float) -> float:
         """Largest relative residual of an answer, whatever the checksum of its file says.
@@ -212,7 +217,7 @@ class KeptSteps:
     def __init__(self, store: SnapshotStore, path: History_path, settings: MarchSettings):
         self._store, self._path = store, path
         how = [getattr(settings, name) for name in settings.__dataclass_fields__ if name not in ("outside", "gradient")]
-        question = [item if isinstance(item, str) else float(item) for item in how]
+        question = [item if item is None or isinstance(item, str) else float(item) for item in how]
         self._questions: list[list] = []
         for time, point in path:
             # each asks for the one before by its digest: with the whole path in each, files would grow along it

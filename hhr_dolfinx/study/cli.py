@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import os
 import tempfile
 from pathlib import Path
@@ -74,6 +75,8 @@ def parse(parser: argparse.ArgumentParser) -> argparse.Namespace:
         raise SystemExit(2)
     options.console = make_console(quiet=not options.first_rank)
     options.progress = progress_on(options.console)
+    # what keeps one waiting is told, as where a function is compiled for the first time
+    logging.basicConfig(level=logging.WARNING, format="%(message)s")
     return options
 
 

@@ -246,9 +246,11 @@ class Greedy:
 
 def _marched(model: Any, path: Any) -> Any:
     from hhr_dolfinx.models.path import MarchSettings
+    from hhr_dolfinx.models.step_warnings import told_once
 
     try:
-        return model.march(path, MarchSettings(outside="ignore"))
+        with told_once():
+            return model.march(path, MarchSettings(outside="ignore"))
     except (ConvergenceError, NotSolvableError):
         return None
 

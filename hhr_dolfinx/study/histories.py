@@ -12,13 +12,14 @@ import numpy as np
 from hhr_dolfinx.certify.accuracy import force_floor, summary
 from hhr_dolfinx.errors import HHRError, ReductionError, UnstableModelError
 from hhr_dolfinx.models.answer import History, Model, Path
+from hhr_dolfinx.models.step_warnings import told_once
 from hhr_dolfinx.snapshots.lost import Lost
 from hhr_dolfinx.study.history_runs import (
     Run,
     errors_of_runs,
     row_of_runs,
+    run_beside,
     run_in_full,
-    run_in_turns,
     seconds_of_parts,
     timed_searches,
 )
@@ -36,13 +37,15 @@ SETTINGS = {"HHR": "this model", "condensed": "plastic correction"}
 """What rows of the work-precision table say of a method that was refused."""
 
 
+@told_once()
 def measure_histories(
     training: Training, settings: Any, tests: Mapping[Any, Path], progress: Progress
 ) -> tuple[ReducedModel | CondensedFlowModel, Measurement]:
     """The model under study, and errors and times of both kinds of small models beside the full order.
 
     Under study is the hyper-reduced model; where that is refused, condensed flow. A path that one of them does not
-    solve counts with infinite errors and the time that it took.
+    solve counts with infinite errors and the time that it took. The full order is no more exact than its time steps,
+    which is reported, and not warned of.
 
     Raises:
         ReductionError, UnstableModelError: if both are refused.
@@ -60,7 +63,8 @@ def measure_histories(
     known = [run.history for run in exact if run.history is not None]
 
     def beside(method: str, setting: str, other: Model) -> Row:
-        runs = [run_in_turns({"": other}, path, settings.march, settings.repetitions)[""] for path in paths]
+        how, pairs = (settings.march, settings.repetitions), zip(paths, known, strict=True)
+        runs = [run_beside({"": other}, path, *how, there)[""] for path, there in pairs]
         return row_of_runs(method, setting, runs, errors_of_runs(full, other, runs, known, floor))
 
     measured = {}
@@ -103,7 +107,9 @@ def _runs(
             solved[label] = path
         if label not in solved:
             continue
-        for name, run in run_in_turns(models, path, settings.march, settings.repetitions).items():
+        there = exact[-1].history
+        assert there is not None
+        for name, run in run_beside(models, path, settings.march, settings.repetitions, there).items():
             found[name].append(run)
     lost.warn(len(tests), 1, "test paths")
     return solved, exact, found
@@ -169,10 +175,18 @@ def _report(
     names = {"HHR": "fom_best/online", "condensed": "fom_best/condensed"}
     return {
         "histories": _described(tests, measured, exact),
+        "time_error": _time_error(exact),
         "times": times,
         "ratios": {names[name]: _ratio(best.seconds, values) for name, values in seconds.items()},
         "models": {name: models[name] for name in KEYS.values()},
     }
+
+
+def _time_error(exact: list[Run]) -> dict[str, Any]:
+    """Largest estimated error of the time steps of each history of the full order, over all of them; the tolerance."""
+    histories = [run.history for run in exact if run.history is not None]
+    largest = [float(history.time_error.max(initial=0.0)) for history in histories]
+    return {**summary(np.array(largest)), "tolerance": histories[0].time_tolerance}
 
 
 def _ratio(slow: np.ndarray, fast: np.ndarray | None) -> float | None:
@@ -185,7 +199,8 @@ def _described(tests: Mapping[Any, Path], measured: dict[str, _Measured], exact:
     own = next(iter(measured.values()))
     for k, (label, known) in enumerate(zip(tests, exact, strict=True)):
         assert known.history is not None
-        row = {"value": label, **_told(own, k), "full_iterations": known.history.iterations}
+        steps = {"parts": sum(known.history.parts), "time_error": float(known.history.time_error.max(initial=0.0))}
+        row = {"value": label, **_told(own, k), "full_iterations": known.history.iterations, "full": steps}
         rows.append(row | ({"condensed": _told(measured["condensed"], k)} if "condensed" in measured else {}))
     return rows
 

@@ -15,6 +15,7 @@ from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import History, Path
 from hhr_dolfinx.models.path import MarchSettings
 from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.models.step_warnings import told_once
 from hhr_dolfinx.study.history_runs import history_errors
 
 if TYPE_CHECKING:
@@ -46,7 +47,8 @@ def try_path(
     It holds the largest errors of displacement and forces over their largest size in the history, those of stress and
     plastic strain at the last step, whether the model warned, or why it has no answer; ``floor`` is a force norm.
     """
-    exact = full.march(case.path, settings)
+    with told_once():
+        exact = full.march(case.path, settings)
     return {name: _row(full, model, case, exact, floor, settings) for name, model in models.items()}
 
 

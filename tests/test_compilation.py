@@ -1,0 +1,56 @@
+"""Compiled functions: where they are kept, and what is said of those that take long."""
+
+import importlib.util
+import logging
+import os
+import tempfile
+
+import pytest
+from numba.core import caching, config
+
+from hhr_dolfinx import compat
+
+SOURCE = "def twice(x):\n    return 2 * x\n"
+
+
+@pytest.fixture
+def twice(tmp_path):
+    """A function of a file of its own, as numba's cache asks for."""
+    file = tmp_path / "twice.py"
+    file.write_text(SOURCE)
+    spec = importlib.util.spec_from_file_location("twice", file)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.twice
+
+
+@pytest.fixture
+def nowhere(tmp_path, monkeypatch):
+    """Neither the package nor the user's own cache can be written; where temporary files are."""
+    monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [caching.UserProvidedCacheLocator])
+    monkeypatch.setattr(config, "CACHE_DIR", "")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    return tmp_path / f"hhr_dolfinx-{os.getuid()}"
+
+
+def test_a_read_only_installation_compiles_once(twice, nowhere):
+    for hits in (0, 1):
+        function = compat.compiled()(twice)
+        assert function(2.0) == 4.0 and sum(function.stats.cache_hits.values()) == hits
+    assert list(nowhere.rglob("*.nbc")) and nowhere.stat().st_mode & 0o077 == 0 and config.CACHE_DIR == ""
+
+
+def test_a_folder_that_others_write_to_is_no_cache(twice, nowhere):
+    nowhere.mkdir()
+    nowhere.chmod(0o777)
+    assert compat.compiled()(twice)(2.0) == 4.0 and not list(nowhere.iterdir())
+
+
+def test_whoever_waits_for_a_compiler_is_told(twice, nowhere, caplog):
+    for said in (1, 0):
+        caplog.clear()
+        function = compat.compiled(dear="multiples of two")(twice)
+        with caplog.at_level(logging.WARNING):
+            assert function(2.0) == 4.0 and function(3) == 6
+        told = [record.message for record in caplog.records if "compiling multiples of two, once" in record.message]
+        assert len(told) == said
