@@ -26,22 +26,27 @@ def error_bound(full: Any, basis: np.ndarray) -> ErrorBound:
     Raises:
         BoundError: with the hypothesis that fails.
     """
+    arrays = constant_response(full)
+    return ErrorBound(**arrays, **unit_energy(full.problem, full.per_force, arrays["lower"], basis, full.per_load))
+
+
+def constant_response(full: Any) -> dict[str, np.ndarray]:
+    """What bounds of any map of the displacement share, see :class:`ErrorBound`: S, its factor and the free slack.
+
+    Raises:
+        BoundError: with the hypothesis that fails.
+    """
     problem = full.problem
     check_hypotheses(full)
     if problem.varies:
         raise BoundError("the stiffness depends on parameters, and these bounds are those of a constant one")
-    loads = full.per_load
     schur = (full.schur + full.schur.T) / 2
     try:
         lower = linalg.cholesky(schur, lower=True)
     except linalg.LinAlgError:
         raise BoundError("rows of B are dependent, so that forces are not unique: there is no bound on them") from None
-    return ErrorBound(
-        free_slack=np.asfortranarray(problem.gaps - problem.contact @ loads),
-        schur=schur,
-        lower=np.asfortranarray(lower),
-        **_coordinates(problem, full.per_force, lower, basis, loads),
-    )
+    free_slack = np.asfortranarray(problem.gaps - problem.contact @ full.per_load)
+    return {"free_slack": free_slack, "schur": schur, "lower": np.asfortranarray(lower)}
 
 
 def check_hypotheses(full: Any) -> None:
@@ -64,7 +69,7 @@ def check_hypotheses(full: Any) -> None:
         raise BoundError(f"K is not symmetric, by {skew / size:.1e} of its entries: it has no energy")
 
 
-def _coordinates(
+def unit_energy(
     problem: Any, per_force: np.ndarray, lower: np.ndarray, basis: np.ndarray, loads: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Columns of V, of K^-1 loads and of the lifts in directions of unit energy, see :class:`ErrorBound`.

@@ -111,7 +111,7 @@ def train(scene: str, out: Path | None, **how: Any) -> None:
             console.print(item["why"], highlight=False)
     model = training.build()
     save_model(folder / "model.npz", model)
-    basis, cells = model.fields.basis, model.offline.sets.cells
+    basis, cells = model.offline.basis, model.offline.sets.cells
     console.print(
         f"{made.name}: {basis.shape[0]} dofs and {len(model.fields.gaps)} contacts -> {basis.shape[1]} modes and "
         f"{len(model.fields.A_lambda)} contacts on {len(cells)} of {len(training.full_order.problem.cell_nodes)} cells"

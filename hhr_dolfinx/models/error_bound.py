@@ -141,15 +141,15 @@ def bounded(
     """
     forces, free = given.forces, given.free
     pushed = forces @ response.schur
-    own = _lengths(forces, pushed)
+    own = lengths(forces, pushed)
     known = response.off(free + pushed, forces)
     better, nearer, dual, least = forces, known, known, own
     # sharper where it is worth a factor of S
     if (rows := np.flatnonzero(known > SHARP * own)).size:
         found, less, left = response.improved(forces[rows], free[rows], pushed[rows])
         better, nearer, dual, least = forces.copy(), known.copy(), known.copy(), own.copy()
-        better[rows], nearer[rows], least[rows] = found, response.off(left, found), _lengths(found, less)
-        dual[rows] = np.minimum(known[rows], nearer[rows] + _lengths(forces[rows] - found, pushed[rows] - less))
+        better[rows], nearer[rows], least[rows] = found, response.off(left, found), lengths(found, less)
+        dual[rows] = np.minimum(known[rows], nearer[rows] + lengths(forces[rows] - found, pushed[rows] - less))
     unbalanced, size, balanced = fields(better)
     noise, primal = inexact * (own + least + balanced), unbalanced + nearer
     # row by row, so that a bound is the same in any table
@@ -159,7 +159,7 @@ def bounded(
     return primal + ROUND_OFF * size + noise, dual + noise, size, own
 
 
-def _lengths(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+def lengths(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Square roots of products of rows, (n,)."""
     # products of matrices have a fifth of the overhead of sums by indices
     return np.sqrt(np.maximum((one[:, None, :] @ other[:, :, None])[:, 0, 0], 0.0))
@@ -292,7 +292,7 @@ class ConstantThere(NamedTuple):
         # K^-1 B^T λ has coordinates along the first directions only, L^T λ
         field, left = unknown @ owner.basis.T, driven(owner.loads, self.theta)
         left[:, : field.shape[1]] -= field
-        along, across = left[:, :m], _lengths(left[:, m:], left[:, m:])
+        along, across = left[:, :m], lengths(left[:, m:], left[:, m:])
         moved = field
         if len(owner.lifts):
             moved = driven(owner.lifts, self.theta)
@@ -301,9 +301,9 @@ class ConstantThere(NamedTuple):
         def fields(better: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             pushed = along - better @ owner.lower
             return (
-                np.hypot(_lengths(pushed, pushed), across),
-                _lengths(moved, moved),
-                CANCELLED * _lengths(field, field),
+                np.hypot(lengths(pushed, pushed), across),
+                lengths(moved, moved),
+                CANCELLED * lengths(field, field),
             )
 
         primal, dual, *sizes = bounded(Given(forces, slack, self.free), self.owner.response, fields)

@@ -29,6 +29,7 @@ from hhr_dolfinx.online.layout import (
     LAYOUT,
     MAY_BE_NONE,
     MOTIONS,
+    ONTO,
     PACKED,
     SLOPES,
     TYPES,
@@ -128,8 +129,9 @@ def _layout(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
     parts = {"reduced", "fields", "amplitudes", *((flows, "completion") if flows else ("known",))}
     parts |= {"trained", *(("paths",) if flows else ())} if trained else set()
     parts |= {"bound"} if "bound.schur" in names else set()
+    parts |= {"response"} if "response.loaded" in names else set()
     parts |= {"output_bound"} if "output_bound.steepness" in names else set()
-    left_out = {CONE, MOTIONS, *SLOPES} - set(names)
+    left_out = {CONE, MOTIONS, ONTO, *SLOPES} - set(names)
     return {name: kind for name, kind in LAYOUT.items() if name.split(".")[0] in parts and name not in left_out}
 
 
@@ -146,6 +148,8 @@ def _taken_apart(model: ReducedModel) -> dict[str, Any]:
     for part, kind in (("bound", ErrorBound), ("output_bound", object)):
         if (held := getattr(model.fields, part)) is not None and isinstance(held, kind):
             values |= {f"{part}.{name}": item for name, item in vars(held).items()}
+    if (response := model.fields.response) is not None:
+        values |= {f"response.{name}": item for name, item in vars(response).items() if item is not None}
     if model.trained is not None:
         range_ = getattr(model.trained, "parameters", model.trained)
         values |= {f"trained.{name}": item for name, item in vars(range_).items()}
@@ -184,6 +188,7 @@ def _checked(header: dict, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
         _check_motions(arrays, sizes)
     if "bound.schur" in arrays:
         _check_bound(arrays, sizes)
+    _check_columns(arrays, sizes)
     return content
 
 
@@ -221,6 +226,19 @@ def _check_motions(arrays: Mapping[str, np.ndarray], sizes: Mapping[str, int]) -
         raise FileContentError(f"{count} of {sizes['ell']} modes are no rigid motions")
 
 
+def _check_columns(arrays: Mapping[str, np.ndarray], sizes: Mapping[str, int]) -> None:
+    """Columns of the displacement that have coordinates, gamma or those of all forces, and are those of the bound."""
+    coordinates, kept, rows = sizes["ell"], sizes["ell"], 0
+    if "response.loaded" in arrays:
+        if CONE in arrays or "bound.schur" not in arrays:
+            raise FileContentError("its displacement is made of forces everywhere, and nothing completes them")
+        rows = sizes["field rows"] - sizes["N_lambda"]
+        coordinates, kept = (sizes["columns"],) * 2 if ONTO in arrays else (sizes["N_lambda"], 0)
+    found = sizes["columns"], sizes.get("kept columns", kept), rows
+    if found != (coordinates, kept, 0):
+        raise FileContentError(f"columns of its displacement {found} are not those of its bound {coordinates, kept, 0}")
+
+
 def _check_bound(arrays: Mapping[str, np.ndarray], sizes: Mapping[str, int]) -> None:
     """Directions that go on where others end, and a factor of S that is one."""
     ranks = [sizes[name] for name in ("N_lambda", "field rows", "load rows", "lift rows")]
@@ -256,7 +274,7 @@ def _model(content: Content) -> ReducedModel:
     given = {"force_snapshots": None} | parts["fields"]
     fields = Reconstruction(theta, **given, dimension=content.dimension, flow=completion)
     if "bound" in parts:
-        fields = replace(fields, bound=ErrorBound(**parts["bound"]))
+        fields = replace(fields, **_bound_of(parts))
     if content.outputs:
         from hhr_dolfinx.models.functionals import Functionals
 
@@ -272,6 +290,15 @@ def _model(content: Content) -> ReducedModel:
         fields = replace(fields, output_bound=own)
     known = _starts_of(parts["known"]) if "known" in parts else None
     return ReducedModel(ReducedProblem(**parts["reduced"]), content.space, fields, trained, known=known, flow=flow)
+
+
+def _bound_of(parts: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """The bound, and what makes the displacement of forces where a file has it, as fields of a reconstruction."""
+    if "response" not in parts:
+        return {"bound": ErrorBound(**parts["bound"])}
+    from hhr_dolfinx.models.field_response import FieldResponse, ResponseBound
+
+    return {"bound": ResponseBound(**parts["bound"]), "response": FieldResponse(**parts["response"])}
 
 
 def _starts_of(parts: dict[str, Any]) -> KnownStatuses:

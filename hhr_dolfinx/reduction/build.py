@@ -39,6 +39,7 @@ from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.cubature_flow import CubatureFlow
+    from hhr_dolfinx.models.field_response import FieldResponse
     from hhr_dolfinx.models.reduced_flow import ReducedFlow
     from hhr_dolfinx.models.starts import LinearStarts
 
@@ -233,17 +234,20 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
         check_solvable(stability)
         if recipe.trust is not None:
             check_stability(stability, recipe.trust)
-    bound = _bound_of(shared, basis)
+    bound, columns, response = _bound_of(shared, basis)
     with log.stage("reconstruction"):
-        fields = shared.completion.reconstruction(problem, basis, sets, flow, cone=recipe.cone or bound is None)
+        fields = shared.completion.reconstruction(problem, columns, sets, flow, cone=recipe.cone or bound is None)
         fields = replace(fields, bound=bound, stress_of=full.stress_of, functionals=_functionals(full, basis))
+        fields = replace(fields, response=response)
         if recipe.indicator is not None:
             fields = replace(fields, indicator=recipe.indicator.prepared(problem, basis, sets))
     if isinstance(bound, ErrorBound) and full.functionals is not None:
         from hhr_dolfinx.certify.output_bounds import output_bound
 
         with log.stage("bound"):
-            fields = replace(fields, output_bound=output_bound(full, bound, basis))
+            # C lies among the columns of K^-1 B^T, which are there anyway
+            own = basis if response is None else basis[:, :0]
+            fields = replace(fields, output_bound=output_bound(full, bound, own))
     known = shared.snapshots.known_statuses(sets.A_lambda) if flow is None else None
     with log.stage("online_arrays"):
         range_ = TrainedRange.of(shared.snapshots.points, problem.parameters) if flow is None else None
@@ -279,21 +283,29 @@ def _flow_of(shared: _Offline, basis: np.ndarray, sets: IndexSets, layers: int) 
         return cubature_flow(equilibrium, basis, sets, shared.snapshots, *how)[0]
 
 
-def _bound_of(shared: _Offline, basis: np.ndarray) -> Bound | None:
-    """Bounds of errors; None where they were not asked for, or are not proved, with the reason in the log."""
+def _bound_of(shared: _Offline, basis: np.ndarray) -> tuple[Bound | None, np.ndarray, FieldResponse | None]:
+    """Bounds of errors, columns that make the displacement, and what makes their coordinates of forces, if anything.
+
+    There are no bounds where they were not asked for, or are not proved, with the reason in the log.
+    """
     full, recipe, log = shared.full, shared.recipe, shared.log
     if not recipe.bound or recipe.indicator is not None:
-        return None
+        return None, basis, None
     try:
         with log.stage("bound"):
-            if full.equilibrium is not None or not full.problem.varies:
-                return error_bound(full, basis)
-            from hhr_dolfinx.reduction.varying_bound import varying_bound
+            if full.problem.varies and full.equilibrium is None:
+                from hhr_dolfinx.reduction.varying_bound import varying_bound
 
-            return varying_bound(full, basis)
+                return varying_bound(full, basis), basis, None
+            if recipe.cone:  # forces outside the RID are then those of training
+                return error_bound(full, basis), basis, None
+            from hhr_dolfinx.certify.field_response import field_response
+
+            made = field_response(full, shared.snapshots.forces, basis.shape[1])
+            return made.bound, made.columns, made.response
     except BoundError as error:
         log.skip("bound", str(error))
-        return None
+        return None, basis, None
 
 
 def _functionals(full: Any, basis: np.ndarray) -> Any:
