@@ -107,10 +107,12 @@ def test_what_models_share_is_kept_once(kept, local, tmp_path):
         header, names = json.loads(str(file["header"])), set(file.files)
         sizes = {name: file[name].nbytes for name in file.files}
     for name in ("bound.schur", "bound.lower", "bound.free_slack", "fields.gaps.values", "fields.lifts.values",
-                 "amplitudes.slopes", "amplitudes0.positions", "output_bound.steepness"):  # fmt: skip
+                 "amplitudes.slopes", "amplitudes0.positions", "output_bound.steepness", "response.loaded",
+                 "fields.basis"):  # fmt: skip
         assert f"0.{name}" in names and not {f"1.{name}", f"2.{name}"} & names
         assert [place[name] for place in header["places"]] == [0, 0, 0]
-    assert {"0.fields.basis", "1.fields.basis", "2.fields.basis"} <= names and set(CHOICE_LAYOUT) <= names
+    own = {f"{number}.reduced.stiffness" for number in range(3)}
+    assert own <= names and set(CHOICE_LAYOUT) <= names
     stored = hhr.load_model(kept / "local.npz")
     for model in stored.models[1:]:
         assert model.fields.bound.schur is stored.models[0].fields.bound.schur
@@ -264,20 +266,20 @@ REFUSED = {
     r"\['choice.cut'\] are missing": lambda header, arrays: arrays.pop("choice.cut"),
     r"\['choice.more'\] are unknown": lambda header, arrays: arrays.update({"choice.more": np.zeros(1)}),
     # where arrays lie
-    r"\['3.fields.basis'\] are unknown": lambda header, arrays: arrays.update({"3.fields.basis": np.zeros((2, 2))}),
+    r"\['3.reduced.stiffness'\] are unknown": lambda header, arrays: arrays.update({"3.reduced.stiffness": np.zeros((2, 2))}),
     "array bound.schur of model 0 is missing": lambda header, arrays: arrays.pop("0.bound.schur"),
-    "fields.basis of model 1 is missing: 2": place(1, "fields.basis", 2),
-    "fields.basis of model 1 is missing: -1": place(1, "fields.basis", -1),
-    "fields.basis of model 1 is missing: 1.0": place(1, "fields.basis", 1.0),
-    "fields.basis of model 1 is missing: True": place(1, "fields.basis", True),
-    "fields.basis of model 1 is missing: '1'": place(1, "fields.basis", "1"),
-    r"fields.basis of model 1 is missing: \[\]": place(1, "fields.basis", []),
+    "reduced.stiffness of model 1 is missing: 2": place(1, "reduced.stiffness", 2),
+    "reduced.stiffness of model 1 is missing: -1": place(1, "reduced.stiffness", -1),
+    "reduced.stiffness of model 1 is missing: 1.0": place(1, "reduced.stiffness", 1.0),
+    "reduced.stiffness of model 1 is missing: True": place(1, "reduced.stiffness", True),
+    "reduced.stiffness of model 1 is missing: '1'": place(1, "reduced.stiffness", "1"),
+    r"reduced.stiffness of model 1 is missing: \[\]": place(1, "reduced.stiffness", []),
     "more of model 1 is missing: 0": place(1, "more", 0),
-    r"\['1.fields.basis'\] are unknown": place(1, "fields.basis", 0),
+    r"\['1.reduced.stiffness'\] are unknown": place(1, "reduced.stiffness", 0),
     "places in its header must be a list": header(places={}),
     "places in its header": header(places=[1, 2, 3]),
     "3 models and places of 0": header(places=[]),
-    "of model 2 is missing": lambda header, arrays: header["places"].__setitem__(2, {"fields.basis": 5}),
+    "of model 2 is missing": lambda header, arrays: header["places"].__setitem__(2, {"reduced.stiffness": 5}),
     # the models
     "the models in its header": header(models="three"),
     "models in its header must": header(models=[None] * 3),
@@ -295,15 +297,15 @@ REFUSED = {
     "local model 1 is of another scene": box(1, upper=[400.0, 6.0]),
     "local model 2 is of another scene": box(2, names=["P1", "h2"]),
     "must be increasing": box(0, upper=[0.0, 0.0]),
-    "1.fields.basis is not finite": entry("1.fields.basis", (0, 0), np.nan),
+    "1.reduced.loads is not finite": entry("1.reduced.loads", (0, 0), np.nan),
     "stiffness has shape": array("1.reduced.stiffness", lambda a: a[:-1]),
     "singular": entry("2.reduced.stiffness", slice(None), 0.0),
     "A_lambda has indices outside": entry("1.fields.A_lambda", 0, 10**6),
     "the factor of S": array("0.bound.schur", lambda a: 2 * a),
-    "arrays .'fields.basis'. are missing": lambda header, arrays: (
-        header["places"][1].pop("fields.basis"), arrays.pop("1.fields.basis"),
+    "arrays .'reduced.stiffness'. are missing": lambda header, arrays: (
+        header["places"][1].pop("reduced.stiffness"), arrays.pop("1.reduced.stiffness"),
     ),
-    "unknown": lambda header, arrays: header["places"][1].pop("fields.basis"),
+    "unknown": lambda header, arrays: header["places"][1].pop("reduced.stiffness"),
     "laws of flow, and nothing flows": of_model(0, laws=[None]),
 }  # fmt: skip
 

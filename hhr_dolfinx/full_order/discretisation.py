@@ -23,7 +23,7 @@ from ufl.core.expr import Expr
 
 from hhr_dolfinx import compat, ranks
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
-from hhr_dolfinx.contact.problem import ContactProblem, ContactRows, joined, masked
+from hhr_dolfinx.contact.problem import ContactProblem, ContactRows, joined, masked, strained
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import contact, elasticity
 from hhr_dolfinx.full_order.checks import (
@@ -170,6 +170,11 @@ class Discretisation:
         amplitudes = Amplitudes.collect([*fixed, *(term.amplitude for term in terms)], scene.parameters)
         shape = self.size, amplitudes.firsts[-1]
         lifts, forces = placed(moved, 1, shape), placed(terms, 1 + len(fixed), shape)
+        cells, points = self._cell_nodes(), self._points()
+        if moduli and moved and not scene.shapes and all(body.law is None for body in scene.bodies):
+            from hhr_dolfinx.full_order.rigid_lifts import rigid_lifts
+
+            lifts = rigid_lifts(lifts, free, points, cells, scene.hypothesis)
         rows, pairs = self.contact_rows()
         gaps = -(rows.matrix @ lifts).toarray()
         gaps[:, 0] += rows.gap
@@ -178,7 +183,8 @@ class Discretisation:
         kept = conditions_with_unknowns(scene, rows, gaps, amplitudes, free)
         rows, pairs, gaps = rows.take(kept), pairs[kept], gaps[kept]
         self.whole_contact = rows.matrix
-        lifted = [masked(csc_matrix(vstack(self.comm.allgather(term @ lifts))), free) for term in stiffness]
+        pulled = [strained(term, lifts) if moduli else term @ lifts for term in stiffness]
+        lifted = [masked(csc_matrix(vstack(self.comm.allgather(part))), free) for part in pulled]
         middle = np.mean([scene.parameters.lower, scene.parameters.upper], axis=0)
         weights = [modulus.value(middle) for modulus in moduli] or [1.0]
         return ContactProblem(
@@ -195,8 +201,8 @@ class Discretisation:
             contact_pairs=pairs,
             contact_points=rows.points,
             contact_areas=rows.areas,
-            cell_nodes=self._cell_nodes(),
-            points=self._points(),
+            cell_nodes=cells,
+            points=points,
             amplitudes=amplitudes,
             parameters=scene.parameters,
             first=self.rows.start,
