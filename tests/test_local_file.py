@@ -266,7 +266,7 @@ REFUSED = {
     r"\['choice.cut'\] are missing": lambda header, arrays: arrays.pop("choice.cut"),
     r"\['choice.more'\] are unknown": lambda header, arrays: arrays.update({"choice.more": np.zeros(1)}),
     # where arrays lie
-    r"\['3.reduced.stiffness'\] are unknown": lambda header, arrays: arrays.update({"3.reduced.stiffness": np.zeros((2, 2))}),
+    r"\['3.reduced.loads'\] are unknown": lambda header, arrays: arrays.update({"3.reduced.loads": np.zeros((2, 2))}),
     "array bound.schur of model 0 is missing": lambda header, arrays: arrays.pop("0.bound.schur"),
     "reduced.stiffness of model 1 is missing: 2": place(1, "reduced.stiffness", 2),
     "reduced.stiffness of model 1 is missing: -1": place(1, "reduced.stiffness", -1),

@@ -49,8 +49,8 @@ def constant_response(full: Any) -> dict[str, np.ndarray]:
     return {"free_slack": free_slack, "schur": schur, "lower": np.asfortranarray(lower)}
 
 
-def check_hypotheses(full: Any) -> None:
-    """Refuse what the bounds are not proved for.
+def check_hypotheses(full: Any, *, floating: bool = False) -> None:
+    """Refuse what the bounds are not proved for, or those of bodies that contact holds where these are ``floating``.
 
     Raises:
         BoundError: with the hypothesis that fails.
@@ -60,7 +60,7 @@ def check_hypotheses(full: Any) -> None:
         raise BoundError("bodies flow, and the bounds are those of elastic ones: histories have signs, see the door")
     if len(full.per_force) != problem.free.size:
         raise BoundError("ranks share the factors of K, and the bounds need whole columns: build on MPI.COMM_SELF")
-    if problem.pins is not None:
+    if problem.pins is not None and not floating:
         raise BoundError(
             "contact alone holds bodies: K, whose inverse is in the bounds, is singular along their motions"
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular, svd
@@ -11,13 +11,16 @@ from scipy.sparse import csc_matrix
 from hhr_dolfinx.certify.bounds import ROUND_OFF, constant_response, unit_energy
 from hhr_dolfinx.models.field_response import FieldResponse, ResponseBound
 
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.floating_bound import FloatingBound
+
 
 class MadeOfForces(NamedTuple):
     """The map, its columns C, (N, c), and the bounds of what it makes."""
 
     response: FieldResponse
     columns: np.ndarray
-    bound: ResponseBound
+    bound: ResponseBound | FloatingBound
 
 
 def field_response(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:

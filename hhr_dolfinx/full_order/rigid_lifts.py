@@ -1,9 +1,10 @@
 """Lifts that do not strain: a body whose imposed motions are those of a rigid one is lifted as a whole.
 
-The lift of the thesis lives on the imposed dofs alone (section 2.6), and K lift is a load. Where K depends on parameters
-so does that load, and it is far larger than any force that the body bears: what is interpolated of it between parameters
-cancels, and so do the energies that bounds are made of. A rigid motion of the whole body fits the imposed values as well
-where they are those of one, as where a block is pressed down by its top, and K is zero along it whatever the moduli are.
+The lift of the thesis lives on the imposed dofs alone (section 2.6), and K lift is a load. Where K depends on
+parameters so does that load, and it is far larger than any force that the body bears: what is interpolated of it
+between parameters cancels, and so do the energies that bounds are made of. Where the imposed values are those of a
+rigid motion, as of a block that is pressed down by its top, that motion of the whole body fits them too, and K is zero
+along it whatever the moduli are.
 """
 
 from __future__ import annotations

@@ -188,6 +188,8 @@ def _check_alike(reduced: Any, full: Any) -> None:
     if answer.converged:
         slack = problem.gaps @ problem.theta(point) - problem.contact @ answer.unknown
         found = reduced.fields.bound.at(point[None], reduced.fields.amplitudes(point)).slack(answer.forces()[None])[0]
+        if problem.rigid is not None:  # motions of whole bodies are no part of S
+            slack = slack + full.rigid_taken @ np.linalg.lstsq(full.rigid_taken, found - slack, rcond=None)[0]
         if np.abs(found - slack).max() > ALIKE * max(np.abs(found).max(), np.abs(problem.gaps).max()):
             raise ReductionError(
                 f"the full model is that of another scene: its loads or its materials differ{_remedy(full)}"

@@ -21,6 +21,10 @@ MOTIONS = "reduced.motions"
 """How many modes are rigid motions; files of models without any do not have it."""
 ONTO = "response.onto"
 """What a file leaves out of a model that keeps all columns of K^-1 B^T."""
+FIXED = {"bound.loads", "bound.lifts"}
+"""Of bounds of bodies that are held."""
+FLOATING = {"bound.taken", "bound.driving", "bound.work", "bound.cross"}
+"""Of bounds of bodies that contact alone holds, in the place of these."""
 CONE = "fields.force_snapshots"
 """What a file leaves out of a model whose bound completes forces."""
 VALUES = ("amplitudes", "laws", "outputs")
@@ -57,8 +61,12 @@ LAYOUT = {
     "bound.basis": ("float", "field rows", "kept columns"),
     "bound.loads": ("float", "load rows", "terms"),
     "bound.lifts": ("float", "lift rows", "terms"),
+    "bound.taken": ("float", "N_lambda", "motions"),
+    "bound.driving": ("float", "motions", "terms"),
+    "bound.work": ("float", "terms", "terms"),
+    "bound.cross": ("float", "terms", "N_lambda"),
     "response.loaded": ("float", "N", "loads"),
-    "response.onto": ("float", "columns", "N_lambda"),
+    "response.onto": ("float", "kept columns", "N_lambda"),
     "output_bound.steepness": ("float", "outputs", "norms"),
     "output_bound.free": ("float", "output rows", "terms"),
     "output_bound.pressed": ("float", "output rows", "N_lambda"),

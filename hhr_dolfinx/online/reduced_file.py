@@ -25,6 +25,8 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.online.flow_parts import check_flow, flow_of, flow_taken_apart, part_of_flow
 from hhr_dolfinx.online.layout import (
     CONE,
+    FIXED,
+    FLOATING,
     INDICES,
     LAYOUT,
     MAY_BE_NONE,
@@ -132,6 +134,7 @@ def _layout(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
     parts |= {"response"} if "response.loaded" in names else set()
     parts |= {"output_bound"} if "output_bound.steepness" in names else set()
     left_out = {CONE, MOTIONS, ONTO, *SLOPES} - set(names)
+    left_out |= FIXED if FLOATING & set(names) else FLOATING
     return {name: kind for name, kind in LAYOUT.items() if name.split(".")[0] in parts and name not in left_out}
 
 
@@ -145,8 +148,9 @@ def _taken_apart(model: ReducedModel) -> dict[str, Any]:
         del values[MOTIONS]
     if model.known is not None:
         values |= {f"known.{name}": item for name, item in vars(model.known).items() if name in _KNOWN}
-    for part, kind in (("bound", ErrorBound), ("output_bound", object)):
-        if (held := getattr(model.fields, part)) is not None and isinstance(held, kind):
+    for part in ("bound", "output_bound"):
+        # bounds of a stiffness that varies are a tree of their own
+        if (held := getattr(model.fields, part)) is not None and not hasattr(held, "compliances"):
             values |= {f"{part}.{name}": item for name, item in vars(held).items()}
     if (response := model.fields.response) is not None:
         values |= {f"response.{name}": item for name, item in vars(response).items() if item is not None}
@@ -232,8 +236,8 @@ def _check_columns(arrays: Mapping[str, np.ndarray], sizes: Mapping[str, int]) -
     if "response.loaded" in arrays:
         if CONE in arrays or "bound.schur" not in arrays:
             raise FileContentError("its displacement is made of forces everywhere, and nothing completes them")
-        rows = sizes["field rows"] - sizes["N_lambda"]
-        coordinates, kept = (sizes["columns"],) * 2 if ONTO in arrays else (sizes["N_lambda"], 0)
+        rows, kept = sizes["field rows"] - sizes["N_lambda"], sizes["kept columns"] if ONTO in arrays else 0
+        coordinates = (kept or sizes["N_lambda"]) + sizes.get("motions", 0)
     found = sizes["columns"], sizes.get("kept columns", kept), rows
     if found != (coordinates, kept, 0):
         raise FileContentError(f"columns of its displacement {found} are not those of its bound {coordinates, kept, 0}")
@@ -241,13 +245,25 @@ def _check_columns(arrays: Mapping[str, np.ndarray], sizes: Mapping[str, int]) -
 
 def _check_bound(arrays: Mapping[str, np.ndarray], sizes: Mapping[str, int]) -> None:
     """Directions that go on where others end, and a factor of S that is one."""
-    ranks = [sizes[name] for name in ("N_lambda", "field rows", "load rows", "lift rows")]
-    if ranks[: 3 if ranks[3] == 0 else 4] != sorted(ranks[: 3 if ranks[3] == 0 else 4]):
-        raise FileContentError(f"directions of unit energy in its bound are not one more than another: {ranks}")
     schur, lower = arrays["bound.schur"], arrays["bound.lower"]
+    if "bound.taken" in arrays:
+        from hhr_dolfinx.models.floating_bound import definite
+
+        if sizes["motions"] != int(arrays.get(MOTIONS, 0)) or not arrays["bound.taken"].any(axis=0).all():
+            raise FileContentError(f"its bound has {sizes['motions']} motions of other bodies")
+        schur = definite(schur, arrays["bound.taken"])
+    else:
+        _check_ranks(sizes)
     off = np.abs(lower @ lower.T - schur).max() / np.abs(schur).max(initial=1e-300)
     if not (off <= 1e-10 and (lower.diagonal() > 0).all() and not np.triu(lower, 1).any()):
         raise FileContentError("the factor of S in its bound is none")
+
+
+def _check_ranks(sizes: Mapping[str, int]) -> None:
+    """Directions that go on where others end."""
+    ranks = [sizes[name] for name in ("N_lambda", "field rows", "load rows", "lift rows")]
+    if ranks[: 3 if ranks[3] == 0 else 4] != sorted(ranks[: 3 if ranks[3] == 0 else 4]):
+        raise FileContentError(f"directions of unit energy in its bound are not one more than another: {ranks}")
 
 
 def _model(content: Content) -> ReducedModel:
@@ -294,8 +310,12 @@ def _model(content: Content) -> ReducedModel:
 
 def _bound_of(parts: dict[str, dict[str, Any]]) -> dict[str, Any]:
     """The bound, and what makes the displacement of forces where a file has it, as fields of a reconstruction."""
-    if "response" not in parts:
+    if "taken" not in parts["bound"] and "response" not in parts:
         return {"bound": ErrorBound(**parts["bound"])}
+    if "taken" in parts["bound"]:
+        from hhr_dolfinx.models.floating_bound import FloatingBound, FloatingResponse
+
+        return {"bound": FloatingBound(**parts["bound"]), "response": FloatingResponse(**parts["response"])}
     from hhr_dolfinx.models.field_response import FieldResponse, ResponseBound
 
     return {"bound": ResponseBound(**parts["bound"]), "response": FieldResponse(**parts["response"])}

@@ -5,6 +5,7 @@ Stages that a scene does not need are left out and listed with the reason.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.certify.bounds import error_bound
-from hhr_dolfinx.certify.compare import Comparison, compare_histories, compare_points, largest_motion
+from hhr_dolfinx.certify.compare import Comparison, compare_histories, compare_on_s, compare_points, largest_motion
 from hhr_dolfinx.certify.constants import FullConstants, Stability, assess
 from hhr_dolfinx.certify.trust import (
     check_comparison,
@@ -38,6 +39,7 @@ from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.certify.field_response import MadeOfForces
     from hhr_dolfinx.models.cubature_flow import CubatureFlow
     from hhr_dolfinx.models.field_response import FieldResponse
     from hhr_dolfinx.models.reduced_flow import ReducedFlow
@@ -299,13 +301,22 @@ def _bound_of(shared: _Offline, basis: np.ndarray) -> tuple[Bound | None, np.nda
                 return varying_bound(full, basis), basis, None
             if recipe.cone:  # forces outside the RID are then those of training
                 return error_bound(full, basis), basis, None
-            from hhr_dolfinx.certify.field_response import field_response
-
-            made = field_response(full, shared.snapshots.forces, basis.shape[1])
+            made = _made_of_forces(full)(full, shared.snapshots.forces, basis.shape[1])
             return made.bound, made.columns, made.response
     except BoundError as error:
         log.skip("bound", str(error))
         return None, basis, None
+
+
+def _made_of_forces(full: Any) -> Callable[[Any, np.ndarray, int], MadeOfForces]:
+    """What makes the displacement of forces, with its bounds, of bodies that are held or that contact alone holds."""
+    if full.problem.rigid is None or full.equilibrium is not None:
+        from hhr_dolfinx.certify.field_response import field_response
+
+        return field_response
+    from hhr_dolfinx.certify.floating_bound import floating_bound
+
+    return floating_bound
 
 
 def _functionals(full: Any, basis: np.ndarray) -> Any:
@@ -394,4 +405,8 @@ def _compared(shared: _Offline, model: ReducedModel) -> tuple[Comparison | None,
     if limits is None or comparison is None:
         return None, trained
     check_comparison(comparison, limits)
+    if full.problem.rigid is not None and model.fields.bound is not None:
+        on_s = compare_on_s(model, floor)
+        if on_s is not None:
+            check_comparison(on_s, limits)
     return comparison, trained
