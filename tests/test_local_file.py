@@ -424,14 +424,14 @@ def test_on_two_ranks_a_table_is_the_same(kept, local, tmp_path):
 
 
 def test_local_models_fall_back_on_the_full_one(local, training, tmp_path):
-    model, points = hhr.FallbackModel(local, training.full_order, 0.05), np.vstack([points_of(local, 20), [[1e9, 1.0]]])
+    model, points = hhr.FallbackModel(local, training.full_order, 1e-3), np.vstack([points_of(local, 20), [[1e9, 1.0]]])
     answers = hhr.answer_points(model, points)
     fell = answers.fell_back
     assert 0 < fell.sum() == model.fallen < 40
     assert (answers.model[fell] == LEAF).all() and (answers.model[:40][~fell[:40]] >= 0).all()
     for k in np.flatnonzero(~fell[:40]):
         estimate = local.solve(points[k]).estimate()
-        assert max(estimate.primal_relative, estimate.dual_relative) <= 0.05
+        assert max(estimate.primal_relative, estimate.dual_relative) <= 1e-3
     assert hhr.write_answers(tmp_path / "answers.csv", model.parameters, answers) == 1
     with open(tmp_path / "answers.csv", newline="") as file:
         rows = list(csv.DictReader(file))[:40]

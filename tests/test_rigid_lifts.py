@@ -72,3 +72,17 @@ def test_imposed_motions_that_strain_stay_on_the_imposed_dofs():
     problem = hhr.FullOrderModel(pressed(displacements=moved)).problem
     dofs = problem.lifts.nonzero()[0]
     assert dofs.size and not problem.free[dofs].any()
+
+
+def test_outputs_read_the_same_of_a_body_that_is_lifted_as_a_whole():
+    """Forces, gaps and energies, with their derivatives, beside those of a constant ratio, lifted on the top alone."""
+    outputs = (hhr.ContactForce("force", 0, (0.0, 1.0)), hhr.GapAt("gap", 0, (1.5, 1.0)), hhr.ElasticEnergy("energy"))
+    aside = (hhr.Pressure(SIDE(two_blocks.SECOND, 0, True), hhr.Amplitude(2e-3)),
+             hhr.Traction(SIDE(two_blocks.SECOND, 0, False), (0.0, 1.0), hhr.Amplitude(1e-3)))  # fmt: skip
+    varying, plain = (
+        hhr.FullOrderModel(pressed(poisson, outputs=outputs, loads=aside)).outputs(point, gradient=True)
+        for poisson, point in (("nu", (0.0101, 0.27)), (0.27, 0.0101))
+    )
+    for name in ("force", "gap", "energy"):
+        assert varying[name] == pytest.approx(plain[name], rel=1e-8, abs=1e-13), name
+        assert varying.gradient[name][0] == pytest.approx(plain.gradient[name][0], rel=1e-8, abs=1e-11), name

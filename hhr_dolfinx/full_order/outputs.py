@@ -384,6 +384,7 @@ def _energy(
     pushed = [strained(part, lifts) for part in stiffness]
     blocks = [external[:, loaded], *(masked(csc_matrix(part), problem.free) for part in pushed)]
     entries = hstack([csc_matrix(block) for block in blocks]).T.tocoo()
+    own = (entries.tocsr() @ lifts).toarray()
     terms = np.concatenate([loaded, np.tile(lifted, len(stiffness))]).astype(np.int64)
     parts = np.concatenate([np.full(loaded.size, -1), np.repeat(np.arange(len(stiffness)), lifted.size)])
     matrix = terms.size, entries.row.astype(np.int64), entries.col.astype(np.int64), entries.data
@@ -392,5 +393,5 @@ def _energy(
     )
     gap_terms = loaded if moving else np.flatnonzero(problem.gaps.any(axis=0)).astype(np.int64)
     gaps = np.ascontiguousarray(problem.gaps[:, gap_terms])
-    rest = terms, parts.astype(np.int64), lifted.astype(np.int64), squares, gap_terms, gaps
+    rest = terms, parts.astype(np.int64), lifted.astype(np.int64), squares, gap_terms, gaps, own
     return Energy(output.name, output.unit, *matrix, names, moduli, *rest)
