@@ -23,6 +23,7 @@ from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.materials.update import Material
 from hhr_dolfinx.models.cubature_flow import CubatureFlow
 from hhr_dolfinx.models.error_bound import Estimate
+from hhr_dolfinx.models.floating_bound import FloatingBound
 from hhr_dolfinx.models.output_bound import OutputBound
 from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.online import layout
@@ -251,6 +252,7 @@ def test_the_table_has_a_line_for_every_field(pellet_reduction, flowing_reductio
     names |= {f"flow.{item.name}" for item in fields(flow.operator)}
     names |= {f"cubature.{item.name}" for item in fields(CubatureFlow)}
     names |= {f"{part}.{item.name}" for part in ("flow", "cubature") for item in fields(flow.material.groups[0])}
+    names |= {f"bound.{item.name}" for item in fields(FloatingBound)}
     named = {name.removesuffix(".rows") for name in layout.LAYOUT if not name.endswith((".columns", ".values"))}
     # what is written in other ways: values as a kind and numbers, sizes, names of parameters, points by their group
     others = {"amplitudes.nonaffine", "flow.law", "flow.size", "fields.dimension", "trained.names", "paths.parameters"}

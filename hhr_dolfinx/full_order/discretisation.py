@@ -36,6 +36,7 @@ from hhr_dolfinx.full_order.checks import (
 )
 from hhr_dolfinx.full_order.locking import QUADRATURE, mean_dilatation, stiffness_degree
 from hhr_dolfinx.full_order.motions import with_motions
+from hhr_dolfinx.full_order.rigid_lifts import rigid_lifts
 from hhr_dolfinx.full_order.stress import stress_in_cells
 from hhr_dolfinx.loads import Assembler, Term, checked_terms
 from hhr_dolfinx.pairings.surface import Surface, make_surface
@@ -170,11 +171,7 @@ class Discretisation:
         amplitudes = Amplitudes.collect([*fixed, *(term.amplitude for term in terms)], scene.parameters)
         shape = self.size, amplitudes.firsts[-1]
         lifts, forces = placed(moved, 1, shape), placed(terms, 1 + len(fixed), shape)
-        cells, points = self._cell_nodes(), self._points()
-        if moduli and moved and not scene.shapes and all(body.law is None for body in scene.bodies):
-            from hhr_dolfinx.full_order.rigid_lifts import rigid_lifts
-
-            lifts = rigid_lifts(lifts, free, points, cells, scene.hypothesis)
+        lifts = rigid_lifts(scene, lifts, free, self._points(), self._cell_nodes()) if moduli else lifts
         rows, pairs = self.contact_rows()
         gaps = -(rows.matrix @ lifts).toarray()
         gaps[:, 0] += rows.gap
@@ -201,8 +198,8 @@ class Discretisation:
             contact_pairs=pairs,
             contact_points=rows.points,
             contact_areas=rows.areas,
-            cell_nodes=cells,
-            points=points,
+            cell_nodes=self._cell_nodes(),
+            points=self._points(),
             amplitudes=amplitudes,
             parameters=scene.parameters,
             first=self.rows.start,
