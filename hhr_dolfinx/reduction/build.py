@@ -5,14 +5,12 @@ Stages that a scene does not need are left out and listed with the reason.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhr_dolfinx.certify.accuracy import force_floor
-from hhr_dolfinx.certify.bounds import error_bound
 from hhr_dolfinx.certify.compare import Comparison, compare_histories, compare_on_s, compare_points, largest_motion
 from hhr_dolfinx.certify.constants import FullConstants, Stability, assess
 from hhr_dolfinx.certify.trust import (
@@ -24,10 +22,11 @@ from hhr_dolfinx.certify.trust import (
     warn_of_training,
 )
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.errors import BoundError, ReductionError
+from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.condensed import CondensedModel
-from hhr_dolfinx.models.error_bound import Bound, ErrorBound
+from hhr_dolfinx.models.error_bound import ErrorBound
 from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.reduction.bounding import bound_of
 from hhr_dolfinx.reduction.choice import basis_of, chosen_nodes
 from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
@@ -39,9 +38,7 @@ from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.certify.field_response import MadeOfForces
     from hhr_dolfinx.models.cubature_flow import CubatureFlow
-    from hhr_dolfinx.models.field_response import FieldResponse
     from hhr_dolfinx.models.reduced_flow import ReducedFlow
     from hhr_dolfinx.models.starts import LinearStarts
 
@@ -236,7 +233,7 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
         check_solvable(stability)
         if recipe.trust is not None:
             check_stability(stability, recipe.trust)
-    bound, columns, response = _bound_of(shared, basis)
+    bound, columns, response = bound_of(full, recipe, shared.snapshots, basis, log)
     with log.stage("reconstruction"):
         fields = shared.completion.reconstruction(problem, columns, sets, flow, cone=recipe.cone or bound is None)
         fields = replace(fields, bound=bound, stress_of=full.stress_of, functionals=_functionals(full, basis))
@@ -283,40 +280,6 @@ def _flow_of(shared: _Offline, basis: np.ndarray, sets: IndexSets, layers: int) 
     with shared.log.stage("cubature"):
         how = tangents, step.tolerance, step.stiffness
         return cubature_flow(equilibrium, basis, sets, shared.snapshots, *how)[0]
-
-
-def _bound_of(shared: _Offline, basis: np.ndarray) -> tuple[Bound | None, np.ndarray, FieldResponse | None]:
-    """Bounds of errors, columns that make the displacement, and what makes their coordinates of forces, if anything.
-
-    There are no bounds where they were not asked for, or are not proved, with the reason in the log.
-    """
-    full, recipe, log = shared.full, shared.recipe, shared.log
-    if not recipe.bound or recipe.indicator is not None:
-        return None, basis, None
-    try:
-        with log.stage("bound"):
-            if full.problem.varies and full.equilibrium is None:
-                from hhr_dolfinx.reduction.varying_bound import varying_bound
-
-                return varying_bound(full, basis), basis, None
-            if recipe.cone:  # forces outside the RID are then those of training
-                return error_bound(full, basis), basis, None
-            made = _made_of_forces(full)(full, shared.snapshots.forces, basis.shape[1])
-            return made.bound, made.columns, made.response
-    except BoundError as error:
-        log.skip("bound", str(error))
-        return None, basis, None
-
-
-def _made_of_forces(full: Any) -> Callable[[Any, np.ndarray, int], MadeOfForces]:
-    """What makes the displacement of forces, with its bounds, of bodies that are held or that contact alone holds."""
-    if full.problem.rigid is None or full.equilibrium is not None:
-        from hhr_dolfinx.certify.field_response import field_response
-
-        return field_response
-    from hhr_dolfinx.certify.floating_bound import floating_bound
-
-    return floating_bound
 
 
 def _functionals(full: Any, basis: np.ndarray) -> Any:
