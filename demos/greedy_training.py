@@ -72,7 +72,7 @@ def row_of(training: Training, recipe: hhr.Recipe, references: References, secon
     errors = references.errors(model).summaries()
     return {
         "answers": len(training.snapshots.points),
-        "unknowns": model.fields.basis.shape[1],
+        "unknowns": len(model.problem.stiffness),
         "conditions": len(model.fields.A_lambda),
         **{f"{kind} {share}": errors[name][share] for kind, name in (("forces", "dual_full_floored"),
            ("displacement", "primal_l2")) for share in ("median", "p95", "max")},

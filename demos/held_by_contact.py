@@ -94,7 +94,7 @@ def measured(scene: hhr.Scene, options: Any) -> tuple[dict[str, Any], dict[str, 
                for name, one in (("full", full), ("reduced", model))}  # fmt: skip
     hhr.save_model(options.out / f"{scene.name}.npz", model)
     found = {"errors": errors, "times": {name: summary(values) for name, values in times.items()}, "balance": balance,
-             "motions": model.problem.motions, "ell_bar": model.fields.basis.shape[1],
+             "motions": model.problem.motions, "ell_bar": len(model.problem.stiffness),
              "N_lambda_C": len(model.fields.A_lambda)}  # fmt: skip
     forces = errors["dual_full_floored"]
     row = {

@@ -131,7 +131,7 @@ def measured(name: str, given: Variant, options: Namespace) -> tuple[dict[str, A
         "asked": len(local.offline.points),
         "splits": local.offline.splits,
         **parts_of(errors["local"], times, "local"),
-        "one": {"ell_bar": one.fields.basis.shape[1], "N_lambda_C": len(one.fields.A_lambda), "offline": built_one}
+        "one": {"ell_bar": len(one.problem.stiffness), "N_lambda_C": len(one.fields.A_lambda), "offline": built_one}
         | parts_of(errors["one"], times, "one"),
         "offline": {"build": built, **local.offline.log.times},
     }

@@ -229,14 +229,11 @@ class GapAt(_OfContact):
         """See :class:`Output`."""
         conditions, problem = probe.conditions(self), probe.problem
         nearest = conditions[probe.at_place(self, probe.base.contact_points[conditions])[0]]
-        terms = probe.terms(problem.gaps[nearest])
-        return Linear.of(
-            self.name,
-            self.unit,
-            row=-problem.contact[[nearest]],
-            terms=terms,
-            coefficients=problem.gaps[nearest, terms],
-        )
+        row = problem.contact[[nearest]]
+        # gaps are those that lifts leave, and the row reads them in the displacement too where bodies are lifted whole
+        gaps = problem.gaps[nearest] + (row @ problem.lifts).toarray()[0]
+        terms = probe.terms(gaps)
+        return Linear.of(self.name, self.unit, row=-row, terms=terms, coefficients=gaps[terms])
 
 
 @dataclass(frozen=True)

@@ -35,8 +35,8 @@ def check(full, model, points):
     assert (moved <= primal).all() and (pushed <= dual).all()
     assert (moved <= primal_relative * field * (1 + 1e-9)).all()
     assert (pushed <= dual_relative * forces * (1 + 1e-9) + 1e-14).all()
-    off = moved > 1e-6 * field
-    return primal[off] / moved[off], dual[off] / pushed[off]
+    off, away = moved > 1e-6 * field, pushed > 1e-6 * forces
+    return primal[off] / moved[off], dual[away] / pushed[away]
 
 
 def test_bounds_of_the_half_discs(hertz, hertz_reduction):
@@ -45,11 +45,12 @@ def test_bounds_of_the_half_discs(hertz, hertz_reduction):
     assert np.median(primal) < 1.1 > np.median(dual) and np.percentile([primal, dual], 95, axis=1).max() < 2
 
 
-def test_bounds_of_poor_models_and_of_any_forces(hertz, hertz_snapshots):
+@pytest.mark.parametrize("cone", [False, True])
+def test_bounds_of_poor_models_and_of_any_forces(hertz, hertz_snapshots, cone):
     """Three snapshots: errors of a tenth and more, and bounds as near as ever."""
-    poor = hhr.build(hertz, hertz_snapshots.take([3, 15, 28]), hhr.Recipe().as_it_is())
+    poor = hhr.build(hertz, hertz_snapshots.take([3, 15, 28]), hhr.Recipe(cone=cone).as_it_is())
     primal, dual = check(hertz, poor, hertz.parameters.random(100, 1))
-    assert len(primal) > 50 and np.median(primal) < 1.1 and np.median(dual) < 1.1
+    assert len(primal) > 50 < len(dual) and np.median(primal) < 1.1 and np.median(dual) < 1.1
 
 
 def test_a_bound_of_any_field_and_forces(hertz):
@@ -89,9 +90,11 @@ def test_pairs_of_blocks_in_all_hypotheses():
     for hypothesis in ("plane_strain", "axisymmetric", "solid"):
         full = hhr.FullOrderModel(pressed_pair(hypothesis, ((2.0, 0.3), (1.0, 0.2)), cells=3))
         snapshots = hhr.compute_snapshots(full, hhr.Sobol(4).points(full.parameters))
-        model = hhr.build(full, snapshots, hhr.Recipe().as_it_is())
-        primal, dual = check(full, model, full.parameters.random(40, 3))
-        assert len(primal) > 20 and np.median(primal) < 1.5 and np.median(dual) < 1.5, hypothesis
+        for cone in (False, True):
+            model = hhr.build(full, snapshots, hhr.Recipe(cone=cone).as_it_is())
+            primal, dual = check(full, model, full.parameters.random(40, 3))
+            assert len(dual) > 20 and np.median(dual) < 1.5, (hypothesis, cone)
+            assert not len(primal) or np.median(primal) < 1.5, (hypothesis, cone)
 
 
 def test_the_full_model_is_exact(hertz, hertz_reduction):
@@ -104,7 +107,9 @@ def test_bounds_are_kept_in_files(hertz_reduction, tmp_path):
     hhr.save_model(tmp_path / "model.npz", hertz_reduction)
     stored = hhr.load_model(tmp_path / "model.npz")
     for mu in (0.16, 0.3, 0.44):
-        assert stored.solve(mu).estimate() == hertz_reduction.solve(mu).estimate()
+        mine, theirs = (model.solve(mu).estimate().shown() for model in (stored, hertz_reduction))
+        # bounds of round-off are made of last digits, which are those of LAPACK here and of PETSc there
+        assert mine == pytest.approx(theirs, rel=1e-6, abs=1e-12)
 
 
 def test_what_is_not_proved_is_refused(hertz):

@@ -34,7 +34,7 @@ def test_report(quick):
     keys = "scene seed versions machine sizes stability errors times ratios work_precision active_set skipped"
     keys += " recipe refused_before advice advised kkt break_even models fallback units materials parameters date"
     assert set(report) == set(keys.split())
-    assert report["recipe"]["basis"]["tolerance"] == 1e-11 and report["recipe"]["domain"]["layers"] == 2
+    assert report["recipe"]["basis"]["tolerance"] == 1e-13 and report["recipe"]["domain"]["layers"] == 2
     sizes = report["sizes"]
     assert (sizes["N"], sizes["N_lambda"], sizes["snapshots"]) == (1356, 55, 31)
     assert {"beta_h", "beta_HR", "beta_HR_2", "alpha_prime", "kappa_B", "cond_K", "sigma_max"} <= set(

@@ -110,7 +110,7 @@ def test_a_split_box_has_small_models_that_are_right(training, split):
     """Sizes below what was wished; estimates too, and so are true errors, in the S norm."""
     assert len(split) > 1
     for model, member in zip(split.models, split.offline.members, strict=True):
-        assert (model.fields.basis.shape[1], len(model.problem.gaps)) == (member.ell_bar, member.N_lambda_C)
+        assert (len(model.problem.stiffness), len(model.problem.gaps)) == (member.ell_bar, member.N_lambda_C)
         assert member.ell_bar <= 40 and member.estimate <= 2e-3
     full, floor = training.full_order, least_forces(training.full_order, training.snapshots)
     for point in full.parameters.random(80, 9):
@@ -228,7 +228,7 @@ def test_a_part_is_not_blamed_for_the_training(training):
 def test_the_recipe_of_a_greedy_training():
     chosen = hhr.train(moving_block(), hhr.Greedy(budget=12, tolerance=1e-9), held_out=0, comm=MPI.COMM_SELF)
     one = chosen.build(checked=False)
-    assert chosen.local(hhr.Clusters(1), checked=False).offline.members[0].ell_bar == one.fields.basis.shape[1]
+    assert chosen.local(hhr.Clusters(1), checked=False).offline.members[0].ell_bar == len(one.problem.stiffness)
 
 
 def test_narrow_cells_have_their_own_models():

@@ -24,6 +24,7 @@ from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.materials.update import Material
 from hhr_dolfinx.models.cubature_flow import CubatureFlow
 from hhr_dolfinx.models.estimates import Estimate
+from hhr_dolfinx.models.floating_bound import FloatingBound
 from hhr_dolfinx.models.output_bound import OutputBound
 from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.online import layout
@@ -227,7 +228,9 @@ def test_more_than_ten_partial_pressures_keep_their_order(pellet_reduction, tmp_
         return replace(part, **{name: array[:, :37] for name, array in wide.items()}, **changed)
 
     forces = np.ones((len(model.fields.gaps), 1))  # without a bound something has to complete forces
-    fields = cut(model.fields, amplitudes=amplitudes, bound=None, force_snapshots=forces)
+    modes = {"basis": np.ones((len(model.fields.basis), len(model.problem.stiffness)))}
+    modes |= {"contact_basis": np.ones((len(forces), len(model.problem.stiffness))), "response": None}
+    fields = cut(model.fields, amplitudes=amplitudes, bound=None, force_snapshots=forces, **modes)
     changed = hhr.ReducedModel(cut(model.problem), model.parameters, fields, known=model.known)
     hhr.save_model(tmp_path / "lines.npz", changed)
     stored = hhr.load_model(tmp_path / "lines.npz")
@@ -243,6 +246,7 @@ def test_the_table_has_a_line_for_every_field(pellet_reduction, flowing_reductio
         "fields": pellet_reduction.fields,
         "amplitudes": pellet_reduction.fields.amplitudes,
         "bound": pellet_reduction.fields.bound,
+        "response": pellet_reduction.fields.response,
         "output_bound": OutputBound,
         "known": pellet_reduction.known,
         "trained": trained.parameters,
@@ -253,11 +257,12 @@ def test_the_table_has_a_line_for_every_field(pellet_reduction, flowing_reductio
     names |= {f"flow.{item.name}" for item in fields(flow.operator)}
     names |= {f"cubature.{item.name}" for item in fields(CubatureFlow)}
     names |= {f"{part}.{item.name}" for part in ("flow", "cubature") for item in fields(flow.material.groups[0])}
+    names |= {f"bound.{item.name}" for item in fields(FloatingBound)}
     named = {name.removesuffix(".rows") for name in layout.LAYOUT if not name.endswith((".columns", ".values"))}
     # what is written in other ways: values as a kind and numbers, sizes, names of parameters, points by their group
     others = {"amplitudes.nonaffine", "flow.law", "flow.size", "fields.dimension", "trained.names", "paths.parameters"}
     others |= {"flow.operator", "flow.material", "flow.indices", "fields.amplitudes", "fields.flow", "fields.bound"}
-    others |= {"fields.output_bound", "fields.unbounded"}
+    others |= {"fields.output_bound", "fields.unbounded", "fields.response"}
     others |= {"cubature.material", "cubature.indices", "cubature.law"}
     # the parts of a stiffness that varies are a tree of their own
     left_behind = {"fields.stress_of", "fields.indicator", "reduced.terms", "reduced.reshaped", "fields.functionals"}
@@ -328,11 +333,25 @@ SIGNED = {
     "laws of flow, and nothing flows": header(laws=[None]),
     "amplitude Toy.* must be an Amplitude": lambda header, arrays: header["amplitudes"].append(TOY),
     "trained range ends below": array("trained.upper", lambda a: a - 1e6),
-    "dofs are no nodes": array("fields.basis", lambda a: a[:-1]),
-    "bound.schur has shape": array("bound.schur", lambda a: a[:-1]),
-    "neither training forces nor a bound": lambda header, arrays: [
+    "dofs are no nodes": lambda header, arrays: arrays.update(
+        {name: arrays[name][:-1] for name in ("fields.basis", "response.loaded")}
+    ),
+    "columns of its displacement .* are not those": lambda header, arrays: arrays.update(
+        {name: arrays[name][:, :-1] for name in ("fields.basis", "fields.contact_basis")}
+    ),
+    "nothing completes them": lambda header, arrays: [
         arrays.pop(name) for name in list(arrays) if name.startswith("bound.")
     ],
+    "bound.schur has shape": array("bound.schur", lambda a: a[:-1]),
+    "neither training forces nor a bound": lambda header, arrays: (
+        [arrays.pop(name) for name in list(arrays) if name.startswith(("bound.", "response."))],
+        arrays.update(
+            {
+                name: np.zeros((len(arrays[name]), len(arrays["reduced.stiffness"])))
+                for name in ("fields.basis", "fields.contact_basis")
+            }
+        ),
+    ),
     "sizes .* are zero": lambda header, arrays: arrays.update(
         {name: arrays[name][:0] for name in list(arrays) if name.startswith("known.")}
     ),
@@ -432,7 +451,7 @@ def test_what_could_not_be_read_is_not_written(hertz_reduction, tmp_path):
     changed = hhr.ReducedModel(model.problem, model.parameters, broken, model.trained, known=model.known)
     with pytest.raises(ModelFileError, match="cannot be kept"):
         hhr.save_model(tmp_path / "model.npz", changed)
-    with pytest.raises(TypeError, match="a Reconstruction cannot be kept in a file, which is no model"):
+    with pytest.raises(TypeError, match="a Reconstruction cannot be kept in a file: it is no model"):
         hhr.save_model(tmp_path / "model.npz", model.fields)
     assert not list(tmp_path.iterdir())
 

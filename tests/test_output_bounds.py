@@ -17,7 +17,8 @@ from hhr_dolfinx.models import output_bound
 from hhr_dolfinx.models.functionals import Functional
 from hhr_dolfinx.online.layout import FORMAT, VERSION
 
-POOR = hhr.Recipe().as_it_is()
+POOR = hhr.Recipe(cone=True).as_it_is()
+"""Forces and displacements of training alone, so that errors are large."""
 JUMPS = {"area", "lost"}
 """Outputs of the pellet without a bound."""
 
@@ -71,7 +72,8 @@ def test_outputs_of_the_pellet(pellet, poor):
         ratios = check(full, model, full.parameters.random(60, 0))
         assert set(ratios) == {output.name for output in full.scene.outputs} - JUMPS
         for name, row in ratios.items():
-            assert len(row) > 50 and np.median(row) < 1.01 and np.percentile(row, 95) < 2, name
+            assert model is not poor or len(row) > 50, name  # most errors of the other one are round-off
+            assert not len(row) or (np.median(row) < 1.01 and np.percentile(row, 95) < 2), name
 
 
 def test_outputs_read_at_the_nearer_field_or_bounded_by_energies(pellet, poor, monkeypatch):

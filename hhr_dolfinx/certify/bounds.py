@@ -29,28 +29,32 @@ def error_bound(full: Any, basis: np.ndarray, forces: np.ndarray | None = None) 
     Raises:
         BoundError: with the hypothesis that fails.
     """
+    arrays = constant_response(full, forces)
+    return ErrorBound(**arrays, **unit_energy(full.problem, full.per_force, arrays["lower"], basis, full.per_load))
+
+
+def constant_response(full: Any, forces: np.ndarray | None) -> dict[str, np.ndarray]:
+    """Arrays that bounds of any map of the displacement share, see :class:`ErrorBound`; ``forces`` as there.
+
+    Raises:
+        BoundError: with the hypothesis that fails.
+    """
     problem = full.problem
     check_hypotheses(full)
     if problem.varies:
         raise BoundError("the stiffness depends on parameters, and these bounds are those of a constant one")
-    loads = full.per_load
     schur = (full.schur + full.schur.T) / 2
     try:
         lower = linalg.cholesky(schur, lower=True)
     except linalg.LinAlgError:
         raise BoundError("rows of B are dependent, so that forces are not unique: there is no bound on them") from None
-    return ErrorBound(
-        free_slack=np.asfortranarray(problem.gaps - problem.contact @ loads),
-        schur=schur,
-        lower=np.asfortranarray(lower),
-        areas=problem.contact_areas,
-        least=least_sizes(full, forces),
-        **_coordinates(problem, full.per_force, lower, basis, loads),
-    )
+    free_slack = np.asfortranarray(problem.gaps - problem.contact @ full.per_load)
+    sizes = {"areas": problem.contact_areas, "least": least_sizes(full, forces)}
+    return {"free_slack": free_slack, "schur": schur, "lower": np.asfortranarray(lower), **sizes}
 
 
-def check_hypotheses(full: Any) -> None:
-    """Refuse what the bounds are not proved for.
+def check_hypotheses(full: Any, *, floating: bool = False) -> None:
+    """Refuse what the bounds are not proved for, or those of bodies that contact holds where these are ``floating``.
 
     Raises:
         BoundError: with the hypothesis that fails.
@@ -60,7 +64,7 @@ def check_hypotheses(full: Any) -> None:
         raise BoundError("bodies flow, and the bounds are those of elastic ones: histories have signs, see the door")
     if len(full.per_force) != problem.free.size:
         raise BoundError("ranks share the factors of K, and the bounds need whole columns: build on MPI.COMM_SELF")
-    if problem.pins is not None:
+    if problem.pins is not None and not floating:
         raise BoundError(
             "contact alone holds bodies, and K, whose inverse is in the bounds, is singular along their motions: "
             + problem.loose
@@ -70,7 +74,7 @@ def check_hypotheses(full: Any) -> None:
         raise BoundError(f"K is not symmetric, by {skew / size:.1e} of its entries: it has no energy")
 
 
-def _coordinates(
+def unit_energy(
     problem: Any, per_force: np.ndarray, lower: np.ndarray, basis: np.ndarray, loads: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Columns of V, of K^-1 loads and of the lifts in directions of unit energy, see :class:`ErrorBound`.

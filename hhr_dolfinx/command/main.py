@@ -131,7 +131,7 @@ def _described(model: Any) -> str:
         return f"{len(model)} models of {min(sizes)} to {max(sizes)} modes"
     if hasattr(model.fields, "A_lambda"):
         cells = "" if model.offline is None else f" on {len(model.offline.sets.cells)} cells"
-        return f"{model.fields.basis.shape[1]} modes and {len(model.fields.A_lambda)} contacts{cells}"
+        return f"{len(model.problem.stiffness)} modes and {len(model.fields.A_lambda)} contacts{cells}"
     return f"{model.conditions} contacts, all of them kept"
 
 

@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 DEPENDENT = 1e-13
 """Singular value of B V over the norm of B below which its rows are dependent to round-off."""
 
+ROUND_OFF_OF_MOTIONS = 1e-13
+"""Part of the sum of |K| |lift| below which K times a lift is round-off, as along rigid motions."""
+
 
 @dataclass(frozen=True)
 class ContactRows:
@@ -75,6 +78,12 @@ def masked(matrix: csc_matrix, rows: np.ndarray) -> csc_matrix:
     return kept
 
 
+def strained(stiffness: csr_matrix, lifts: csc_matrix) -> csc_matrix:
+    """Rows of K, or of a part of it, times lifts, (N, 1 + T), without the round-off that rigid motions leave."""
+    forces, sizes = csr_matrix(stiffness @ lifts), csr_matrix(abs(stiffness) @ abs(lifts))
+    return csc_matrix(forces.multiply(abs(forces) > ROUND_OFF_OF_MOTIONS * sizes))
+
+
 @dataclass(frozen=True)
 class ContactProblem:
     """Find U = U0 + lifts θ and Λ >= 0 with K U0 + B^T Λ = loads θ, B U0 <= gaps θ, thesis (1.21).
@@ -95,7 +104,8 @@ class ContactProblem:
         mass: own rows of the Gram matrix of the L2 product, (own, N).
         free: dofs that are not imposed, (N,) bool.
         loads: F - K lift without imposed dofs, thesis (1.22), sparse, (N, 1 + T).
-        lifts: imposed displacements, carried by the imposed dofs alone (section 2.6), sparse, (N, 1 + T).
+        lifts: imposed displacements, sparse, (N, 1 + T): carried by the imposed dofs alone (section 2.6) or, of bodies
+            whose stiffness depends on parameters, by whole bodies where they are rigid motions of these.
         contact: B with zero columns at imposed dofs, (N_lambda, N).
         gaps: D - B lift, (N_lambda, 1 + T).
         contact_slaves: node that carries each condition and its multiplier, (N_lambda,).
@@ -277,7 +287,7 @@ class ContactProblem:
     @cached_property
     def external(self) -> csc_matrix:
         """F on free dofs, that is loads + K lift, sparse, (N, 1 + T)."""
-        return self.loads + masked(self.stiffness @ self.lifts, self.free)
+        return self.loads + masked(strained(self.stiffness, self.lifts), self.free)
 
     @cached_property
     def contact_norm(self) -> float:

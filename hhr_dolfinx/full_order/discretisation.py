@@ -23,7 +23,7 @@ from ufl.core.expr import Expr
 
 from hhr_dolfinx import compat, ranks
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes, bound
-from hhr_dolfinx.contact.problem import ContactProblem, ContactRows, joined, masked
+from hhr_dolfinx.contact.problem import ContactProblem, ContactRows, joined, masked, strained
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import contact, elasticity
 from hhr_dolfinx.full_order.checks import (
@@ -36,6 +36,7 @@ from hhr_dolfinx.full_order.checks import (
 )
 from hhr_dolfinx.full_order.locking import QUADRATURE, mean_dilatation, stiffness_degree
 from hhr_dolfinx.full_order.motions import with_motions
+from hhr_dolfinx.full_order.rigid_lifts import rigid_lifts
 from hhr_dolfinx.full_order.stress import stress_in_cells
 from hhr_dolfinx.loads import Assembler, Term, checked_terms, first_load, parted, placed
 from hhr_dolfinx.pairings.surface import Surface, make_surface
@@ -170,6 +171,7 @@ class Discretisation:
         shape = self.size, amplitudes.firsts[-1]
         forces = placed(terms, first_load(scene), shape)
         lifts = placed(straight, 1, shape) + placed(curved, shape[1] - len(curved), shape)
+        lifts = rigid_lifts(scene, lifts, free, self._points(), self._cell_nodes()) if moduli else lifts
         rows, pairs = self.contact_rows()
         gaps = -(rows.matrix @ lifts).toarray()
         gaps[:, 0] += rows.gap
@@ -177,7 +179,8 @@ class Discretisation:
             gaps[pairs == item.contact, k] += 1.0
         kept = conditions_with_unknowns(scene, rows, gaps, amplitudes, free)
         rows, pairs, gaps = rows.take(kept), pairs[kept], gaps[kept]
-        lifted = [masked(csc_matrix(vstack(self.comm.allgather(term @ lifts))), free) for term in stiffness]
+        pulled = [strained(term, lifts) if moduli else term @ lifts for term in stiffness]
+        lifted = [masked(csc_matrix(vstack(self.comm.allgather(part))), free) for part in pulled]
         middle = np.mean([scene.parameters.lower, scene.parameters.upper], axis=0)
         weights = [modulus.value(middle) for modulus in moduli] or [1.0]
         return ContactProblem(

@@ -63,9 +63,7 @@ def free_bodies(
         free: dofs that are not imposed, (N,) bool.
     """
     count, dim = points.shape
-    starts = np.repeat(cell_nodes[:, :1], cell_nodes.shape[1], axis=1)
-    graph = csr_matrix((np.ones(cell_nodes.size), (starts.ravel(), cell_nodes.ravel())), shape=(count, count))
-    _, part = connected_components(graph, directed=False)
+    part = hanging_together(count, cell_nodes)
     imposed, found = ~free.reshape(count, dim), []
     for number in np.unique(part[cell_nodes[:, 0]]):
         nodes = np.flatnonzero(part == number)
@@ -79,6 +77,13 @@ def free_bodies(
             name = f"body {', '.join(tags)} of scene '{scene.name}', around {points[nodes].mean(axis=0).tolist()},"
             found.append(FreeBody(name, nodes, motions, left))
     return found
+
+
+def hanging_together(count: int, cell_nodes: np.ndarray) -> np.ndarray:
+    """Number of what each of so many nodes hangs together with through cells, (cells, n): (nodes,)."""
+    starts = np.repeat(cell_nodes[:, :1], cell_nodes.shape[1], axis=1)
+    graph = csr_matrix((np.ones(cell_nodes.size), (starts.ravel(), cell_nodes.ravel())), shape=(count, count))
+    return connected_components(graph, directed=False)[1]
 
 
 def rigid_motions(points: np.ndarray, hypothesis: str) -> np.ndarray:

@@ -14,7 +14,7 @@ from dolfinx.fem import petsc as fem_petsc
 from scipy.sparse import csc_matrix, csr_matrix, hstack
 
 from hhr_dolfinx import compat
-from hhr_dolfinx.contact.problem import ContactProblem, masked
+from hhr_dolfinx.contact.problem import ContactProblem, masked, strained
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.forms.return_mapping import strain_vector
@@ -381,9 +381,10 @@ def _energy(
     loaded = np.arange(external.shape[1]) if moving else np.flatnonzero(np.diff(external.indptr))
     lifted = np.flatnonzero(np.diff(whole.lifts.tocsc().indptr))
     lifts = whole.lifts.tocsc()[:, lifted]
-    pushed = [part @ lifts for part in stiffness]
+    pushed = [strained(part, lifts) for part in stiffness]
     blocks = [external[:, loaded], *(masked(csc_matrix(part), problem.free) for part in pushed)]
     entries = hstack([csc_matrix(block) for block in blocks]).T.tocoo()
+    own = (entries.tocsr() @ lifts).toarray()
     terms = np.concatenate([loaded, np.tile(lifted, len(stiffness))]).astype(np.int64)
     parts = np.concatenate([np.full(loaded.size, -1), np.repeat(np.arange(len(stiffness)), lifted.size)])
     matrix = terms.size, entries.row.astype(np.int64), entries.col.astype(np.int64), entries.data
@@ -392,5 +393,5 @@ def _energy(
     )
     gap_terms = loaded if moving else np.flatnonzero(problem.gaps.any(axis=0)).astype(np.int64)
     gaps = np.ascontiguousarray(problem.gaps[:, gap_terms])
-    rest = terms, parts.astype(np.int64), lifted.astype(np.int64), squares, gap_terms, gaps
+    rest = terms, parts.astype(np.int64), lifted.astype(np.int64), squares, gap_terms, gaps, own
     return Energy(output.name, output.unit, *matrix, names, moduli, *rest)

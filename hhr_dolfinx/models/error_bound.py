@@ -71,12 +71,12 @@ class Given(NamedTuple):
 
     Attributes:
         forces: not negative, (n, m).
-        slack: makes that of the fields, (n, m), which only some bounds need.
+        slack: makes that of the fields, (n, m), which only some bounds need; None of fields that are in equilibrium.
         free: slack of the fields in equilibrium with no forces, (n, m).
     """
 
     forces: np.ndarray
-    slack: Callable[[], np.ndarray]
+    slack: Callable[[], np.ndarray] | None
     free: np.ndarray
 
 
@@ -136,10 +136,10 @@ def bounded(
     unbalanced, size, balanced = fields(better)
     # products of many rows at once: each call has an overhead
     one, other = np.array((forces, better, off, off, better)), np.array((pushed, less, pulled, off, better))
-    sizes, exact, apart, apart_euclid, exact_euclid = _lengths(one, other)
+    sizes, exact, apart, apart_euclid, exact_euclid = lengths(one, other)
     noise, primal = inexact * (sizes + exact + balanced), unbalanced + nearer
     # row by row, so that a bound is the same in any table
-    if (rows := np.flatnonzero(nearer > NOTHING * unbalanced)).size:
+    if given.slack is not None and (rows := np.flatnonzero(nearer > NOTHING * unbalanced)).size:
         alone, left = unbalanced[rows], response.off(given.slack()[rows], better[rows])
         primal[rows] = np.minimum(primal[rows], (alone + np.sqrt(alone**2 + 4 * nearer[rows] * left)) / 2)
     # S and its inverse are right to a factor of 1 + ε or 1 - ε
@@ -152,7 +152,7 @@ def bounded(
     return Bounded(kind, np.array((primal, *errors)), np.array((size - primal, *least)))
 
 
-def _lengths(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+def lengths(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Square roots of products of rows, (..., m): (...,)."""
     # products of matrices have a fifth of the overhead of sums by indices
     return np.sqrt(np.maximum((one[..., None, :] @ other[..., None])[..., 0, 0], 0.0))
@@ -298,7 +298,7 @@ class ConstantThere(NamedTuple):
         # K^-1 B^T λ has coordinates along the first directions only, L^T λ
         field, left = unknown @ owner.basis.T, driven(owner.loads, self.theta)
         left[:, : field.shape[1]] -= field
-        along, across = left[:, :m], _lengths(left[:, m:], left[:, m:])
+        along, across = left[:, :m], lengths(left[:, m:], left[:, m:])
         moved = field
         if len(owner.lifts):
             moved = driven(owner.lifts, self.theta)
@@ -307,9 +307,9 @@ class ConstantThere(NamedTuple):
         def fields(better: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             pushed = along - better @ owner.lower
             return (
-                np.hypot(_lengths(pushed, pushed), across),
-                _lengths(moved, moved),
-                CANCELLED * _lengths(field, field),
+                np.hypot(lengths(pushed, pushed), across),
+                lengths(moved, moved),
+                CANCELLED * lengths(field, field),
             )
 
         return bounded(

@@ -313,6 +313,8 @@ class Energy(Functional):
         lifts: lift·K_q lift of each part, (Q, l, l).
         gap_terms: terms on which gaps depend, (g,).
         gaps: D, (m, g).
+        own: rows times the lifts, (k, l), which the rows read in the displacement and U0 has not; zero where lifts live
+            on the imposed dofs alone.
     """
 
     uses_forces: ClassVar[bool] = True
@@ -326,6 +328,7 @@ class Energy(Functional):
     lifts: np.ndarray
     gap_terms: np.ndarray
     gaps: np.ndarray
+    own: np.ndarray
 
     def __post_init__(self) -> None:
         _ = self._moduli
@@ -338,7 +341,7 @@ class Energy(Functional):
         """Half the work."""
         weights = np.array([*(modulus.value(state.point) for modulus in self._moduli), 1.0])
         theta, moved = state.theta, state.theta[self.lifted]
-        work = (theta[self.terms] * weights[self.parts]) @ state.measured
+        work = (theta[self.terms] * weights[self.parts]) @ (state.measured - self.own @ moved)
         work += weights[:-1] @ (self.lifts @ moved @ moved)
         return float(work - state.forces @ (self.gaps @ theta[self.gap_terms])) / 2
 
@@ -346,13 +349,14 @@ class Energy(Functional):
         """Product by product."""
         weights = np.array([*(modulus.value(state.point) for modulus in self._moduli), 1.0])
         theta, moved = state.theta, state.theta[self.lifted]
-        of_theta = np.zeros(theta.size)
-        np.add.at(of_theta, self.terms, weights[self.parts] * state.measured)
+        of_theta, measured = np.zeros(theta.size), state.measured - self.own @ moved
+        np.add.at(of_theta, self.terms, weights[self.parts] * measured)
+        np.add.at(of_theta, self.lifted, -(theta[self.terms] * weights[self.parts]) @ self.own)
         np.add.at(of_theta, self.lifted, 2 * np.tensordot(weights[:-1], self.lifts, 1) @ moved)
         np.add.at(of_theta, self.gap_terms, -(state.forces @ self.gaps))
         of_weights = self.lifts @ moved @ moved
         inner = self.parts >= 0
-        np.add.at(of_weights, self.parts[inner], (theta[self.terms] * state.measured)[inner])
+        np.add.at(of_weights, self.parts[inner], (theta[self.terms] * measured)[inner])
         point = np.zeros(state.point.size)
         for modulus, slope in zip(self._moduli, of_weights, strict=True):
             point += slope * modulus.derivative(state.point)

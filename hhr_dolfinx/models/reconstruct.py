@@ -21,6 +21,7 @@ from hhr_dolfinx.models.error_bound import Bound, BoundThere, ErrorBound, driven
 from hhr_dolfinx.models.estimates import NUMBERS, Estimate, Estimates
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.field_response import FieldResponse
     from hhr_dolfinx.models.functionals import Functionals
     from hhr_dolfinx.models.interpolation import Interpolant
     from hhr_dolfinx.models.many import ManyAnswers
@@ -127,9 +128,9 @@ class Reconstruction:
 
     Attributes:
         amplitudes: θ as a function of the parameters.
-        basis: V, (N, ell).
+        basis: columns that make the displacement, (N, c): V, whose coordinates are gamma, or C of a ``response``.
         lifts: imposed displacements, sparse, (N, 1 + T).
-        contact_basis: B V, (N_lambda, ell).
+        contact_basis: B times these columns, (N_lambda, c).
         gaps: D as terms of θ, (N_lambda, 1 + T).
         A_lambda: contact conditions of the RID.
         force_snapshots: columns of S_lambda whose cone holds all of them, (N_lambda, S'); None where S, which the bound
@@ -145,6 +146,8 @@ class Reconstruction:
         functionals: outputs of the scene; None where it has none.
         output_bound: bounds the errors of outputs, beside ``bound``; None without either.
         unbounded: why there is no bound, where there is none.
+        response: makes the coordinates of forces on the whole surface where S and the response to loads are known; None
+            where they are gamma.
     """
 
     amplitudes: Amplitudes
@@ -164,6 +167,7 @@ class Reconstruction:
     reshaped_contact: Interpolant | None = None
     output_bound: OutputBound | None = None
     unbounded: str = ""
+    response: FieldResponse | None = None
 
     @property
     def conditions(self) -> int:
@@ -181,6 +185,13 @@ class Reconstruction:
         """Slack of fields, (n, N_lambda), of modes, (n, ell), and θ of each; at one point where contact varies."""
         gaps, contact = self.contact_at(point)
         return driven(gaps, theta) - unknown @ contact.T
+
+    def _coordinates(self, answer: Answer) -> np.ndarray:
+        """What the columns of the displacement are multiplied by, (c,): gamma, or made of all forces."""
+        if self.response is None or not answer.converged:
+            return answer.unknown if self.response is None else np.full(self.basis.shape[1], np.nan)
+        there: Any = self._bound_at(answer)
+        return self.response.coordinates(there, there.completed(answer.multipliers[None], self._outside)[0])
 
     @cached_property
     def _lifted(self) -> tuple[np.ndarray, np.ndarray]:
@@ -207,8 +218,11 @@ class Reconstruction:
         return Reconstruction, tuple(given.values())
 
     def displacement(self, answer: Answer) -> np.ndarray:
-        """Displacement V gamma + lift, thesis (1.69), (N,)."""
-        field, (moved, columns) = self.basis @ answer.unknown, self._lifted
+        """Displacement V gamma + lift, thesis (1.69), or of loads and forces, see ``field_response``, (N,)."""
+        field = self.basis @ self._coordinates(answer)
+        if self.response is not None:
+            field += self.response.loaded @ (self.response.loading @ self.amplitudes(answer.parameter))
+        moved, columns = self._lifted
         if moved.size:
             field += columns @ self.amplitudes(answer.parameter).values[moved]
         return field
@@ -283,23 +297,32 @@ class Reconstruction:
 
     @cached_property
     def _measures(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows of the outputs times the basis and the lifts."""
+        """Rows of the outputs times the columns of the displacement, and times what θ adds to it."""
         functionals: Any = self.functionals
         rows = functionals.rows
-        return rows @ self.basis, (rows @ self.lifts).toarray()
+        per_term = (rows @ self.lifts).toarray()
+        if self.response is not None:
+            per_term += (rows @ self.response.loaded) @ self.response.loading
+        return rows @ self.basis, per_term
 
     def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
         """Rows of the outputs times the displacement, (K,)."""
-        per_mode, per_lift = self._measures
-        return per_mode @ answer.unknown + per_lift @ theta
+        per_column, per_term = self._measures
+        return per_column @ self._coordinates(answer) + per_term @ theta
 
     def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
         functionals: Any = self.functionals
         assert answer.gradient is not None
-        per_mode, per_lift = self._measures
+        per_column, per_term = self._measures
         forces = self._force_changes(answer, changes) if functionals.uses_forces else np.zeros((0, 0))
-        return forces, per_mode @ answer.gradient.unknown + per_lift @ changes
+        moved = answer.gradient.unknown
+        if self.response is not None:
+            there: Any = self._bound_at(answer)
+            moved = self.response.changes(
+                there, self.forces(answer), lambda: self._force_changes(answer, changes), changes
+            )
+        return forces, per_column @ moved + per_term @ changes
 
     def coordinates(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
         """gamma and amplitudes of imposed displacements, see :class:`~models.functionals.ShapedFields`."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from hhr_dolfinx.parameters import ParameterSpace
 
-FORMAT, VERSION = "hhr_dolfinx reduced model", 12
+FORMAT, VERSION = "hhr_dolfinx reduced model", 13
 CONDENSED, CONDENSED_VERSION = "hhr_dolfinx condensed model", 4
 """Format of files of condensation, exact or interpolated, see ``varying_file``."""
 CONDENSED_FLOW, CONDENSED_FLOW_VERSION = "hhr_dolfinx condensed flow model", 4
@@ -21,6 +21,12 @@ SLOPES = {"known.margins", "known.slopes"}
 """Of starts along derivatives; files of models whose answers are tabulated do not have them."""
 MOTIONS = "reduced.motions"
 """How many modes are rigid motions; files of models without any do not have it."""
+ONTO = "response.onto"
+"""What a file leaves out of a model that keeps all columns of K^-1 B^T."""
+FIXED = {"bound.loads", "bound.lifts"}
+"""Of bounds of bodies that are held."""
+FLOATING = {"bound.taken", "bound.driving", "bound.work", "bound.cross"}
+"""Of bounds of bodies that contact alone holds, in the place of these."""
 CONE = "fields.force_snapshots"
 """What a file leaves out of a model whose bound completes forces."""
 VALUES = ("amplitudes", "laws", "outputs")
@@ -30,6 +36,7 @@ PACKED = {
     "reduced.gaps": ("C", "m", "terms"),
     "fields.gaps": ("F", "N_lambda", "terms"),
     "fields.lifts": ("csc", "N", "terms"),
+    "response.loading": ("csc", "loads", "terms"),
     "flow.lifts": ("csc", "n", "terms"),
     "flow.loads": ("csc", "a", "terms"),
     "flow.contact": ("csr", "a", "m"),
@@ -45,19 +52,25 @@ LAYOUT = {
     "reduced.loads": ("float", "ell", "terms"),
     "reduced.pairs": ("int", "m"),
     "reduced.motions": ("int",),
-    "fields.basis": ("float", "N", "ell"),
-    "fields.contact_basis": ("float", "N_lambda", "ell"),
+    "fields.basis": ("float", "N", "columns"),
+    "fields.contact_basis": ("float", "N_lambda", "columns"),
     "fields.A_lambda": ("int", "m"),
     "fields.force_snapshots": ("float", "N_lambda", "force snapshots"),
     "fields.gap_scale": ("float", "N_lambda"),
     "bound.free_slack": ("float", "N_lambda", "terms"),
     "bound.schur": ("float", "N_lambda", "N_lambda"),
     "bound.lower": ("float", "N_lambda", "N_lambda"),
-    "bound.basis": ("float", "field rows", "ell"),
+    "bound.basis": ("float", "field rows", "kept columns"),
     "bound.loads": ("float", "load rows", "terms"),
     "bound.lifts": ("float", "lift rows", "terms"),
     "bound.areas": ("float", "N_lambda"),
     "bound.least": ("float", "norms of forces"),
+    "bound.taken": ("float", "N_lambda", "motions"),
+    "bound.driving": ("float", "motions", "terms"),
+    "bound.work": ("float", "terms", "terms"),
+    "bound.cross": ("float", "terms", "N_lambda"),
+    "response.loaded": ("float", "N", "loads"),
+    "response.onto": ("float", "kept columns", "N_lambda"),
     "output_bound.steepness": ("float", "outputs", "norms"),
     "output_bound.free": ("float", "output rows", "terms"),
     "output_bound.pressed": ("float", "output rows", "N_lambda"),
@@ -199,7 +212,7 @@ CHOICE_LAYOUT = {
 """Arrays of the choice between local models, as in :data:`LAYOUT`."""
 
 TYPES = {"float": np.float64, "int": np.int64, "bool": np.bool_}
-MAY_BE_NONE = {"force snapshots", "stress modes", "strain modes", "output rows", "lift rows"}
+MAY_BE_NONE = {"force snapshots", "stress modes", "strain modes", "output rows", "lift rows", "loads", "kept columns"}
 MAY_BE_NONE |= {f"entries of {name}" for name in PACKED}
 
 

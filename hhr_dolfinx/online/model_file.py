@@ -66,7 +66,7 @@ def save_model(path: str | Path, model: KeptModel) -> None:
     """
     kind = getattr(model, "file_format", None)
     if not kind:
-        why = "which is no model: give what build or condense returns" if kind is None else model.instead
+        why = "it is no model, give what build or condense returns" if kind is None else model.instead
         raise NotOfferedError(f"a {type(model).__name__} cannot be kept in a file: {why}")
     fields = [one.fields for one in getattr(model, "models", (model,))]
     if any(getattr(one, "indicator", None) is not None for one in fields):

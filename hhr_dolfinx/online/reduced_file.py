@@ -26,10 +26,13 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.online.flow_parts import check_flow, flow_of, flow_taken_apart, part_of_flow
 from hhr_dolfinx.online.layout import (
     CONE,
+    FIXED,
+    FLOATING,
     INDICES,
     LAYOUT,
     MAY_BE_NONE,
     MOTIONS,
+    ONTO,
     PACKED,
     SLOPES,
     TYPES,
@@ -135,8 +138,10 @@ def _layout(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
     parts = {"reduced", "fields", "amplitudes", *((flows, "completion") if flows else ("known",))}
     parts |= {"trained", *(("paths",) if flows else ())} if trained else set()
     parts |= {"bound"} if "bound.schur" in names else set()
+    parts |= {"response"} if "response.loaded" in names else set()
     parts |= {"output_bound"} if "output_bound.steepness" in names else set()
-    left_out = {CONE, MOTIONS, *SLOPES} - set(names)
+    left_out = {CONE, MOTIONS, ONTO, *SLOPES} - set(names)
+    left_out |= FIXED if FLOATING & set(names) else FLOATING
     return {name: kind for name, kind in LAYOUT.items() if name.split(".")[0] in parts and name not in left_out}
 
 
@@ -150,9 +155,12 @@ def _taken_apart(model: ReducedModel) -> dict[str, Any]:
         del values[MOTIONS]
     if model.known is not None:
         values |= {f"known.{name}": item for name, item in vars(model.known).items() if name in _KNOWN}
-    for part, kind in (("bound", ErrorBound), ("output_bound", object)):
-        if (held := getattr(model.fields, part)) is not None and isinstance(held, kind):
+    for part in ("bound", "output_bound"):
+        # bounds of a stiffness that varies are a tree of their own
+        if (held := getattr(model.fields, part)) is not None and not hasattr(held, "compliances"):
             values |= {f"{part}.{name}": item for name, item in vars(held).items()}
+    if (response := model.fields.response) is not None:
+        values |= {f"response.{name}": item for name, item in vars(response).items() if item is not None}
     if model.trained is not None:
         range_ = getattr(model.trained, "parameters", model.trained)
         values |= {f"trained.{name}": item for name, item in vars(range_).items()}
@@ -192,6 +200,7 @@ def _checked(header: dict, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
         _check_motions(arrays, sizes)
     if "bound.schur" in arrays:
         _check_bound(arrays, sizes)
+    _check_columns(arrays, sizes)
     return content
 
 
@@ -231,19 +240,43 @@ def _check_motions(arrays: Mapping[str, np.ndarray], sizes: Mapping[str, int]) -
         raise FileContentError(f"{count} of {sizes['ell']} modes are no rigid motions")
 
 
+def _check_columns(arrays: Mapping[str, np.ndarray], sizes: Mapping[str, int]) -> None:
+    """Columns of the displacement that have coordinates, gamma or those of all forces, and are those of the bound."""
+    coordinates, kept, rows = sizes["ell"], sizes["ell"], 0
+    if "response.loaded" in arrays:
+        if CONE in arrays or "bound.schur" not in arrays:
+            raise FileContentError("its displacement is made of forces everywhere, and nothing completes them")
+        rows, kept = sizes["field rows"] - sizes["N_lambda"], sizes["kept columns"] if ONTO in arrays else 0
+        coordinates = (kept or sizes["N_lambda"]) + sizes.get("motions", 0)
+    found = sizes["columns"], sizes.get("kept columns", kept), rows
+    if found != (coordinates, kept, 0):
+        raise FileContentError(f"columns of its displacement {found} are not those of its bound {coordinates, kept, 0}")
+
+
 def _check_bound(arrays: Mapping[str, np.ndarray], sizes: Mapping[str, int]) -> None:
     """Directions that go on where others end, and a factor of S that is one."""
-    ranks = [sizes[name] for name in ("N_lambda", "field rows", "load rows", "lift rows")]
-    if ranks[: 3 if ranks[3] == 0 else 4] != sorted(ranks[: 3 if ranks[3] == 0 else 4]):
-        raise FileContentError(f"directions of unit energy in its bound are not one more than another: {ranks}")
-    if not (
-        (arrays["bound.areas"] >= 0).all() and (arrays["bound.least"] >= 0).all() and len(arrays["bound.least"]) == 3
-    ):
+    areas, least = arrays["bound.areas"], arrays["bound.least"]
+    if not ((areas >= 0).all() and (least >= 0).all() and len(least) == 3):
         raise FileContentError("areas, or three least sizes of forces, in its bound are negative or missing")
     schur, lower = arrays["bound.schur"], arrays["bound.lower"]
+    if "bound.taken" in arrays:
+        from hhr_dolfinx.models.floating_bound import definite
+
+        if sizes["motions"] != int(arrays.get(MOTIONS, 0)) or not arrays["bound.taken"].any(axis=0).all():
+            raise FileContentError(f"its bound has {sizes['motions']} motions of other bodies")
+        schur = definite(schur, arrays["bound.taken"])
+    else:
+        _check_ranks(sizes)
     off = np.abs(lower @ lower.T - schur).max() / np.abs(schur).max(initial=1e-300)
     if not (off <= 1e-10 and (lower.diagonal() > 0).all() and not np.triu(lower, 1).any()):
         raise FileContentError("the factor of S in its bound is none")
+
+
+def _check_ranks(sizes: Mapping[str, int]) -> None:
+    """Directions that go on where others end."""
+    ranks = [sizes[name] for name in ("N_lambda", "field rows", "load rows", "lift rows")]
+    if ranks[: 3 if ranks[3] == 0 else 4] != sorted(ranks[: 3 if ranks[3] == 0 else 4]):
+        raise FileContentError(f"directions of unit energy in its bound are not one more than another: {ranks}")
 
 
 def _model(content: Content) -> ReducedModel:
@@ -271,7 +304,7 @@ def _model(content: Content) -> ReducedModel:
     given |= {"dimension": content.dimension, "unbounded": content.unbounded}
     fields = Reconstruction(theta, **given, flow=completion)
     if "bound" in parts:
-        fields = replace(fields, bound=ErrorBound(**parts["bound"]))
+        fields = replace(fields, **_bound_of(parts))
     if content.outputs:
         from hhr_dolfinx.models.functionals import Functionals
 
@@ -288,6 +321,19 @@ def _model(content: Content) -> ReducedModel:
     known = _starts_of(parts["known"]) if "known" in parts else None
     problem = ReducedProblem(**parts["reduced"])
     return ReducedModel(problem, content.space, fields, trained, known=known, flow=flow, factorise=LapackLU)
+
+
+def _bound_of(parts: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """The bound, and what makes the displacement of forces where a file has it, as fields of a reconstruction."""
+    if "taken" not in parts["bound"] and "response" not in parts:
+        return {"bound": ErrorBound(**parts["bound"])}
+    if "taken" in parts["bound"]:
+        from hhr_dolfinx.models.floating_bound import FloatingBound, FloatingResponse
+
+        return {"bound": FloatingBound(**parts["bound"]), "response": FloatingResponse(**parts["response"])}
+    from hhr_dolfinx.models.field_response import FieldResponse, ResponseBound
+
+    return {"bound": ResponseBound(**parts["bound"]), "response": FieldResponse(**parts["response"])}
 
 
 def _starts_of(parts: dict[str, Any]) -> KnownStatuses:

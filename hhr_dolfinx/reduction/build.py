@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhr_dolfinx.certify.accuracy import force_floor
-from hhr_dolfinx.certify.bounds import error_bound
-from hhr_dolfinx.certify.compare import Comparison, compare_points
+from hhr_dolfinx.certify.compare import Comparison, compare_on_s, compare_points
 from hhr_dolfinx.certify.constants import FullConstants, Stability, assess
 from hhr_dolfinx.certify.trust import (
     check_comparison,
@@ -23,11 +22,12 @@ from hhr_dolfinx.certify.trust import (
     warn_of_training,
 )
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.errors import BoundError, ReductionError
+from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.condensed import CondensedModel
-from hhr_dolfinx.models.error_bound import Bound, ErrorBound
-from hhr_dolfinx.models.known_error import NOT_ASKED, known_error
+from hhr_dolfinx.models.error_bound import ErrorBound
+from hhr_dolfinx.models.known_error import known_error
 from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.reduction.bounding import bound_of
 from hhr_dolfinx.reduction.choice import basis_of, chosen_nodes
 from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
@@ -234,18 +234,22 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
         check_solvable(stability, problem, sets)
         if recipe.trust is not None:
             check_stability(stability, recipe.trust)
-    bound, unbounded = _bound_of(shared, basis)
+    bounding = bound_of(full, recipe, shared.snapshots, basis, log)
+    bound, response = bounding.bound, bounding.response
     with log.stage("reconstruction"):
-        fields = shared.completion.reconstruction(problem, basis, sets, flow, cone=recipe.cone or bound is None)
-        fields = replace(fields, bound=bound, unbounded=unbounded, stress_of=full.stress_of)
-        fields = replace(fields, functionals=_functionals(full, basis))
+        cone = recipe.cone or bound is None
+        fields = shared.completion.reconstruction(problem, bounding.columns, sets, flow, cone=cone)
+        fields = replace(fields, bound=bound, unbounded=bounding.unbounded, stress_of=full.stress_of)
+        fields = replace(fields, functionals=_functionals(full, basis), response=response)
         if recipe.indicator is not None:
             fields = replace(fields, indicator=recipe.indicator.prepared(problem, basis, sets))
     if isinstance(bound, ErrorBound) and full.functionals is not None:
         from hhr_dolfinx.certify.output_bounds import output_bound
 
         with log.stage("bound"):
-            fields = replace(fields, output_bound=output_bound(full, bound, basis, shared.snapshots))
+            # C lies among the columns of K^-1 B^T, which are there anyway
+            own = basis if response is None else basis[:, :0]
+            fields = replace(fields, output_bound=output_bound(full, bound, own, shared.snapshots))
     known = shared.snapshots.known_statuses(sets.A_lambda) if flow is None else None
     with log.stage("online_arrays"):
         range_ = TrainedRange.of(shared.snapshots.points, problem.parameters) if flow is None else None
@@ -280,23 +284,6 @@ def _flow_of(shared: _Offline, basis: np.ndarray, sets: IndexSets, layers: int) 
     with shared.log.stage("cubature"):
         how = tangents, step.tolerance, step.stiffness
         return cubature_flow(equilibrium, basis, sets, shared.snapshots, *how)[0]
-
-
-def _bound_of(shared: _Offline, basis: np.ndarray) -> tuple[Bound | None, str]:
-    """Bounds of errors; None where they were not asked for, or are not proved, with the reason."""
-    full, recipe, log = shared.full, shared.recipe, shared.log
-    if not recipe.bound or recipe.indicator is not None:
-        return None, NOT_ASKED
-    try:
-        with log.stage("bound"):
-            if full.equilibrium is not None or not full.problem.varies:
-                return error_bound(full, basis, shared.snapshots.forces), ""
-            from hhr_dolfinx.reduction.varying_bound import varying_bound
-
-            return varying_bound(full, basis, shared.snapshots.forces), ""
-    except BoundError as error:
-        log.skip("bound", str(error))
-        return None, str(error)
 
 
 def _functionals(full: Any, basis: np.ndarray) -> Any:
@@ -380,4 +367,8 @@ def _compared(shared: _Offline, model: ReducedModel) -> tuple[Comparison | None,
         held_out = snapshots.take(np.arange(0, len(snapshots.points), every))
     comparison = compare_points(full, model, held_out, force_floor(full.problem, snapshots))
     check_comparison(comparison, limits)
+    if full.problem.rigid is not None and model.fields.bound is not None:
+        on_s = compare_on_s(model, force_floor(full.problem, snapshots))
+        if on_s is not None:
+            check_comparison(on_s, limits)
     return comparison, trained

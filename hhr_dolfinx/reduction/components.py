@@ -39,7 +39,9 @@ def components_of(problem: ContactProblem) -> list[Component]:
     """What hangs together in a scene, as far as it touches anything."""
     found = []
     shape_axes = () if problem.reshaped is None else problem.reshaped.axes
-    lifts = sum((abs(term) for term in problem.lift_terms), abs(problem.stiffness) @ abs(problem.lifts))
+    lifts = sum(abs(term) for term in problem.lift_terms)
+    if problem.reshaped is not None:  # at another shape other dofs may be pulled
+        lifts = lifts + abs(problem.stiffness) @ abs(problem.lifts)
     for body in problem.bodies:
         dofs = np.zeros(problem.free.size, dtype=bool)
         dofs[body] = problem.free[body]

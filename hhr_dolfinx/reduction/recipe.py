@@ -310,7 +310,7 @@ class Recipe:
         cubature: how few weighted Gauss points stand for those of the RID where bodies flow; None takes all of them.
     """
 
-    basis: Basis = Pod(1e-11, relative=True)
+    basis: Basis = Pod(1e-13, relative=True)
     nodes: tuple[Nodes, ...] = (Deim(), ForceDeim(1e-6, relative=True), LoadNodes())
     domain: Rid = Rid()
     enrichment: Enrich | None = Enrich()

@@ -163,7 +163,7 @@ class Eta:
                 if not answer.converged:
                     return NO_ANSWER
                 field, forces = domain.at(answer.parameter).solved(there, answer.parameter)
-                own = model.fields.basis[domain.inner] @ answer.unknown - field
+                own = model.offline.basis[domain.inner] @ answer.unknown - field
                 return _ratio(own, field) + _ratio(answer.multipliers - forces, forces, floor)
 
             return np.array([indicator(*pair) for pair in zip(answers, interface, strict=True)])
@@ -191,7 +191,7 @@ class Eta2:
                 if not answer.converged:
                     return NO_ANSWER
                 inside = domain.at(answer.parameter)
-                field = model.fields.basis[inside.part.dofs] @ answer.unknown
+                field = model.offline.basis[inside.part.dofs] @ answer.unknown
                 residual = inside.residual(field, answer.multipliers, answer.parameter)
                 jump = np.zeros_like(field)
                 jump[domain.places] = there - field[domain.places]

@@ -1,0 +1,107 @@
+"""Bounds of errors of bodies that contact alone holds: no error exceeds them, and what is far off is said."""
+
+import copy
+import warnings
+
+import numpy as np
+import pytest
+from test_attack_floating import slope, stack
+from test_bounds import errors_of
+from test_floating import scene
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import SceneWarning, StabilityWarning
+
+
+@pytest.fixture(autouse=True)
+def quiet():
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".*no contact resists and no load drives", SceneWarning)
+        yield
+
+
+def leaning(cells=(16, 8), largest=0.5, **changes):
+    """A crowned block that a force on its side makes lean to either side."""
+    box = hhr.ParameterSpace(("p", "t"), (1.0, -largest), (10.0, largest))
+    outputs = (hhr.GapAt("gap", 0, (0.0, 1.0)), hhr.ContactForce("force", 0, (0.0, 1.0)))
+    return scene(cells=cells, tilt=slope("t"), parameters=box, outputs=outputs, **changes)
+
+
+@pytest.fixture(scope="module")
+def training():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneWarning)
+        return hhr.train(leaning(), hhr.Sobol(12), held_out=5)
+
+
+@pytest.fixture(scope="module", params=[1e-13, 1e-4, 1e-2])
+def model(request, training):
+    return training.build(hhr.Recipe(hhr.Pod(request.param, relative=True)).as_it_is(), checked=False)
+
+
+def test_no_error_exceeds_its_bound(training, model):
+    """300 points of a poor training: forces off by 25 % at worst by the usual basis, of which nothing was said."""
+    full = training.full_order
+    points = full.parameters.random(300, 5)
+    primal, dual, primal_relative, dual_relative, moved, pushed, field, forces = errors_of(full, model, points)
+    assert (moved <= primal).all() and (pushed <= dual).all()
+    assert (moved <= primal_relative * field * (1 + 1e-9)).all()
+    assert (pushed <= dual_relative * forces * (1 + 1e-9)).all()
+    off = pushed > 1e-6 * forces
+    assert off.any() and np.median(dual[off] / pushed[off]) < 1.1
+
+
+def test_fields_close_the_gaps_and_move_bodies_as_the_full_model_does(training, model):
+    """S and K^-1 loads leave an error of round-off, of the rigid motions too, where forces are off by 15 %."""
+    full = training.full_order
+    exact_of = [(full.solve(point), model.solve(point, outside="ignore")) for point in full.parameters.random(20, 6)]
+    for exact, answer in exact_of:
+        assert answer.displacement() == pytest.approx(
+            exact.displacement(), abs=1e-8 * np.abs(exact.displacement()).max()
+        )
+        for again in (copy.deepcopy(model), model):
+            assert again.solve(answer.parameter, outside="ignore").estimate() == answer.estimate()
+
+
+def test_derivatives_of_what_is_read_of_fields_are_differences(model):
+    point, step = np.array([6.1, 0.21]), 1e-5
+    answer = model.solve(point, outside="ignore", gradient=True)
+    for axis in range(2):
+        ends = [model.solve(point + way * step * np.eye(2)[axis]).outputs()["gap"] for way in (-1, 1)]
+        assert answer.outputs().gradient["gap"][axis] == pytest.approx((ends[1] - ends[0]) / (2 * step), abs=1e-9)
+
+
+def test_files_answer_alike(model, tmp_path):
+    hhr.save_model(tmp_path / "leaning.npz", model)
+    stored = hhr.load_model(tmp_path / "leaning.npz")
+    for point in model.parameters.random(5, 8):
+        mine, theirs = (one.solve(point, outside="ignore") for one in (stored, model))
+        assert mine.displacement().tobytes() == theirs.displacement().tobytes()
+        assert mine.estimate() == theirs.estimate()
+
+
+def test_a_safe_model_keeps_its_word(training):
+    safe = training.safe_model(0.01, grow=None, checked=False)
+    full = training.full_order
+    for point in full.parameters.random(60, 9):
+        left = safe.solve(point).forces() - full.solve(point).forces()
+        forces = full.solve(point).forces()
+        assert left @ full.schur @ left <= 1e-4 * (forces @ full.schur @ forces)
+    assert safe.share < 0.2
+
+
+def test_the_worst_of_many_points_is_warned_of(training):
+    """Five solutions held out show nothing; of 200 points some are off by tens of per cent."""
+    recipe = hhr.Recipe(hhr.Pod(1e-13, relative=True))
+    with pytest.warns(StabilityWarning, match="contact force error.*of [12].. solutions compared; the worst is at"):
+        hhr.build(training.full_order, training.snapshots, recipe, training.held_out)
+
+
+def test_a_stack_of_free_blocks(tmp_path):
+    """Two bodies with three motions each, one of them left at rest; few points."""
+    space = hhr.ParameterSpace(("p", "q"), (0.1, 0.0), (1.0, 1.0))
+    training = hhr.train(stack(cells=8, parameters=space), hhr.Sobol(6), held_out=0)
+    model = training.build(hhr.Recipe().as_it_is(), checked=False)
+    full = training.full_order
+    primal, dual, *_, moved, pushed, _, _ = errors_of(full, model, full.parameters.random(60, 1))
+    assert (moved <= primal).all() and (pushed <= dual).all()
