@@ -26,7 +26,7 @@ def test_a_product_of_parameters_is_seen_by_the_interpolation(poisson):
 
 def test_a_full_model_with_other_loads_is_that_of_another_scene():
     flank, models = two_blocks.side(two_blocks.SECOND, 0, True), []
-    for slope in (1.0, 50.0):
+    for slope in (1.0, 5.0):
         load = hhr.Pressure(flank, hhr.Amplitude(slopes={"load": slope}))
         scene = pressed_pair("plane_strain", ((2.0, 0.3), (1.0, 0.2)), cells=3, loads=(load,))
         models.append(hhr.train(scene, hhr.Sobol(8), held_out=0))

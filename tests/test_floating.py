@@ -17,7 +17,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.floating import FloatingEqualities, floating_set
-from hhr_dolfinx.errors import NotSolvableError, ReductionError, SceneWarning
+from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, SceneWarning
 from hhr_dolfinx.geometries import stacked_blocks as blocks
 from hhr_dolfinx.geometries.gmsh_model import mesh_of
 from hhr_dolfinx.geometries.two_blocks import side
@@ -151,7 +151,7 @@ def test_reduced_models_and_condensation_answer_alike(young, tmp_path):
         known = training.snapshots.known_statuses()
         models += [exact_condensation(full, known, field=field) for field in (True, False)]
     else:
-        with pytest.raises(ReductionError, match="contact alone holds bodies of scene 'floating'"):
+        with pytest.raises(NotOfferedError, match="contact alone holds bodies of scene 'floating'"):
             training.condense()
     assert model.problem.motions == 2
     # the default basis leaves out 1e-11 of the squares of a training on 16 points: 3e-6

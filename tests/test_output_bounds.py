@@ -161,7 +161,10 @@ def test_bounds_are_kept_in_files_and_pickles(poor, tmp_path):
     stored = hhr.load_model(tmp_path / "model.npz")
     for point in poor.parameters.random(3, 5):
         found = poor.solve(point, outside="ignore").estimate()
-        assert len(found.outputs) == 11 and stored.solve(point, outside="ignore").estimate() == found
+        again = stored.solve(point, outside="ignore").estimate()
+        # LAPACK in the place of PETSc: last digits
+        assert len(found.outputs) == 11 and again.outputs == pytest.approx(found.outputs, rel=1e-6)
+        assert again.shown() == pytest.approx(found.shown(), rel=1e-6, abs=1e-12)
         assert pickle.loads(pickle.dumps(found)) == found and "radial" in repr(found)
         assert pickle.loads(pickle.dumps(poor)).solve(point, outside="ignore").estimate() == found
 

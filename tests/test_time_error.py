@@ -203,7 +203,7 @@ def test_long_steps_are_warned_of_once(pellet):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         # neither where it was said before, nor where it was asked for
-        condensing.condensed(full, snapshots.histories, attempts=1)
+        condensing.condensed(full, snapshots.histories)
         full.march(paths[0], replace(CONTROLLED, time_tolerance=0.1))
     assert not [item for item in caught if item.category is TimeStepWarning]
 

@@ -286,8 +286,10 @@ class ContactProblem:
 
     @cached_property
     def external(self) -> csc_matrix:
-        """F on free dofs, that is loads + K lift, sparse, (N, 1 + T)."""
-        return self.loads + masked(strained(self.stiffness, self.lifts), self.free)
+        """F on free dofs, that is loads + K lift, sparse, (N, 1 + T), without the round-off of this difference."""
+        forces = csr_matrix(self.loads + masked(csc_matrix(self.stiffness @ self.lifts), self.free))
+        sizes = csr_matrix(abs(self.loads) + abs(self.stiffness) @ abs(self.lifts))
+        return csc_matrix(forces.multiply(abs(forces) > ROUND_OFF_OF_MOTIONS * sizes))
 
     @cached_property
     def contact_norm(self) -> float:
