@@ -86,6 +86,13 @@ def test_blocks_of_another_model_or_table_are_not_taken(change, model, rows, tmp
     assert seen == [0, 1, 2, 3, 4]
 
 
+def test_estimates_are_left_out_where_nobody_asks(model, rows, tmp_path):
+    answer_table(model, rows, tmp_path / "a.csv", quiet(), estimates=False)
+    answer_table(model, rows, tmp_path / "b.csv", quiet())
+    heads = [(tmp_path / name).read_text().splitlines()[0].split(",") for name in ("a.csv", "b.csv")]
+    assert [head for head in heads[1] if "bound of" not in head] == heads[0] and len(heads[1]) == len(heads[0]) + 4
+
+
 def test_many_bad_rows_are_counted_and_some_are_told(model, tmp_path):
     rows = [TableRow(k + 2, ["1e9"] * len(model.parameters.names)) for k in range(30)]
     console = quiet()

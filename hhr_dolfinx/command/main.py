@@ -263,8 +263,9 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
 @click.argument("table", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="the answers, .csv or .parquet [answers.csv]")
 @click.option("--displacement", is_flag=True, help="a column of the largest displacement, which takes the whole field")
+@click.option("--estimates/--no-estimates", default=True, show_default=True, help="columns of what is known of errors")
 @guarded
-def answer(model: Path, table: Path, out: Path | None, displacement: bool) -> None:
+def answer(model: Path, table: Path, out: Path | None, displacement: bool, estimates: bool) -> None:
     """Answer a table of parameters, one row each, with outputs and bounds of errors. Rows may fail, others go on.
 
     Answers are kept block by block: a command that was interrupted goes on.
@@ -278,7 +279,7 @@ def answer(model: Path, table: Path, out: Path | None, displacement: bool) -> No
     loaded: Any = load_model(model)
     rows = read_points(table, loaded.parameters)
     console.print(f"errors of its answers: {loaded.known_error}", highlight=False, markup=False)
-    how: dict[str, Any] = {"displacement": displacement, "resume": checksum(model)}
+    how: dict[str, Any] = {"displacement": displacement, "estimates": estimates, "resume": checksum(model)}
     bad = answer_table(loaded, rows, out or Path("answers.csv"), console, progress("answers"), **how)
     sys.exit(NO_ANSWER if bad else 0)
 

@@ -85,6 +85,7 @@ def answer_points(
     outside: str = "refuse",
     *,
     displacement: bool = False,
+    estimates: bool = True,
 ) -> Answers | None:
     """Answer every point, (S, P), with contact forces on the whole surface; None on all ranks but the first.
 
@@ -100,6 +101,7 @@ def answer_points(
         outside: see :meth:`Model.solve`; batches are read by those who see no warnings, so that rows outside what was
             trained are refused unless asked for otherwise.
         displacement: whether the largest displacement of any node is wanted, for which each field is made.
+        estimates: whether that is wanted which is known of errors, which takes some times as long as the answers.
 
     Raises:
         ParameterError: for what is no table of points, or an unknown ``outside``.
@@ -109,7 +111,7 @@ def answer_points(
     with nullcontext() if comm is None else ranks.each_for_itself(comm, "answering the table"):
         check_outside(outside)
         points = _table(points, model.parameters)
-        query = Query(model, outside, displacement)
+        query = Query(model, outside, displacement, estimates)
         mine = np.array_split(points, size)[rank]
         blocks = [mine[first : first + BLOCK] for first in range(0, max(len(mine), 1), BLOCK)]
         answers = Answers.joined([query(block) for block in progress(blocks)])
@@ -124,12 +126,13 @@ class Query:
     Attributes:
         model: see :func:`answer_points`.
         outside: see there.
-        displacement: see there.
+        displacement, estimates: see there.
     """
 
     model: WithOutputs
     outside: str
     displacement: bool = False
+    estimates: bool = True
 
     @property
     def outputs(self) -> dict[str, str]:
@@ -150,7 +153,9 @@ class Query:
 
     @property
     def estimate_heads(self) -> list[str]:
-        """Heads of the columns of estimates; none where nothing is estimated."""
+        """Heads of the columns of estimates; none where nothing is estimated, or asked for."""
+        if not self.estimates:
+            return []
         # fields of models that keep all contact conditions, or of a rival, know of no estimates
         bound, indicator = (getattr(self.model.fields, name, None) for name in ("bound", "indicator"))
         if bound is not None:

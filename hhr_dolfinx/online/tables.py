@@ -92,6 +92,7 @@ def answer_table(
     progress: Progress = iter,
     *,
     displacement: bool = False,
+    estimates: bool = True,
     resume: str | None = None,
 ) -> int:
     """Answer a table on all ranks into a file, CSV or Parquet, and print the bad rows with their reasons.
@@ -103,6 +104,7 @@ def answer_table(
         console: of the first rank.
         progress: wraps the iteration over blocks, for a progress bar.
         displacement: whether there is a column of the largest displacement of any node.
+        estimates: whether there are columns of what is known of errors.
         resume: a text that is another one for another model, such as a checksum of its file: blocks that an earlier
             run left are kept if it is the same. None begins anew.
 
@@ -115,7 +117,7 @@ def answer_table(
     """
     comm = ranks.world()
     rank, size = (0, 1) if comm is None else (comm.rank, comm.size)
-    blocks = _Blocks(Query(model, "refuse", displacement), rows, Path(path), resume)
+    blocks = _Blocks(Query(model, "refuse", displacement, estimates), rows, Path(path), resume)
     with nullcontext() if comm is None else ranks.each_for_itself(comm, "preparing the answers"):
         if rank == 0:
             blocks.prepare()
@@ -160,7 +162,9 @@ class _Blocks:
 
     def _digest(self) -> str:
         """Changes where the answers would."""
-        told = hashlib.sha256(repr((self.resume, self.query.displacement, self.query.outside, BLOCK)).encode())
+        told = hashlib.sha256(
+            repr((self.resume, self.query.displacement, self.query.estimates, self.query.outside, BLOCK)).encode()
+        )
         for row in self.rows:
             told.update(repr(row).encode())
         return told.hexdigest()
