@@ -37,7 +37,7 @@ def advice_exact(report: dict[str, Any]) -> Advice:
     """
     times, error = report["times"], report["errors"]["dual_full_floored"]
     reduced = times["online_full"]["median"]
-    accuracy = f"force errors {error['median']:.1%} median, {error['p95']:.1%} at 95 %, {error['max']:.1%} at most"
+    accuracy = f"force errors {percent(error['median'])} median, {percent(error['p95'])} at 95 %, {percent(error['max'])} at most"
     exact = times["condensed_full"]["median"]
     figures = (
         f"displacements and forces everywhere take {in_words(exact)} by exact condensation and "
@@ -60,8 +60,8 @@ def advice_alone(report: dict[str, Any]) -> Advice:
     return Advice(
         HHR if reduced < best else FOM_BEST,
         f"Use {'the hyper-reduced model' if reduced < best else 'the full order'}: forces take {in_words(reduced)} by "
-        f"the hyper-reduced model and {in_words(best)} by the best full order (force errors {error['median']:.1%} "
-        f"median, {error['max']:.1%} at most). No condensation is built in for this scene.",
+        f"the hyper-reduced model and {in_words(best)} by the best full order (force errors {percent(error['median'])} "
+        f"median, {percent(error['max'])} at most). No condensation is built in for this scene.",
     )
 
 
@@ -153,6 +153,11 @@ def _by_favour(rows: dict[str, dict[str, Any]], seconds: dict[str, float]) -> li
     close = [method for method in sure if seconds[method] <= 3 * min(seconds[other] for other in sure)]
     favoured = min(close, key=lambda method: rows[method]["dual_full_floored_max"])
     return [favoured, *(method for method in rows if method != favoured)]
+
+
+def percent(value: float) -> str:
+    """A fraction in per cent with two digits, however small."""
+    return f"{100 * value:.2g} %"
 
 
 def in_words(value: float) -> str:
