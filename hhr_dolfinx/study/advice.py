@@ -37,7 +37,8 @@ def advice_exact(report: dict[str, Any]) -> Advice:
     """
     times, error = report["times"], report["errors"]["dual_full_floored"]
     reduced = times["online_full"]["median"]
-    accuracy = f"force errors {percent(error['median'])} median, {percent(error['p95'])} at 95 %, {percent(error['max'])} at most"
+    median, high, most = (percent(error[name]) for name in ("median", "p95", "max"))
+    accuracy = f"force errors {median} median, {high} at 95 %, {most} at most"
     exact = times["condensed_full"]["median"]
     figures = (
         f"displacements and forces everywhere take {in_words(exact)} by exact condensation and "
