@@ -81,6 +81,14 @@ class PairingWarning(UserWarning):
     """Some nodes of a contact pair have no partner, or bodies overlap by more than a cell."""
 
 
+class BudgetWarning(UserWarning):
+    """What chooses its own training spent its budget before its wish was met."""
+
+
+class NoBoundWarning(UserWarning):
+    """Nothing is known of the errors of a model's answers, so that wrong ones are silent."""
+
+
 class OutsideTrainingWarning(UserWarning):
     """A reduced model answers what it was not trained on: its errors are unknown."""
 

@@ -190,7 +190,10 @@ class TrainedPaths:
         range_ = TrainedRange.of(np.concatenate(points), space)
         rates = changes / steps[:, None] if rated else np.array([_direction(item, range_) for item in changes])
         every = [sign for signs in known.signs for sign in signs]
-        estimate = max(EXPLAINED, max(sign.estimate for sign in every))
+        largest = max(sign.stress for sign in every)
+        # as steps are held against it: of no stress to speak of nothing is explained, which says nothing
+        estimate = max([EXPLAINED, *(sign.estimate for sign in every if sign.stress > NOTHING * largest)])
+        begun = [next((sign.stress for sign in signs if sign.stress > NOTHING * largest), 0.0) for signs in known.signs]
         return cls(
             range_,
             rates.min(axis=0),
@@ -199,10 +202,10 @@ class TrainedPaths:
             rated,
             max(SMALL * max(sign.size for sign in every), max(sign.imbalance for sign in every)),
             max(SMALL * known.length, max(sign.depth for sign in every)),
-            max(sign.stress for sign in every),
+            largest,
             estimate,
-            min(signs[0].stress for signs in known.signs),
-            max([estimate, *(sign.estimate for signs in known.onsets for sign in signs)]),
+            min(begun),
+            max([estimate, *(s.estimate for signs in known.onsets for s in signs if s.stress > NOTHING * largest)]),
         )
 
     @cached_property

@@ -124,6 +124,13 @@ def test_an_interrupted_training_keeps_its_answers(tmp_path):
     assert again.returncode == 0 and f"{kept} of 228 answers were read" in again.stdout, again.stdout + again.stderr
 
 
+def test_answers_do_not_replace_their_questions(trained, tmp_path):
+    questions = tmp_path / "q.csv"
+    questions.write_text("travel,lowered\n0.5,0.1\n")
+    code, output = invoke("answer", trained[0] / "model.npz", questions, "--out", questions)
+    assert code == 2 and "holds the questions" in output and questions.read_text().startswith("travel")
+
+
 def test_scene_and_model_answer_alike(trained, full, model):
     code, output = invoke("solve", DEMO, *AT)
     exact, answer = told(output), full.solve(POINT)

@@ -207,7 +207,7 @@ def test_models_say_which_errors_they_know(pellet, reduced, condensed, caplog):
     assert condensed.known_error == proved
     assert pellet.full_order.known_error == "none: the full model has no reduction error"
     exact = hhr.exact_condensation(pellet.full_order, pellet.snapshots.known_statuses())
-    assert exact.known_error == "none: exact condensation has no reduction error"
+    assert exact.known_error == "none is made: exact condensation has no reduction error"
     with caplog.at_level(logging.INFO, logger="hhr_dolfinx"):
         without = hhr.build(pellet.full_order, pellet.snapshots, dataclasses.replace(POOR, bound=False))
     assert without.known_error == "none: the recipe asks for none" and without.known_error in caplog.text

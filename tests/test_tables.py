@@ -76,6 +76,20 @@ def test_a_table_that_was_killed_goes_on_where_it_was(ending, model, rows, tmp_p
         assert parquet.read_table(target).equals(parquet.read_table(whole))
 
 
+def test_a_block_that_was_damaged_is_answered_again(model, rows, tmp_path):
+    answer_table(model, rows, tmp_path / "whole.csv", quiet())
+    with pytest.raises(KeyboardInterrupt):
+        answer_table(model, rows, tmp_path / "a.csv", quiet(), killed_after(2), resume="model")
+    block = tmp_path / "a.csv.parts" / "000000.csv"
+    content = bytearray(block.read_bytes())
+    content[-20] ^= 1
+    block.write_bytes(content)
+    seen = []
+    answer_table(model, rows, tmp_path / "a.csv", quiet(), counting(seen), resume="model")
+    assert seen == [0, 2, 3, 4]
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
+
+
 @pytest.mark.parametrize("change", ["model", "row", "none"])
 def test_blocks_of_another_model_or_table_are_not_taken(change, model, rows, tmp_path):
     with pytest.raises(KeyboardInterrupt):

@@ -40,6 +40,10 @@ def floating_bound(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
         own = leading(lower.T @ forces, lower, most)
         columns = per_force @ solve_triangular(lower, own, lower=True, trans="T")
         onto = np.asfortranarray(own.T @ lower.T)
+    # energies are those of the part of forces that balances itself, see FloatingBound.pressed
+    along = np.linalg.qr(taken)[0]
+    least = least_sizes(full, forces)
+    least[0] = least_sizes(full, forces - along @ (along.T @ forces))[0]
     given = full.per_load + problem.lifts.toarray()
     pulled = problem.stiffness @ given
     bound = FloatingBound(
@@ -52,7 +56,7 @@ def floating_bound(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
         work=np.asfortranarray(given.T @ pulled),
         cross=np.asfortranarray(pulled.T @ per_force),
         areas=problem.contact_areas,
-        least=least_sizes(full, forces),
+        least=least,
     )
     response = FloatingResponse(*load_response(full), onto)
     return MadeOfForces(response, np.asfortranarray(np.hstack([columns, problem.rigid])), bound)

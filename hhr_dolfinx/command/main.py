@@ -275,12 +275,17 @@ def answer(model: Path, table: Path, out: Path | None, displacement: bool, estim
     from hhr_dolfinx.online.tables import answer_table, checksum, read_points
 
     checked_target(out, TABLES)
+    target = out or Path("answers.csv")
+    if target.exists() and target.samefile(table):
+        raise click.UsageError(f"{target} holds the questions, which its answers would replace: give another --out")
     console, progress = spoken()
     loaded: Any = load_model(model)
     rows = read_points(table, loaded.parameters)
+    if loaded.flows:
+        console.print("bodies flow: each row is one step from rest, of one second; paths are for Python, model.march")
     console.print(f"errors of its answers: {loaded.known_error}", highlight=False, markup=False)
     how: dict[str, Any] = {"displacement": displacement, "estimates": estimates, "resume": checksum(model)}
-    bad = answer_table(loaded, rows, out or Path("answers.csv"), console, progress("answers"), **how)
+    bad = answer_table(loaded, rows, target, console, progress("answers"), **how)
     sys.exit(NO_ANSWER if bad else 0)
 
 

@@ -52,6 +52,8 @@ class ElasticFields:
     """
 
     unbounded: str = ""
+    exact: ClassVar[bool] = False
+    """Whether there is no reduction error at all."""
 
     def forces(self, answer: Answer) -> np.ndarray:
         """The multipliers, (N_lambda,), for the caller to change as he likes."""
@@ -242,6 +244,7 @@ class SeveralAnswers:
         return len(self.points)
 
     def __getitem__(self, k: int) -> Answer:
+        """One of them; several by :meth:`take`."""
         raise NotImplementedError
 
     def __iter__(self) -> Iterator[Answer]:

@@ -44,6 +44,7 @@ class ExactFields(ElasticFields):
     functionals: Functionals | None = None
 
     unbounded = "exact condensation has no reduction error"
+    exact = True
 
     def __reduce__(self) -> tuple:
         """Copy and pickle by the arrays."""

@@ -124,6 +124,15 @@ class FloatingBound:
         found = solve_triangular(self.lower, left, lower=True)
         return float(np.linalg.norm(found - self.along @ (self.along.T @ found)))
 
+    @cached_property
+    def balancing(self) -> np.ndarray:
+        """Orthonormal directions of G, (m, r)."""
+        return np.linalg.qr(self.taken)[0]
+
+    def pressed(self, forces: np.ndarray) -> float:
+        """S norm of the part of forces, (m,), that balances itself: of the rest it would depend on the pins."""
+        return self.size(forces - self.balancing @ (self.balancing.T @ forces))
+
     def size(self, forces: np.ndarray) -> float:
         """S norm of forces, (m,)."""
         return math.sqrt(max(float(forces @ (self.schur @ forces)), 0.0))
@@ -185,7 +194,7 @@ class FloatingThere(NamedTuple):
         noise = ROUND_OFF * (owner.size(forces[0]) + exact + math.sqrt(max(loaded, 0.0)))
         primal, further = off + lost + noise, owner.amplified * (off + noise)
         apart = np.array((owner.size(away), np.linalg.norm(away), owner.scale.peak(np.abs(away))))
-        found = np.array((exact, np.linalg.norm(better), owner.scale.peak(better)))
+        found = np.array((owner.pressed(better), np.linalg.norm(better), owner.scale.peak(better)))
         least = np.maximum(found - further, owner.least)
         field = math.sqrt(max(energy, 0.0)) - lost - primal
         errors = np.array((primal, *(further + apart)))[:, None]

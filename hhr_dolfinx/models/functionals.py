@@ -17,7 +17,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, vstack
 
 from hhr_dolfinx.amplitudes import Amplitudes
-from hhr_dolfinx.errors import HHRError, SceneError
+from hhr_dolfinx.errors import HHRError, ParameterError, SceneError
 from hhr_dolfinx.models.reshaped import DIFFERENCE
 from hhr_dolfinx.parameters import ParameterSpace
 
@@ -45,6 +45,8 @@ class Outputs:
     one_sided: bool = False
 
     def __getitem__(self, name: str) -> float:
+        if name not in self.values:
+            raise ParameterError(f"there is no output {name!r}: there are {', '.join(self.values)}")
         return self.values[name]
 
     def __iter__(self) -> Iterator[str]:

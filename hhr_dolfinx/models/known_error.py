@@ -6,12 +6,13 @@ One place for all kinds of models: all is read off what completes their answers.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.errors import ParameterError
+from hhr_dolfinx.errors import NoBoundWarning, ParameterError
 from hhr_dolfinx.models.estimates import SHOWN, Estimate
 
 HOW = {
@@ -40,6 +41,8 @@ def known_error(fields: Any) -> str:
         return "indicator of the recipe: follows errors as far as it is made to, without a proof"
     if getattr(fields, "flow", None) is not None:
         return "indicator of the stress: the part of it that no training explains; without a proof, silent on forces"
+    if getattr(fields, "exact", False):
+        return f"none is made: {fields.unbounded}"
     return f"none: {getattr(fields, 'unbounded', '') or 'answers of this kind estimate no errors'}"
 
 
@@ -49,6 +52,18 @@ def _outputs(fields: Any) -> tuple[list[str], list[str]]:
     bounds = getattr(fields, "output_bound", None)
     known = [item.name for k, item in enumerate(items) if bounds is not None and bounds.knows(k, item)]
     return known, [item.name for item in items if item.name not in known]
+
+
+def warn_unbounded(fields: Any) -> None:
+    """Warn where answers of a model that was asked for bounds know none: what is wrong there is silent."""
+    why = getattr(fields, "unbounded", "")
+    if why and why != NOT_ASKED and getattr(fields, "bound", None) is None:
+        warnings.warn(
+            f"nothing is known of the errors of these answers: {why}. They were compared with answers held "
+            "out, and may be far off between them: hold out more, or ask the full model where it counts",
+            NoBoundWarning,
+            stacklevel=4,
+        )
 
 
 def check_asked(fields: Any, of: Any) -> None:

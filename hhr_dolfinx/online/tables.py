@@ -181,10 +181,19 @@ class _Blocks:
     def _file(self, number: int, ending: str) -> Path:
         return self.folder / f"{number:06d}{ending}"
 
+    def _is_whole(self, number: int) -> bool:
+        """Whether a block is there as it was written; one that was damaged since is answered again."""
+        try:
+            return json.loads(self._file(number, ".json").read_text())[2] == checksum(
+                self._file(number, self.path.suffix)
+            )
+        except (OSError, ValueError, LookupError, TypeError):
+            return False
+
     def answer(self, numbers: Iterable[int], progress: Progress) -> None:
         """Answer the blocks of some numbers that are not there yet."""
         space = self.query.model.parameters
-        for number in progress([number for number in numbers if not self._file(number, ".json").exists()]):
+        for number in progress([number for number in numbers if not self._is_whole(number)]):
             rows = self.rows[number * BLOCK : (number + 1) * BLOCK]
             parsed = [_numbers(row, space) for row in rows]
             points = np.array([point for point, _ in parsed]).reshape(len(rows), len(space.names))
@@ -196,7 +205,7 @@ class _Blocks:
             bad = [(number * BLOCK + k, why) for k, why in enumerate(status) if why != OK]
             fallen = 0 if answers.fell_back is None else int(answers.fell_back.sum())
             with replacing(self._file(number, ".json"), text=True) as file:
-                json.dump([bad, fallen], file)
+                json.dump([bad, fallen, checksum(self._file(number, self.path.suffix))], file)
 
     def join(self) -> tuple[list[tuple[int, str]], int]:
         """Make one file of all blocks and remove them.
@@ -218,7 +227,7 @@ class _Blocks:
                         shutil.copyfileobj(source, target)
         told = [json.loads(self._file(number, ".json").read_text()) for number in range(len(self))]
         shutil.rmtree(self.folder, ignore_errors=True)
-        return [(row, why) for bad, _ in told for row, why in bad], sum(fallen for _, fallen in told)
+        return [(row, why) for bad, *_ in told for row, why in bad], sum(fallen for _, fallen, _ in told)
 
 
 def _tell_bad(console: Console, rows: Sequence[TableRow], bad: list[tuple[int, str]]) -> None:

@@ -25,7 +25,7 @@ from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.error_bound import ErrorBound
-from hhr_dolfinx.models.known_error import known_error
+from hhr_dolfinx.models.known_error import known_error, warn_unbounded
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.bounding import bound_of
 from hhr_dolfinx.reduction.choice import basis_of, chosen_nodes
@@ -368,7 +368,6 @@ def _compared(shared: _Offline, model: ReducedModel) -> tuple[Comparison | None,
     comparison = compare_points(full, model, held_out, force_floor(full.problem, snapshots))
     check_comparison(comparison, limits)
     if full.problem.rigid is not None and model.fields.bound is not None:
-        on_s = compare_on_s(model, force_floor(full.problem, snapshots))
-        if on_s is not None:
-            check_comparison(on_s, limits)
+        check_comparison(compare_on_s(model), limits)
+    warn_unbounded(model.fields)
     return comparison, trained

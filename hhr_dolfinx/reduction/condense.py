@@ -6,7 +6,9 @@ Each part of a scene that hangs together is solved for by itself, at parameters 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -14,12 +16,13 @@ import numpy as np
 from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.certify.compare import Comparison, compare_points
 from hhr_dolfinx.certify.trust import OF_CONDENSATION, TrustLimits, check_comparison
+from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError, NotOfferedError, ReductionError, StabilityWarning
 from hhr_dolfinx.models.block_elimination import BlockReduction
 from hhr_dolfinx.models.interpolated import Compliances, InterpolatedFields
 from hhr_dolfinx.models.interpolation import GrownGrid
-from hhr_dolfinx.models.known_error import NOT_ASKED, known_error
+from hhr_dolfinx.models.known_error import NOT_ASKED, known_error, warn_unbounded
 from hhr_dolfinx.models.reshaped import ReshapedReduction
 from hhr_dolfinx.models.starts import LinearStarts
 from hhr_dolfinx.models.varying import VaryingModel
@@ -42,6 +45,10 @@ FIELD_TOLERANCE = 1e-13
 """Part of the squared sum of displacements that the basis of the fields may leave out."""
 FORCE_TOLERANCE, FIELD_NODES, TINY = 1e-9, 8, 1e-300
 """Part of the squared forces that the fields of a shape may leave out, and at how many shapes they are solved for."""
+_INTERPOLATED = (
+    "S is interpolated between parameters and not resolved here: raise the budget of the grid or narrow the box"
+)
+ADVICE: Mapping[Status, str] = MappingProxyType({Status.CYCLING: _INTERPOLATED, Status.SINGULAR: _INTERPOLATED})
 ALONG_NODES = 16
 """Nodes of a grid at which fields are solved for that no snapshot tells of."""
 
@@ -116,7 +123,9 @@ def condense(
     elif fields:
         made = replace(made, unbounded=NOT_ASKED)
     log.say(known_error(made))
-    model = VaryingModel(full.parameters, compliances, known, made, problem.contact_pairs)
+    if fields:
+        warn_unbounded(made)
+    model = VaryingModel(full.parameters, compliances, known, made, problem.contact_pairs, advice=ADVICE)
     comparison = None
     if held_out is not None and snapshots is not None and fields:
         with log.stage("validation"):

@@ -7,6 +7,7 @@ which points are chosen is that of the scene or, where bodies flow, that of a fa
 from __future__ import annotations
 
 import logging
+import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx import ranks
-from hhr_dolfinx.errors import ConvergenceError, FileContentError, NotSolvableError, StudyError
+from hhr_dolfinx.errors import BudgetWarning, ConvergenceError, FileContentError, NotSolvableError, StudyError
 from hhr_dolfinx.files import check_layout, read_arrays, write_arrays
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 from hhr_dolfinx.path_families import PathFamily
@@ -193,6 +194,13 @@ class Greedy:
                 kept.save(points, rounds)
             if not chosen.size:
                 break
+        if rounds[-1].worst > self.tolerance and comm.rank == 0:
+            warnings.warn(
+                f"the greedy training ended after {len(points)} answers, its budget is {self.budget}: its indicator is "
+                f"{rounds[-1].worst:.2g} where {self.tolerance:g} was wished. Raise the budget, or accept that error",
+                BudgetWarning,
+                stacklevel=3,
+            )
         return known, Choice(points, tuple(rounds), self._recipe(full))
 
     def _samplings(self, full: Any) -> tuple[Any, Any]:
