@@ -109,8 +109,8 @@ class ParameterSpace:
             missing = set(self.names) ^ set(mu)
             if missing:
                 raise ParameterError(
-                    f"parameters {sorted(missing, key=str)} do not match {self.names}: give each of the latter a value, "
-                    "and no other"
+                    f"parameters {sorted(missing, key=str)} do not match {self.names}: give each of the latter a "
+                    "value, and no other"
                 )
             mu = [mu[name] for name in self.names]
         try:
