@@ -1,11 +1,11 @@
 """Published benchmarks at small size, and bodies that only contact holds, as the demos have them."""
 
-import benchmarks
 import held_by_contact
 import numpy as np
 import pytest
 from mpi4py import MPI
 
+import benchmarks
 import hhr_dolfinx as hhr
 
 
