@@ -123,8 +123,6 @@ def condense(
     elif fields:
         made = replace(made, unbounded=NOT_ASKED)
     log.say(known_error(made))
-    if fields:
-        warn_unbounded(made)
     model = VaryingModel(full.parameters, compliances, known, made, problem.contact_pairs, advice=ADVICE)
     comparison = None
     if held_out is not None and snapshots is not None and fields:
@@ -189,7 +187,9 @@ def _bounded(full: Any, fields: InterpolatedFields, forces: np.ndarray, log: Sta
             return replace(fields, bound=varying_bound(full, fields.basis, forces))
     except BoundError as error:
         log.skip("bound", str(error))
-        return replace(fields, unbounded=str(error))
+        found = replace(fields, unbounded=str(error))
+        warn_unbounded(found)
+        return found
 
 
 def _of_energy(basis: np.ndarray, problem: ContactProblem) -> np.ndarray:
