@@ -3,6 +3,7 @@
 import importlib.util
 import logging
 import os
+import sys
 import tempfile
 
 import pytest
@@ -14,12 +15,13 @@ SOURCE = "def twice(x):\n    return 2 * x\n"
 
 
 @pytest.fixture
-def twice(tmp_path):
-    """A function of a file of its own, as numba's cache asks for."""
-    file = tmp_path / "twice.py"
+def twice(tmp_path, monkeypatch):
+    """A function of a file of its own, as numba's cache asks for; whoever reads the cache imports it by its name."""
+    file = tmp_path / "twice_of_a_test.py"
     file.write_text(SOURCE)
-    spec = importlib.util.spec_from_file_location("twice", file)
+    spec = importlib.util.spec_from_file_location(file.stem, file)
     module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, file.stem, module)
     spec.loader.exec_module(module)
     return module.twice
 
