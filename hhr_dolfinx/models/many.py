@@ -65,11 +65,6 @@ class ManyAnswers(SeveralAnswers):
         status = [self.status[k] for k in np.arange(len(self))[rows].tolist()]
         return ManyAnswers(*own, status, self.iterations[rows], self.fields)
 
-    def forces(self) -> np.ndarray:
-        """Contact forces on the whole surface, (n, N_lambda), for the caller to change; NaN without an answer."""
-        quick = getattr(self.fields, "many_forces", None)
-        return super().forces() if quick is None else quick(self)
-
     def estimates(self) -> Estimates | None:
         """What is known of the errors, as :meth:`Answer.estimate`; None where nothing is."""
         quick = getattr(self.fields, "estimates", None)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.linalg.lapack import dgetrf, dgetrs
 
-from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.amplitudes import Amplitudes, Theta
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.models.interpolation import Interpolant
 from hhr_dolfinx.models.projected import ReducedProblem
@@ -124,14 +124,24 @@ class ReshapedReduction:
         Raises:
             SingularError: if K~ is singular there.
         """
-        problem, theta = self.problem_at(point), self.amplitudes(point)
-        lu, pivots, info = dgetrf(problem.stiffness)
-        if info:
-            raise SingularError(f"K~ of {len(problem.stiffness)} modes is singular at {point.tolist()}")
-        return dgetrs(lu, pivots, problem.loads @ theta - problem.contact_test.T @ forces)[0]
+        problem, theta, factors = self._factored(point)
+        return dgetrs(*factors, problem.loads @ theta - problem.contact_test.T @ forces)[0]
 
     def __call__(self, point: np.ndarray) -> ReshapedElimination:
         """Factor K~ of a point.
+
+        Raises:
+            SingularError: if K~ is singular there.
+        """
+        problem, theta, factors = self._factored(point)
+        solved = dgetrs(*factors, np.column_stack([problem.loads @ theta, problem.contact_test.T]))[0]
+        free, per_force = solved[:, 0], solved[:, 1:]
+        slack = problem.gaps @ theta - problem.contact_trial @ free
+        per_gap = problem.contact_trial @ per_force
+        return ReshapedElimination(self, point, problem, factors, free, per_force, per_gap, slack)
+
+    def _factored(self, point: np.ndarray) -> tuple[ReducedProblem, Theta, tuple[np.ndarray, np.ndarray]]:
+        """The problem of a point, θ there and the LU factors of K~.
 
         Raises:
             SingularError: if K~ is singular there.
@@ -140,9 +150,4 @@ class ReshapedReduction:
         lu, pivots, info = dgetrf(problem.stiffness)
         if info:
             raise SingularError(f"K~ of {len(problem.stiffness)} modes is singular at {point.tolist()}")
-        solved = dgetrs(lu, pivots, np.column_stack([problem.loads @ theta, problem.contact_test.T]))[0]
-        free, per_force = solved[:, 0], solved[:, 1:]
-        slack = problem.gaps @ theta - problem.contact_trial @ free
-        return ReshapedElimination(
-            self, point, problem, (lu, pivots), free, per_force, problem.contact_trial @ per_force, slack
-        )
+        return problem, theta, (lu, pivots)
