@@ -32,6 +32,10 @@ SMALL = 1e-3
 training to round-off, any other answer would seem far outside."""
 EXPLAINED = 0.01
 """Part of the stress of a step that counts as explained by its modes whatever training showed, for the same reason."""
+TOLD = 0.05
+"""Estimate from which on a step is told, unless training showed more than half of that: an error that nobody wants."""
+POOR = 2.0
+"""Factor over the estimates of training that passes where that is more: other steps along trained paths showed 1.7."""
 NOTHING = 1e-5
 """Part of the largest stress known below which that of a step is round-off: steps are solved to 1e-5 of forces."""
 
@@ -238,9 +242,14 @@ class TrainedPaths:
             if bad
         )
 
+    def shown(self, largest: float) -> float:
+        """Largest estimate that training showed, for a history with a largest norm of the stress up to then."""
+        return self.estimate if largest >= self.begun else self.onset
+
     def allowed(self, largest: float) -> float:
-        """Largest estimate of a step that passes, in a history with a largest norm of the stress up to then."""
-        return FACTOR * (self.estimate if largest >= self.begun else self.onset)
+        """Largest estimate of a step that passes, in such a history."""
+        shown = self.shown(largest)
+        return max(min(FACTOR * shown, TOLD), POOR * shown)
 
 
 def _direction(change: np.ndarray, trained: TrainedRange) -> np.ndarray:
@@ -288,13 +297,12 @@ class Watch:
                 f"in training by {trained.depth:.2g} at most",
             )
         self._largest = max(self._largest, signs.stress)
-        known = trained.allowed(self._largest)
         # of its own size: what stays behind a small load is small, and may be wrong as a whole
-        if not signs.stress <= NOTHING * trained.stress and not signs.estimate <= known:
+        if not signs.stress <= NOTHING * trained.stress and not signs.estimate <= trained.allowed(self._largest):
             self._say(
                 "misfit",
                 f"{place}the stress differs from combinations of trained ones by {signs.estimate:.2g} of its size, "
-                f"in training by {known / FACTOR:.2g} at most",
+                f"in training by {trained.shown(self._largest):.2g} at most",
             )
 
     def _say(self, kind, message):

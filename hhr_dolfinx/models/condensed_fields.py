@@ -1,7 +1,8 @@
-"""Fields of condensed flow on the whole mesh: displacement exact up to the correction, stress by gappy POD."""
+"""Fields of condensed flow on the whole mesh: displacement exact up to the correction, stress of its strain."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -13,7 +14,7 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.condensed_flow import PartFactors
 from hhr_dolfinx.models.estimates import Estimate
-from hhr_dolfinx.models.reconstruct import FlowFields
+from hhr_dolfinx.models.plastic_fields import PlasticFields
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals import Functionals
@@ -44,7 +45,7 @@ class CondensedFlowFields:
     forced: np.ndarray
     given: np.ndarray
     dimension: int
-    flow: FlowFields
+    flow: PlasticFields
     functionals: Functionals | None = None
 
     @property
@@ -54,11 +55,15 @@ class CondensedFlowFields:
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """Displacement on the whole mesh, lift included, (N,)."""
-        theta, correction = self.amplitudes(answer.parameter), answer.unknown[: self.basis.shape[1]]
+        return self._elastic(answer) + self.basis @ answer.unknown[: self.basis.shape[1]]
+
+    def _elastic(self, answer: Answer) -> np.ndarray:
+        """What of it loads and contact forces make, and what is imposed."""
+        theta = self.amplitudes(answer.parameter)
         elastic = self.forced @ theta - self.per_force @ answer.multipliers
         if self.factors.moduli:
             elastic *= self.factors.compliances(answer.parameter)[self.parts]
-        return elastic + self.given @ theta + self.basis @ correction
+        return elastic + self.given @ theta
 
     def forces(self, answer: Answer) -> np.ndarray:
         """The multipliers, all of which the model has, (m,)."""
@@ -66,17 +71,39 @@ class CondensedFlowFields:
 
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress at all Gauss points, Kelvin's notation, (Gauss points, components)."""
-        return self.flow.stress_everywhere(answer.state().stress)
+        theta, plastic = self._dense(answer.parameter), answer.state().state.plastic
+        return self.flow.stress(self._elastic(answer), theta, plastic) / self._giving(answer.parameter)
 
     def plastic_strain(self, answer: Answer) -> np.ndarray:
         """Cumulated plastic strain at all Gauss points."""
-        return self.flow.plastic_strain_everywhere(answer.state().state.cumulated)
+        return self.flow.cumulated_everywhere(answer.state().state.cumulated)
 
     def estimate(self, answer: Answer) -> Estimate | None:
-        """What an indicator says, see :meth:`FlowFields.misfit`; None without an answer."""
+        """What an indicator says, see :meth:`unexplained`, over the stress; None without an answer."""
         if not answer.converged:
             return None
-        return Estimate.indicated(self.flow.misfit(answer.state().stress))
+        left, size = self.unexplained(answer)
+        if not math.isfinite(size):
+            return Estimate.indicated(math.inf)
+        return Estimate.indicated(left / size if size > 0 else 0.0)
+
+    def unexplained(self, answer: Answer) -> tuple[float, float]:
+        """Stress of the plastic strain where laws are evaluated that the others do not foretell, and |σ| there."""
+        gauss, inside = answer.state(), self.flow.points
+        left = self.flow.unforeseen(gauss.state.plastic) / self._giving(answer.parameter, inside)
+        return float(np.linalg.norm(left)), float(np.linalg.norm(gauss.stress))
+
+    def _giving(self, point: np.ndarray, places: Any = slice(None)) -> Any:
+        """How much more some Gauss points give than in the middle of the box, (places, 1); 1 of constant moduli."""
+        if not self.factors.moduli:
+            return 1.0
+        return self.factors.compliances(point)[self._parts_of_points[places]][:, None]
+
+    @cached_property
+    def _parts_of_points(self) -> np.ndarray:
+        """Part of the stiffness that holds each Gauss point."""
+        strain = self.flow.strain
+        return np.repeat(self.parts[strain.dofs[:, 0]], strain.per_cell)
 
     @cached_property
     def _measures(self) -> tuple[np.ndarray, ...]:

@@ -31,7 +31,6 @@ from hhr_dolfinx.materials.update import Group, Material
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.condensed_arrays import StepModel
 from hhr_dolfinx.models.condensed_stepper import CondensedStepper
-from hhr_dolfinx.models.cubature_flow import UNKNOWN
 from hhr_dolfinx.models.path import MarchSettings
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs, TrainedPaths
@@ -90,9 +89,6 @@ class CondensedFlow:
         schur: B K^-1 B^T of each part, (Q, m, m).
         pressed: B K^-1 F of each part, (Q, m, 1 + T).
         gaps: gaps less imposed displacements, (m, 1 + T).
-        energies: square root of the weight times 2 μ of each point, component by component, (c n,).
-        shown: modes of the plastic strain on Z that training showed, orthonormal when multiplied by ``energies``, as
-            they are here, (k, c n).
     """
 
     points: np.ndarray
@@ -112,8 +108,6 @@ class CondensedFlow:
     schur: np.ndarray
     pressed: np.ndarray
     gaps: np.ndarray
-    energies: np.ndarray
-    shown: np.ndarray
 
     @property
     def components(self) -> int:
@@ -238,16 +232,12 @@ class CondensedEquilibrium:
         return found.forces
 
     def signs(self, answer: Answer) -> Signs:
-        """Plastic strain and stress on Z that are no combination of what training showed there; no overlap.
+        """Stress on Z whose plastic strain is none of training; no overlap, since all conditions are kept.
 
-        All conditions are kept, so that nothing overlaps where the model does not look.
+        What is out of balance says nothing here: steps balance on Z whatever flows.
         """
-        gauss = answer.state()
-        plastic = self.flow.energies * gauss.state.plastic.T.ravel()
-        size, known = float(plastic @ plastic), self.flow.shown @ plastic
-        # round-off of the difference, 1e-8 of the size, is far below what counts as new
-        new = max(size - float(known @ known), 0.0) ** 0.5
-        return Signs(new, size**0.5, 0.0, UNKNOWN, *self.fields.flow.unexplained(gauss.stress))
+        left, size = self.fields.unexplained(answer)
+        return Signs(0.0, 0.0, 0.0, misfit=left, stress=size)
 
     @staticmethod
     def shear(groups: Sequence[Group]) -> np.ndarray:

@@ -16,6 +16,7 @@ from scipy.sparse import csc_matrix
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
+from hhr_dolfinx.linear.layout import lay_out
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.error_bound import Bound, BoundThere, ErrorBound, driven
 from hhr_dolfinx.models.estimates import NUMBERS, Estimate, Estimates
@@ -43,6 +44,10 @@ class GappyField:
 
     modes: np.ndarray
     fit: np.ndarray
+
+    def __post_init__(self) -> None:
+        """Arrays lie as files keep them."""
+        lay_out(self)
 
     @classmethod
     def fitted(cls, modes: np.ndarray, inside: np.ndarray) -> GappyField:

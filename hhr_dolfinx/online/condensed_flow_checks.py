@@ -6,16 +6,19 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.files import check_layout
 from hhr_dolfinx.formulas import Modulus, check_over_box
 from hhr_dolfinx.materials.constants import check_law
+from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.materials.update import Group
 from hhr_dolfinx.models.condensed_fields import CondensedFlowFields
 from hhr_dolfinx.models.condensed_flow import CondensedFlow, PartFactors
-from hhr_dolfinx.models.reconstruct import FlowFields, GappyField
+from hhr_dolfinx.models.plastic_fields import PlasticFields
+from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.online.layout import CONDENSED_FLOW_INDICES as INDICES
 from hhr_dolfinx.online.layout import CONDENSED_FLOW_LAYOUT as LAYOUT
 from hhr_dolfinx.online.tree import taken_apart
@@ -23,7 +26,7 @@ from hhr_dolfinx.online.values import check_amplitudes
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
-MAY_BE_NONE = {"shown modes", "stress modes", "strain modes"}
+MAY_BE_NONE = {"plastic modes", "strain modes", "strains without stress"}
 SAME = 1e-9
 """Relative difference of moduli in the middle of the box that is round-off."""
 
@@ -66,22 +69,25 @@ def checked(content: Content) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
 def _checked_sizes(content: Content, arrays: dict[str, np.ndarray]) -> dict[str, int]:
     """All sizes by name, if they agree, and no index lies outside of them."""
     space, flow, fields, trained = content[:4]
-    components, gauss_points = 4 if fields.dimension == 2 else 6, fields.flow.gauss_points
-    missing = {"fields.flow.cumulated": fields.flow.cumulated, "trained": trained}
-    left_out = tuple(f"{name}." for name, part in missing.items() if part is None)
-    layout = {name: kind for name, kind in LAYOUT.items() if not name.startswith(left_out)}
+    components = 4 if fields.dimension == 2 else 6
+    layout = {name: kind for name, kind in LAYOUT.items() if trained is not None or not name.startswith("trained.")}
     layout |= {f"flow.groups.{k}.indices": ("int", f"points of group {k}") for k in range(len(flow.groups))}
-    known = {"P": len(space.names), "gauss points": gauss_points, "stress values": gauss_points * components}
+    known = {"P": len(space.names), "components": components, "per cell": flow.per_cell, "moduli": 2}
     sizes = check_layout(arrays, layout, known)
     if empty := [name for name, size in sizes.items() if size == 0 and name not in MAY_BE_NONE]:
         raise FileContentError(f"sizes {empty} are zero")
     if sizes["strains"] != sizes["points"] * components:
         raise FileContentError(f"{sizes['strains']} strains are not {components} at each of {sizes['points']} points")
-    if gauss_points % flow.per_cell or sizes["N"] % fields.dimension:
+    if sizes["flowed strains"] != sizes["flowed points"] * components:
+        raise FileContentError(f"{sizes['flowed strains']} are not {components} at {sizes['flowed points']} points")
+    if sizes["gauss points"] != sizes["cells"] * flow.per_cell or sizes["N"] % fields.dimension:
         raise FileContentError(
-            f"{gauss_points} Gauss points are no cells of {flow.per_cell}, or {sizes['N']} dofs no nodes of dimension "
-            f"{fields.dimension}"
+            f"{sizes['gauss points']} Gauss points are no cells of {flow.per_cell}, or {sizes['N']} dofs no nodes of "
+            f"dimension {fields.dimension}"
         )
+    strains = sizes["gauss points"] * components, sizes["terms"]
+    if fields.flow.strain.size != sizes["N"] or fields.flow.unstressed.shape != strains:
+        raise FileContentError(f"strains at all Gauss points are not those of {sizes['N']} dofs, or of {strains} terms")
     for name, of in INDICES.items():
         if not (arrays[name].min() >= 0 and arrays[name].max() < sizes[of]):
             raise FileContentError(f"{name} has indices outside 0 .. {sizes[of] - 1}")
@@ -101,9 +107,11 @@ def _check_kinds(content: Content) -> None:
         and isinstance(fields.amplitudes, Amplitudes)
         and fields.amplitudes.nonaffine == ()
         and fields.functionals is None
-        and isinstance(fields.flow, FlowFields)
-        and isinstance(fields.flow.stress, GappyField)
-        and isinstance(fields.flow.cumulated, GappyField | None)
+        and isinstance(fields.flow, PlasticFields)
+        and isinstance(fields.flow.plastic, GappyField)
+        and isinstance(fields.flow.cumulated, GappyField)
+        and isinstance(fields.flow.strain, StrainOperator)
+        and isinstance(fields.flow.unstressed, csc_matrix)
         and (trained is None or isinstance(trained.parameters, TrainedRange))
     )
     for factors in (flow.factors, fields.factors) if right else ():
@@ -111,10 +119,10 @@ def _check_kinds(content: Content) -> None:
         right = right and all(isinstance(item, Modulus) for item in factors.moduli)
     if not right:
         raise FileContentError("its parts are of other kinds than those of a model of condensed flow")
-    whole = is_whole(flow.per_cell, 1) and is_whole(fields.flow.gauss_points, 1)
+    whole = is_whole(flow.per_cell, 1) and is_whole(fields.flow.strain.size, 1)
     if not whole or type(fields.dimension) is not int or fields.dimension not in (2, 3):
         raise FileContentError(
-            f"{flow.per_cell!r} Gauss points of a cell, {fields.flow.gauss_points!r} of all and the dimension "
+            f"{flow.per_cell!r} Gauss points of a cell, {fields.flow.strain.size!r} dofs and the dimension "
             f"{fields.dimension!r} must be whole numbers, the last one 2 or 3"
         )
 
@@ -125,8 +133,11 @@ def _check_points(flow: CondensedFlow, fields: CondensedFlowFields) -> None:
         raise FileContentError("flow.points has a number twice")
     if not np.array_equal(flow.points, fields.flow.points):
         raise FileContentError("the points of the step and those from which fields are completed are not the same")
-    if not (flow.energies > 0).all():
-        raise FileContentError(f"a point has the energy {flow.energies.min()}, not positive")
+    known = fields.flow
+    if not (np.diff(known.flowed) > 0).all() or not np.isin(known.points, known.flowed).all():
+        raise FileContentError("the points that flowed must increase, those where laws are evaluated among them")
+    if not (known.moduli[:, 1] > 0).all() or not (3 * known.moduli[:, 0] + known.moduli[:, 1] > 0).all():
+        raise FileContentError("moduli of a Gauss point are not positive")
 
 
 def _check_groups(content: Content) -> None:

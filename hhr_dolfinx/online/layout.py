@@ -11,7 +11,7 @@ from hhr_dolfinx.parameters import ParameterSpace
 FORMAT, VERSION = "hhr_dolfinx reduced model", 13
 CONDENSED, CONDENSED_VERSION = "hhr_dolfinx condensed model", 4
 """Format of files of condensation, exact or interpolated, see ``varying_file``."""
-CONDENSED_FLOW, CONDENSED_FLOW_VERSION = "hhr_dolfinx condensed flow model", 4
+CONDENSED_FLOW, CONDENSED_FLOW_VERSION = "hhr_dolfinx condensed flow model", 5
 """Format of files of condensed flow, see ``condensed_flow_file``."""
 LOCAL, LOCAL_VERSION = "hhr_dolfinx local models", 1
 """Format of files of local models, see ``local_file``; their models are of :data:`VERSION`."""
@@ -168,8 +168,6 @@ CONDENSED_FLOW_LAYOUT = {
     "flow.schur": ("float", "Q", "m", "m"),
     "flow.pressed": ("float", "Q", "m", "terms"),
     "flow.gaps": ("float", "m", "terms"),
-    "flow.energies": ("float", "strains"),
-    "flow.shown": ("float", "shown modes", "strains"),
     "fields.amplitudes.constant": ("float", "affine terms"),
     "fields.amplitudes.slopes": ("float", "affine terms", "P"),
     "fields.factors.middle": ("float", "Q"),
@@ -179,10 +177,19 @@ CONDENSED_FLOW_LAYOUT = {
     "fields.forced": ("float", "N", "terms"),
     "fields.given": ("float", "N", "terms"),
     "fields.flow.points": ("int", "points"),
-    "fields.flow.stress.modes": ("float", "stress values", "stress modes"),
-    "fields.flow.stress.fit": ("float", "stress modes", "strains"),
-    "fields.flow.cumulated.modes": ("float", "gauss points", "strain modes"),
+    "fields.flow.flowed": ("int", "flowed points"),
+    "fields.flow.plastic.modes": ("float", "flowed strains", "plastic modes"),
+    "fields.flow.plastic.fit": ("float", "plastic modes", "strains"),
+    "fields.flow.cumulated.modes": ("float", "flowed points", "strain modes"),
     "fields.flow.cumulated.fit": ("float", "strain modes", "points"),
+    "fields.flow.moved": ("float", "N", "plastic modes"),
+    "fields.flow.strain.gradients": ("float", "cells", "per cell", "components", "dofs of a cell"),
+    "fields.flow.strain.weights": ("float", "cells", "per cell"),
+    "fields.flow.strain.dofs": ("int", "cells", "dofs of a cell"),
+    "fields.flow.unstressed.rows": ("int", "strains without stress"),
+    "fields.flow.unstressed.columns": ("int", "strains without stress"),
+    "fields.flow.unstressed.values": ("float", "strains without stress"),
+    "fields.flow.moduli": ("float", "gauss points", "moduli"),
     "trained.parameters.lower": ("float", "P"),
     "trained.parameters.upper": ("float", "P"),
     "trained.slowest": ("float", "P"),
@@ -195,6 +202,8 @@ CONDENSED_FLOW_INDICES = {
     "flow.parts": "Q",
     "flow.mode_parts": "Q",
     "fields.parts": "Q",
+    "fields.flow.flowed": "gauss points",
+    "fields.flow.strain.dofs": "N",
 }
 """Arrays of indices among them, as in :data:`INDICES`."""
 

@@ -9,12 +9,11 @@ steps stalled, or jumped. With both, none did.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy import linalg
+from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.histories import checked_histories
@@ -26,7 +25,8 @@ from hhr_dolfinx.models.condensed_fields import CondensedFlowFields
 from hhr_dolfinx.models.condensed_flow import CondensedFlow
 from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
 from hhr_dolfinx.models.path import MarchSettings
-from hhr_dolfinx.models.reconstruct import FlowFields, GappyField
+from hhr_dolfinx.models.plastic_fields import PlasticFields
+from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.parameters import is_number, is_whole
 from hhr_dolfinx.reduction.correction_modes import correction_modes
 from hhr_dolfinx.reduction.cubature import Cubature
@@ -37,13 +37,13 @@ from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import StageLog
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.flow import FullEquilibrium
     from hhr_dolfinx.models.answer import Answer
 
-SHOWN = 1e-3
-"""Part of the norm of plastic strains that is no news at the door."""
-LEFT_OUT = 1e-6
-"""Part of the squared training fields that the modes for stress and for cumulated plastic strain leave out. Finer ones
-fit on Z what is noise there, and make stress elsewhere worse."""
+LEFT_OUT = {"plastic": 1e-8, "cumulated": 1e-6}
+"""Part of the squared training fields that the modes for plastic strain and for what of it is cumulated leave out."""
+SPARE = 2
+"""Values that a fit has for each mode at least, so that those left over tell how good it is."""
 NOTHING = 1e-8
 """Energy of a correction, relative to the largest, below which it is round-off of the elastic solution."""
 LARGEST_ENERGY = 1.2
@@ -77,7 +77,7 @@ class CorrectionSettings:
     attempts: int = 4
     primal: float = 2e-3
     dual: float = 0.06
-    stress: float = 0.08
+    stress: float = 0.02
     plastic: float = 0.05
     trust: TrustLimits | None = field(default_factory=_limits)
 
@@ -166,7 +166,7 @@ def condense_flow(
         answers = [answer for history in snapshots.histories for answer in history.answers]
         corrections = np.stack([elastic.correction(problem, answer) for answer in answers], axis=1)
     with log.stage("reconstruction"):
-        fields = _FieldModes.of(snapshots)
+        fields = _FieldModes.of(full, snapshots)
     shared = _Shared(full, snapshots, held_out, elastic, answers, corrections, fields, log)
     return _grown(shared, settings)
 
@@ -239,11 +239,11 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
             "may turn their sign: allow more points (most_points), or a smaller stability"
         )
     with log.stage("online_arrays"):
-        flow = _online(full, elastic, basis, domain, cubature, answers)
+        flow = _online(full, elastic, basis, domain, cubature)
         problem = full.problem
         fields = CondensedFlowFields(
             problem.amplitudes, elastic.factors, elastic.parts, basis, elastic.per_force, elastic.forced,
-            elastic.given, problem.block_size, shared.fields.on(flow.points, flow.components), full.functionals,
+            elastic.given, problem.block_size, shared.fields.on(flow.points, full.equilibrium), full.functionals,
         )  # fmt: skip
         model = CondensedFlowModel(flow, full.parameters, fields)
     with log.stage("compilation"):  # once for an installation, not for each model
@@ -264,7 +264,6 @@ def _online(
     basis: np.ndarray,
     domain: FlowingDomain,
     cubature: Cubature,
-    answers: Sequence[Answer],
 ) -> CondensedFlow:
     """Everything that a step needs, on the points of the cubature."""
     equilibrium, problem = full.equilibrium, full.problem
@@ -277,8 +276,7 @@ def _online(
     per_mode, per_force, count = strain(basis), strain(elastic.per_force), max(len(elastic.factors.moduli), 1)
     rows = (points * components + np.arange(components)[:, None]).ravel()
     masks = [(elastic.parts == part)[:, None] for part in range(count)]
-    energies = np.sqrt(np.tile(weights, components))
-    tested = _deviators(per_mode, components) * energies**2
+    tested = _deviators(per_mode, components) * np.tile(weights, components)
     work = domain.work(everywhere)
     return CondensedFlow(
         points=points,
@@ -298,8 +296,6 @@ def _online(
         schur=np.array([_symmetric(problem.contact @ np.where(mask, elastic.per_force, 0.0)) for mask in masks]),
         pressed=np.array([problem.contact @ np.where(mask, elastic.forced, 0.0) for mask in masks]),
         gaps=problem.gaps - problem.contact @ elastic.given,
-        energies=energies,
-        shown=_shown(np.array([answer.state().state.plastic[points].T.ravel() for answer in answers]), energies),
     )
 
 
@@ -319,15 +315,6 @@ def _symmetric(matrix: np.ndarray) -> np.ndarray:
     return (matrix + matrix.T) / 2
 
 
-def _shown(states: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Modes of states times weights, (S, c n) -> (k, c n), each state of norm one."""
-    weighted = states * weights
-    lengths = np.linalg.norm(weighted, axis=1)
-    weighted = weighted[lengths > 0] / lengths[lengths > 0, None]
-    _, values, ways = linalg.svd(weighted, full_matrices=False)
-    return ways[values > SHOWN * values.max(initial=0.0)]
-
-
 def _by_body(groups: tuple[Group, ...], points: np.ndarray) -> tuple[tuple[Group, ...], np.ndarray]:
     """Groups of some points, one behind another, and the order of the points in which they are."""
     found, order, start = [], [], 0
@@ -342,20 +329,50 @@ def _by_body(groups: tuple[Group, ...], points: np.ndarray) -> tuple[tuple[Group
 
 @dataclass(frozen=True)
 class _FieldModes:
-    """POD modes of stress and of cumulated plastic strain everywhere."""
+    """POD modes of plastic strain and of what of it is cumulated, at the points that flowed in training.
 
-    stress: np.ndarray
-    cumulated: np.ndarray | None
+    Attributes:
+        flowed: numbers of these points.
+        plastic, cumulated: modes.
+        moved: displacement that each mode of the plastic strain leaves behind.
+        moduli: Lamé's λ and 2 μ of all Gauss points, in the middle of the box.
+    """
+
+    flowed: np.ndarray
+    plastic: np.ndarray
+    cumulated: np.ndarray
+    moved: np.ndarray
+    moduli: np.ndarray
 
     @classmethod
-    def of(cls, snapshots: SnapshotSet) -> _FieldModes:
+    def of(cls, full: Any, snapshots: SnapshotSet) -> _FieldModes:
         """Of training histories."""
-        stress = [state.stress.ravel() for state in snapshots.states]
-        cumulated = [state.state.cumulated for state in snapshots.states]
-        return cls(state_modes(stress, LEFT_OUT), state_modes(cumulated, LEFT_OUT) if snapshots.flowed else None)
+        problem, equilibrium, states = full.problem, full.equilibrium, [item.state for item in snapshots.states]
+        flowed = np.flatnonzero(np.any([state.cumulated > 0 for state in states], axis=0))
+        plastic = state_modes([state.plastic[flowed].ravel() for state in states], LEFT_OUT["plastic"])
+        elastic = equilibrium.material.moduli_at(problem.middle).elastic
+        forces, stress = np.empty((len(problem.free), plastic.shape[1])), np.zeros(elastic.shape[:2])
+        for column, mode in zip(forces.T, plastic.T, strict=True):
+            stress[flowed] = np.einsum("nij,nj->ni", elastic[flowed], mode.reshape(flowed.size, -1))
+            column[:] = equilibrium.operator.internal(stress)[0] * problem.free
+        with full.factors.lock:
+            full.factors.refactor(problem.own_stiffness)
+            moved = full.factors.solve_columns(csc_matrix(forces))
+        cumulated = state_modes([state.cumulated[flowed] for state in states], LEFT_OUT["cumulated"])
+        return cls(flowed, plastic, cumulated, moved, np.stack([elastic[:, 0, 1], elastic[:, -1, -1]], axis=1))
 
-    def on(self, points: np.ndarray, components: int) -> FlowFields:
+    def on(self, points: np.ndarray, equilibrium: FullEquilibrium) -> PlasticFields:
         """How fields are completed from some points."""
-        values = (points[:, None] * components + np.arange(components)).ravel()
-        flowed = None if self.cumulated is None else GappyField.fitted(self.cumulated, points)
-        return FlowFields(points, GappyField.fitted(self.stress, values), flowed, len(self.stress) // components)
+        rows, components = np.searchsorted(self.flowed, points), equilibrium.operator.components
+        values = (rows[:, None] * components + np.arange(components)).ravel()
+        count = max(values.size // SPARE, 1)
+        return PlasticFields(
+            points,
+            self.flowed,
+            GappyField.fitted(self.plastic[:, :count], values),
+            GappyField.fitted(self.cumulated, rows),
+            self.moved[:, :count],
+            equilibrium.operator,
+            equilibrium.eigenstrains,
+            self.moduli,
+        )

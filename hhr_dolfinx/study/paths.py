@@ -65,7 +65,6 @@ def _row(
             return {**row, "warned": True, "failed": str(error)}
     warned = any(issubclass(item.category, OutsideTrainingWarning) for item in caught)
     errors = history_errors(full, model, found, exact, floor)
-    largest = max(sign.imbalance for sign in found.signs)
     trained: Any = model.trained
     return row | {
         "warned": warned,
@@ -73,7 +72,7 @@ def _row(
         "forces": errors["largest_forces"],
         "stress_rr": errors["stress_rr_everywhere"],
         "plastic_strain": errors["plastic_strain_everywhere"],
-        "imbalance": largest / trained.imbalance,
+        "estimate": max(sign.estimate for sign in found.signs) / trained.estimate,
     }
 
 
