@@ -174,7 +174,7 @@ def test_both_models_on_paths(study):
     for name in models:
         found = summarise_paths(row[name] for row in rows)
         assert found["inside"]["displacement"]["max"] < 0.01 and found["outside"]["warned"] == 1
-        assert rows[1][name]["warned"] and rows[1][name]["imbalance"] > 0
+        assert rows[1][name]["warned"] and rows[1][name]["estimate"] > 0
 
 
 def test_a_study_of_histories_finds_what_was_solved(study, folder):
