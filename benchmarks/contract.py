@@ -30,6 +30,7 @@ from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.errors import NotOfferedError, OutsideTrainingError, ParameterError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.choice import LEAF, Choice
+from hhr_dolfinx.models.estimates import STRESS
 from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 
 EXACT = 1e-9
@@ -269,7 +270,7 @@ def _estimate(item: Context) -> None:
     estimate = item.solved().estimate()
     if estimate is None:
         raise Unknown
-    assert estimate.kind in ("bound", "estimate", "indicator") and estimate.dual_relative >= 0
+    assert estimate.kind in ("bound", "estimate", "indicator", STRESS) and estimate.dual_relative >= 0
 
 
 def _field(name: str) -> Callable[[Context], None]:

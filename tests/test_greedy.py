@@ -190,7 +190,7 @@ def test_histories():
     own = [model.march(family.paths(points)[0], hhr.MarchSettings(outside="ignore"))
            for points in (found.choice.points[:1], [[9.0, 1.2]])]  # fmt: skip
     steps = [[answer.estimate() for answer in history.answers] for history in own]
-    assert {step.kind for history in steps for step in history} == {"indicator"}
+    assert {step.kind for history in steps for step in history} == {"indicator of the stress"}
     told = hhr.LargestEstimate().prepared(found.full_order)(model, found.snapshots, [*own, None])
     assert told.tolist() == [*(max(step.primal_relative for step in history) for history in steps), np.inf]
     assert told[0] < 0.25 * told[1]

@@ -17,7 +17,7 @@ from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.certify.trust import check_door
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import OutsideTrainingError, OutsideTrainingWarning, StabilityWarning
-from hhr_dolfinx.models.estimates import Estimate
+from hhr_dolfinx.models.estimates import STRESS, Estimate
 from hhr_dolfinx.models.reconstruct import FlowFields, GappyField
 from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 from hhr_dolfinx.study.training import Training
@@ -107,7 +107,7 @@ def test_it_is_the_misfit_of_the_stress_to_its_modes(small):
     reduced, answer = small
     stress = answer.state().stress
     expected = by_least_squares(reduced.fields.flow, stress)
-    assert answer.estimate() == Estimate.indicated(pytest.approx(expected, rel=1e-4, abs=1e-8))
+    assert answer.estimate() == Estimate.indicated(pytest.approx(expected, rel=1e-4, abs=1e-8), STRESS)
     noise = np.random.default_rng(0).normal(size=stress.shape) * np.abs(stress).max()
     spoiled = answer._replace(gauss=answer.gauss._replace(stress=stress + noise))
     expected = by_least_squares(reduced.fields.flow, stress + noise)

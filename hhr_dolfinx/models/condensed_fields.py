@@ -13,7 +13,7 @@ from scipy.sparse import csr_matrix, diags
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.condensed_flow import PartFactors
-from hhr_dolfinx.models.estimates import Estimate
+from hhr_dolfinx.models.estimates import STRESS, Estimate
 from hhr_dolfinx.models.plastic_fields import PlasticFields
 
 if TYPE_CHECKING:
@@ -84,8 +84,8 @@ class CondensedFlowFields:
             return None
         left, size = self.unexplained(answer)
         if not math.isfinite(size):
-            return Estimate.indicated(math.inf)
-        return Estimate.indicated(left / size if size > 0 else 0.0)
+            return Estimate.indicated(math.inf, STRESS)
+        return Estimate.indicated(left / size if size > 0 else 0.0, STRESS)
 
     def unexplained(self, answer: Answer) -> tuple[float, float]:
         """Stress of the plastic strain where laws are evaluated that the others do not foretell, and |σ| there."""

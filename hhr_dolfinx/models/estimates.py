@@ -36,8 +36,8 @@ SHOWN = {
     "forces in energy": "dual_relative",
 }
 """Relative errors by the names under which users read them."""
-INDICATED = ("displacement", "forces")
-"""Those of which an indicator speaks."""
+STRESS = "indicator of the stress"
+"""Kind of the estimates of bodies that flow, which are silent on all else."""
 
 
 class Estimate(NamedTuple):
@@ -45,7 +45,8 @@ class Estimate(NamedTuple):
 
     Attributes:
         kind: ``bound``, which no error exceeds; ``estimate``, the same but for an interpolation of which nothing is
-            proved; or ``indicator``, which follows the error.
+            proved; ``indicator``, which follows the error; or :data:`STRESS`, which follows that of the stress alone,
+            relative to the stress of its own step.
         primal: of the displacement in energy, (v^T K v)^1/2.
         dual: of the contact forces in the S norm, (λ^T S λ)^1/2: the energy of the displacement that they make alone.
             What an indicator says knows no units: this and all that is no relative error is infinite.
@@ -71,9 +72,9 @@ class Estimate(NamedTuple):
     pressure_relative: float = math.inf
 
     @classmethod
-    def indicated(cls, value: float) -> Estimate:
+    def indicated(cls, value: float, kind: str = "indicator") -> Estimate:
         """What an indicator says, in units of its own, taken as relative; of pressures it says nothing."""
-        return cls("indicator", math.inf, math.inf, value, value, forces_euclid_relative=value)
+        return cls(kind, math.inf, math.inf, value, value, forces_euclid_relative=value)
 
     @classmethod
     def exact(cls, functionals: Any) -> Estimate:
@@ -83,9 +84,8 @@ class Estimate(NamedTuple):
 
     def shown(self, outputs: Mapping[str, str] = NO_OUTPUTS_SHOWN) -> dict[str, float]:
         """What a table says of the error, by the heads of :func:`columns`; NaN of outputs without a bound."""
-        names = INDICATED if self.kind == "indicator" else tuple(SHOWN)
-        values = [float(getattr(self, SHOWN[name])) for name in names]
-        if self.kind != "indicator":
+        values = [float(getattr(self, name)) for name in shown_of(self.kind).values()]
+        if not self.kind.startswith("indicator"):
             values += [self.outputs.get(name, math.nan) for name in outputs]
         return dict(zip(columns(self.kind, outputs), values, strict=True))
 
@@ -150,6 +150,14 @@ class Estimates:
         return cls(" and ".join(sorted(kinds)), *numbers)
 
 
+def shown_of(kind: str) -> dict[str, str]:
+    """Names of the numbers that estimates of a kind show, by the heads of their columns."""
+    if kind == STRESS:
+        return {STRESS: "primal_relative"}
+    names = ("displacement", "forces") if kind == "indicator" else tuple(SHOWN)
+    return {f"{kind} of {name}": SHOWN[name] for name in names}
+
+
 def columns(kind: str, outputs: Mapping[str, str]) -> list[str]:
     """Heads of the columns of a table for what is known of errors.
 
@@ -157,5 +165,5 @@ def columns(kind: str, outputs: Mapping[str, str]) -> list[str]:
         kind: see :class:`Estimate`.
         outputs: heads of the outputs that are bounded, by name.
     """
-    shown = INDICATED if kind == "indicator" else (*SHOWN, *outputs.values())
-    return [f"{kind} of {name}" for name in shown]
+    bounded = () if kind.startswith("indicator") else outputs.values()
+    return [*shown_of(kind), *(f"{kind} of {name}" for name in bounded)]

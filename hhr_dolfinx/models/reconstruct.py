@@ -19,7 +19,7 @@ from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
 from hhr_dolfinx.linear.layout import lay_out
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.error_bound import Bound, BoundThere, ErrorBound, driven
-from hhr_dolfinx.models.estimates import NUMBERS, Estimate, Estimates
+from hhr_dolfinx.models.estimates import NUMBERS, STRESS, Estimate, Estimates
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.field_response import FieldResponse
@@ -404,4 +404,4 @@ class Reconstruction:
             return Estimate.indicated(self.indicator(answer))
         if answer.gauss is None or self.flow is None:
             return None
-        return Estimate.indicated(self.flow.misfit(answer.gauss.stress))
+        return Estimate.indicated(self.flow.misfit(answer.gauss.stress), STRESS)

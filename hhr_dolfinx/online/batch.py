@@ -18,7 +18,7 @@ from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import HHRError, ParameterError
 from hhr_dolfinx.models.answer import Answer, ListedAnswers, SeveralAnswers, WithOutputs
 from hhr_dolfinx.models.choice import LEAF
-from hhr_dolfinx.models.estimates import INDICATED, SHOWN, Estimate, columns
+from hhr_dolfinx.models.estimates import STRESS, Estimate, columns, shown_of
 from hhr_dolfinx.models.fallback import FallbackModel
 from hhr_dolfinx.models.local import LocalModels
 from hhr_dolfinx.parameters import ParameterSpace
@@ -157,10 +157,12 @@ class Query:
         if not self.estimates:
             return []
         # fields of models that keep all contact conditions, or of a rival, know of no estimates
-        bound, indicator = (getattr(self.model.fields, name, None) for name in ("bound", "indicator"))
+        bound, indicator, flow = (getattr(self.model.fields, name, None) for name in ("bound", "indicator", "flow"))
         if bound is not None:
             return columns(bound.kind, self.bounded_outputs)
-        return [] if indicator is None else columns("indicator", {})
+        if indicator is not None:
+            return columns("indicator", {})
+        return [] if flow is None else columns(STRESS, {})
 
     # threads of BLAS slow small blocks down, a hundredfold where other processes keep the cores busy
     @threadpool_limits.wrap(limits=1, user_api="blas")
@@ -242,8 +244,7 @@ class Query:
         found = many.estimates()
         if found is None:
             return np.full((len(self.estimate_heads), len(many)), np.nan)
-        names = INDICATED if found.kind == "indicator" else SHOWN
-        return np.array([getattr(found, SHOWN[name]) for name in names])
+        return np.array([getattr(found, name) for name in shown_of(found.kind).values()])
 
     def _estimate(self, estimate: Estimate | None) -> list[float]:
         """Those of one answer, with bounds of outputs."""

@@ -53,7 +53,7 @@ TIMES = {
     "online_forces": "the reduced model, forces on the whole surface",
 }  # fmt: skip
 PICTURES = {
-    "work_precision.png": "Error against time of one query. What lies on the black line is beaten by nothing in both.",
+    "work_precision.png": "Error against time of one query. What lies on the line is beaten by nothing in both.",
     "pressures.png": "Contact pressures: lines of the full order, marks of the reduced model.",
     "fields.png": "The cells on which the reduced model integrates (RID), and fields beside each other.",
     "errors.png": "Errors over the parameter.", "contact_force.png": "Contact force over time.",
