@@ -33,11 +33,15 @@ training to round-off, any other answer would seem far outside."""
 EXPLAINED = 0.01
 """Part of the stress of a step that counts as explained by its modes whatever training showed, for the same reason."""
 TOLD = 0.05
-"""Estimate from which on a step is told, unless training showed more than half of that: an error that nobody wants."""
-POOR = 2.0
-"""Factor over the estimates of training that passes where that is more: other steps along trained paths showed 1.7."""
-NOTHING = 1e-5
-"""Part of the largest stress known below which that of a step is round-off: steps are solved to 1e-5 of forces."""
+"""Estimate from which on a step is told, unless training showed nearly as much: an error that nobody wants."""
+POOR = 1.2
+"""Factor over the estimates of training that passes where that is more: of a poor model, which a build warns of."""
+NOTHING = 1e-4
+"""Part of the largest stress known below which that of a step is none: steps are solved to 1e-5 of forces, and a body
+that moves freely before it touches has a stress of 3e-5 by the round-off of its modes."""
+SMALL_STEP = 1e-2
+"""Part of the largest stress known below which a trained step sets no limit: relative to itself its stress is wrong,
+and as a limit it would let pass all that is wrong at full loads."""
 
 
 def check_outside(outside: Any) -> None:
@@ -127,10 +131,10 @@ class Signs(NamedTuple):
 
 
 class Known(NamedTuple):
-    """What a reduced model showed on histories that are known, each a list of signs, one for each step.
+    """What a reduced model showed on the histories of its training, each a list of signs, one for each step.
 
     Attributes:
-        signs: along trained and held-out histories.
+        signs: along trained histories.
         onsets: along first steps of trained histories in small parts, which any finer path passes through.
         length: largest gap or relative motion of contact surfaces in training.
     """
@@ -196,7 +200,7 @@ class TrainedPaths:
         every = [sign for signs in known.signs for sign in signs]
         largest = max(sign.stress for sign in every)
         # as steps are held against it: of no stress to speak of nothing is explained, which says nothing
-        estimate = max([EXPLAINED, *(sign.estimate for sign in every if sign.stress > NOTHING * largest)])
+        estimate = max([EXPLAINED, *(sign.estimate for sign in every if sign.stress > SMALL_STEP * largest)])
         begun = [next((sign.stress for sign in signs if sign.stress > NOTHING * largest), 0.0) for signs in known.signs]
         return cls(
             range_,

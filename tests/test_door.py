@@ -150,7 +150,9 @@ def test_held_out_histories_decide(pellet):
         hhr.build(full, of(histories), dataclasses.replace(RECIPE, trust=limits), slower)
     told = [str(item.message) for item in caught]
     # and since what it shows there is what other histories are held against
-    assert any("held-out history 0" in text for text in told) and any("are warned of from" in text for text in told)
+    assert any("held-out history 0" in text for text in told)
+    # what the model gets wrong there opens no door: a path like that is warned of
+    assert not any("are warned of from" in text for text in told)
 
 
 def test_nothing_held_out_is_said(pellet):

@@ -209,9 +209,9 @@ def test_a_small_misfit_is_none():
         Watch(trained, "refuse").after(1, 1.0, one(1.6, 50.0))
 
 
-@pytest.mark.parametrize("shown, passes", [(0.012, 0.036), (0.02, 0.05), (0.04, 0.08)])
+@pytest.mark.parametrize("shown, passes", [(0.012, 0.036), (0.02, 0.05), (0.04, 0.05), (0.05, 0.06)])
 def test_large_estimates_are_told_however_poor_the_training(shown, passes):
-    """Three times what training showed passes; above 5 %, at most twice as much."""
+    """Three times what training showed passes; above 5 %, at most a fifth more."""
     trained = watched([one(shown, 1.0)])
     assert not warns(trained, one(0.99 * passes, 1.0)) and warns(trained, one(1.01 * passes, 1.0))
 
@@ -220,15 +220,15 @@ def test_a_step_is_held_against_its_own_stress():
     """What stays behind a part load is small beside all that was trained, and three quarters of it may be wrong."""
     trained = watched([one(1.0, 20.0), one(0.5, 50.0), one(1.0, 100.0)])
     assert (trained.estimate, trained.begun) == (0.05, 20.0)
-    assert not warns(trained, one(1.0, 30.0), one(0.09, 1.0)) and warns(trained, one(1.0, 30.0), one(0.11, 1.0))
+    assert not warns(trained, one(1.0, 30.0), one(0.055, 1.0)) and warns(trained, one(1.0, 30.0), one(0.065, 1.0))
     assert not warns(trained, one(1.0, 30.0), one(0.9e-3, 0.9e-3)), "round-off beside a stress of 100 is no stress"
 
 
 def test_a_history_that_has_hardly_begun_is_held_against_onsets():
     trained = watched([one(0.2, 20.0), one(1.0, 100.0)], [one(0.1, 1.0), one(0.5, 10.0)])
     assert (trained.estimate, trained.onset) == (0.01, 0.1)
-    assert not warns(trained, one(0.19, 1.0), one(0.5, 19.0)) and warns(trained, one(0.21, 1.0))
-    assert warns(trained, one(0.1, 21.0), one(0.19, 1.0)), "the same, behind steps as large as trained ones"
+    assert not warns(trained, one(0.115, 1.0), one(0.5, 19.0)) and warns(trained, one(0.125, 1.0))
+    assert warns(trained, one(0.1, 21.0), one(0.115, 1.0)), "the same, behind steps as large as trained ones"
 
 
 @pytest.mark.parametrize("steps", [6, 60, 200])
@@ -240,7 +240,7 @@ def test_trained_paths_in_finer_and_coarser_steps_are_warned_of_where_they_are_w
         found = model.march(path).answers
     if any(issubclass(item.category, OutsideTrainingWarning) for item in caught):
         pairs = zip(found, trained.full_order.march(path).answers, strict=True)
-        assert max(relative_error(here.stress().ravel(), there.stress().ravel()) for here, there in pairs) > 0.05
+        assert max(relative_error(here.stress().ravel(), there.stress().ravel()) for here, there in pairs) > 0.04
 
 
 @pytest.mark.parametrize("share", [0.1, 0.2, 0.35])
@@ -261,6 +261,6 @@ def test_part_loads_of_trained_paths_are_right_or_warned_of(trained, model, shar
 
 def test_a_poor_model_says_that_its_door_is_wide():
     limits = hhr.Recipe.flowing().trust
-    check_door(watched([one(0.09, 1.0)]), limits)
-    with pytest.warns(StabilityWarning, match=r"by up to 0\.2 of its size .* warned of from 0\.4 on only"):
+    check_door(watched([one(0.04, 1.0)]), limits)
+    with pytest.warns(StabilityWarning, match=r"by up to 0\.2 of its size .* warned of from 0\.24 on only"):
         check_door(watched([one(0.2, 1.0)]), limits)

@@ -97,15 +97,15 @@ def compare_on_s(model: Any) -> Comparison:
 
 def compare_histories(
     full: Any, model: Model, histories: dict[str, History], floor: float
-) -> tuple[Comparison, list[list[Signs]]]:
-    """Errors of known histories, by label, solved by a model, and the signs of its steps.
+) -> tuple[Comparison, dict[str, list[Signs]]]:
+    """Errors of known histories, by label, solved by a model, and the signs of its steps by the same labels.
 
     The error of a history is the largest of its steps over the largest displacement or force of the history: the
     first touch, with forces of a twentieth of the last ones, would otherwise decide. So with stress and plastic strain.
     A history that fails has infinite errors and no signs.
     """
     rows: list[Row] = []
-    signs = []
+    signs = {}
     for label, exact in histories.items():
         try:
             # in the same parts, lest errors of time steps pass for errors of the model
@@ -118,7 +118,7 @@ def compare_histories(
             rows.append((label, *[math.inf] * 4))
             continue
         rows.append((label, *largest_errors(full, found, exact, floor), *_state_errors(found, exact)))
-        signs.append(found.signs)
+        signs[label] = found.signs
     return Comparison.of(rows), signs
 
 

@@ -83,7 +83,7 @@ class TrustLimits:
     warn_stress: float = 0.08
     warn_plastic: float = 0.05
     warn_worst: float = 0.1
-    warn_estimate: float = 0.1
+    warn_estimate: float = 0.05
 
     def __post_init__(self) -> None:
         """Refuse with ReductionError what is no limit, and warnings that could never be said."""

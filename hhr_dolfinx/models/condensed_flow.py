@@ -72,7 +72,8 @@ class CondensedFlow:
     """Arrays of condensed flow, in the middle of the box (n points of c components, ell modes, m conditions, Q parts).
 
     Attributes:
-        points: numbers of the Gauss points Z in the full model, body by body, (n,).
+        points: numbers of the Gauss points Z in the full model, body by body, (n,); some have no weight, and tell what
+            flows where the others do not look.
         groups: elasticity and laws of these points by body, their indices one behind another.
         per_cell: Gauss points of a cell of the full model.
         parts: part of the stiffness that holds each point, (n,).

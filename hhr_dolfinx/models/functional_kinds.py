@@ -278,12 +278,14 @@ class MovingMises(Mises):
 
 @dataclass(frozen=True, eq=False)
 class FlowMises(Functional):
-    """Von Mises' stress at Gauss points of bodies that flow.
+    """Von Mises' stress at Gauss points of bodies that flow; derivatives of histories do not reach the stress.
 
     Attributes:
         points: numbers of the Gauss points, (g,).
         shares: of each in the mean, (g,); none for the largest value.
     """
+
+    differentiable = False
 
     points: np.ndarray
     shares: np.ndarray

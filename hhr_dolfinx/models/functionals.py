@@ -17,7 +17,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, vstack
 
 from hhr_dolfinx.amplitudes import Amplitudes
-from hhr_dolfinx.errors import HHRError, ParameterError, SceneError
+from hhr_dolfinx.errors import HHRError, NotOfferedError, ParameterError, SceneError
 from hhr_dolfinx.models.reshaped import DIFFERENCE
 from hhr_dolfinx.parameters import ParameterSpace
 
@@ -35,7 +35,8 @@ class Outputs:
     Attributes:
         values: by name; NaN without an answer.
         units: as the scene gives them.
-        gradient: derivatives along the parameters by name, (P,) each; None unless they were asked for.
+        gradient: derivatives along the parameters by name, (P,) each, of outputs that have any; None unless they were
+            asked for.
         one_sided: whether some of the derivatives hold on one side only.
     """
 
@@ -58,6 +59,15 @@ class Outputs:
     def keys(self) -> list[str]:
         """Names, in the order of the scene."""
         return list(self.values)
+
+
+class _Gradient(dict[str, np.ndarray]):
+    """Derivatives by the names of outputs, of those that have any."""
+
+    def __missing__(self, name: str) -> np.ndarray:
+        raise NotOfferedError(
+            f"output {name!r} has no derivatives along a history: its value is there, or difference it"
+        )
 
 
 class MeasuredFields(Protocol):
@@ -159,9 +169,11 @@ class Functional:
         rows, columns, entries: of the sparse matrix of its rows, (k, N).
         uses_forces: whether it depends on contact forces.
         affine: whether at one point it is affine in forces and displacement, so that its slopes hold everywhere.
+        differentiable: whether it has derivatives along the parameters.
     """
 
     uses_forces: ClassVar[bool] = False
+    differentiable: ClassVar[bool] = True
     affine: ClassVar[bool] = False
 
     name: str
@@ -303,8 +315,10 @@ def outputs_of(answer: Answer) -> Outputs:
     else:
         of_forces, of_measured = fields.measured_changes(answer, changes)
     of_shape = _shape_slopes(whole, functionals, states, coordinates)
-    gradient, one_sided = {}, answer.gradient.one_sided
+    gradient, one_sided = _Gradient(), answer.gradient.one_sided
     for item, state, place, explicit in zip(functionals.items, states, functionals.places, of_shape, strict=True):
+        if not item.differentiable:
+            continue
         part = item.slopes(state)
         found = explicit + part.forces @ of_forces[part.conditions] if part.conditions.size else explicit
         for slope, change in ((part.measured, of_measured[place]), (part.theta, changes)):

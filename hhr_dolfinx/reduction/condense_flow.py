@@ -9,6 +9,7 @@ steps stalled, or jumped. With both, none did.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -42,6 +43,10 @@ if TYPE_CHECKING:
 
 LEFT_OUT = {"plastic": 1e-8, "cumulated": 1e-6}
 """Part of the squared training fields that the modes for plastic strain and for what of it is cumulated leave out."""
+WATCHED = 12
+"""Points without weight at which laws are evaluated, or a tenth of the others if that is more."""
+ALIKE = 1e-6
+"""Part of the cumulated plastic strain by which that of symmetric points may differ."""
 SPARE = 2
 """Values that a fit has for each mode at least, so that those left over tell how good it is."""
 NOTHING = 1e-8
@@ -239,7 +244,7 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
             "may turn their sign: allow more points (most_points), or a smaller stability"
         )
     with log.stage("online_arrays"):
-        flow = _online(full, elastic, basis, domain, cubature)
+        flow = _online(full, elastic, basis, domain, cubature, answers)
         problem = full.problem
         fields = CondensedFlowFields(
             problem.amplitudes, elastic.factors, elastic.parts, basis, elastic.per_force, elastic.forced,
@@ -264,12 +269,13 @@ def _online(
     basis: np.ndarray,
     domain: FlowingDomain,
     cubature: Cubature,
+    answers: Sequence[Answer],
 ) -> CondensedFlow:
     """Everything that a step needs, on the points of the cubature."""
     equilibrium, problem = full.equilibrium, full.problem
-    points = domain.points[cubature.points]
+    points, weights = _watched(domain, cubature, answers)
     groups, order = _by_body(equilibrium.material.groups, points)
-    points, weights = points[order], (cubature.weights * domain.weights[cubature.points])[order]
+    points, weights = points[order], weights[order]
     components = equilibrium.operator.components
     strain = StrainAt(equilibrium.operator, points)
     everywhere = StrainAt(equilibrium.operator, domain.points)
@@ -297,6 +303,22 @@ def _online(
         pressed=np.array([problem.contact @ np.where(mask, elastic.forced, 0.0) for mask in masks]),
         gaps=problem.gaps - problem.contact @ elastic.given,
     )
+
+
+def _watched(domain: FlowingDomain, cubature: Cubature, answers: Sequence[Answer]) -> tuple[np.ndarray, np.ndarray]:
+    """Points of a cubature and their weights, and, without weight, those that flow most at training states.
+
+    Where bodies flow first none of the few points of a cubature may be: a history that flows there alone would look
+    elastic, whatever stress it leaves behind.
+    """
+    flowed = np.array([answer.state().state.cumulated[domain.points] for answer in answers])
+    largest = flowed.max(axis=1, keepdims=True)
+    # the first of those that flow alike to round-off
+    most = np.unique((flowed >= (1 - ALIKE) * largest).argmax(axis=1)[largest[:, 0] > 0])
+    # the first steps of the most different histories: more would cost what a cubature saves
+    kept = np.setdiff1d(most, cubature.points)[: max(cubature.points.size // 10, WATCHED)]
+    weights = np.append(cubature.weights * domain.weights[cubature.points], np.zeros(kept.size))
+    return np.append(domain.points[cubature.points], domain.points[kept]), weights
 
 
 def _deviators(strains: np.ndarray, components: int) -> np.ndarray:
