@@ -9,7 +9,8 @@ import numpy as np
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses
+from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses
+from hhr_dolfinx.models.elimination import ConstantElimination, Responses
 from hhr_dolfinx.models.exact import ExactFields
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 def exact_condensation(
     full: FullOrderModel, known: KnownStatuses, *, field: bool = True
-) -> CondensedModel | VaryingModel:
+) -> CondensedModel:
     """Eliminate everything but the contact forces exactly; for constant stiffness only.
 
     The answer is that of the full model, to round-off. Serial, since it keeps whole columns of K^-1.
@@ -62,17 +63,16 @@ def exact_condensation(
     )
     if problem.rigid is not None:
         return _floating(problem, problem.rigid, responses, known, fields)
-    given = problem.parameters, problem.amplitudes, responses, known, fields
-    return CondensedModel(*given, pairs=problem.contact_pairs)
+    eliminated = ConstantElimination(responses, problem.amplitudes)
+    return CondensedModel(problem.parameters, eliminated, known, fields, problem.contact_pairs)
 
 
 def _floating(
     problem: ContactProblem, rigid: np.ndarray, responses: Responses, known: KnownStatuses, fields: ExactFields
-) -> VaryingModel:
+) -> CondensedModel:
     """The same with rigid motions, (N, r), that nothing but contact holds."""
     from hhr_dolfinx.models.floating import FloatingResponses
-    from hhr_dolfinx.models.varying import VaryingModel
 
     taken, driving = problem.contact @ rigid, rigid.T @ problem.loads
     left = FloatingResponses(responses, taken, driving, rigid, problem.amplitudes)
-    return VaryingModel(problem.parameters, left, known, fields, problem.contact_pairs)
+    return CondensedModel(problem.parameters, left, known, fields, problem.contact_pairs)

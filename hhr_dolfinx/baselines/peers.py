@@ -21,7 +21,8 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.linear.dense import PetscLU
 from hhr_dolfinx.models.answer import Answer, ElasticFields
-from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses
+from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses
+from hhr_dolfinx.models.elimination import ConstantElimination, Responses
 from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
@@ -51,7 +52,7 @@ class DualBasisModel:
         factor, loads = PetscLU(basis.T @ (problem.stiffness @ basis)), problem.loads.T @ basis
         responses = Responses.eliminate(factor, loads.T, dual_basis.T @ problem.gaps, contact, contact)
         fields = _ConeFields(full, basis, dual_basis)
-        given = problem.parameters, problem.amplitudes, responses
+        given = problem.parameters, ConstantElimination(responses, problem.amplitudes)
         unknown = KnownStatuses(snapshots.points[:1], np.zeros((1, dual_basis.shape[1]), dtype=bool))
         cold = CondensedModel(*given, unknown, fields)
         # its own answers at the training points, to start from like every other model

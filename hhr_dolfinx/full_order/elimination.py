@@ -11,7 +11,7 @@ import numpy as np
 from hhr_dolfinx.contact.floating import FloatingEqualities
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.models.varying import Floating, answer_of
+from hhr_dolfinx.models.elimination import CondensedContact, Floating, answer_of
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.full import FullOrderModel
@@ -22,8 +22,8 @@ round-off of the assembly grows."""
 
 
 @dataclass(frozen=True)
-class FullElimination:
-    """See :class:`hhr_dolfinx.models.varying.Elimination`; on several ranks vectors of dofs are this rank's own.
+class FullElimination(CondensedContact):
+    """See :class:`hhr_dolfinx.models.elimination.CondensedContact`; on several ranks vectors of dofs are this rank's own.
 
     Attributes:
         full: the model, whose solver holds the factors of this parameter.

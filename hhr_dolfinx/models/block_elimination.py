@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.errors import SingularError
+from hhr_dolfinx.models.elimination import CondensedContact, Elimination
 from hhr_dolfinx.models.projected import ReducedProblem, ReducedTerms
 
 ROUND_OFF = 1e-12
@@ -45,7 +46,7 @@ class Block(NamedTuple):
     trial: np.ndarray
 
 
-class BlockElimination:
+class BlockElimination(Elimination):
     """Eliminates gamma at any parameter.
 
     Args:
@@ -171,7 +172,7 @@ def _solved(block: Block, weights: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class BlockReduction:
+class BlockReduction(Elimination):
     """Eliminates the unknown of a reduced problem whose stiffness is a sum of parts; plain data, for files.
 
     Attributes:
@@ -224,8 +225,8 @@ def _block(problem: ReducedProblem, terms: ReducedTerms, modes: np.ndarray) -> B
 
 
 @dataclass(frozen=True)
-class ReducedElimination:
-    """See :class:`hhr_dolfinx.models.varying.Elimination`.
+class ReducedElimination(CondensedContact):
+    """See :class:`hhr_dolfinx.models.elimination.CondensedContact`.
 
     Attributes:
         owner: what it was made by.
@@ -245,8 +246,6 @@ class ReducedElimination:
     free: np.ndarray
     factors: list
     per_force: list
-
-    symmetric = False
 
     def unknown(self, forces: np.ndarray) -> np.ndarray:
         """gamma under contact forces, (ell,)."""

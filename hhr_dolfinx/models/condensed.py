@@ -1,11 +1,7 @@
-"""Contact problem whose primal unknown is eliminated offline.
+"""Contact problems whose primal unknown is eliminated: models that keep contact conditions alone.
 
-With K factored, the primal unknown of thesis (1.21) or (1.61) is
-
-    primal(mu, lambda) = free_primal θ(mu) - primal_per_force lambda,
-
-and the contact conditions become slack = free_slack θ(mu) + S lambda with S = B K^-1 B^T. Both the
-reduced model and the exact condensation of a full model are of this form; they differ in their arrays.
+The reduced model, the exact condensation of a full model and the interpolated one are of this form; they differ in what
+eliminates, see :mod:`hhr_dolfinx.models.elimination`.
 """
 
 from __future__ import annotations
@@ -19,57 +15,25 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from hhr_dolfinx.amplitudes import Amplitudes
-from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
-from hhr_dolfinx.errors import ParameterError, SingularError
-from hhr_dolfinx.linear.dense import Factor, Factorise, dense_factors, solve_columns
-from hhr_dolfinx.models.answer import Answer, Fields, History, Path, WithOutputs, found_as, outcome
+from hhr_dolfinx.contact.active_set import Pairs, Status
+from hhr_dolfinx.errors import NotSolvableError, ParameterError
+from hhr_dolfinx.models.answer import (
+    Answer,
+    Fields,
+    History,
+    Path,
+    SeveralAnswers,
+    WithOutputs,
+    outcome,
+    unanswered,
+)
+from hhr_dolfinx.models.elimination import Elimination, answer_of, differentiated
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedRange, check_outside
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.gradient import Gradient
-    from hhr_dolfinx.models.many import ManyAnswers
-
-
-@dataclass(frozen=True)
-class Responses:
-    """All that is left of the primal unknown once it is eliminated (n unknowns, m conditions, 1 + T terms).
-
-    Attributes:
-        free_primal: primal unknown without contact forces, (n, 1 + T).
-        primal_per_force: K^-1 B^T, (n, m).
-        free_slack: slack without contact forces, (m, 1 + T).
-        schur: S = B K^-1 B^T, (m, m).
-    """
-
-    free_primal: np.ndarray
-    primal_per_force: np.ndarray
-    free_slack: np.ndarray
-    schur: np.ndarray
-
-    @classmethod
-    def eliminate(
-        cls, factor: Factor, loads: np.ndarray, gaps: np.ndarray, test: np.ndarray, trial: np.ndarray
-    ) -> Responses:
-        """Eliminate the unknown of K x + test^T lambda = loads θ, trial x <= gaps θ.
-
-        Args:
-            factor: of K.
-            loads: (n, 1 + T).
-            gaps: (m, 1 + T).
-            test: rows by which forces act, (m, n).
-            trial: rows by which gaps are read, (m, n).
-        """
-        free, per_force = solve_columns(factor, loads), solve_columns(factor, test.T)
-        return cls(free, per_force, gaps - trial @ free, trial @ per_force)
-
-
-REGION_ENTRIES = 2_000_000
-"""Numbers (16 MB) that the tabulated critical regions of one model may take; beyond, none are kept."""
-PREPARED_BYTES = 16 * 2**20
-"""Memory for factors of known statuses where there are no regions: a query that starts from them factors nothing."""
+    from hhr_dolfinx.models.regions import CriticalRegions
 
 
 @dataclass(frozen=True)
@@ -134,68 +98,49 @@ def checked_start(start: Any, conditions: int) -> Any:
 
 
 class CondensedModel(WithOutputs):
-    """Answers parameters with the primal unknown eliminated.
-
-    With fixed statuses the solution is affine in the parameters. These affine maps, the critical
-    regions of multi-parametric programming (Bemporad, Morari, Dua and Pistikopoulos, Automatica 38,
-    2002), are tabulated for the known statuses: where the map of the nearest one gives forces and
-    slacks that are all non-negative, it is the solution, and no equality problem is solved online.
+    """Answers parameters with the primal unknown eliminated, once or for each of them.
 
     Several threads may ask one model; it can be copied and pickled, for a pool of workers, and its copies answer alike.
 
     Args:
         parameters: the box of the parameters.
-        amplitudes: θ as a function of the parameters.
-        responses: what the primal unknown leaves behind.
+        eliminated: makes the contact problem of a point.
         known: statuses of solved parameters.
         fields: what completes the answers.
-        factorise: what factors a dense block.
         pairs: number of the contact pair of each condition, (m,); None takes all for one pair.
         trained: parameters outside of which answers are not to be trusted; None where there are none.
         advice: what helps against a status, for the messages.
+
+    Attributes:
+        offline: how it was made, the record of what built it; None where nothing was approximated, or from a file.
     """
 
-    offline: Any = None  # nothing was approximated: there is no record
     file_format = "condensed"
-    kept: ClassVar[Mapping[str, str]] = MappingProxyType(
-        {name: name for name in ("parameters", "amplitudes", "known", "fields", "pairs")} | {"responses": "eliminated"}
-    )
+    kept: ClassVar[tuple[str, ...]] = ("parameters", "eliminated", "known", "fields", "pairs")
     """Arguments by which a file keeps it, and attributes that hold them."""
 
     def __init__(
         self,
         parameters: ParameterSpace,
-        amplitudes: Amplitudes,
-        responses: Responses,
+        eliminated: Elimination,
         known: KnownStatuses,
         fields: Fields,
-        factorise: Factorise = dense_factors,
         pairs: np.ndarray | None = None,
         trained: TrainedRange | None = None,
         advice: Mapping[Status, str] = MappingProxyType({}),
     ):
-        self.parameters, self.amplitudes, self.known, self.trained = parameters, amplitudes, known, trained
-        self.fields, self._advice = fields, advice
+        self.parameters, self.eliminated, self.known, self.fields = parameters, eliminated, known, fields
+        self.trained, self._advice, self.pairs = trained, advice, pairs
+        self.offline: Any = None
         # where the whole box was trained, its own check is enough
         self._door = None if trained is None or trained.covers(parameters) else trained
-        self._schur, self._factorise, self.pairs = responses.schur, factorise, pairs
-        self._pairs = Pairs.of(pairs)
-        self._m = responses.schur.shape[0]
-        self._response = np.asfortranarray(np.vstack([responses.free_slack, responses.free_primal]))
-        self._per_force = np.ascontiguousarray(responses.primal_per_force)
-        self._equalities = SchurEqualities.of(responses.schur, factorise)
-        self._regions = self._tabulate_regions()
+        self._pairs, self._m = Pairs.of(pairs), known.active.shape[1]
+        self._regions: CriticalRegions | None = eliminated.tabulated(known)
 
     def __reduce__(self) -> tuple:
-        """Copy and pickle by the arrays that it was made of: factors and locks belong to one process."""
-        how = self._factorise, self.pairs, self.trained, dict(self._advice)
-        return type(self), (self.parameters, self.amplitudes, self.eliminated, self.known, self.fields, *how)
-
-    @property
-    def eliminated(self) -> Responses:
-        """The arrays that it was made of."""
-        free_slack, free_primal = np.split(self._response, [self._m])
-        return Responses(free_primal, self._per_force, free_slack, self._schur)
+        """Copy and pickle by what it was made of; how it was made stays behind."""
+        given = self.parameters, self.eliminated, self.known, self.fields, self.pairs, self.trained, dict(self._advice)
+        return type(self), given
 
     def solve(
         self,
@@ -207,47 +152,27 @@ class CondensedModel(WithOutputs):
         gradient: bool = False,
     ) -> Answer:
         """Solve for one parameter, see :meth:`Model.solve`."""
-        if gradient:
-            answer = self.solve(mu, start=start, raise_on_failure=raise_on_failure, outside=outside)
-            return answer._replace(gradient=self._gradient(answer)) if answer.converged else answer
         point = self.parameters.point(mu)
         check_outside(outside)
         if self._door is not None:
             self._door.check(point, outside)
         start = checked_start(start, self._m)
         if isinstance(start, str):
-            nearest = self.known.nearest(point) if self._regions else 0
-            region = self._regions[nearest] if self._regions else None
-            start = self.known.start(point) if region is None else self.known.active[nearest]
-            if region is not None:
-                constant, slopes = region
-                m, values = self._m, constant + slopes @ point
-                # the ufunc itself: its wrapper takes as long again
-                if np.minimum.reduce(values[: 2 * m]) >= 0:
-                    return Answer(point, values[2 * m :], values[:m], start, 1, Status.CONVERGED, False, self.fields)
-        response = self._response @ self.amplitudes(point)
-        free_slack = response[: self._m]
-        start = free_slack < 0 if start is None else start
-        found = active_set(self._equalities, free_slack, start, pairs=self._pairs)
-        unknown = response[self._m :] - self._per_force @ found.forces
-        return outcome(found_as(found, point, unknown, self.fields), raise_on_failure, self._advice)
+            known = None if self._regions is None else self._regions.answer(point, self.fields)
+            if known is not None:
+                return differentiated(self.eliminated(point), known) if gradient else known
+            start = self.known.start(point)
+        try:
+            contact = self.eliminated(point)
+        except (NotSolvableError, ParameterError):
+            # a singular stiffness, or a shape at which surfaces slide off what the model knows
+            if raise_on_failure:
+                raise
+            return unanswered(point, self.sizes, self.fields)
+        answer = answer_of(contact, point, start, self._pairs, self.fields, gradient=gradient)
+        return outcome(answer, raise_on_failure, self._advice)
 
-    @property
-    def conditions(self) -> int:
-        """Number of conditions, all of which are kept."""
-        return self._m
-
-    @property
-    def tabulated(self) -> bool:
-        """Whether answers of known statuses are: where amplitudes are affine, and tables not too large."""
-        return bool(self._regions)
-
-    @property
-    def responses(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Free slack and, behind it, free primal unknown, (m + n, 1 + T); S, (m, m); K^-1 B^T, (n, m)."""
-        return self._response, self._schur, self._per_force
-
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> ManyAnswers:
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> SeveralAnswers:
         """Answer many parameters, (n, P), at once; as :meth:`solve` does, to round-off, and quicker the more there are.
 
         Args:
@@ -255,7 +180,7 @@ class CondensedModel(WithOutputs):
             raise_on_failure: raise at the first that has no answer, or go on with NaN and a status.
             outside: see :meth:`Model.solve`.
         """
-        from hhr_dolfinx.models.many import checked_points, condensed_answers
+        from hhr_dolfinx.models.many import checked_points
 
         checked = checked_points(self.parameters, points)
         check_outside(outside)
@@ -263,19 +188,27 @@ class CondensedModel(WithOutputs):
             inside = ((checked >= self._door.lower) & (checked <= self._door.upper)).all(axis=1)
             for point in checked[~inside]:
                 self._door.check(point, outside)
-        return condensed_answers(self, checked, raise_on_failure=raise_on_failure, outside="ignore")
+        return self.eliminated.answers(self, checked, raise_on_failure)
 
-    def _gradient(self, answer: Answer) -> Gradient:
-        """Derivatives of an answer."""
-        from hhr_dolfinx.models.gradient import gradient_of
+    def from_contact(self, contact: Any, point: np.ndarray, raise_on_failure: bool) -> Answer:
+        """The answer to a point from its contact problem, from the nearest known statuses."""
+        answer = answer_of(contact, point, self.known.start(point), self._pairs, self.fields)
+        return outcome(answer, raise_on_failure, self._advice)
 
-        acting, slopes = self.amplitudes.slopes_at(answer.parameter)
-        changes = self._response[:, acting] @ slopes
-        free_slack = self._response[: self._m] @ self.amplitudes(answer.parameter)
-        slack = free_slack + self._schur @ answer.multipliers
-        fixed = changes[: self._m], changes[self._m :]
-        how = answer.active, answer.multipliers, slack, fixed, self._per_force.__matmul__
-        return gradient_of(self._equalities, *how)
+    @property
+    def conditions(self) -> int:
+        """Number of conditions, all of which are kept."""
+        return self._m
+
+    @cached_property
+    def sizes(self) -> tuple[int, int]:
+        """Numbers of unknowns and of conditions of an answer."""
+        return self.eliminated(self.known.points[0]).unknown(np.zeros(self._m)).size, self._m
+
+    @property
+    def tabulated(self) -> bool:
+        """Whether answers of known statuses are: where amplitudes are affine, and tables not too large."""
+        return self._regions is not None
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
         """Solve along a path; see :func:`solve_along`."""
@@ -286,28 +219,3 @@ class CondensedModel(WithOutputs):
         model = copy(self)
         model.fields = fields
         return model
-
-    def _tabulate_regions(self):
-        """For each known status the affine map mu -> (forces, slacks, primal).
-
-        None where there is none: too large, not affine, a singular set, or numbers that are not finite.
-        """
-        distinct, which = np.unique(self.known.active, axis=0, return_inverse=True)
-        size = len(distinct) * (self._m + len(self._response)) * (1 + len(self.parameters.names))
-        if self.amplitudes.nonaffine or size > REGION_ENTRIES:
-            self._equalities.prepare(distinct, PREPARED_BYTES)
-            return []
-        # columns: the value at mu = 0, then the slope along each parameter
-        response = self._response @ np.column_stack([self.amplitudes.constant, self.amplitudes.slopes])
-        regions: list[tuple[np.ndarray, np.ndarray] | None] = []
-        for active in distinct:
-            try:
-                columns = [self._equalities(active, column) for column in response[: self._m].T]
-            except SingularError:  # the active set may find a way round
-                regions.append(None)
-                continue
-            forces, slack = (np.stack(item, axis=1) for item in zip(*columns, strict=True))
-            values = np.vstack([forces, slack, response[self._m :] - self._per_force @ forces])
-            finite = np.isfinite(values).all()
-            regions.append((values[:, 0].copy(), np.ascontiguousarray(values[:, 1:])) if finite else None)
-        return [regions[k] for k in which.ravel()]

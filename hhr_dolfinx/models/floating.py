@@ -16,15 +16,14 @@ import numpy as np
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.floating import FloatingEqualities
 from hhr_dolfinx.linear.dense import LapackLU
-from hhr_dolfinx.models.condensed import Responses
+from hhr_dolfinx.models.elimination import CondensedContact, Elimination, Floating, Responses
 from hhr_dolfinx.models.projected import ReducedProblem
-from hhr_dolfinx.models.varying import Floating
 
 Changed = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
-class FloatingResponses:
+class FloatingResponses(Elimination):
     """What elimination leaves at one stiffness (n unknowns, m conditions, r motions, 1 + T terms).
 
     Attributes:
@@ -55,8 +54,8 @@ class FloatingResponses:
 
 
 @dataclass(frozen=True, eq=False)
-class FloatingElimination:
-    """See :class:`hhr_dolfinx.models.varying.Elimination`.
+class FloatingElimination(CondensedContact):
+    """See :class:`hhr_dolfinx.models.elimination.CondensedContact`.
 
     Attributes:
         left: what elimination leaves at the stiffness of the point.
@@ -68,8 +67,6 @@ class FloatingElimination:
     left: FloatingResponses
     point: np.ndarray
     changed: Changed | None = None
-
-    symmetric = False
 
     @property
     def schur(self) -> np.ndarray:
@@ -111,7 +108,7 @@ class FloatingElimination:
 
 
 @dataclass(frozen=True)
-class FloatingReduction:
+class FloatingReduction(Elimination):
     """Eliminates gamma of a reduced problem at any parameter; once for all where its stiffness is constant.
 
     Attributes:

@@ -160,7 +160,7 @@ class Factored(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Compliances:
+class Compliances(Elimination):
     """All parts of a scene; maps a point to an :class:`InterpolatedElimination`.
 
     Attributes:
@@ -217,7 +217,29 @@ class Compliances:
         slack = self.gaps_at(point) @ theta
         for part, (along, compliance) in zip(self.parts, found.along, strict=True):
             slack[part.where] -= part.moved(part.columns, along, theta, compliance)
-        return replace(found, point=point, free_slack=slack, theta=theta)
+        moved = replace(found, point=point, free_slack=slack, theta=theta)
+        vars(moved)["equalities"] = found.equalities  # of the same S
+        return moved
+
+    def answers(self, model: CondensedModel, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
+        """Neighbours that share their stiffness share S and its factors."""
+        from hhr_dolfinx.models.many import ManyAnswers
+
+        answers, before = [], None
+        for point in points:
+            if before is not None and self.same_stiffness(before.point, point):
+                before = self.moved_to(before, point)
+            else:
+                try:
+                    before = self(point)
+                except (NotSolvableError, ParameterError):
+                    if raise_on_failure:
+                        raise
+                    before = None
+                    answers.append(unanswered(point, model.sizes, model.fields))
+                    continue
+            answers.append(model.from_contact(before, point, raise_on_failure))
+        return ManyAnswers.of(answers, model.fields)
 
     def gaps_at(self, point: np.ndarray) -> np.ndarray:
         """D at a point, (m, 1 + T)."""
@@ -225,8 +247,8 @@ class Compliances:
 
 
 @dataclass(frozen=True)
-class InterpolatedElimination:
-    """See :class:`hhr_dolfinx.models.varying.Elimination`; the primal unknown may be left out.
+class InterpolatedElimination(CondensedContact):
+    """See :class:`hhr_dolfinx.models.elimination.CondensedContact`; the primal unknown may be left out.
 
     Attributes:
         owner: what it was made by.

@@ -17,6 +17,7 @@ from hhr_dolfinx.parameters import ParameterSpace
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed import CondensedModel
+    from hhr_dolfinx.models.elimination import ConstantElimination
 
 BLOCK = 1024
 """Points whose unknown is made at once, so that what is made on the way stays small beside the answers."""
@@ -144,11 +145,13 @@ def checked_points(space: ParameterSpace, table: Any) -> np.ndarray:
     return space.points(table)
 
 
-def condensed_answers(model: CondensedModel, points: np.ndarray, **how: Any) -> ManyAnswers:
-    """Answers of a condensed model to checked points, (n, P)."""
-    response, schur, per_force = model.responses
+def condensed_answers(
+    model: CondensedModel, eliminated: ConstantElimination, points: np.ndarray, **how: Any
+) -> ManyAnswers:
+    """Answers of a model of constant stiffness to checked points, (n, P)."""
+    response, schur, per_force = eliminated.response, eliminated.responses.schur, eliminated.responses.primal_per_force
     m, n = len(schur), len(points)
-    theta, active = amplitudes_at(model.amplitudes, points), model.known.starts(points)
+    theta, active = amplitudes_at(eliminated.amplitudes, points), model.known.starts(points)
     forces, iterations, left = settled(schur, np.asarray(theta @ response[:m].T), active)
     unknown, status = np.empty((n, len(response) - m)), [Status.CONVERGED] * n
     for first in range(0, n, BLOCK):

@@ -12,6 +12,7 @@ from scipy.linalg.lapack import dgetrf, dgetrs
 from hhr_dolfinx.amplitudes import Amplitudes, Theta
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.models.interpolation import Interpolant
+from hhr_dolfinx.models.elimination import CondensedContact, Elimination
 from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.parameters import ParameterSpace
 
@@ -54,8 +55,8 @@ class InterpolatedProblem:
 
 
 @dataclass(frozen=True)
-class ReshapedElimination:
-    """See :class:`hhr_dolfinx.models.varying.Elimination`.
+class ReshapedElimination(CondensedContact):
+    """See :class:`hhr_dolfinx.models.elimination.CondensedContact`.
 
     Attributes:
         owner: what makes the problem of a point.
@@ -75,8 +76,6 @@ class ReshapedElimination:
     per_force: np.ndarray
     schur: np.ndarray
     free_slack: np.ndarray
-
-    symmetric = False
 
     def unknown(self, forces: np.ndarray) -> np.ndarray:
         """gamma under contact forces, (ell,)."""
@@ -105,7 +104,7 @@ class ReshapedElimination:
 
 
 @dataclass(frozen=True)
-class ReshapedReduction:
+class ReshapedReduction(Elimination):
     """Eliminates gamma from the problem of each point, (P,).
 
     Attributes:

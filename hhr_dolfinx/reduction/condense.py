@@ -25,7 +25,7 @@ from hhr_dolfinx.models.interpolation import GrownGrid
 from hhr_dolfinx.models.known_error import NOT_ASKED, known_error, warn_unbounded
 from hhr_dolfinx.models.reshaped import ReshapedReduction
 from hhr_dolfinx.models.starts import LinearStarts
-from hhr_dolfinx.models.varying import VaryingModel
+from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.reduction.components import Solver, components_of, interpolated_compliances
 from hhr_dolfinx.reduction.interpolate import DEFAULT_GRID, GridSettings
 from hhr_dolfinx.reduction.interpolate_reduced import interpolated_problem
@@ -80,7 +80,7 @@ def condense(
     *,
     bound: bool = True,
     fields: bool = True,
-) -> VaryingModel:
+) -> CondensedModel:
     """Build a model that keeps all contact conditions and interpolates what is behind them.
 
     Args:
@@ -123,7 +123,7 @@ def condense(
     elif fields:
         made = replace(made, unbounded=NOT_ASKED)
     log.say(known_error(made))
-    model = VaryingModel(full.parameters, compliances, known, made, problem.contact_pairs, advice=ADVICE)
+    model = CondensedModel(full.parameters, compliances, known, made, problem.contact_pairs, advice=ADVICE)
     comparison = None
     if held_out is not None and snapshots is not None and fields:
         with log.stage("validation"):
