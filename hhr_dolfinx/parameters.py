@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from numbers import Integral, Real
@@ -98,6 +98,33 @@ class ParameterSpace:
         bounds = np.array([self.lower, self.upper], dtype=float)
         slack = 1e-12 * (bounds[1] - bounds[0])
         return list(zip((bounds[0] - slack).tolist(), (bounds[1] + slack).tolist(), strict=True))
+
+    def differences(
+        self,
+        value: Callable[[np.ndarray], np.ndarray],
+        point: np.ndarray,
+        part: float,
+        axes: Iterable[int] | None = None,
+    ) -> np.ndarray:
+        """Derivatives of (n,) values along the parameters by central differences inside the box, (n, axes).
+
+        Args:
+            value: maps a point, (P,), to (n,) values.
+            point: (P,).
+            part: of the box by which the point is moved to either side; their error is its square.
+            axes: places of the parameters; None for all.
+        """
+        columns = []
+        for place in range(point.size) if axes is None else axes:
+            low, high = self.lower[place], self.upper[place]
+            ends = []
+            for shift in (-part, part):
+                moved = point.copy()
+                moved[place] = min(max(moved[place] + shift * (high - low), low), high)
+                ends.append((moved[place], value(moved)))
+            (before, first), (after, second) = ends
+            columns.append((second - first) / (after - before))
+        return np.stack(columns, axis=1)
 
     def point(self, mu: Any) -> np.ndarray:
         """Turn a number, a sequence or a mapping by name into a checked point, shape (P,).

@@ -20,7 +20,8 @@ from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, SingularError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.linear.dense import LapackLU, PetscLU
 from hhr_dolfinx.models.answer import ElasticFields, found_as, outcome
-from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses
+from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses
+from hhr_dolfinx.models.elimination import ConstantElimination, Responses
 from hhr_dolfinx.models.reduced import ADVICE, ReducedModel, ReducedProblem
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.reduction.completion import Completion
@@ -311,8 +312,7 @@ def test_singular_and_cycling_answers_hold_nan_and_a_status():
     for schur, status in ((np.zeros((1, 1)), Status.SINGULAR), (-np.ones((1, 1)), Status.CYCLING)):
         model = CondensedModel(
             space,
-            amplitudes,
-            Responses(np.ones((2, 1)), np.ones((2, 1)), -np.ones((1, 1)), schur),
+            ConstantElimination(Responses(np.ones((2, 1)), np.ones((2, 1)), -np.ones((1, 1)), schur), amplitudes),
             KnownStatuses(np.array([[0.5]]), np.array([[False]])),
             ElasticFields(),
         )
@@ -348,8 +348,10 @@ def condensed(schur, gap, known, advice=None):
     gap, size = np.asarray(gap, dtype=float), len(gap)
     return CondensedModel(
         ParameterSpace(("mu",), (0.0,), (1.0,)),
-        Amplitudes(np.array([1.0]), np.array([[0.0]])),
-        Responses(np.zeros((0, 1)), np.zeros((0, size)), gap[:, None], np.asarray(schur, dtype=float)),
+        ConstantElimination(
+            Responses(np.zeros((0, 1)), np.zeros((0, size)), gap[:, None], np.asarray(schur, dtype=float)),
+            Amplitudes(np.array([1.0]), np.array([[0.0]])),
+        ),
         KnownStatuses(np.array([[0.5]]), np.array([known])),
         ElasticFields(),
         advice=advice or {},
@@ -377,7 +379,7 @@ def test_each_model_adds_its_own_advice():
         model.solve(0.5)
     zero = ReducedProblem(np.zeros((1, 1)), *[np.ones((2, 1))] * 2, np.ones((1, 1)), np.ones((2, 1)), np.zeros(2, int))
     with pytest.raises(SingularError, match=r"K~ cannot be eliminated.*singular: add RID layers"):
-        ReducedModel(zero, model.parameters, SimpleNamespace(amplitudes=model.amplitudes), known=model.known)
+        ReducedModel(zero, model.parameters, SimpleNamespace(amplitudes=model.eliminated.amplitudes), known=model.known)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -196,7 +196,7 @@ UNNEEDED = {
     "elasticity and shapes that depend on parameters": [
         "hhr_dolfinx.formulas", "hhr_dolfinx.shapes", "hhr_dolfinx.full_order.varying",
         "hhr_dolfinx.full_order.reshaped",
-        "hhr_dolfinx.full_order.elimination", "hhr_dolfinx.models.varying", "hhr_dolfinx.models.reshaped",
+        "hhr_dolfinx.full_order.elimination", "hhr_dolfinx.models.reshaped",
         "hhr_dolfinx.models.block_elimination", "hhr_dolfinx.models.interpolated", "hhr_dolfinx.models.interpolation",
         "hhr_dolfinx.models.starts", "hhr_dolfinx.reduction.condense", "hhr_dolfinx.reduction.interpolate",
         "hhr_dolfinx.reduction.interpolate_reduced", "hhr_dolfinx.reduction.starts"],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,13 +13,8 @@ from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses
 from hhr_dolfinx.models.elimination import ConstantElimination, Responses
 from hhr_dolfinx.models.exact import ExactFields
 
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.varying import VaryingModel
 
-
-def exact_condensation(
-    full: FullOrderModel, known: KnownStatuses, *, field: bool = True
-) -> CondensedModel:
+def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: bool = True) -> CondensedModel:
     """Eliminate everything but the contact forces exactly; for constant stiffness only.
 
     The answer is that of the full model, to round-off. Serial, since it keeps whole columns of K^-1.

@@ -23,7 +23,7 @@ round-off of the assembly grows."""
 
 @dataclass(frozen=True)
 class FullElimination(CondensedContact):
-    """See :class:`hhr_dolfinx.models.elimination.CondensedContact`; on several ranks vectors of dofs are this rank's own.
+    """See :class:`~models.elimination.CondensedContact`; on several ranks vectors of dofs are this rank's own.
 
     Attributes:
         full: the model, whose solver holds the factors of this parameter.
@@ -123,21 +123,15 @@ class FullElimination(CondensedContact):
 
     def _differenced(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same by central differences of what is assembled on meshes moved a little to either side."""
-        space, lefts, slacks = self.full.parameters, [], []
-        for place, (low, high) in enumerate(zip(space.lower, space.upper, strict=True)):
-            step, ends = DIFFERENCE * (high - low), []
-            for shift in (-step, step):
-                moved = self.point.copy()
-                moved[place] = min(max(moved[place] + shift, low), high)
-                problem = self.full.problem.at(moved)
-                theta = problem.amplitudes(moved)
-                residual = problem.stiffness @ unknown + problem.contact.T @ forces - problem.loads @ theta
-                ends.append((moved[place], residual, problem.gaps @ theta - problem.contact @ unknown))
-            (before, *first), (after, *second) = ends
-            left, slack = ((b - a) / (after - before) for a, b in zip(first, second, strict=True))
-            lefts.append(left)
-            slacks.append(slack)
-        return np.stack(lefts, axis=1), np.stack(slacks, axis=1)
+
+        def residual_and_slack(moved: np.ndarray) -> np.ndarray:
+            problem = self.full.problem.at(moved)
+            theta = problem.amplitudes(moved)
+            residual = problem.stiffness @ unknown + problem.contact.T @ forces - problem.loads @ theta
+            return np.append(residual, problem.gaps @ theta - problem.contact @ unknown)
+
+        found = self.full.parameters.differences(residual_and_slack, self.point, DIFFERENCE)
+        return found[: unknown.size], found[unknown.size :]
 
 
 def solved_anew(full: FullOrderModel, point: np.ndarray, start: np.ndarray | None, *, gradient: bool) -> Answer:

@@ -23,7 +23,6 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
 from hhr_dolfinx.linear.dense import Factor, Factorise, LapackLU, dense_factors, solve_columns
 from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers, found_as, one_by_one
-from hhr_dolfinx.models.gradient import Gradient, gradient_of, grazing
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.floating import FloatingEqualities
@@ -58,10 +57,23 @@ class CondensedContact(ABC):
         floating: rigid motions that contact alone holds; None without any.
     """
 
-    schur: np.ndarray
-    free_slack: np.ndarray
-    symmetric: bool = False
-    floating: Floating | None = None
+    if TYPE_CHECKING:  # to be read: some are fields, others are made when somebody asks
+
+        @property
+        def schur(self) -> np.ndarray: ...  # noqa: D102
+
+        @property
+        def free_slack(self) -> np.ndarray: ...  # noqa: D102
+
+        @property
+        def symmetric(self) -> bool: ...  # noqa: D102
+
+        @property
+        def floating(self) -> Floating | None: ...  # noqa: D102
+
+    else:
+        symmetric = False
+        floating = None
 
     @abstractmethod
     def unknown(self, forces: np.ndarray) -> np.ndarray:
@@ -126,6 +138,8 @@ def differentiated(contact: CondensedContact, answer: Answer) -> Answer:
     """An answer with its derivatives on its statuses; as it is where it is none."""
     if not answer.converged:
         return answer
+    from hhr_dolfinx.models.gradient import gradient_of
+
     forces = answer.multipliers
     slack = contact.free_slack + contact.schur @ forces
     fixed = contact.at_fixed_forces(forces, answer.unknown)
@@ -152,6 +166,8 @@ def _floating_answer(
     answer = found_as(found, point, unknown, fields)
     if not gradient or found.status is not Status.CONVERGED:
         return answer
+    from hhr_dolfinx.models.gradient import Gradient, grazing
+
     slack = free_slack + contact.schur @ found.forces - equalities.taken @ motions
     of_slack, of_unknown = contact.at_fixed_forces(found.forces, unknown)
     driven = floating.drift(found.forces, unknown)
@@ -245,35 +261,45 @@ class ConstantElimination(Elimination):
         return condensed_answers(model, self, points, raise_on_failure=raise_on_failure, outside="ignore")
 
 
+@dataclass(frozen=True, eq=False)
 class ConstantContact(CondensedContact):
     """What is left at a point where the stiffness is constant.
 
-    Args:
+    Attributes:
         owner: what eliminated.
         point: the parameter, (P,).
         response: free slack and free unknown there, (m + n,).
     """
 
-    def __init__(self, owner: ConstantElimination, point: np.ndarray, response: np.ndarray):
-        self._owner, self._point, self._response = owner, point, response
-        self.schur = owner.responses.schur
-        self.free_slack = response[: len(self.schur)]
+    owner: ConstantElimination
+    point: np.ndarray
+    response: np.ndarray
+
+    @property
+    def schur(self) -> np.ndarray:
+        """S, (m, m)."""
+        return self.owner.responses.schur
+
+    @property
+    def free_slack(self) -> np.ndarray:
+        """Slack without contact forces, (m,)."""
+        return self.response[: len(self.schur)]
 
     @property
     def equalities(self) -> Any:
         """Those of all points."""
-        return self._owner.equalities
+        return self.owner.equalities
 
     def unknown(self, forces: np.ndarray) -> np.ndarray:
         """The primal unknown under contact forces, (n,)."""
-        return self._response[len(self.schur) :] - self._owner.responses.primal_per_force @ forces
+        return self.response[len(self.schur) :] - self.owner.responses.primal_per_force @ forces
 
     def pushed(self, forces: np.ndarray) -> np.ndarray:
         """K^-1 B^T times forces, (m, k)."""
-        return self._owner.responses.primal_per_force @ forces
+        return self.owner.responses.primal_per_force @ forces
 
     def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of slack and unknown, which loads and gaps alone have."""
-        acting, slopes = self._owner.amplitudes.slopes_at(self._point)
-        changes = self._owner.response[:, acting] @ slopes
+        acting, slopes = self.owner.amplitudes.slopes_at(self.point)
+        changes = self.owner.response[:, acting] @ slopes
         return changes[: len(self.schur)], changes[len(self.schur) :]

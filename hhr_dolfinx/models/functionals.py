@@ -18,12 +18,13 @@ from scipy.sparse import csr_matrix, vstack
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.errors import HHRError, NotOfferedError, ParameterError, SceneError
-from hhr_dolfinx.models.reshaped import DIFFERENCE
 from hhr_dolfinx.parameters import ParameterSpace
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
 
+DIFFERENCE = 1e-4
+"""Part of the box by which shapes are moved to either side for derivatives: their error is its square."""
 _NOTHING = np.zeros(0)
 _NOWHERE = np.zeros(0, dtype=np.int64)
 
@@ -334,21 +335,18 @@ def _shape_slopes(
     """Derivatives of all outputs along what changes the shape while the state stays, by differences, (outputs, P)."""
     point = states[0].point
     found = np.zeros((len(states), point.size))
-    for axis in whole.axes:
-        low, high = whole.parameters.lower[axis], whole.parameters.upper[axis]
-        ends = []
-        for shift in (-DIFFERENCE, DIFFERENCE):
-            moved = point.copy()
-            moved[axis] = min(max(moved[axis] + shift * (high - low), low), high)
-            there = whole.at(moved)
-            measured = there.measured(coordinates)
-            values = [
+
+    def followed(moved: np.ndarray) -> np.ndarray:
+        there = whole.at(moved)
+        measured = there.measured(coordinates)
+        every = zip(functionals.items, there.items, states, functionals.places, strict=True)
+        return np.array(
+            [
                 item.followed(state, other, state._replace(measured=measured[place]))
-                for item, other, state, place in zip(
-                    functionals.items, there.items, states, functionals.places, strict=True
-                )
+                for item, other, state, place in every
             ]
-            ends.append((moved[axis], np.array(values)))
-        (before, first), (after, second) = ends
-        found[:, axis] = (second - first) / (after - before)
+        )
+
+    if whole.axes.size:
+        found[:, whole.axes] = whole.parameters.differences(followed, point, DIFFERENCE, whole.axes)
     return found

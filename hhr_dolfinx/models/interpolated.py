@@ -15,13 +15,15 @@ import numpy as np
 from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes
-from hhr_dolfinx.errors import NotOfferedError
-from hhr_dolfinx.models.answer import Answer, ElasticFields
+from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ParameterError
+from hhr_dolfinx.models.answer import Answer, ElasticFields, SeveralAnswers, unanswered
+from hhr_dolfinx.models.elimination import CondensedContact, Elimination
 from hhr_dolfinx.models.interpolation import Interpolant
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Scalar
     from hhr_dolfinx.models.block_elimination import BlockReduction
+    from hhr_dolfinx.models.condensed import CondensedModel
     from hhr_dolfinx.models.estimates import Estimate
     from hhr_dolfinx.models.functionals import Functionals
     from hhr_dolfinx.models.reshaped import ReshapedReduction

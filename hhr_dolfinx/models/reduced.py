@@ -14,7 +14,8 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ReductionError, SingularError
 from hhr_dolfinx.linear.dense import Factorise, dense_factors
 from hhr_dolfinx.models.answer import Answer, History, Path, SeveralAnswers, WithOutputs
-from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses, checked_start
+from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, checked_start
+from hhr_dolfinx.models.elimination import ConstantElimination, Elimination, Responses
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient, solve_along
 from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.models.reconstruct import Reconstruction
@@ -23,12 +24,9 @@ from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Amplitudes
-    from hhr_dolfinx.models.block_elimination import BlockElimination
     from hhr_dolfinx.models.cubature_flow import CubatureFlow
     from hhr_dolfinx.models.interpolated import Compliances
     from hhr_dolfinx.models.reduced_flow import ProjectedEquilibrium, ReducedFlow
-    from hhr_dolfinx.models.reshaped import ReshapedReduction
-    from hhr_dolfinx.models.varying import VaryingModel
 
 ADVICE: Mapping[Status, str] = MappingProxyType(
     {
@@ -56,6 +54,9 @@ class ReducedModel(WithOutputs):
         factorise: what factors K~ and the active blocks.
         compliances: what eliminates gamma between few parameters where K~ depends on them; None factors K~ for each.
 
+    Attributes:
+        eliminated: the model without gamma, which answers where nothing flows; None where bodies flow.
+
     Raises:
         SingularError: if K~ is singular.
     """
@@ -79,10 +80,10 @@ class ReducedModel(WithOutputs):
         self.problem, self.parameters, self.fields, self.trained = problem, parameters, fields, trained
         self.known, self.flow, self.offline, self._factorise = known, flow, offline, factorise
         self.equilibrium: ProjectedEquilibrium | None = None
-        self._elastic: CondensedModel | VaryingModel | None = None
+        self.eliminated: CondensedModel | None = None
         try:
             if flow is None:
-                self._elastic = self._eliminated(factorise)
+                self.eliminated = self._without_gamma(factorise)
             else:
                 self.equilibrium = flow.equilibrium(problem, parameters, fields)
                 self.equilibrium.trained = trained if isinstance(trained, TrainedPaths) else None
@@ -119,8 +120,8 @@ class ReducedModel(WithOutputs):
 
         Such a step knows no ``start``; ``step`` may hold its ``duration``, see :func:`one_step`.
         """
-        if self._elastic is not None:
-            return self._elastic.solve(
+        if self.eliminated is not None:
+            return self.eliminated.solve(
                 mu, start=start, raise_on_failure=raise_on_failure, outside=outside, gradient=gradient, **step
             )
         checked_start(start, len(self.problem.gaps))
@@ -129,9 +130,9 @@ class ReducedModel(WithOutputs):
 
     def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> SeveralAnswers:
         """Answer many parameters, (n, P), see :meth:`CondensedModel.solve_many`; where bodies flow one by one."""
-        if self._elastic is None:
+        if self.eliminated is None:
             return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
-        return self._elastic.solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
+        return self.eliminated.solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
         """Solve a history from rest, see :meth:`Model.march`."""
@@ -141,40 +142,34 @@ class ReducedModel(WithOutputs):
 
         return march(self.equilibrium, checked_path(self.parameters, path), settings)
 
-    def _eliminated(self, factorise: Factorise) -> CondensedModel | VaryingModel:
+    def _without_gamma(self, factorise: Factorise) -> CondensedModel:
         """The model with gamma eliminated: once, or for each parameter where the stiffness depends on it."""
-        problem, contact = self.problem, (self.problem.contact_test, self.problem.contact_trial)
         if self.known is None:
             raise ReductionError("a model in which nothing flows starts from known statuses: give them as known")
+        eliminated = self.compliances or _elimination(self.problem, self.fields.amplitudes, self.parameters, factorise)
         trained = self.trained if isinstance(self.trained, TrainedRange) else None
-        if problem.motions:
-            from hhr_dolfinx.models.floating import FloatingReduction
-            from hhr_dolfinx.models.varying import VaryingModel
-
-            floating = FloatingReduction(problem, self.fields.amplitudes)
-            return VaryingModel(self.parameters, floating, self.known, self.fields, problem.pairs, trained, ADVICE)
-        if problem.terms is not None or problem.reshaped is not None:
-            from hhr_dolfinx.models.varying import VaryingModel
-
-            eliminated = self.compliances or _eliminated_anew(problem, self.fields.amplitudes, self.parameters)
-            rest = self.known, self.fields, problem.pairs, trained, ADVICE
-            return VaryingModel(self.parameters, eliminated, *rest)
-        responses = Responses.eliminate(factorise(problem.stiffness), problem.loads, problem.gaps, *contact)
-        how = factorise, problem.pairs, trained, ADVICE
-        return CondensedModel(self.parameters, self.fields.amplitudes, responses, self.known, self.fields, *how)
+        return CondensedModel(self.parameters, eliminated, self.known, self.fields, self.problem.pairs, trained, ADVICE)
 
 
-def _eliminated_anew(
-    problem: ReducedProblem, amplitudes: Amplitudes, parameters: ParameterSpace
-) -> BlockElimination | ReshapedReduction:
-    """What factors K~ of each query: on the RID as its shape is there, or as a sum of parts."""
+def _elimination(
+    problem: ReducedProblem, amplitudes: Amplitudes, parameters: ParameterSpace, factorise: Factorise
+) -> Elimination:
+    """What eliminates gamma: once, beside rigid motions, on the RID as its shape is, or of a sum of parts."""
+    if problem.motions:
+        from hhr_dolfinx.models.floating import FloatingReduction
+
+        return FloatingReduction(problem, amplitudes)
     if problem.reshaped is not None:
         from hhr_dolfinx.models.reshaped import ReshapedReduction
 
         return ReshapedReduction(problem.reshaped, amplitudes, parameters)
-    from hhr_dolfinx.models.block_elimination import BlockElimination
+    if problem.terms is not None:
+        from hhr_dolfinx.models.block_elimination import BlockElimination
 
-    return BlockElimination(problem, amplitudes)
+        return BlockElimination(problem, amplitudes)
+    contact = problem.contact_test, problem.contact_trial
+    responses = Responses.eliminate(factorise(problem.stiffness), problem.loads, problem.gaps, *contact)
+    return ConstantElimination(responses, amplitudes, factorise)
 
 
 def _restored(

@@ -11,8 +11,8 @@ from scipy.linalg.lapack import dgetrf, dgetrs
 
 from hhr_dolfinx.amplitudes import Amplitudes, Theta
 from hhr_dolfinx.errors import SingularError
-from hhr_dolfinx.models.interpolation import Interpolant
 from hhr_dolfinx.models.elimination import CondensedContact, Elimination
+from hhr_dolfinx.models.interpolation import Interpolant
 from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.parameters import ParameterSpace
 
@@ -87,18 +87,14 @@ class ReshapedElimination(CondensedContact):
 
     def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """K~ gamma' = -R' with the residual R differenced between problems a little to either side."""
-        space, columns = self.owner.parameters, []
-        for place, (low, high) in enumerate(zip(space.lower, space.upper, strict=True)):
-            ends = []
-            for shift in (-DIFFERENCE, DIFFERENCE):
-                moved = self.point.copy()
-                moved[place] = min(max(moved[place] + shift * (high - low), low), high)
-                problem, theta = self.owner.problem_at(moved), self.owner.amplitudes(moved)
-                left = problem.stiffness @ unknown + problem.contact_test.T @ forces - problem.loads @ theta
-                ends.append((moved[place], np.append(left, problem.gaps @ theta - problem.contact_trial @ unknown)))
-            (before, first), (after, second) = ends
-            columns.append((second - first) / (after - before))
-        explicit, size = np.stack(columns, axis=1), unknown.size
+
+        def residual_and_slack(moved: np.ndarray) -> np.ndarray:
+            problem, theta = self.owner.problem_at(moved), self.owner.amplitudes(moved)
+            left = problem.stiffness @ unknown + problem.contact_test.T @ forces - problem.loads @ theta
+            return np.append(left, problem.gaps @ theta - problem.contact_trial @ unknown)
+
+        explicit = self.owner.parameters.differences(residual_and_slack, self.point, DIFFERENCE)
+        size = unknown.size
         found = dgetrs(*self.factors, -explicit[:size])[0]
         return explicit[size:] - self.problem.contact_trial @ found, found
 

@@ -21,7 +21,7 @@ def save_condensed(path: str | Path, model: Any) -> None:
         ModelFileError: if the model cannot be read back: numbers that are not finite, amplitudes that are no data.
     """
     arrays: dict[str, np.ndarray] = {}
-    parts = {name: getattr(model, attribute) for name, attribute in model.kept.items()}
+    parts = {name: getattr(model, name) for name in model.kept}
     parts["fields"] = replace(parts["fields"], stress_of=None)
     try:
         tree = {name: taken_apart(part, name, arrays) for name, part in parts.items()}

@@ -9,7 +9,7 @@ import numpy as np
 from hhr_dolfinx.parameters import ParameterSpace
 
 FORMAT, VERSION = "hhr_dolfinx reduced model", 13
-CONDENSED, CONDENSED_VERSION = "hhr_dolfinx condensed model", 4
+CONDENSED, CONDENSED_VERSION = "hhr_dolfinx condensed model", 5
 """Format of files of condensation, exact or interpolated, see ``varying_file``."""
 CONDENSED_FLOW, CONDENSED_FLOW_VERSION = "hhr_dolfinx condensed flow model", 5
 """Format of files of condensed flow, see ``condensed_flow_file``."""

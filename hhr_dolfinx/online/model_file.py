@@ -34,9 +34,8 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.local import LocalModels
     from hhr_dolfinx.models.local_histories import LocalHistories
     from hhr_dolfinx.models.reduced import ReducedModel
-    from hhr_dolfinx.models.varying import VaryingModel
 
-    KeptModel = ReducedModel | LocalModels | LocalHistories | CondensedModel | VaryingModel | CondensedFlowModel
+    KeptModel = ReducedModel | LocalModels | LocalHistories | CondensedModel | CondensedFlowModel
     """Models that a file can hold."""
 
 OTHERS = {

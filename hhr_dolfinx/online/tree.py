@@ -48,7 +48,7 @@ def taken_apart(value: Any, path: str, arrays: dict[str, np.ndarray], depth: int
     if isinstance(value, tuple | list):
         return {"items": [taken_apart(item, f"{path}.{k}", arrays, depth + 1) for k, item in enumerate(value)]}
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {item.name: getattr(value, item.name) for item in dataclasses.fields(value) if item.init}
+        fields = {item.name: getattr(value, item.name) for item in _kept(value)}
         parts = {name: taken_apart(part, f"{path}.{name}", arrays, depth + 1) for name, part in fields.items()}
         return {"kind": type(value).__name__, "fields": parts}
     raise FileContentError(f"{path} is a {type(value).__name__}, which no file can hold")
@@ -78,7 +78,7 @@ def put_together(tree: Any, arrays: Mapping[str, np.ndarray], kinds: Mapping[str
             f"a part of the file is of the kind {str(tree.get('kind'))[:40]!r}, which is unknown here"
         )
     kind = kinds[tree["kind"]]
-    expected = {item.name for item in dataclasses.fields(kind) if item.init}
+    expected = {item.name for item in _kept(kind)}
     if tree["fields"].keys() != expected:
         raise FileContentError(f"a {tree['kind']} has the fields {sorted(expected)}, not {sorted(tree['fields'])[:20]}")
     parts = {name: put_together(part, arrays, kinds, depth + 1) for name, part in tree["fields"].items()}
@@ -86,6 +86,11 @@ def put_together(tree: Any, arrays: Mapping[str, np.ndarray], kinds: Mapping[str
         return kind(**parts)
     except (TypeError, ValueError, KeyError, IndexError) as error:
         raise FileContentError(f"a {tree['kind']} refuses what the file says of it: {error}") from error
+
+
+def _kept(kind: Any) -> list[dataclasses.Field]:
+    """Fields that a file keeps: those that make a value, but for code."""
+    return [item for item in dataclasses.fields(kind) if item.init and item.metadata.get("kept", True)]
 
 
 def _array(arrays: Mapping[str, np.ndarray], path: Any) -> np.ndarray:

@@ -18,7 +18,8 @@ from hhr_dolfinx.formulas import Formula, Modulus, Scalar, check_over_box
 from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.models.block_elimination import BlockReduction
 from hhr_dolfinx.models.cells import CellRule
-from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, Responses
+from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses
+from hhr_dolfinx.models.elimination import ConstantElimination, Responses
 from hhr_dolfinx.models.error_bound import ErrorBound
 from hhr_dolfinx.models.exact import ExactFields
 from hhr_dolfinx.models.floating import FloatingResponses
@@ -34,7 +35,6 @@ from hhr_dolfinx.models.reshaped import InterpolatedProblem, ReshapedReduction
 from hhr_dolfinx.models.shaped import FixedCells, RidAssembly, RidBody, RidShape
 from hhr_dolfinx.models.shaped_functionals import ReshapedFunctionals, Zone
 from hhr_dolfinx.models.starts import LinearStarts
-from hhr_dolfinx.models.varying import VaryingModel
 from hhr_dolfinx.models.varying_bound import PartEnergy, VaryingBound
 from hhr_dolfinx.online.tree import put_together, taken_apart
 from hhr_dolfinx.pairings.mortar import Mortar
@@ -50,25 +50,26 @@ KINDS = (
     Interpolant, KnownStatuses, LinearStarts, Modulus, ParameterSpace, PrimalModes, ReducedProblem, ReducedTerms,
     ReshapedReduction, Scalar, Functionals, *FUNCTIONALS, FixedCells, RidAssembly, RidBody, RidShape, Shape, CellRule,
     ContactPatch, SurfacePatch, Mortar, NodeToNode, NodeToSurface, DoublePass, Obstacle,
-    MovingCells, ReshapedFunctionals, Zone, VaryingBound, PartEnergy, ExactFields, FloatingResponses, Responses,
+    MovingCells, ReshapedFunctionals, Zone, VaryingBound, PartEnergy, ExactFields, FloatingResponses,
+    ConstantElimination, Responses,
 )  # fmt: skip
 """Classes that may come out of a file."""
 
 PREFIX = "varying"
 
 
-def _made_of(parts: dict[str, Any]) -> CondensedModel | VaryingModel:
-    """The model of the parts of a file: eliminated once for all, or for each query."""
-    if parts.keys() == CondensedModel.kept.keys():
-        return CondensedModel(**parts, factorise=LapackLU)
-    if parts.keys() == VaryingModel.kept.keys():
-        return VaryingModel(**parts)
-    raise FileContentError(f"parts {sorted(parts)[:10]} make no condensed model")
+def _made_of(parts: dict[str, Any]) -> CondensedModel:
+    """The model of the parts of a file."""
+    if parts.keys() != set(CondensedModel.kept):
+        raise FileContentError(f"parts {sorted(parts)[:10]} make no condensed model")
+    if isinstance(parts["eliminated"], ConstantElimination):
+        parts["eliminated"] = replace(parts["eliminated"], factorise=LapackLU)
+    return CondensedModel(**parts)
 
 
 def condensed_of(
     path: str | Path, header: dict, arrays: Mapping[str, np.ndarray], known: Iterable[type]
-) -> CondensedModel | VaryingModel:
+) -> CondensedModel:
     """The model of a file written by :func:`save_condensed`.
 
     Args:

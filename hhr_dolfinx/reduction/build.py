@@ -23,7 +23,6 @@ from hhr_dolfinx.certify.trust import (
 )
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.error_bound import ErrorBound
 from hhr_dolfinx.models.known_error import known_error, warn_unbounded
 from hhr_dolfinx.models.reduced import ReducedModel
@@ -256,8 +255,8 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
         model = ReducedModel(reduced, full.parameters, fields, range_, known=known, flow=flow)
         if problem.varies and flow is None:
             model = _eliminated_between(model, full, log)
-        elif isinstance(model._elastic, CondensedModel) and not model._elastic.tabulated:
-            model = model.changed(known=_starts_along(model._elastic))
+        elif model.eliminated is not None and not (reduced.motions or model.eliminated.tabulated):
+            model = model.changed(known=_starts_along(model))
     margin = _checked_margin(shared, model, layers)
     with log.stage("validation"):
         comparison, trained = _compared(shared, model)
@@ -296,11 +295,12 @@ def _functionals(full: Any, basis: np.ndarray) -> Any:
     return reshaped_functionals(full.functionals, full.problem, basis, SHAPE_GRID)
 
 
-def _starts_along(model: CondensedModel) -> LinearStarts:
+def _starts_along(model: ReducedModel) -> LinearStarts:
     """Starts of a model whose answers are not tabulated; the module is loaded where there is one."""
-    from hhr_dolfinx.reduction.starts import starts_along
+    from hhr_dolfinx.reduction.starts import linear_starts
 
-    return starts_along(model)
+    inner: Any = model.eliminated
+    return linear_starts(inner.eliminated, inner.known.points, inner.pairs, inner.known.active)
 
 
 def _eliminated_between(model: ReducedModel, full: Any, log: StageLog) -> ReducedModel:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -14,16 +14,11 @@ from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.scene import Scene
 
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.varying import VaryingModel
-
 STARTS = 64
 """Points at which statuses are solved for on S beforehand, where nothing but loads varies."""
 
 
-def condense(
-    scene: Scene | FullOrderModel, settings: Any = None, *, fields: bool | None = None
-) -> CondensedModel | VaryingModel:
+def condense(scene: Scene | FullOrderModel, settings: Any = None, *, fields: bool | None = None) -> CondensedModel:
     """A model that keeps all contact conditions and eliminates the rest, without snapshots.
 
     Where the stiffness is constant it answers as the full model does, to round-off. Where moduli or the shape depend on

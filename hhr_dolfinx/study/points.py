@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -23,9 +23,6 @@ from hhr_dolfinx.study.measure import Measurement, Row
 from hhr_dolfinx.study.references import References
 from hhr_dolfinx.study.training import Progress, Training
 from hhr_dolfinx.timing import time_queries
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.varying import VaryingModel
 
 COMPARED = ("fom_naive", "fom_best", "condensed")
 TIMED = (*COMPARED, "condensed_full", "online", "online_forces", "online_lapack", "online_full")
@@ -104,7 +101,7 @@ def _searches(answers: list[Answer]) -> dict[str, Any]:
     return {"iterations_median": float(np.median(iterations)), "iterations_max": max(iterations), "cycles": cycles}
 
 
-def _condensed(training: Training, known: KnownStatuses) -> tuple[CondensedModel | VaryingModel, ...]:
+def _condensed(training: Training, known: KnownStatuses) -> tuple[CondensedModel, ...]:
     """Condensation with forces alone and with fields: exact, or interpolated where the stiffness varies."""
     full = training.full_order
     if full.problem.varies:

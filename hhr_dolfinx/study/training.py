@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.force_correction import ForceCorrection
     from hhr_dolfinx.models.local import LocalModels
     from hhr_dolfinx.models.local_histories import LocalHistories
-    from hhr_dolfinx.models.varying import VaryingModel
     from hhr_dolfinx.study.greedy import Choice
 
 Progress = Callable[[str], Callable[[Iterable], Iterable]]
@@ -150,7 +149,7 @@ class Training:
             raise StudyError(f"{given!r} is no recipe: give a Recipe")
         return how.models(self, given if checked else given.as_it_is(), progress("local models"))
 
-    def condense(self, settings: Any = None) -> CondensedModel | VaryingModel | CondensedFlowModel:
+    def condense(self, settings: Any = None) -> CondensedModel | CondensedFlowModel:
         """A model that keeps all contact conditions, with its check.
 
         Where nothing flows and the stiffness is constant it is exact. Where the stiffness or the shape depends on
