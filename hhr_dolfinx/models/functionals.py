@@ -339,13 +339,11 @@ def _shape_slopes(
     def followed(moved: np.ndarray) -> np.ndarray:
         there = whole.at(moved)
         measured = there.measured(coordinates)
-        every = zip(functionals.items, there.items, states, functionals.places, strict=True)
-        return np.array(
-            [
-                item.followed(state, other, state._replace(measured=measured[place]))
-                for item, other, state, place in every
-            ]
-        )
+        after = [
+            state._replace(measured=measured[part]) for state, part in zip(states, functionals.places, strict=True)
+        ]
+        every = zip(functionals.items, there.items, states, after, strict=True)
+        return np.array([item.followed(state, other, new) for item, other, state, new in every])
 
     if whole.axes.size:
         found[:, whole.axes] = whole.parameters.differences(followed, point, DIFFERENCE, whole.axes)
