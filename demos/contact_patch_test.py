@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from parts.verify import recorded_warnings
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import stacked_blocks as geometry
-from hhr_dolfinx.study import cli, report, verify
+from hhr_dolfinx.study import cli, report
 
 YOUNG, PUSH = {geometry.LOWER: 3.0, geometry.UPPER: 7.0}, 0.05
 PRESSURE = PUSH / sum(1 / young for young in YOUNG.values())
@@ -74,7 +75,7 @@ def main() -> None:
     rows, curves = [], {}
     for mesh, cells in meshes.items():
         for name, pairing in PAIRINGS.items():
-            with verify.recorded_warnings() as warned:
+            with recorded_warnings() as warned:
                 where, pressure, stress = solve(scene(pairing, *cells))
             figures = {"stress": stress, "pressure": float(np.abs(pressure - 1).max())}
             rows.append({"mesh": mesh, "pairing": name, **figures, "warned": warned})

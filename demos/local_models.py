@@ -26,11 +26,11 @@ import pellet_materials
 from mpi4py import MPI
 from parts import dissimilarity
 from parts import local_pictures as pictures
+from parts.local_report import local_part
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.study import cli, report
-from hhr_dolfinx.study.local_report import local_part
 from hhr_dolfinx.study.references import References
 from hhr_dolfinx.timing import time_queries, timed
 

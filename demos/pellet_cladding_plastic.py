@@ -21,6 +21,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from parts.paths import summarise_paths, try_path
 from parts.pellet_families import PRESSURE, SPACE, families
 from pellet_cladding import QUICK_MESH, VIEW
 
@@ -32,7 +33,6 @@ from hhr_dolfinx.models.answer import Path
 from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 from hhr_dolfinx.study import cli, report
 from hhr_dolfinx.study.console import Table
-from hhr_dolfinx.study.paths import summarise_paths, try_path
 from hhr_dolfinx.study.study import Study
 
 NAMES = ("primal_euclid", "dual_rid", "stress_rr", "plastic_strain")

@@ -28,7 +28,7 @@ OPTIONAL = {name: packages(EXTRAS[name]) for name in EXTRAS if name not in ("all
 
 BLOCKED = f"""
 import sys
-sys.path.insert(0, {str(ROOT / "tests")!r})
+sys.path[:0] = {[str(ROOT / "tests"), str(ROOT / "demos")]!r}
 for name in {sorted(set.union(*OPTIONAL.values()))!r}:
     sys.modules[name] = None
 import hhr_dolfinx as hhr
@@ -53,7 +53,7 @@ NEEDED = {
     "tables": "hhr.read_points('table.parquet', hhr.ParameterSpace(('mu',), (0.0,), (1.0,)))",
     "pictures": "import hhr_dolfinx.study.plots",
     "local": "from hhr_dolfinx.reduction.clusters import medoids; medoids([[0.0, 1.0], [1.0, 0.0]], 1)",
-    "peers": "from hhr_dolfinx.baselines.peers import nonnegative_factors; nonnegative_factors(None, 1)",
+    "peers": "from parts.peers import nonnegative_factors; nonnegative_factors(None, 1)",
     "mortar": """
 import dataclasses
 from hhr_dolfinx.geometries import stacked_blocks as stacked

@@ -184,11 +184,12 @@ UNNEEDED = {
              "hhr_dolfinx.models.condensed_points",
              "hhr_dolfinx.models.condensed_fields", "hhr_dolfinx.models.condensed_flow",
              "hhr_dolfinx.models.condensed_flow_model", "hhr_dolfinx.models.condensed_step",
+             "hhr_dolfinx.models.plastic_fields",
              "hhr_dolfinx.models.condensed_stepper"],
     "meshes that do not match": ["hhr_dolfinx.pairings.node_to_surface", "hhr_dolfinx.pairings.mortar",
                                  "hhr_dolfinx.pairings.segments", "hhr_dolfinx.pairings.projection", "shapely"],
     "clustering and peers": ["sklearn", "kmedoids", "hhr_dolfinx.reduction.clusters", "hhr_dolfinx.reduction.subspaces",
-                             "hhr_dolfinx.baselines.peers", "hhr_dolfinx.baselines.coarser"],
+                             "hhr_dolfinx.theorems"],
     "pictures": ["hhr_dolfinx.study.plots", "matplotlib", "pyvista"],
     "outputs": ["hhr_dolfinx.outputs", "hhr_dolfinx.full_order.outputs", "hhr_dolfinx.models.functionals",
                 "hhr_dolfinx.models.functional_kinds"],
@@ -216,7 +217,7 @@ UNNEEDED_BY_FLOW = {
        if name not in ("flow", "meshes that do not match")},
     "what only elastic scenes are compared with": [
         "hhr_dolfinx.study.points", "hhr_dolfinx.study.references", "hhr_dolfinx.baselines.naive",
-        "hhr_dolfinx.baselines.condensation", "hhr_dolfinx.study.verify"],
+        "hhr_dolfinx.baselines.condensation"],
 }  # fmt: skip
 """What a study of a scene that flows does without."""
 

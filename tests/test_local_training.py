@@ -8,13 +8,13 @@ import pellet_cladding as pellet
 import pytest
 from mpi4py import MPI
 from parted import AS_IT_IS, OUTPUTS, one_cut
+from parts.local_report import local_part, near_borders, stripe
 from scenes import pressed_pair
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import LocalModelWarning, StudyError, TrainingWarning, UnstableModelError
 from hhr_dolfinx.reduction.classify import forest_tree, separating_cut, tree_of_cells
 from hhr_dolfinx.study import splitting
-from hhr_dolfinx.study.local_report import local_part, near_borders, stripe
 from hhr_dolfinx.study.local_training import built, force_errors, least_forces, moving
 from hhr_dolfinx.study.references import References
 

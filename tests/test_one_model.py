@@ -13,6 +13,7 @@ from contextlib import suppress
 import hertz_half_discs as demo
 import numpy as np
 import pytest
+from parts.peers import DualBasisModel
 from scenes import pressed_block
 from scipy.stats import spearmanr
 from test_active_set import Twice
@@ -22,7 +23,6 @@ from toy_nodes import WholeSurface
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
-from hhr_dolfinx.baselines.peers import DualBasisModel
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, HHRError, NotSolvableError, ParameterError, ReductionError, SceneError
 from hhr_dolfinx.geometries import block

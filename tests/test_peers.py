@@ -4,12 +4,12 @@ import hertz_half_discs as demo
 import numpy as np
 import pytest
 from mpi4py import MPI
+from parts.coarser import CoarserMesh
+from parts.peers import DualBasisModel, cone_projected_greedy, nonnegative_factors
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.baselines.coarser import CoarserMesh
 from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
-from hhr_dolfinx.baselines.peers import DualBasisModel, cone_projected_greedy, nonnegative_factors
 from hhr_dolfinx.errors import NotSolvableError, SceneError
 from hhr_dolfinx.linear.dense import LapackLU, PetscLU
 

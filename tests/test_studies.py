@@ -9,6 +9,7 @@ import contact_patch_test as patch
 import hertz_half_discs as discs
 import numpy as np
 import pytest
+from parts.paths import PathCase, summarise_paths, try_path
 from scenes import pressed_block
 from toy_rival import NearestAnswer, NearestHistory
 
@@ -16,7 +17,6 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ConvergenceError, StudyError, UnstableModelError
 from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 from hhr_dolfinx.study.console import make_console
-from hhr_dolfinx.study.paths import PathCase, summarise_paths, try_path
 from hhr_dolfinx.study.report import print_report
 from hhr_dolfinx.study.study import run_study
 

@@ -13,16 +13,16 @@ from scipy import linalg
 from test_plastic import tube
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.certify import ellipticity
 from hhr_dolfinx.certify.constants import FullConstants
-from hhr_dolfinx.certify.ellipticity import Ellipticity, largest_eigenvalue, smallest_eigenvalue
-from hhr_dolfinx.certify.imposed_interface import ImposedInterface
-from hhr_dolfinx.certify.rid_norms import Directions, Domain, EnergyNorms, EuclideanNorms
-from hhr_dolfinx.certify.theorem_constants import Spaces, refused, sharp_constants
-from hhr_dolfinx.certify.theorems import THEOREMS, ThesisBounds
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import BoundError, ParameterError, ReductionError
 from hhr_dolfinx.geometries import pellet_cladding as pellet_geometry
+from hhr_dolfinx.theorems import ellipticity
+from hhr_dolfinx.theorems.constants import Spaces, refused, sharp_constants
+from hhr_dolfinx.theorems.ellipticity import Ellipticity, largest_eigenvalue, smallest_eigenvalue
+from hhr_dolfinx.theorems.imposed_interface import ImposedInterface
+from hhr_dolfinx.theorems.rid_norms import Directions, Domain, EnergyNorms, EuclideanNorms
+from hhr_dolfinx.theorems.theorems import THEOREMS, ThesisBounds
 
 RECIPE = hhr.Recipe.thesis(1e-7, nodes=(hhr.Deim(), hhr.ForceDeim(1e-5), hhr.LoadNodes()), enrichment=hhr.Enrich(1.0))
 """Of section 2.6.3, with a larger tolerance for the coarser mesh."""

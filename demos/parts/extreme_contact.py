@@ -10,8 +10,8 @@ import pellet_cladding as demo
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import pellet_cladding, two_blocks
-from hhr_dolfinx.study.verify import Case, Known
 from parts.three_rings import three_rings
+from parts.verify import Case, Known
 
 MESH = demo.QUICK_MESH
 

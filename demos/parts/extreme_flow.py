@@ -11,7 +11,7 @@ from pellet_cladding import QUICK_MESH
 import hhr_dolfinx as hhr
 from hhr_dolfinx.materials.laws import Flow
 from hhr_dolfinx.models.answer import Path
-from hhr_dolfinx.study.verify import HistoryCase
+from parts.verify import HistoryCase
 
 Family = Callable[[float], Path]
 """Times and parameters for a gap in um."""

@@ -11,7 +11,7 @@ from pellet_cladding import QUICK_MESH as MESH
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import pellet_cladding as geometry
-from hhr_dolfinx.study.verify import Case
+from parts.verify import Case
 
 
 def non_matching_cases() -> Iterator[Case]:

@@ -8,7 +8,7 @@ from mpi4py.MPI import Comm
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.study.verify import Case, Known
+from parts.verify import Case, Known
 
 THICKNESS, GAP, INNER, FIT, OUTER = 0.02, 0.01, 0.5, 1.0, 1.6
 

@@ -9,7 +9,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.materials.laws import Flow
 from hhr_dolfinx.models.answer import History, Path
-from hhr_dolfinx.study.verify import HistoryCase, Known
+from parts.verify import HistoryCase, Known
 
 LIMIT = 2 / np.sqrt(3) * np.log(2)
 """Limit load of a tube 1 <= r <= 2 that yields at 1 without hardening, in plane strain."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.random import Generator
 
 from hhr_dolfinx.models.answer import Path
-from hhr_dolfinx.study.paths import PathCase
+from parts.paths import PathCase
 
 Drawn = tuple[np.ndarray, np.ndarray, float, float]
 """Times, shares of the pressure, gap, height."""

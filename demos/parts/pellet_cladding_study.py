@@ -7,13 +7,13 @@ import numpy as np
 from mpi4py import MPI
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.baselines.coarser import CoarserMesh
-from hhr_dolfinx.baselines.peers import DualBasisModel, cone_projected_greedy, nonnegative_factors
 from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.study.references import References
 from hhr_dolfinx.study.study import Study
 from hhr_dolfinx.study.training import Training
 from hhr_dolfinx.timing import time_queries
+from parts.coarser import CoarserMesh
+from parts.peers import DualBasisModel, cone_projected_greedy, nonnegative_factors
 from parts.pellet_cladding_tables import POINTS, thesis
 
 THESIS_SIZE = thesis(3e-7, 1e-3, 3.0)

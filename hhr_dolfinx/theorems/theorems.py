@@ -25,10 +25,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhr_dolfinx.certify.ellipticity import Ellipticity
-from hhr_dolfinx.certify.imposed_interface import ImposedInterface
-from hhr_dolfinx.certify.rid_norms import Directions, Domain, EnergyNorms, EuclideanNorms, Norms, root
-from hhr_dolfinx.certify.theorem_constants import (
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.errors import BoundError, ParameterError
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.theorems.constants import (
     OVER_ALL,
     Spaces,
     beyond,
@@ -37,9 +37,9 @@ from hhr_dolfinx.certify.theorem_constants import (
     refused,
     sharp_constants,
 )
-from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.errors import BoundError, ParameterError
-from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.theorems.ellipticity import Ellipticity
+from hhr_dolfinx.theorems.imposed_interface import ImposedInterface
+from hhr_dolfinx.theorems.rid_norms import Directions, Domain, EnergyNorms, EuclideanNorms, Norms, root
 
 THEOREMS = ("3", "4", "4 kernel", "5", "6", "8")
 ROUND_OFF = 1e-10

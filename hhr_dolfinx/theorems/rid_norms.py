@@ -15,9 +15,9 @@ import numpy as np
 from scipy import linalg
 from scipy.sparse import csr_matrix
 
-from hhr_dolfinx.certify.ellipticity import Ellipticity, largest_eigenvalue, of_stiffness, on_dofs
 from hhr_dolfinx.contact.problem import IndexSets
 from hhr_dolfinx.linear.sparse import FreeCholesky, ordering_of
+from hhr_dolfinx.theorems.ellipticity import Ellipticity, largest_eigenvalue, of_stiffness, on_dofs
 
 NEGLIGIBLE = 1e-12
 """Singular value of modes cut off outside A over the largest, below which they are dependent to round-off."""

@@ -1,4 +1,4 @@
-"""Constants and hypotheses of the thesis' theorems, see :mod:`hhr_dolfinx.certify.theorems`.
+"""Constants and hypotheses of the thesis' theorems, see :mod:`hhr_dolfinx.theorems.theorems`.
 
 Each proof uses a on spaces of its own; the constants on these are the sharpest with which it holds. They are
 eigenvalues of pencils of the size of the basis, but for those on V^0, which are as large as the RID and left to SLEPc.
@@ -14,10 +14,10 @@ import numpy as np
 from scipy import linalg
 
 from hhr_dolfinx.certify.constants import Constants
-from hhr_dolfinx.certify.ellipticity import Ellipticity
-from hhr_dolfinx.certify.rid_norms import Directions, Norms
 from hhr_dolfinx.errors import BoundError, ReductionError
 from hhr_dolfinx.models.projected import ReducedProblem
+from hhr_dolfinx.theorems.ellipticity import Ellipticity
+from hhr_dolfinx.theorems.rid_norms import Directions, Norms
 
 SLACK = 1e-8
 """Relative accuracy of constants, by which others may be beyond them."""

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from hhr_dolfinx.amplitudes import Theta
-from hhr_dolfinx.certify.rid_norms import Directions, Domain
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import BoundError
+from hhr_dolfinx.theorems.rid_norms import Directions, Domain
 
 
 @dataclass(frozen=True)
