@@ -11,13 +11,11 @@ from scipy.sparse.linalg import splu
 from hhr_dolfinx.contact.active_set import Pairs, active_set
 from hhr_dolfinx.errors import NotOfferedError, SceneError, SingularError
 from hhr_dolfinx.full_order.full import FULL_ORDER_ADVICE, FullOrderModel
-from hhr_dolfinx.models.answer import Answer, History, Path, WithOutputs, found_as, outcome
-from hhr_dolfinx.models.condensed import checked_start
-from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
-from hhr_dolfinx.trained import check_outside
+from hhr_dolfinx.models.answer import Answer, found_as
+from hhr_dolfinx.models.model import AnsweringModel
 
 
-class NaiveFullOrder(WithOutputs):
+class NaiveFullOrder(AnsweringModel):
     """Nothing is kept between queries.
 
     Each query assembles K anew, and each active-set iteration factors the saddle-point matrix
@@ -40,22 +38,18 @@ class NaiveFullOrder(WithOutputs):
             )
         self._full = full_order
         self.parameters, self.fields = full_order.parameters, full_order
+        self.advice = FULL_ORDER_ADVICE
 
-    def solve(
-        self,
-        mu: Any,
-        *,
-        start: Any = "nearest",
-        raise_on_failure: bool = True,
-        outside: str = "warn",
-        gradient: bool = False,
-    ) -> Answer:
-        """Solve for one parameter; see :meth:`FullOrderModel.solve`. It has no gradients."""
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Those of answers of the full model."""
+        return self._full.sizes
+
+    def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
+        """Everything assembled and factored for this point."""
         if gradient:
             raise NotOfferedError("the naive baseline has no gradient: ask the full model")
-        check_outside(outside)
-        varies, problem = self._full.problem.varies, self._full.problem.at(mu)
-        start, point = checked_start(start, len(problem.gaps)), problem.parameters.point(mu)
+        varies, problem = self._full.problem.varies, self._full.problem.at(point)
         theta = problem.amplitudes(point)
         free = np.flatnonzero(problem.free)
         stiffness = (problem.stiffness if varies else self._assembled())[free][:, free]
@@ -84,13 +78,9 @@ class NaiveFullOrder(WithOutputs):
         found = active_set(saddle_point, gaps, start, pairs=Pairs.of(problem.contact_pairs))
         unknown = np.zeros(problem.free.size)
         unknown[free] = last["free"]
-        return outcome(found_as(found, point, unknown, self._full), raise_on_failure, FULL_ORDER_ADVICE)
+        return found_as(found, point, unknown, self._full)
 
     def _assembled(self) -> csr_matrix:
         """K, assembled once more."""
         first, *others = self._full.discretisation.stiffness_terms()[0]
         return sum(others, start=first)
-
-    def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
-        """Solve along a path; see :func:`solve_along`."""
-        return solve_along(self, checked_path(self._full.parameters, path), settings)

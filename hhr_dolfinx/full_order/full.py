@@ -14,16 +14,15 @@ from scipy.sparse import csr_matrix, spmatrix
 from hhr_dolfinx import ranks
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
 from hhr_dolfinx.contact.scaling import ScaledBodies
-from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ParameterError, SceneError
+from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.linear.sparse import FreeCholesky, ordering_of
-from hhr_dolfinx.models.answer import Answer, History, Path, WithOutputs, found_as, outcome, unanswered
-from hhr_dolfinx.models.condensed import checked_start
+from hhr_dolfinx.models.answer import Answer, History, Path, found_as
 from hhr_dolfinx.models.estimates import Estimate
-from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient, solve_along
+from hhr_dolfinx.models.model import AnsweringModel
+from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.trained import check_outside
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.floating import FloatingEqualities
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
 FULL_ORDER_ADVICE = {Status.SINGULAR: "list each contact pair once, and let no two conditions hold the same dofs"}
 
 
-class FullOrderModel(WithOutputs):
+class FullOrderModel(AnsweringModel):
     """The finite element model of a scene: K factored once, the contact on its Schur complement.
 
     Where nothing flows a query costs one solve with K, the statuses on S = B K^-1 B^T, and u = K^-1 F - K^-1 B^T
@@ -122,6 +121,8 @@ class FullOrderModel(WithOutputs):
         self.schur = self.comm.allreduce(contact @ self.per_force)
         self._contact, self._pairs = contact, Pairs.of(problem.contact_pairs)
         self._equalities = SchurEqualities.of(self.schur)
+        adrift = f"hold it by a displacement, or push it: {problem.loose}"
+        self.advice = {**FULL_ORDER_ADVICE, Status.ADRIFT: adrift}
 
     @cached_property
     def per_load(self) -> np.ndarray:
@@ -226,48 +227,23 @@ class FullOrderModel(WithOutputs):
         ordering = ordering_of(self.problem.block_size, plane)
         return FreeCholesky(stiffness, self.problem.held, self._own, self.scene.name, ordering, self.comm)
 
-    def solve(
-        self,
-        mu: Any,
-        *,
-        start: Any = "nearest",
-        raise_on_failure: bool = True,
-        outside: str = "warn",
-        gradient: bool = False,
-        **step: Any,
-    ) -> Answer:
-        """Solve for one parameter, see :meth:`Model.solve`; where bodies flow, in one step from rest.
-
-        A full model knows no nearest statuses: ``nearest`` starts where the free slack is negative. ``step`` may hold
-        the ``duration`` of a step of bodies that flow, see :func:`one_step`.
-        """
-        start = checked_start(start, len(self.schur))
-        if self.equilibrium is not None:
-            refuse_gradient(gradient)
-            return one_step(self, mu, raise_on_failure, outside, **step)
-        if step:
-            raise NotOfferedError(f"nothing flows in scene '{self.scene.name}': solve takes no {', '.join(step)}")
-        check_outside(outside)
+    def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
+        """A full model knows no nearest statuses: ``nearest`` starts where the free slack is negative."""
         cold = start is None or isinstance(start, str)
-        point = self.parameters.point(mu)
         if self.problem.varies or gradient or self.problem.rigid is not None:
             from hhr_dolfinx.full_order.elimination import solved_anew
 
-            try:
-                answer = solved_anew(self, point, None if cold else start, gradient=gradient)
-            except (NotSolvableError, ParameterError):
-                # a stiffness that is singular, or a shape that turns cells inside out or changes what is in contact
-                if raise_on_failure:
-                    raise
-                return unanswered(point, (len(self.problem.free), self.conditions), self)
-            adrift = f"hold it by a displacement, or push it: {self.problem.loose}"
-            return outcome(answer, raise_on_failure, {**FULL_ORDER_ADVICE, Status.ADRIFT: adrift})
+            return solved_anew(self, point, None if cold else start, gradient=gradient)
         theta = self.problem.amplitudes(point)
         free = self.solve_stiffness(self._own_loads @ theta)
         free_slack = self.problem.gaps @ theta - self._sum(self._contact @ free)
         found = active_set(self._equalities, free_slack, free_slack < 0 if cold else start, pairs=self._pairs)
-        answer = found_as(found, point, self._gather(free - self.per_force @ found.forces), self)
-        return outcome(answer, raise_on_failure, FULL_ORDER_ADVICE)
+        return found_as(found, point, self._gather(free - self.per_force @ found.forces), self)
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Numbers of dofs and of contact conditions."""
+        return len(self.problem.free), self.conditions
 
     def march(
         self,

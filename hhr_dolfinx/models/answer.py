@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.estimates import Estimate, Estimates
     from hhr_dolfinx.models.functionals import Outputs
     from hhr_dolfinx.models.gradient import Gradient
-    from hhr_dolfinx.parameters import ParameterSpace
 
 Path = list[tuple[float, np.ndarray]]
 """Times in seconds and parameters, (P,), the first ones at rest."""
@@ -353,57 +352,6 @@ class Model(Protocol):
             ParameterError: if the path is none, or leaves the box.
             ConvergenceError, OutsideTrainingError: with an attribute ``history`` that holds the steps before.
         """
-
-
-class WithOutputs:
-    """The verbs that all kinds of models share; each kind adds its own ``solve``, and quicker ways where it has them.
-
-    Attributes:
-        parameters: the box of the parameters.
-        fields: what completes the answers.
-        file_format: format of files that hold such a model; empty where no file can.
-        instead: what to keep in a file in the place of such a model.
-    """
-
-    solve: Callable[..., Answer]
-    parameters: ParameterSpace
-    fields: Any
-    file_format: ClassVar[str] = ""
-    instead: ClassVar[str] = "it needs the mesh and its factors. Keep a reduced or a condensed model, training.build()"
-
-    @property
-    def dimension(self) -> int:
-        """Components of the displacement at a node."""
-        return self.fields.dimension
-
-    @property
-    def conditions(self) -> int:
-        """Number of conditions on the whole contact surface, N_lambda."""
-        return self.fields.conditions
-
-    @property
-    def flows(self) -> bool:
-        """Whether bodies flow, so that answers depend on the path that leads to them."""
-        return getattr(self, "equilibrium", None) is not None
-
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> SeveralAnswers:
-        """Answer many parameters, (n, P), one by one; where bodies flow each in one step from rest."""
-        return one_by_one(self, points, {"raise_on_failure": raise_on_failure, "outside": outside})
-
-    @property
-    def known_error(self) -> str:
-        """Which errors the answers of this model know, or why they know none, in one line."""
-        from hhr_dolfinx.models.known_error import known_error
-
-        return known_error(getattr(self, "fields", self))
-
-    def outputs(self, mu: Any, *, gradient: bool = False, **how: Any) -> Outputs:
-        """Outputs of the scene at one parameter; ``how`` are further arguments of :meth:`Model.solve`.
-
-        Raises:
-            HHRError: if the scene has none; see :meth:`Model.solve` besides.
-        """
-        return self.solve(mu, gradient=gradient, **how).outputs()
 
 
 def one_by_one(model: Any, table: Any, how: dict[str, Any]) -> ListedAnswers:

@@ -16,19 +16,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Pairs, Status
-from hhr_dolfinx.errors import NotSolvableError, ParameterError
-from hhr_dolfinx.models.answer import (
-    Answer,
-    Fields,
-    History,
-    Path,
-    SeveralAnswers,
-    WithOutputs,
-    outcome,
-    unanswered,
-)
+from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers, outcome
 from hhr_dolfinx.models.elimination import Elimination, answer_of, differentiated
-from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
+from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedRange, check_outside
 
@@ -80,24 +70,7 @@ class KnownStatuses:
         return self.active[(offsets - points @ directions.T).argmin(axis=1)]
 
 
-def checked_start(start: Any, conditions: int) -> Any:
-    """What a search may start from: ``nearest``, None, or statuses.
-
-    Raises:
-        ParameterError: for another word, or statuses that are not bool or not one for each condition.
-    """
-    if start is None or (isinstance(start, str) and start == "nearest"):
-        return start
-    statuses = np.asarray(start)
-    if statuses.dtype != bool or statuses.shape != (conditions,):
-        given = repr(start) if statuses.ndim == 0 else f"{statuses.dtype} of shape {statuses.shape}"
-        raise ParameterError(
-            f"start = {given} is unknown: 'nearest', None for a cold start, or statuses ({conditions},) bool"
-        )
-    return statuses
-
-
-class CondensedModel(WithOutputs):
+class CondensedModel(AnsweringModel):
     """Answers parameters with the primal unknown eliminated, once or for each of them.
 
     Several threads may ask one model; it can be copied and pickled, for a pool of workers, and its copies answer alike.
@@ -130,47 +103,26 @@ class CondensedModel(WithOutputs):
         advice: Mapping[Status, str] = MappingProxyType({}),
     ):
         self.parameters, self.eliminated, self.known, self.fields = parameters, eliminated, known, fields
-        self.trained, self._advice, self.pairs = trained, advice, pairs
+        self.trained, self.advice, self.pairs = trained, advice, pairs
         self.offline: Any = None
         # where the whole box was trained, its own check is enough
-        self._door = None if trained is None or trained.covers(parameters) else trained
+        self._range = None if trained is None or trained.covers(parameters) else trained
         self._pairs, self._m = Pairs.of(pairs), known.active.shape[1]
         self._regions: CriticalRegions | None = eliminated.tabulated(known)
 
     def __reduce__(self) -> tuple:
         """Copy and pickle by what it was made of; how it was made stays behind."""
-        given = self.parameters, self.eliminated, self.known, self.fields, self.pairs, self.trained, dict(self._advice)
+        given = self.parameters, self.eliminated, self.known, self.fields, self.pairs, self.trained, dict(self.advice)
         return type(self), given
 
-    def solve(
-        self,
-        mu: Any,
-        *,
-        start: Any = "nearest",
-        raise_on_failure: bool = True,
-        outside: str = "warn",
-        gradient: bool = False,
-    ) -> Answer:
-        """Solve for one parameter, see :meth:`Model.solve`."""
-        point = self.parameters.point(mu)
-        check_outside(outside)
-        if self._door is not None:
-            self._door.check(point, outside)
-        start = checked_start(start, self._m)
+    def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
+        """From tabulated critical regions where the nearest one holds; else by the active set."""
         if isinstance(start, str):
             known = None if self._regions is None else self._regions.answer(point, self.fields)
             if known is not None:
                 return differentiated(self.eliminated(point), known) if gradient else known
             start = self.known.start(point)
-        try:
-            contact = self.eliminated(point)
-        except (NotSolvableError, ParameterError):
-            # a singular stiffness, or a shape at which surfaces slide off what the model knows
-            if raise_on_failure:
-                raise
-            return unanswered(point, self.sizes, self.fields)
-        answer = answer_of(contact, point, start, self._pairs, self.fields, gradient=gradient)
-        return outcome(answer, raise_on_failure, self._advice)
+        return answer_of(self.eliminated(point), point, start, self._pairs, self.fields, gradient=gradient)
 
     def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> SeveralAnswers:
         """Answer many parameters, (n, P), at once; as :meth:`solve` does, to round-off, and quicker the more there are.
@@ -184,16 +136,16 @@ class CondensedModel(WithOutputs):
 
         checked = checked_points(self.parameters, points)
         check_outside(outside)
-        if self._door is not None:
-            inside = ((checked >= self._door.lower) & (checked <= self._door.upper)).all(axis=1)
+        if self._range is not None:
+            inside = ((checked >= self._range.lower) & (checked <= self._range.upper)).all(axis=1)
             for point in checked[~inside]:
-                self._door.check(point, outside)
+                self._range.check(point, outside)
         return self.eliminated.answers(self, checked, raise_on_failure)
 
     def from_contact(self, contact: Any, point: np.ndarray, raise_on_failure: bool) -> Answer:
         """The answer to a point from its contact problem, from the nearest known statuses."""
         answer = answer_of(contact, point, self.known.start(point), self._pairs, self.fields)
-        return outcome(answer, raise_on_failure, self._advice)
+        return outcome(answer, raise_on_failure, self.advice)
 
     @property
     def conditions(self) -> int:
@@ -209,10 +161,6 @@ class CondensedModel(WithOutputs):
     def tabulated(self) -> bool:
         """Whether answers of known statuses are: where amplitudes are affine, and tables not too large."""
         return self._regions is not None
-
-    def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
-        """Solve along a path; see :func:`solve_along`."""
-        return solve_along(self, checked_path(self.parameters, path), settings)
 
     def completed_by(self, fields: Fields) -> CondensedModel:
         """The same model with other fields: on another mesh, or of another unknown."""

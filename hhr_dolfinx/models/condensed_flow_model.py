@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from hhr_dolfinx.models.answer import Answer, History, Path, WithOutputs
-from hhr_dolfinx.models.condensed import checked_start
 from hhr_dolfinx.models.condensed_fields import CondensedFlowFields
 from hhr_dolfinx.models.condensed_flow import CondensedEquilibrium, CondensedFlow
-from hhr_dolfinx.models.march import march
-from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient
+from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedPaths
 
 
-class CondensedFlowModel(WithOutputs):
+class CondensedFlowModel(AnsweringModel):
     """Answers paths of bodies that flow, see :mod:`hhr_dolfinx.models.condensed_flow`.
 
     Several threads may ask one model; it can be copied and pickled.
@@ -50,22 +47,3 @@ class CondensedFlowModel(WithOutputs):
         """The same model with some parts in the place of its own, by the names of its arguments."""
         names = ("flow", "parameters", "fields", "trained", "offline")
         return CondensedFlowModel(**{name: getattr(self, name) for name in names} | parts)
-
-    def solve(
-        self,
-        mu: Any,
-        *,
-        start: Any = "nearest",
-        raise_on_failure: bool = True,
-        outside: str = "warn",
-        gradient: bool = False,
-        **step: Any,
-    ) -> Answer:
-        """Answer of one step from rest, see :func:`one_step`; it knows no ``start`` but what is checked."""
-        checked_start(start, self.conditions)
-        refuse_gradient(gradient)
-        return one_step(self, mu, raise_on_failure, outside, **step)
-
-    def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
-        """Solve a history from rest, see :meth:`Model.march`."""
-        return march(self.equilibrium, checked_path(self.parameters, path), settings)

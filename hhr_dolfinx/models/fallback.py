@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.errors import BoundError, HHRError, OutsideTrainingError, ParameterError, ReductionError
-from hhr_dolfinx.models.answer import Answer, History, ListedAnswers, Path, SeveralAnswers, WithOutputs
+from hhr_dolfinx.models.answer import Answer, ListedAnswers, SeveralAnswers
 from hhr_dolfinx.models.known_error import check_asked, known_error, relative_error, relative_errors
-from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
+from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 from hhr_dolfinx.trained import check_outside
 
@@ -40,7 +40,7 @@ class Growth(NamedTuple):
     refused: str = ""
 
 
-class FallbackModel(WithOutputs):
+class FallbackModel(AnsweringModel):
     """Answers by a reduced model, and by the full one where the reduced one may be off by more than is allowed.
 
     No answer that is handed out is off by more than ``tolerance``, relative to the exact one, by the error ``of``:
@@ -92,7 +92,7 @@ class FallbackModel(WithOutputs):
         check_allowance(tolerance, every, "every")
         _check_alike(reduced, full)
         check_asked(reduced.fields, of)
-        self.of = of
+        self.of, self.advice = of, full.advice
         self.reduced, self.full, self.tolerance = reduced, full, float(tolerance)
         self.parameters: ParameterSpace = reduced.parameters
         self.asked, self.fallen, self.learned = 0, 0, list[Answer]()
@@ -116,7 +116,7 @@ class FallbackModel(WithOutputs):
 
     @property
     def known_error(self) -> str:
-        """See :attr:`WithOutputs.known_error`."""
+        """See :attr:`AnsweringModel.known_error`."""
         asked = "displacement or forces, in energy," if self.of is None else self.of
         known = known_error(self.reduced.fields)
         return f"{known}. Where {asked} may be off by more than {self.tolerance:g} the full model answers"
@@ -125,27 +125,31 @@ class FallbackModel(WithOutputs):
         """Whether the full model gave an answer."""
         return answer.fields is self.full
 
-    def solve(
-        self,
-        mu: Any,
-        *,
-        start: Any = "nearest",
-        raise_on_failure: bool = True,
-        outside: str = "ignore",
-        gradient: bool = False,
-    ) -> Answer:
-        """Answer one parameter, see :meth:`Model.solve`.
+    def solve(self, mu: Any, *, outside: str = "ignore", **how: Any) -> Answer:
+        """Answer one parameter, see :meth:`AnsweringModel.solve`.
 
         A bound says more than the trained range: a point outside it is asked of the full model only if it is refused
         there, or where its bound is too large. Where the reduced model has no answer, or its error cannot be bounded,
         the full one answers too. ``start`` holds for the reduced model.
         """
-        point = self.parameters.point(mu)
+        return super().solve(mu, outside=outside, **how)
+
+    def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
+        """By the reduced model if its error is small, else by the full one."""
         answer = self._reduced_answer(point, self._own_start(start), outside, gradient)
         self.asked += 1
         if answer is not None and self._is_good(answer):
             return answer
-        return self._exact(point, raise_on_failure, gradient)
+        return self._exact(point, raise_on_failure=False, gradient=gradient)
+
+    def _checked_start(self, start: Any) -> Any:
+        """Checked by the reduced model."""
+        return start
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Those of answers of the full model."""
+        return self.full.sizes
 
     def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "ignore") -> SeveralAnswers:
         """Answer many parameters, (n, P): the reduced model all at once, the full one those that it must.
@@ -170,10 +174,6 @@ class FallbackModel(WithOutputs):
         parts = [(np.flatnonzero(good), many.take(good))] if good.any() else []
         parts += [(np.flatnonzero(~good), ListedAnswers(exact))] if exact else []
         return PartedAnswers.of(parts, np.where(good, 0, 1))
-
-    def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
-        """Solve along a path, each point like :meth:`solve`; see :func:`solve_along`."""
-        return solve_along(self, checked_path(self.parameters, path), settings)
 
     def _reduced_answer(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer | None:
         """What the reduced model says; None where it has no answer, whatever the reason."""

@@ -14,12 +14,12 @@ import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.models.answer import Answer, History, Path, WithOutputs
+from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.choice import LEAF, Choice
 from hhr_dolfinx.models.fallback import ALIKE
-from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
+from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.reconstruct import Reconstruction
-from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.models.reduced import ADVICE, ReducedModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedRange
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.many import PartedAnswers
 
 
-class SeveralModels(WithOutputs):
+class SeveralModels(AnsweringModel):
     """What sets of reduced models of one scene have alike.
 
     Attributes:
@@ -67,6 +67,7 @@ class LocalModels(SeveralModels):
     """
 
     file_format = "local"
+    advice = ADVICE
 
     def __init__(self, models: Sequence[ReducedModel], choice: Choice, offline: Any = None):
         self.models, self.choice, self.offline = tuple(models), choice, offline
@@ -84,28 +85,19 @@ class LocalModels(SeveralModels):
                 return number
         raise ReductionError("this answer is none of these local models")
 
-    def solve(
-        self,
-        mu: Any,
-        *,
-        start: Any = "nearest",
-        raise_on_failure: bool = True,
-        outside: str = "warn",
-        gradient: bool = False,
-    ) -> Answer:
-        """Answer one parameter by the model of its part, see :meth:`Model.solve`.
-
-        Statuses to start from are those of one model: where they cannot be, the nearest known ones serve.
-        """
-        point = self.parameters.point(mu)
+    def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
+        """By the model of its part; statuses that are those of another one give way to the nearest known."""
         number, other = self.choice.candidates(point.tolist())
         if other != LEAF:
             number = int(self._nearer(np.array([number]), np.array([other]), point[None])[0])
         if not isinstance(start, str | None):
             start = self._own_start(number, start)
-        return self.models[number].solve(
-            point, start=start, raise_on_failure=raise_on_failure, outside=outside, gradient=gradient
-        )
+        how = {"start": start, "raise_on_failure": False, "outside": outside, "gradient": gradient}
+        return self.models[number].solve(point, **how)
+
+    def _checked_start(self, start: Any) -> Any:
+        """Checked by the model that is asked."""
+        return start
 
     def _doubts(self, numbers: np.ndarray, points: np.ndarray) -> np.ndarray:
         """What speaks against answers of models, of numbers (n,), to points, (n, P), what counts most first: (3, n).
@@ -156,10 +148,6 @@ class LocalModels(SeveralModels):
             how = {"raise_on_failure": raise_on_failure, "outside": outside}
             found.append((rows, self.models[asked].solve_many(checked[rows], **how)))
         return PartedAnswers.of(found, number)
-
-    def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
-        """Solve along a path, each point by the model of its part; see :func:`solve_along`."""
-        return solve_along(self, checked_path(self.parameters, path), settings)
 
 
 def _check_alike(models: Sequence[ReducedModel], choice: Choice) -> None:

@@ -20,10 +20,9 @@ import numpy as np
 from hhr_dolfinx.errors import ParameterError, ReductionError
 from hhr_dolfinx.materials.update import Material, State
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Path
-from hhr_dolfinx.models.condensed import checked_start
 from hhr_dolfinx.models.equilibrium import Diverged, Goal, Stepper
 from hhr_dolfinx.models.local import SeveralModels
-from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient
+from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs, TrainedPaths
@@ -89,31 +88,19 @@ class LocalHistories(SeveralModels):
         """The same models with some parts in the place of their own, by the names of the arguments."""
         return LocalHistories(**{name: getattr(self, name) for name in ("models", "trained", "offline")} | parts)
 
-    def solve(
-        self,
-        mu: Any,
-        *,
-        start: Any = "nearest",
-        raise_on_failure: bool = True,
-        outside: str = "warn",
-        gradient: bool = False,
-        **step: Any,
-    ) -> Answer:
-        """Answer of one step from rest, see :func:`one_step`; it knows no ``start`` but what is checked."""
-        checked_start(start, self.equilibrium.conditions)
-        refuse_gradient(gradient)
-        return one_step(self, mu, raise_on_failure, outside, **step)
+    @property
+    def own_conditions(self) -> int:
+        """Number of conditions of an answer."""
+        return self.equilibrium.conditions
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
         """Solve a history from rest, see :meth:`Model.march`."""
-        from hhr_dolfinx.models.march import march
-
         if settings.gradient and not self.equilibrium.shares_points:
             raise ParameterError(
                 "local models with points of their own complete the state that they hand on, which has no derivative: "
                 "build them without a cubature, or ask one model for the gradient"
             )
-        return march(self.equilibrium, checked_path(self.parameters, path), settings)
+        return super().march(path, settings)
 
 
 class LocalEquilibrium:

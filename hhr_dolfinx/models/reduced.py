@@ -10,13 +10,15 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ReductionError, SingularError
 from hhr_dolfinx.linear.dense import Factorise, dense_factors
-from hhr_dolfinx.models.answer import Answer, History, Path, SeveralAnswers, WithOutputs
-from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses, checked_start
+from hhr_dolfinx.models.answer import Answer, SeveralAnswers
+from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses
 from hhr_dolfinx.models.elimination import ConstantElimination, Elimination, Responses
-from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient, solve_along
+from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.parameters import ParameterSpace
@@ -37,7 +39,7 @@ ADVICE: Mapping[Status, str] = MappingProxyType(
 )
 
 
-class ReducedModel(WithOutputs):
+class ReducedModel(AnsweringModel):
     """HHR model: from a parameter or a path to answers, by the projected equations on the RID.
 
     Where nothing flows gamma is eliminated, (5.23), and an answer costs one small contact problem. Where bodies flow
@@ -62,6 +64,7 @@ class ReducedModel(WithOutputs):
     """
 
     file_format = "reduced"
+    advice = ADVICE
 
     def __init__(
         self,
@@ -84,6 +87,7 @@ class ReducedModel(WithOutputs):
         try:
             if flow is None:
                 self.eliminated = self._without_gamma(factorise)
+                self._range = self.eliminated._range
             else:
                 self.equilibrium = flow.equilibrium(problem, parameters, fields)
                 self.equilibrium.trained = trained if isinstance(trained, TrainedPaths) else None
@@ -100,47 +104,27 @@ class ReducedModel(WithOutputs):
         """Number of conditions of the RID, whose forces an answer has as multipliers."""
         return len(self.problem.gaps)
 
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Numbers of unknowns and of conditions of an answer."""
+        return len(self.problem.stiffness), self.own_conditions
+
     def changed(self, **parts: Any) -> ReducedModel:
         """The same model with some parts in the place of its own, by the names of its arguments."""
         names = ("problem", "parameters", "fields", "trained", "known", "flow", "offline", "compliances")
         own = {name: getattr(self, name) for name in names} | {"factorise": self._factorise}
         return ReducedModel(**(own | parts))
 
-    def solve(
-        self,
-        mu: Any,
-        *,
-        start: Any = "nearest",
-        raise_on_failure: bool = True,
-        outside: str = "warn",
-        gradient: bool = False,
-        **step: Any,
-    ) -> Answer:
-        """Solve for one parameter, see :meth:`Model.solve`; where bodies flow, in one step from rest.
-
-        Such a step knows no ``start``; ``step`` may hold its ``duration``, see :func:`one_step`.
-        """
-        if self.eliminated is not None:
-            return self.eliminated.solve(
-                mu, start=start, raise_on_failure=raise_on_failure, outside=outside, gradient=gradient, **step
-            )
-        checked_start(start, len(self.problem.gaps))
-        refuse_gradient(gradient)
-        return one_step(self, mu, raise_on_failure, outside, **step)
+    def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
+        """By the model without gamma."""
+        assert self.eliminated is not None
+        return self.eliminated._answered(point, start, outside, gradient)
 
     def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> SeveralAnswers:
         """Answer many parameters, (n, P), see :meth:`CondensedModel.solve_many`; where bodies flow one by one."""
         if self.eliminated is None:
             return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
         return self.eliminated.solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
-
-    def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
-        """Solve a history from rest, see :meth:`Model.march`."""
-        if self.equilibrium is None:
-            return solve_along(self, checked_path(self.parameters, path), settings)
-        from hhr_dolfinx.models.march import march
-
-        return march(self.equilibrium, checked_path(self.parameters, path), settings)
 
     def _without_gamma(self, factorise: Factorise) -> CondensedModel:
         """The model with gamma eliminated: once, or for each parameter where the stiffness depends on it."""

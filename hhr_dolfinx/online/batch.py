@@ -16,11 +16,12 @@ from threadpoolctl import threadpool_limits
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import HHRError, ParameterError
-from hhr_dolfinx.models.answer import Answer, ListedAnswers, SeveralAnswers, WithOutputs
+from hhr_dolfinx.models.answer import Answer, ListedAnswers, SeveralAnswers
 from hhr_dolfinx.models.choice import LEAF
 from hhr_dolfinx.models.estimates import STRESS, Estimate, columns, shown_of
 from hhr_dolfinx.models.fallback import FallbackModel
 from hhr_dolfinx.models.local import LocalModels
+from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedRange, check_outside
 
@@ -78,7 +79,7 @@ class Answers(NamedTuple):
 
 
 def answer_points(
-    model: WithOutputs,
+    model: AnsweringModel,
     points: np.ndarray,
     comm: Comm | None = None,
     progress: Progress = iter,
@@ -129,7 +130,7 @@ class Query:
         displacement, estimates: see there.
     """
 
-    model: WithOutputs
+    model: AnsweringModel
     outside: str
     displacement: bool = False
     estimates: bool = True

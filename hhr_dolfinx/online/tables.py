@@ -21,9 +21,9 @@ import numpy as np
 from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import ParameterError
 from hhr_dolfinx.files import make_folder, replacing
-from hhr_dolfinx.models.answer import WithOutputs
 from hhr_dolfinx.models.choice import LEAF
 from hhr_dolfinx.models.fallback import FallbackModel
+from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.online.batch import BLOCK, OK, Answers, Query
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.timing import timed
@@ -85,7 +85,7 @@ def read_points(path: str | Path, space: ParameterSpace) -> list[TableRow]:
 
 
 def answer_table(
-    model: WithOutputs,
+    model: AnsweringModel,
     rows: Sequence[TableRow],
     path: str | Path,
     console: Console,

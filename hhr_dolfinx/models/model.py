@@ -1,0 +1,156 @@
+"""The one way to ask a model: whatever it is, its points, starts and trained range are checked, its failures told here.
+
+A kind of model says how it answers a checked point, ``_answered``; where bodies flow it has an ``equilibrium``, and
+answers paths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ParameterError
+from hhr_dolfinx.models.answer import Answer, History, Path, SeveralAnswers, one_by_one, outcome, unanswered
+from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient, solve_along
+from hhr_dolfinx.trained import TrainedRange, check_outside
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.functionals import Outputs
+    from hhr_dolfinx.parameters import ParameterSpace
+
+
+def checked_start(start: Any, conditions: int) -> Any:
+    """What a search may start from: ``nearest``, None, or statuses.
+
+    Raises:
+        ParameterError: for another word, or statuses that are not bool or not one for each condition.
+    """
+    if start is None or (isinstance(start, str) and start == "nearest"):
+        return start
+    statuses = np.asarray(start)
+    if statuses.dtype != bool or statuses.shape != (conditions,):
+        given = repr(start) if statuses.ndim == 0 else f"{statuses.dtype} of shape {statuses.shape}"
+        raise ParameterError(
+            f"start = {given} is unknown: 'nearest', None for a cold start, or statuses ({conditions},) bool"
+        )
+    return statuses
+
+
+class AnsweringModel:
+    """What all kinds of models have in common; each says how it answers, and has quicker ways where there are any.
+
+    Attributes:
+        parameters: the box of the parameters.
+        fields: what completes the answers.
+        equilibrium: what the loop over time steps asks where bodies flow; None elsewhere.
+        advice: what helps against a status, for the messages.
+        file_format: format of files that hold such a model; empty where no file can.
+        instead: what to keep in a file in the place of such a model.
+    """
+
+    parameters: ParameterSpace
+    fields: Any
+    equilibrium: Any = None
+    advice: Mapping[Status, str] = MappingProxyType({})
+    _range: TrainedRange | None = None
+    """Points outside are told, or refused; None where all of the box was trained."""
+    file_format: ClassVar[str] = ""
+    instead: ClassVar[str] = "it needs the mesh and its factors. Keep a reduced or a condensed model, training.build()"
+
+    @property
+    def dimension(self) -> int:
+        """Components of the displacement at a node."""
+        return self.fields.dimension
+
+    @property
+    def conditions(self) -> int:
+        """Number of conditions on the whole contact surface, N_lambda."""
+        return self.fields.conditions
+
+    @property
+    def own_conditions(self) -> int:
+        """Number of conditions that it solves for itself, whose forces an answer has as multipliers."""
+        return self.conditions
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Numbers of unknowns and of conditions of an answer."""
+        return 0, self.own_conditions
+
+    @property
+    def flows(self) -> bool:
+        """Whether bodies flow, so that answers depend on the path that leads to them."""
+        return self.equilibrium is not None
+
+    @property
+    def known_error(self) -> str:
+        """Which errors the answers of this model know, or why they know none, in one line."""
+        from hhr_dolfinx.models.known_error import known_error
+
+        return known_error(self.fields)
+
+    def solve(
+        self,
+        mu: Any,
+        *,
+        start: Any = "nearest",
+        raise_on_failure: bool = True,
+        outside: str = "warn",
+        gradient: bool = False,
+        **step: Any,
+    ) -> Answer:
+        """Answer one parameter, see :meth:`~hhr_dolfinx.models.answer.Model.solve`.
+
+        Where bodies flow in one step from rest, which knows no ``start`` but what is checked; ``step`` may hold its
+        ``duration``, see :func:`~hhr_dolfinx.models.path.one_step`.
+        """
+        point = self.parameters.point(mu)
+        check_outside(outside)
+        start = self._checked_start(start)
+        if step and (self.equilibrium is None or step.keys() != {"duration"}):
+            raise NotOfferedError(f"solve knows no {', '.join(step)} here: only bodies that flow take a duration")
+        if self.equilibrium is not None:
+            refuse_gradient(gradient)
+            return one_step(self, point, raise_on_failure, outside, **step)
+        if self._range is not None:
+            self._range.check(point, outside)
+        try:
+            answer = self._answered(point, start, outside, gradient)
+        except (NotSolvableError, ParameterError):
+            # a singular stiffness, or a shape at which surfaces slide off what the model knows
+            if raise_on_failure:
+                raise
+            return unanswered(point, self.sizes, self.fields)
+        return answer if answer.status is Status.CONVERGED else outcome(answer, raise_on_failure, self.advice)
+
+    def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
+        """The answer to a checked point, (P,), converged or not, from a checked start."""
+        raise NotImplementedError
+
+    def _checked_start(self, start: Any) -> Any:
+        """What the search may start from."""
+        return start if isinstance(start, str) and start == "nearest" else checked_start(start, self.own_conditions)
+
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> SeveralAnswers:
+        """Answer many parameters, (n, P), one by one; where bodies flow each in one step from rest."""
+        return one_by_one(self, points, {"raise_on_failure": raise_on_failure, "outside": outside})
+
+    def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
+        """Answer a path, from rest where bodies flow; see :meth:`~hhr_dolfinx.models.answer.Model.march`."""
+        if self.equilibrium is None:
+            return solve_along(self, checked_path(self.parameters, path), settings)
+        from hhr_dolfinx.models.march import march
+
+        return march(self.equilibrium, checked_path(self.parameters, path), settings)
+
+    def outputs(self, mu: Any, *, gradient: bool = False, **how: Any) -> Outputs:
+        """Outputs of the scene at one parameter; ``how`` are further arguments of :meth:`solve`.
+
+        Raises:
+            HHRError: if the scene has none; see :meth:`solve` besides.
+        """
+        return self.solve(mu, gradient=gradient, **how).outputs()
