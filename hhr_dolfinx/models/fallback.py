@@ -136,15 +136,15 @@ class FallbackModel(AnsweringModel):
 
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
         """By the reduced model if its error is small, else by the full one."""
-        answer = self._reduced_answer(point, self._own_start(start), outside, gradient)
+        answer = self._reduced_answer(point, start, outside, gradient)
         self.asked += 1
         if answer is not None and self._is_good(answer):
             return answer
         return self._exact(point, raise_on_failure=False, gradient=gradient)
 
     def _checked_start(self, start: Any) -> Any:
-        """Checked by the reduced model."""
-        return start
+        """As the reduced model has it."""
+        return self.reduced._checked_start(self._own_start(start))
 
     @property
     def sizes(self) -> tuple[int, int]:

@@ -17,7 +17,7 @@ from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.choice import LEAF, Choice
 from hhr_dolfinx.models.fallback import ALIKE
-from hhr_dolfinx.models.model import AnsweringModel
+from hhr_dolfinx.models.model import AnsweringModel, checked_start
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ADVICE, ReducedModel
 from hhr_dolfinx.parameters import ParameterSpace
@@ -96,8 +96,10 @@ class LocalModels(SeveralModels):
         return self.models[number].solve(point, **how)
 
     def _checked_start(self, start: Any) -> Any:
-        """Checked by the model that is asked."""
-        return start
+        """Statuses of any of the models."""
+        sizes = [model.own_conditions for model in self.models]
+        given = np.shape(start)[0] if np.ndim(start) == 1 else 0
+        return checked_start(start, given if given in sizes else sizes[0])
 
     def _doubts(self, numbers: np.ndarray, points: np.ndarray) -> np.ndarray:
         """What speaks against answers of models, of numbers (n,), to points, (n, P), what counts most first: (3, n).

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ParameterError
+from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, OutsideTrainingError, ParameterError
 from hhr_dolfinx.models.answer import Answer, History, Path, SeveralAnswers, one_by_one, outcome, unanswered
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient, solve_along
 from hhr_dolfinx.trained import TrainedRange, check_outside
@@ -21,6 +21,10 @@ from hhr_dolfinx.trained import TrainedRange, check_outside
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals import Outputs
     from hhr_dolfinx.parameters import ParameterSpace
+
+
+NEAREST = "nearest"
+"""Where a search starts if nobody says so."""
 
 
 def checked_start(start: Any, conditions: int) -> Any:
@@ -97,7 +101,7 @@ class AnsweringModel:
         self,
         mu: Any,
         *,
-        start: Any = "nearest",
+        start: Any = NEAREST,
         raise_on_failure: bool = True,
         outside: str = "warn",
         gradient: bool = False,
@@ -110,7 +114,8 @@ class AnsweringModel:
         """
         point = self.parameters.point(mu)
         check_outside(outside)
-        start = self._checked_start(start)
+        if start is not NEAREST:
+            start = self._checked_start(start)
         if step and (self.equilibrium is None or step.keys() != {"duration"}):
             raise NotOfferedError(f"solve knows no {', '.join(step)} here: only bodies that flow take a duration")
         if self.equilibrium is not None:
@@ -120,6 +125,8 @@ class AnsweringModel:
             self._range.check(point, outside)
         try:
             answer = self._answered(point, start, outside, gradient)
+        except OutsideTrainingError:  # of a model among several, to be refused whatever fails
+            raise
         except (NotSolvableError, ParameterError):
             # a singular stiffness, or a shape at which surfaces slide off what the model knows
             if raise_on_failure:
@@ -133,7 +140,7 @@ class AnsweringModel:
 
     def _checked_start(self, start: Any) -> Any:
         """What the search may start from."""
-        return start if isinstance(start, str) and start == "nearest" else checked_start(start, self.own_conditions)
+        return checked_start(start, self.own_conditions)
 
     def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> SeveralAnswers:
         """Answer many parameters, (n, P), one by one; where bodies flow each in one step from rest."""
