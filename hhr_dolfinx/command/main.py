@@ -207,7 +207,7 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
     rows = {"seconds of one step from rest": step["duration"]} if step else {}
     known = (None, None) if is_model(what) else (model.scene, model.problem.contact_pairs)
     rows |= largest_values(answer, model.dimension, *known)
-    outputs = answer.outputs() if getattr(model.fields, "functionals", None) is not None else None
+    outputs = answer.outputs() if model.fields.functionals is not None else None
     if outputs is not None:
         heads = {name: f"{name} [{unit}]" if unit else name for name, unit in outputs.units.items()}
         rows |= {heads[name]: value for name, value in outputs.values.items()}

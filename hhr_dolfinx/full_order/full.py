@@ -18,7 +18,7 @@ from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.linear.sparse import FreeCholesky, ordering_of
-from hhr_dolfinx.models.answer import Answer, History, Path, found_as
+from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path, found_as
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 FULL_ORDER_ADVICE = {Status.SINGULAR: "list each contact pair once, and let no two conditions hold the same dofs"}
 
 
-class FullOrderModel(AnsweringModel):
+class FullOrderModel(AnsweringModel, ModelFields):
     """The finite element model of a scene: K factored once, the contact on its Schur complement.
 
     Where nothing flows a query costs one solve with K, the statuses on S = B K^-1 B^T, and u = K^-1 F - K^-1 B^T

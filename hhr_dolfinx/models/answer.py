@@ -42,17 +42,47 @@ class Fields(Protocol):
     def estimate(self, answer: Answer) -> Estimate | None:
         """What is known of the error, None where nothing is."""
 
+    def estimates(self, many: Any) -> Estimates | None:
+        """The same of many answers; None where it is made one by one."""
 
-class ElasticFields:
-    """What all fields of models have in common in which nothing flows and whose conditions are all there.
+
+class ModelFields:
+    """What fields of models may know besides; what a kind does not know is None.
 
     Attributes:
+        bound: bounds the error of an answer.
+        output_bound: bounds the errors of outputs, beside it.
+        indicator: estimates the error of an answer, of the recipe.
+        flow: completes stress and plastic strain where bodies flow.
+        functionals: outputs of the scene.
         unbounded: why nothing is known of errors, where nothing is.
+        exact: whether there is no reduction error at all.
     """
 
+    bound: Any = None
+    output_bound: Any = None
+    indicator: Any = None
+    flow: Any = None
+    functionals: Any = None
     unbounded: str = ""
     exact: ClassVar[bool] = False
-    """Whether there is no reduction error at all."""
+
+    @property
+    def estimated(self) -> str:
+        """Kind of the estimates, see :class:`~hhr_dolfinx.models.estimates.Estimate`; empty where there are none."""
+        from hhr_dolfinx.models.estimates import STRESS
+
+        if self.bound is not None:
+            return self.bound.kind
+        return "indicator" if self.indicator is not None else STRESS if self.flow is not None else ""
+
+    def estimates(self, many: Any) -> Estimates | None:
+        """What is known of the errors of :class:`~models.many.ManyAnswers`; None where that is made one by one."""
+        return None
+
+
+class ElasticFields(ModelFields):
+    """What all fields of models have in common in which nothing flows and whose conditions are all there."""
 
     def forces(self, answer: Answer) -> np.ndarray:
         """The multipliers, (N_lambda,), for the caller to change as he likes."""

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags
 
 from hhr_dolfinx.amplitudes import Amplitudes
-from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.answer import Answer, ModelFields
 from hhr_dolfinx.models.condensed_flow import PartFactors
 from hhr_dolfinx.models.estimates import STRESS, Estimate
 from hhr_dolfinx.models.plastic_fields import PlasticFields
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class CondensedFlowFields:
+class CondensedFlowFields(ModelFields):
     """What completes answers of condensed flow, see :class:`hhr_dolfinx.models.answer.Fields`.
 
     Attributes:

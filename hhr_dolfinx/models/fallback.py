@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.errors import BoundError, HHRError, OutsideTrainingError, ParameterError, ReductionError
-from hhr_dolfinx.models.answer import Answer, ListedAnswers, SeveralAnswers
+from hhr_dolfinx.models.answer import Answer, ListedAnswers, ModelFields, SeveralAnswers
 from hhr_dolfinx.models.known_error import check_asked, known_error, relative_error, relative_errors
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
@@ -258,9 +258,10 @@ def _check_alike(reduced: Any, full: Any) -> None:
         BoundError: for a reduced model whose answers have no bound.
         ReductionError: for what is no full model, or that of another scene.
     """
-    bound = getattr(getattr(reduced, "fields", None), "bound", None)
+    fields: ModelFields = getattr(reduced, "fields", ModelFields())
+    bound = fields.bound
     if bound is None:
-        why = known_error(getattr(reduced, "fields", None)).removeprefix("none: ")
+        why = known_error(fields).removeprefix("none: ")
         raise BoundError(
             f"answers of this reduced model have no bound, so that nothing says when to ask the full one: {why}"
         )

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from hhr_dolfinx.errors import NoBoundWarning, ParameterError
+from hhr_dolfinx.models.answer import ModelFields
 from hhr_dolfinx.models.estimates import SHOWN, Estimate
 
 HOW = {
@@ -27,37 +28,37 @@ ASKED = ("forces", "pressure", "displacement")
 """Errors by which a model may fall back, beside those of outputs."""
 
 
-def known_error(fields: Any) -> str:
+def known_error(fields: ModelFields) -> str:
     """Which errors answers know that are completed by some fields, or why they know none.
 
     Args:
         fields: see :class:`~hhr_dolfinx.models.answer.Fields`.
     """
-    if (bound := getattr(fields, "bound", None)) is not None:
+    kind = fields.estimated
+    if fields.bound is not None:
         known, others = _outputs(fields)
         outputs = f"; outputs {', '.join(known)}" if known else ""
-        return f"{HOW[bound.kind]}: {NORMS}{outputs}" + (f". None of {', '.join(others)}" if others else "")
-    if getattr(fields, "indicator", None) is not None:
+        return f"{HOW[kind]}: {NORMS}{outputs}" + (f". None of {', '.join(others)}" if others else "")
+    if fields.indicator is not None:
         return "indicator of the recipe: follows errors as far as it is made to, without a proof"
-    if getattr(fields, "flow", None) is not None:
+    if fields.flow is not None:
         return "indicator of the stress: the part of it that no training explains; without a proof, silent on forces"
-    if getattr(fields, "exact", False):
+    if fields.exact:
         return f"none is made: {fields.unbounded}"
-    return f"none: {getattr(fields, 'unbounded', '') or 'answers of this kind estimate no errors'}"
+    return f"none: {fields.unbounded or 'answers of this kind estimate no errors'}"
 
 
-def _outputs(fields: Any) -> tuple[list[str], list[str]]:
+def _outputs(fields: ModelFields) -> tuple[list[str], list[str]]:
     """Names of the outputs with a bound, and of those without."""
-    items = () if getattr(fields, "functionals", None) is None else fields.functionals.items
-    bounds = getattr(fields, "output_bound", None)
+    items, bounds = () if fields.functionals is None else fields.functionals.items, fields.output_bound
     known = [item.name for k, item in enumerate(items) if bounds is not None and bounds.knows(k, item)]
     return known, [item.name for item in items if item.name not in known]
 
 
-def warn_unbounded(fields: Any) -> None:
+def warn_unbounded(fields: ModelFields) -> None:
     """Warn where answers of a model that was asked for bounds know none: what is wrong there is silent."""
-    why = getattr(fields, "unbounded", "")
-    if why and why != NOT_ASKED and getattr(fields, "bound", None) is None:
+    why = fields.unbounded
+    if why and why != NOT_ASKED and fields.bound is None:
         warnings.warn(
             f"nothing is known of the errors of these answers: {why}. They were compared with answers held "
             "out, and may be far off between them: hold out more, or ask the full model where it counts",
@@ -66,7 +67,7 @@ def warn_unbounded(fields: Any) -> None:
         )
 
 
-def check_asked(fields: Any, of: Any) -> None:
+def check_asked(fields: ModelFields, of: Any) -> None:
     """Check that an error may be asked for: None, one of :data:`ASKED`, or the name of an output with a bound.
 
     Raises:
@@ -76,7 +77,7 @@ def check_asked(fields: Any, of: Any) -> None:
     check_word([*known, *others], of)
     if of in others and of not in ASKED:
         why = "it has no Lipschitz constant: it jumps, or is one of your own that names none"
-        if getattr(fields, "output_bound", None) is None:
+        if fields.output_bound is None:
             why = "outputs are bounded only where the stiffness does not depend on parameters"
         raise ParameterError(f"nothing bounds the error of output {of!r}: {why}. Take {', '.join([*ASKED, *known])}")
 

@@ -68,8 +68,7 @@ class ManyAnswers(SeveralAnswers):
 
     def estimates(self) -> Estimates | None:
         """What is known of the errors, as :meth:`Answer.estimate`; None where nothing is."""
-        quick = getattr(self.fields, "estimates", None)
-        found = None if quick is None else quick(self)
+        found = self.fields.estimates(self)
         return super().estimates() if found is None else found
 
 

@@ -57,7 +57,7 @@ class AnsweringModel:
     """
 
     parameters: ParameterSpace
-    fields: Any
+    fields: Any  # ModelFields, of a kind of its own
     equilibrium: Any = None
     advice: Mapping[Status, str] = MappingProxyType({})
     _range: TrainedRange | None = None

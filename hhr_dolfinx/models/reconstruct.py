@@ -17,7 +17,7 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
 from hhr_dolfinx.linear.layout import lay_out
-from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.answer import Answer, ModelFields
 from hhr_dolfinx.models.error_bound import Bound, BoundThere, ErrorBound, driven
 from hhr_dolfinx.models.estimates import NUMBERS, STRESS, Estimate, Estimates
 
@@ -128,7 +128,7 @@ class _Fit(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Reconstruction:
+class Reconstruction(ModelFields):
     """Fields on the whole mesh and contact forces on the whole contact surface; see :class:`models.answer.Fields`.
 
     Attributes:

@@ -18,7 +18,7 @@ from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import HHRError, ParameterError
 from hhr_dolfinx.models.answer import Answer, ListedAnswers, SeveralAnswers
 from hhr_dolfinx.models.choice import LEAF
-from hhr_dolfinx.models.estimates import STRESS, Estimate, columns, shown_of
+from hhr_dolfinx.models.estimates import Estimate, columns, shown_of
 from hhr_dolfinx.models.fallback import FallbackModel
 from hhr_dolfinx.models.local import LocalModels
 from hhr_dolfinx.models.model import AnsweringModel
@@ -138,7 +138,7 @@ class Query:
     @property
     def outputs(self) -> dict[str, str]:
         """Heads of the columns of the outputs of the scene, by their names."""
-        functionals = getattr(self.model.fields, "functionals", None)
+        functionals = self.model.fields.functionals
         items = () if functionals is None else functionals.items
         return {item.name: f"{item.name} [{item.unit}]" if item.unit else item.name for item in items}
 
@@ -150,20 +150,15 @@ class Query:
     @property
     def bounded_outputs(self) -> dict[str, str]:
         """Those of which columns of estimates speak."""
-        return self.outputs if getattr(self.model.fields, "output_bound", None) is not None else {}
+        return self.outputs if self.model.fields.output_bound is not None else {}
 
     @property
     def estimate_heads(self) -> list[str]:
         """Heads of the columns of estimates; none where nothing is estimated, or asked for."""
         if not self.estimates:
             return []
-        # fields of models that keep all contact conditions, or of a rival, know of no estimates
-        bound, indicator, flow = (getattr(self.model.fields, name, None) for name in ("bound", "indicator", "flow"))
-        if bound is not None:
-            return columns(bound.kind, self.bounded_outputs)
-        if indicator is not None:
-            return columns("indicator", {})
-        return [] if flow is None else columns(STRESS, {})
+        kind = self.model.fields.estimated
+        return columns(kind, self.bounded_outputs) if kind else []
 
     # threads of BLAS slow small blocks down, a hundredfold where other processes keep the cores busy
     @threadpool_limits.wrap(limits=1, user_api="blas")

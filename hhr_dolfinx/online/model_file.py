@@ -68,7 +68,7 @@ def save_model(path: str | Path, model: KeptModel) -> None:
         why = "it is no model, give what build or condense returns" if kind is None else model.instead
         raise NotOfferedError(f"a {type(model).__name__} cannot be kept in a file: {why}")
     fields = [one.fields for one in getattr(model, "models", (model,))]
-    if any(getattr(one, "indicator", None) is not None for one in fields):
+    if any(one.indicator is not None for one in fields):
         why = "the indicator stays behind: answers of the model read from it have no estimate"
         warnings.warn(f"{path} holds no code, {why}", ModelFileWarning, stacklevel=2)
     try:

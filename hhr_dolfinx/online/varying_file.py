@@ -90,7 +90,7 @@ def condensed_of(
             with suppress(NotOfferedError):  # of a model of forces alone
                 answer.displacement()
                 answer.estimate()
-            if getattr(model.fields, "functionals", None) is not None:
+            if model.fields.functionals is not None:
                 answer.outputs()
     except (HHRError, KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise ModelFileError(f"{path} is damaged or no model file ({error}): build the model again") from error
