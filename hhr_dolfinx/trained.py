@@ -6,6 +6,7 @@ up to 200 % wrong on paths that were not trained, without any sign in their conv
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -127,6 +128,8 @@ class Signs(NamedTuple):
     @property
     def estimate(self) -> float:
         """Misfit over stress, what :meth:`Answer.estimate` says of a step of bodies that flow; 0 without stress."""
+        if not math.isfinite(self.stress):
+            return math.inf
         return self.misfit / self.stress if self.stress > 0 else 0.0
 
 

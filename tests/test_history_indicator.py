@@ -264,3 +264,8 @@ def test_a_poor_model_says_that_its_door_is_wide():
     check_door(watched([one(0.04, 1.0)]), limits)
     with pytest.warns(StabilityWarning, match=r"by up to 0\.2 of its size .* warned of from 0\.24 on only"):
         check_door(watched([one(0.2, 1.0)]), limits)
+
+
+def test_stress_that_is_no_number_is_told():
+    assert Signs(0.0, 1.0, 0.0, misfit=np.nan, stress=np.nan).estimate == np.inf
+    assert warns(watched([one(0.01, 1.0)]), one(np.nan, np.nan))

@@ -36,6 +36,7 @@ from hhr_dolfinx.errors import (
     OutsideTrainingWarning,
     ParameterError,
     ReductionError,
+    SingularError,
 )
 from hhr_dolfinx.models.choice import LEAF, Choice
 
@@ -439,3 +440,36 @@ def test_three_models_in_the_plane_of_two_parameters(models, training):
     assert set(many.model.tolist()) == {0, 1, 2}
     for k, point in enumerate(many.points):
         assert set(local.choice.candidates(point.tolist())) >= {many.model[k]}
+
+
+def test_a_fallback_on_a_local_set_marches_past_answers_of_the_full_model(training, local):
+    """Statuses of the full model are too many for any of the set; searches begin anew."""
+    safe = hhr.FallbackModel(local, training.full_order, 1e-12)
+    history = safe.march([(0.0, LOW), (1.0, LOW), (2.0, HIGH)])
+    assert len(history.answers) == 2 and all(safe.fell_back(answer) for answer in history.answers)
+
+
+def test_why_a_model_of_a_set_has_no_answer_is_told(training, models, local, monkeypatch):
+    for model in models:
+        monkeypatch.setattr(model, "_answered", fails)
+    with pytest.raises(SingularError, match="K of a body"):
+        local.solve(LOW)
+    assert not local.solve(LOW, raise_on_failure=False).converged
+
+
+def fails(*_):
+    raise SingularError("K of a body")
+
+
+@pytest.mark.parametrize("start", [[[True], [True, False]], [1, 0], "rubbish"])
+def test_starts_that_are_none(models, start):
+    with pytest.raises(ParameterError, match="is unknown: 'nearest', None"):
+        models[0].solve(LOW, start=start)
+
+
+def test_answers_do_not_share_the_start_that_they_were_given(models):
+    known = models[0].solve(LOW)
+    start = known.active.copy()
+    answer = models[0].solve(LOW, start=start)
+    start[:] = ~start
+    assert np.array_equal(answer.active, known.active)

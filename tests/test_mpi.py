@@ -242,6 +242,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import ConvergenceError, ParameterError
 from hhr_dolfinx.certify.constants import smallest_singular_value
+from hhr_dolfinx.models.answer import ModelFields
 from hhr_dolfinx.pairings.obstacle import Obstacle
 from hhr_dolfinx.snapshots.records import spread_snapshots
 ranks.WAIT = {patience}
@@ -298,7 +299,7 @@ def refuse(points, **how):
     raise ParameterError("no answer")
 
 answering = SimpleNamespace(
-    parameters=scene.parameters, dimension=2, conditions=0, fields=SimpleNamespace(functionals=None), solve=refuse,
+    parameters=scene.parameters, dimension=2, conditions=0, fields=ModelFields(), solve=refuse,
     solve_many=refuse,
 )
 {case}

@@ -140,7 +140,7 @@ class FallbackModel(AnsweringModel):
         self.asked += 1
         if answer is not None and self._is_good(answer):
             return answer
-        return self._exact(point, raise_on_failure=False, gradient=gradient)
+        return self._learned_from(self.full._answered(point, None, outside, gradient))
 
     def _checked_start(self, start: Any) -> Any:
         """As the reduced model has it."""
@@ -170,7 +170,7 @@ class FallbackModel(AnsweringModel):
             return ListedAnswers(tuple(self.solve(point, **how) for point in checked))
         good = errors <= self.tolerance
         self.asked += len(checked)
-        exact = tuple(self._exact(point, raise_on_failure, gradient=False) for point in checked[~good])
+        exact = tuple(self._exact(point, raise_on_failure) for point in checked[~good])
         parts = [(np.flatnonzero(good), many.take(good))] if good.any() else []
         parts += [(np.flatnonzero(~good), ListedAnswers(exact))] if exact else []
         return PartedAnswers.of(parts, np.where(good, 0, 1))
@@ -203,9 +203,12 @@ class FallbackModel(AnsweringModel):
         own = getattr(self.reduced, "own_conditions", None)
         return "nearest" if sizes == (self.full.conditions,) and own not in (None, self.full.conditions) else start
 
-    def _exact(self, point: np.ndarray, raise_on_failure: bool, gradient: bool) -> Answer:
-        """The answer of the full model, which is learned from."""
-        exact = self.full.solve(point, raise_on_failure=raise_on_failure, gradient=gradient)
+    def _exact(self, point: np.ndarray, raise_on_failure: bool) -> Answer:
+        """The answer of the full model."""
+        return self._learned_from(self.full.solve(point, raise_on_failure=raise_on_failure))
+
+    def _learned_from(self, exact: Answer) -> Answer:
+        """An answer of the full model, which is learned from."""
         self.fallen += 1
         if exact.converged:
             self._learn(exact)

@@ -92,8 +92,20 @@ class LocalModels(SeveralModels):
             number = int(self._nearer(np.array([number]), np.array([other]), point[None])[0])
         if not isinstance(start, str | None):
             start = self._own_start(number, start)
-        how = {"start": start, "raise_on_failure": False, "outside": outside, "gradient": gradient}
-        return self.models[number].solve(point, **how)
+        model = self.models[number]
+        if model._range is not None:
+            model._range.check(point, outside)
+        return model._answered(point, start, outside, gradient)
+
+    @property
+    def own_conditions(self) -> int:
+        """Number of conditions of the first model; others may have more, or fewer."""
+        return self.models[0].own_conditions
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Those of answers of the first model."""
+        return self.models[0].sizes
 
     def _checked_start(self, start: Any) -> Any:
         """Statuses of any of the models."""

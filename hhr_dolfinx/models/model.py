@@ -35,7 +35,10 @@ def checked_start(start: Any, conditions: int) -> Any:
     """
     if start is None or (isinstance(start, str) and start == "nearest"):
         return start
-    statuses = np.asarray(start)
+    try:
+        statuses = np.array(start)  # answers may share it
+    except ValueError:  # rows of several lengths
+        statuses = np.array(repr(start))
     if statuses.dtype != bool or statuses.shape != (conditions,):
         given = repr(start) if statuses.ndim == 0 else f"{statuses.dtype} of shape {statuses.shape}"
         raise ParameterError(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, ParameterError
+from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, NotSolvableError, ParameterError
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Model, Path
 from hhr_dolfinx.models.equilibrium import Equilibrium
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
@@ -198,7 +198,7 @@ def one_step(
     start[axes] = target[axes]  # elasticity is the same along a history
     try:
         return model.march([(0.0, start), (duration, target)], MarchSettings(outside=outside)).answers[-1]
-    except ConvergenceError:
+    except (ConvergenceError, NotSolvableError):
         if raise_on_failure:
             raise
         return _unanswered(model.equilibrium, target)

@@ -314,9 +314,11 @@ def _watched(domain: FlowingDomain, cubature: Cubature, answers: Sequence[Answer
     flowed = np.array([answer.state().state.cumulated[domain.points] for answer in answers])
     largest = flowed.max(axis=1, keepdims=True)
     # the first of those that flow alike to round-off
-    most = np.unique((flowed >= (1 - ALIKE) * largest).argmax(axis=1)[largest[:, 0] > 0])
-    # the first steps of the most different histories: more would cost what a cubature saves
-    kept = np.setdiff1d(most, cubature.points)[: max(cubature.points.size // 10, WATCHED)]
+    order = [k for k in np.argsort(largest[:, 0], kind="stable") if largest[k] > 0]
+    most = (flowed >= (1 - ALIKE) * largest).argmax(axis=1)[order]
+    # from the smallest states on, in which flow begins: more points would cost what a cubature saves
+    others = [point for point in dict.fromkeys(most.tolist()) if point not in set(cubature.points.tolist())]
+    kept = np.array(others[: max(cubature.points.size // 10, WATCHED)], dtype=np.int64)
     weights = np.append(cubature.weights * domain.weights[cubature.points], np.zeros(kept.size))
     return np.append(domain.points[cubature.points], domain.points[kept]), weights
 
