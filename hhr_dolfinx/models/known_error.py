@@ -78,7 +78,7 @@ def check_asked(fields: ModelFields, of: Any) -> None:
     if of in others and of not in ASKED:
         why = "it has no Lipschitz constant: it jumps, or is one of your own that names none"
         if fields.output_bound is None:
-            why = "outputs are bounded only where the stiffness does not depend on parameters"
+            why = "outputs are bounded only where the stiffness does not depend on parameters and all bodies are held"
         raise ParameterError(f"nothing bounds the error of output {of!r}: {why}. Take {', '.join([*ASKED, *known])}")
 
 
