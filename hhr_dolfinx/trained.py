@@ -106,6 +106,13 @@ class TrainedRange:
             announce(f"outside what was trained: {complaint}. Train there, or take the full model", outside)
 
 
+def share_of_stress(misfit: float, stress: float) -> float:
+    """A misfit over the stress: 0 of bodies without stress, infinite of stress that is no number."""
+    if not math.isfinite(stress):
+        return math.inf
+    return misfit / stress if stress > 0 else 0.0
+
+
 class Signs(NamedTuple):
     """What shows at a solved step whether a reduced model still knows what it does.
 
@@ -128,9 +135,7 @@ class Signs(NamedTuple):
     @property
     def estimate(self) -> float:
         """Misfit over stress, what :meth:`Answer.estimate` says of a step of bodies that flow; 0 without stress."""
-        if not math.isfinite(self.stress):
-            return math.inf
-        return self.misfit / self.stress if self.stress > 0 else 0.0
+        return share_of_stress(self.misfit, self.stress)
 
 
 class Known(NamedTuple):

@@ -59,7 +59,8 @@ def test_stress_balances_loads_and_contact_forces(case):
         loads = problem.external @ problem.amplitudes(answer.parameter)
         out = (internal - loads + problem.contact.T @ answer.multipliers) * problem.free
         assert answer.plastic_strain().any() or answer.time < path[-1][0]
-        assert np.linalg.norm(out) < 1e-8 * np.linalg.norm(internal)
+        # measured: 5e-12, of solves with K
+        assert np.linalg.norm(out) < 1e-10 * np.linalg.norm(internal)
 
 
 def test_each_point_is_foretold_by_the_others(trained):
@@ -101,6 +102,7 @@ def test_errors_of_stress_are_said_in_their_size(trained):
     off = errors.max(axis=1) > 0.05
     assert off.any() and (said[off].max(axis=1) > model.trained.allowed(np.inf)).all()
     seen = errors > 1e-3
+    # medians of other scenes were .3 to 4
     assert seen.sum() > 50 and 0.5 < np.median(said[seen] / errors[seen]) < 5
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -15,6 +14,7 @@ from hhr_dolfinx.models.answer import Answer, ModelFields
 from hhr_dolfinx.models.condensed_flow import PartFactors
 from hhr_dolfinx.models.estimates import STRESS, Estimate
 from hhr_dolfinx.models.plastic_fields import PlasticFields
+from hhr_dolfinx.trained import share_of_stress
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals import Functionals
@@ -82,10 +82,7 @@ class CondensedFlowFields(ModelFields):
         """What an indicator says, see :meth:`unexplained`, over the stress; None without an answer."""
         if not answer.converged:
             return None
-        left, size = self.unexplained(answer)
-        if not math.isfinite(size):
-            return Estimate.indicated(math.inf, STRESS)
-        return Estimate.indicated(left / size if size > 0 else 0.0, STRESS)
+        return Estimate.indicated(share_of_stress(*self.unexplained(answer)), STRESS)
 
     def unexplained(self, answer: Answer) -> tuple[float, float]:
         """Stress of the plastic strain where laws are evaluated that the others do not foretell, and |σ| there."""

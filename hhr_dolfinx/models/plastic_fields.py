@@ -23,8 +23,8 @@ class PlasticFields:
 
     Gappy POD (thesis section 6.2.3) completes the plastic strain ε_p alone, from modes Φ a. Displacement and stress
     that balance it are known for each mode: K u = ∫ G^T C Φ, σ = C (ε(u) - Φ). So the stress is exact where nothing has
-    flowed, and balances the loads whatever a is. Of the stress itself few points tell too little: completed like that
-    it was up to 46 % wrong on elastic part loads, five times itself on a punch.
+    flowed, and balances the loads whatever a is. Of the stress itself few points tell too little: elastic part loads,
+    which are no combination of what yields, would be wrong as a whole.
 
     Attributes:
         points: numbers of the Gauss points Z where laws are evaluated, (n,).

@@ -20,6 +20,7 @@ from hhr_dolfinx.linear.layout import lay_out
 from hhr_dolfinx.models.answer import Answer, ModelFields
 from hhr_dolfinx.models.error_bound import Bound, BoundThere, ErrorBound, driven
 from hhr_dolfinx.models.estimates import NUMBERS, STRESS, Estimate, Estimates
+from hhr_dolfinx.trained import share_of_stress
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.field_response import FieldResponse
@@ -112,10 +113,7 @@ class FlowFields:
         It follows the error of a step, see docs/bounds.md: the modes hold what training showed, the laws say what this
         history did. 0 of bodies without stress; infinite of stress that is no number.
         """
-        left, size = self.unexplained(inside)
-        if not math.isfinite(size):
-            return math.inf
-        return left / size if size > 0 else 0.0
+        return share_of_stress(*self.unexplained(inside))
 
 
 class _Fit(NamedTuple):

@@ -42,7 +42,8 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
 
 LEFT_OUT = {"plastic": 1e-8, "cumulated": 1e-6}
-"""Part of the squared training fields that the modes for plastic strain and for what of it is cumulated leave out."""
+"""Part of the squared training fields that the modes for plastic strain and for what of it is cumulated leave out.
+Stress is what is left of strain less plastic strain, which may be a hundred times as large: that one keeps more."""
 WATCHED = 12
 """Points without weight at which laws are evaluated, or a tenth of the others if that is more."""
 ALIKE = 1e-6
@@ -317,7 +318,8 @@ def _watched(domain: FlowingDomain, cubature: Cubature, answers: Sequence[Answer
     order = [k for k in np.argsort(largest[:, 0], kind="stable") if largest[k] > 0]
     most = (flowed >= (1 - ALIKE) * largest).argmax(axis=1)[order]
     # from the smallest states on, in which flow begins: more points would cost what a cubature saves
-    others = [point for point in dict.fromkeys(most.tolist()) if point not in set(cubature.points.tolist())]
+    known = set(cubature.points.tolist())
+    others = [point for point in dict.fromkeys(most.tolist()) if point not in known]
     kept = np.array(others[: max(cubature.points.size // 10, WATCHED)], dtype=np.int64)
     weights = np.append(cubature.weights * domain.weights[cubature.points], np.zeros(kept.size))
     return np.append(domain.points[cubature.points], domain.points[kept]), weights
