@@ -7,13 +7,14 @@ are, so a model on disk is data only and nothing that is loaded is ever executed
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import numpy as np
 
+from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 
@@ -206,10 +207,10 @@ class Coverage:
         slopes: slopes of the amplitude, (P,).
     """
 
-    positions: np.ndarray
+    positions: Annotated[Floats, "nodes"]
     extent: int
     constant: float
-    slopes: np.ndarray
+    slopes: Annotated[Floats, "P"]
 
     def __post_init__(self) -> None:
         line, slopes = self.positions, self.slopes
@@ -268,9 +269,19 @@ class Amplitudes:
         nonaffine: amplitudes of several terms each, one after another.
     """
 
-    constant: np.ndarray
-    slopes: np.ndarray
+    constant: Annotated[Floats, "affine"]
+    slopes: Annotated[Floats, "affine", "P"]
     nonaffine: tuple[NonAffine, ...] = ()
+
+    def faults_for(self, space: ParameterSpace, terms: int) -> Iterator[str]:
+        """What is wrong with amplitudes that a file holds for these parameters and loads, (1 + T)."""
+        if self.constant[0] != 1 or self.slopes[0].any():
+            yield "the first amplitude must be the constant 1"
+        if any(getattr(value, "names", space.names) != space.names for value in self.nonaffine):
+            yield f"a formula is one of other parameters than {space.names}"
+        counts = [checked_count(value, space, "its file") for value in self.nonaffine]
+        if self.constant.size + sum(counts) != terms:
+            yield f"the amplitudes are {self.constant.size} and {counts}, the loads {terms}"
 
     @classmethod
     def collect(cls, amplitudes: Sequence[Amplitude | Formula | NonAffine], space: ParameterSpace) -> Amplitudes:

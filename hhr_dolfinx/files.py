@@ -26,7 +26,6 @@ import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import MappingProxyType
 from typing import IO, Any, cast
 
 import numpy as np
@@ -132,14 +131,13 @@ def write_arrays(
 
 
 def read_arrays(
-    path: str | Path, kind: str, version: int, others: Mapping[str, int] = MappingProxyType({}), *, mapped: bool = False
+    path: str | Path, kind: str, version: int, *, mapped: bool = False
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and arrays of a file written by :func:`write_arrays`; memory stays near the size of the file.
 
     Args:
         path: of the file.
         kind, version: its format.
-        others: further formats that it may have, with their versions.
         mapped: leave arrays of a megabyte and more on the disk, as long as half of the descriptors allowed are free;
             they may begin at any byte. The file can be replaced meanwhile, but must not be written into.
 
@@ -157,12 +155,12 @@ def read_arrays(
         if text is None or text.dtype.kind != "U" or text.ndim:
             raise _Damage("it has no header")
         header = json.loads(str(text))
-        known, named = {kind: version, **others}, header.get("format") if isinstance(header, dict) else None
-        if not isinstance(named, str) or named not in known:
+        named = header.get("format") if isinstance(header, dict) else None
+        if not isinstance(named, str) or not named.startswith(kind.split()[0]):
             raise _Damage(f"its header names no '{kind}'")
-        if header.get("version") != known[named]:
-            found = repr(header.get("version"))[:40]
-            raise FileContentError(f"{path} holds '{named}' version {found}, this release reads version {known[named]}")
+        if (named, header.get("version")) != (kind, version):
+            found = f"'{named[:40]}' version {repr(header.get('version'))[:40]}"
+            raise FileContentError(f"{path} holds {found}, this release reads '{kind}' version {version}")
         for name, array in arrays.items():
             _check_numbers(name, array)
         stored = header.pop("sha256", None)

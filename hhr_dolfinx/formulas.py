@@ -18,6 +18,7 @@ import numpy as np
 
 from hhr_dolfinx.errors import ParameterError, SceneError
 from hhr_dolfinx.parameters import ParameterSpace, is_number
+from hhr_dolfinx.plain import Rebuilt
 
 Values = Mapping[str, Any]
 """Numbers or arrays by name; complex ones carry a derivative in their imaginary part."""
@@ -75,7 +76,7 @@ _OPERATORS: Mapping[type, Callable[[Any, Any], Any]] = {
 
 
 @dataclass(frozen=True)
-class Formula:
+class Formula(Rebuilt):
     """A function of named numbers, as text.
 
     Attributes:
@@ -98,9 +99,6 @@ class Formula:
         if "#" in self.text:  # would hide what stands behind it, in a product say
             raise SceneError(f"the formula {self.text[:80]!r} holds a comment: write it beside the formula")
         self._parsed  # noqa: B018 (what cannot be read is refused where it is written)
-
-    def __reduce__(self) -> tuple:
-        return Formula, (self.text,)
 
     @cached_property
     def _parsed(self) -> tuple[_Evaluate, tuple[str, ...]]:
@@ -168,7 +166,7 @@ def formula_of(value: Any, what: str) -> Formula:
 
 
 @dataclass(frozen=True)
-class Scalar:
+class Scalar(Rebuilt):
     """A formula of the parameters of a scene: an amplitude of a single column, and what K is made of.
 
     Attributes:
@@ -190,9 +188,6 @@ class Scalar:
                 f"the formula {self.text[:80]!r} names {sorted(unknown)}, the parameters are {self.names}: correct the "
                 "name, or add it to the ParameterSpace"
             )
-
-    def __reduce__(self) -> tuple:
-        return Scalar, (self.text, self.names)
 
     @cached_property
     def formula(self) -> Formula:
@@ -229,7 +224,7 @@ class Scalar:
 
 
 @dataclass(frozen=True)
-class Modulus:
+class Modulus(Rebuilt):
     """Amplitude of one part of a stiffness: the factor that the whole body has, times what is left.
 
     Attributes:
@@ -244,9 +239,6 @@ class Modulus:
 
     def __post_init__(self) -> None:
         self._parts  # noqa: B018 (unknown names are refused where they are written)
-
-    def __reduce__(self) -> tuple:
-        return Modulus, (self.factor, self.rest, self.names)
 
     @cached_property
     def _parts(self) -> tuple[Scalar, Scalar]:

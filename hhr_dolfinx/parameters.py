@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from numbers import Integral, Real
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -58,7 +58,7 @@ class ParameterSpace:
         upper: largest value of each parameter.
     """
 
-    names: tuple[str, ...]
+    names: Annotated[tuple[str, ...], "P"]
     lower: tuple[float, ...]
     upper: tuple[float, ...]
 

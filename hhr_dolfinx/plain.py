@@ -1,51 +1,98 @@
-"""Values as a kind and numbers: how laws and amplitudes, a user's own too, are kept in files that execute nothing.
+"""Values as plain data: how models, laws and outputs, a user's own too, are kept in files that execute nothing.
 
-A value is a frozen dataclass whose fields are numbers, strings, truth values, other such values without arrays, tuples
-of these, or numpy arrays. A file holds the name of its class and its fields; whoever reads the file says which classes
-may come out of it.
+A value is a frozen dataclass, or a model that names what it is made of in ``kept``, of numbers, strings, truth values,
+arrays, sparse matrices, tuples and other such values. It becomes a tree that JSON can hold, in which each value is the
+name of its class and its fields, and arrays by their paths in this tree. Whoever reads says which classes may come
+out; fields must be of the types, arrays of the sizes that these classes declare, see :mod:`hhr_dolfinx.declared`.
+
+A class may have ``faults(sizes)``, which yields what is wrong with a value beyond that, given the sizes of its model
+by name, and ``from_file(**fields)``, by which it is made in the place of its constructor. One that ``has_own_sizes`` is
+a model, whose sizes are not those of what it is part of.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import math
-from collections.abc import Iterable, Iterator, Mapping
-from types import UnionType
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
+from scipy.sparse import csc_matrix, csr_matrix, issparse
 
-from hhr_dolfinx.errors import FileContentError, ModelFileError
+from hhr_dolfinx.declared import TYPES, Sizes, annotations_of, declared_array, fits, shown
+from hhr_dolfinx.errors import FileContentError, MissingPackageError, ModelFileError
 
 ARRAY_TYPES = (np.dtype("<f8"), np.dtype("<i8"), np.dtype("<i4"), np.dtype("?"))
 """Kinds of numbers that arrays in files have."""
+DEEPEST = 16
+"""Levels of tuples and values within each other: damaged files must not exhaust the stack."""
+SPARSE = {"csc": csc_matrix, "csr": csr_matrix}
+SMALL = 64
+"""Entries below which it is not worth looking whether an array is another one again, or mostly zero."""
 
 _REMEDY = (
     "what goes into a file must be a frozen dataclass, `@dataclass(frozen=True)`, whose fields are finite numbers, "
-    "strings, truth values, other frozen dataclasses, tuples of these, or numpy arrays of float64, int64, int32 or bool"
+    "strings, truth values, None, other frozen dataclasses, tuples of these, sparse matrices, or numpy arrays of "
+    "float64, int64, int32 or bool"
 )
 _SHOWN = 60
-_DEEPEST = 8
-"""Levels of tuples and values within each other: damaged files must not exhaust the stack."""
+
+
+CODE = MappingProxyType({"kept": False})
+"""Metadata of a field that is code, which no file holds: it has a default."""
+OF_THE_MESH = MappingProxyType({"kept": False, "copied": False})
+"""Metadata of a field that needs a mesh, which belongs to one process: copies do not have it either."""
+
+
+class Rebuilt:
+    """A dataclass whose values are copied and pickled by their fields: caches, factors and locks stay behind."""
+
+    def __reduce__(self) -> tuple:
+        fields = [item for item in dataclasses.fields(self) if item.init and item.metadata.get("copied", True)]  # type: ignore[arg-type]
+        return rebuilt, (type(self), {item.name: getattr(self, item.name) for item in fields})
+
+
+def rebuilt(kind: Any, arguments: Mapping[str, Any]) -> Any:
+    """A value made of its arguments again."""
+    return kind(**arguments)
 
 
 def as_plain(value: object) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """A frozen dataclass as its kind and numbers, and its arrays by name; JSON can hold the former.
+    """A value as a tree that JSON can hold, and its arrays by path.
 
-    It is rebuilt once, so that what is written can be read back as the same value.
+    It is rebuilt once, so that what is written can be read back as the same value. Equal arrays are kept once, and of
+    arrays that are mostly zero what is not.
 
     Raises:
-        FileContentError: for a value that is no such dataclass, or that its class would not take back, with what to do.
+        FileContentError: for what is no such value, or what its class would not take back, with what to do.
     """
-    kind = type(value)
-    data, arrays = _taken_apart(value)
-    again = _taken_apart(restored(data, arrays, by_name(_kinds_in(value))))
-    if again[0] != data or any(not np.array_equal(again[1][name], array) for name, array in arrays.items()):
+    if not _is_kind(type(value)):
+        raise FileContentError(f"{_shown(value)} cannot be kept: {_REMEDY}")
+    writer = _Writer()
+    tree, kinds = writer.tree(value, "", 0), dict(writer.kinds)
+    again = _Writer()
+    if again.tree(_Reader(writer.arrays, kinds).whole(tree), "", 0) != tree or not _same(again.arrays, writer.arrays):
         raise FileContentError(
-            f"{_shown(value)} made of its own fields is another {kind.__name__}: its __post_init__ must leave fields "
-            "that it has changed once as they are"
+            f"{_shown(value)} made of its own fields is another {type(value).__name__}: its __post_init__ must leave "
+            "fields that it has changed once as they are"
         )
-    return data, arrays
+    return tree, writer.arrays
+
+
+def restored(tree: object, arrays: Mapping[str, np.ndarray], kinds: Mapping[str, type]) -> Any:
+    """Build a value from what :func:`as_plain` returned; tuples may have become lists, as in JSON.
+
+    Nothing that the tree names is looked up anywhere but in ``kinds``, the classes that may be built by name.
+
+    Raises:
+        ModelFileError: if a class is unknown, with what to do.
+        FileContentError: for fields that are missing, unknown, of the wrong type or size, not finite, or refused by
+            their class, and for arrays that nothing names.
+    """
+    return _Reader(arrays, kinds).whole(tree)
 
 
 def by_name(classes: Iterable[type]) -> dict[str, type]:
@@ -58,162 +105,251 @@ def by_name(classes: Iterable[type]) -> dict[str, type]:
     for kind in classes:
         if not _is_kind(kind):
             raise ModelFileError(f"{_shown(kind)} is no class of values in files: {_REMEDY}")
-        if named.setdefault(kind.__name__, kind) is not kind:
-            raise ModelFileError(
-                f"two classes are called {kind.__name__}, in {named[kind.__name__].__module__} and in "
-                f"{kind.__module__}: files know them by name, rename one"
-            )
+        add_kind(named, kind)
     return named
 
 
-def restored(data: object, arrays: Mapping[str, np.ndarray], kinds: Mapping[str, type]) -> Any:
-    """Build a value from what :func:`as_plain` returned; tuples may have become lists, as in JSON.
-
-    Nothing that the data name is looked up anywhere but in ``kinds``, the classes that may be built by name.
+def add_kind(named: dict[str, type], kind: type) -> None:
+    """Add a class to those that may come out of a file.
 
     Raises:
-        ModelFileError: if the kind is unknown, with what to do.
-        FileContentError: for fields that are missing, unknown, of the wrong type, not finite, or refused by the class.
+        ModelFileError: if another one has its name.
     """
-    return _restored(data, arrays, kinds, 0)
-
-
-def _restored(data: object, arrays: Mapping[str, np.ndarray], kinds: Mapping[str, type], depth: int) -> Any:
-    """The same, for a value that sits ``depth`` levels within another."""
-    if not isinstance(data, Mapping) or data.keys() != {"kind", "numbers"} or not isinstance(data["numbers"], Mapping):
-        raise FileContentError(f"{_shown(data)} must have a kind and numbers")
-    name, numbers = data["kind"], data["numbers"]
-    if not (isinstance(name, str) and name.isidentifier()):
-        raise FileContentError(f"the kind {_shown(name)} is no name of a class")
-    if name not in kinds:
+    if (other := named.setdefault(kind.__name__, kind)) is not kind:
         raise ModelFileError(
-            f"the file holds a {name[:_SHOWN]}, which is none of {', '.join(sorted(kinds)) or 'the classes given'}: "
-            f"pass the class, load_model(path, known=[{name[:_SHOWN]}])"
+            f"two classes are called {kind.__name__}, in {other.__module__} and in {kind.__module__}: files know them "
+            "by name, rename one"
         )
-    kind, given = kinds[name], [*numbers, *arrays]
-    expected = [field.name for field in dataclasses.fields(kind) if field.init]
-    if sorted(map(str, given)) != sorted(expected):
-        raise FileContentError(f"a {name} has the fields {expected}, and not {_shown(given)}")
-    hints = _hints(kind)
-    fields = {key: _unpacked(f"{key} of {name}", value, kinds, depth + 1) for key, value in numbers.items()}
-    fields |= {key: _checked_array(f"{key} of {name}", value) for key, value in arrays.items()}
-    for key, value in fields.items():
-        if not _fits(value, hints.get(key)):
-            wanted = getattr(hints[key], "__name__", hints[key])
-            formula = isinstance(value, str) and hints[key] is float
-            remedy = ": declare it float | str, if it may be a formula" if formula else ""
-            raise FileContentError(f"{key} of {name} is {_shown(value)}, and must be a {wanted}{remedy}")
-    try:
-        return kind(**fields)
-    except Exception as error:  # a class of a user's own may raise anything
-        raise FileContentError(f"{name} refuses {_shown(fields)} with {type(error).__name__}: {error}") from error
-
-
-def _taken_apart(value: object, depth: int = 0) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Kind and numbers of a value, and its arrays."""
-    kind: Any = type(value)
-    if not _is_kind(kind):
-        raise FileContentError(f"{_shown(value)} cannot be kept: {_REMEDY}")
-    fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(kind) if field.init}
-    arrays = {name: field for name, field in fields.items() if type(field) is np.ndarray}
-    numbers = {
-        name: _packed(f"{name} of {kind.__name__}", field, depth + 1)
-        for name, field in fields.items()
-        if name not in arrays
-    }
-    arrays = {name: _checked_array(f"{name} of {kind.__name__}", array) for name, array in arrays.items()}
-    return {"kind": kind.__name__, "numbers": numbers}, arrays
-
-
-def _kinds_in(value: object) -> Iterator[type]:
-    """Classes of a value and of all that it holds."""
-    if isinstance(value, tuple):
-        for item in value:
-            yield from _kinds_in(item)
-    kind: Any = type(value)
-    if _is_kind(kind):
-        yield kind
-        for field in dataclasses.fields(kind):
-            yield from _kinds_in(getattr(value, field.name) if field.init else None)
 
 
 def _is_kind(kind: Any) -> bool:
-    """Whether a class is a frozen dataclass."""
+    """Whether a class is a frozen dataclass, or names what its values are made of."""
     parameters = getattr(kind, "__dataclass_params__", None)
-    return isinstance(kind, type) and parameters is not None and parameters.frozen
+    frozen = parameters is not None and parameters.frozen
+    return isinstance(kind, type) and (frozen or bool(getattr(kind, "kept", ())))
 
 
-def _checked_array(name: str, array: np.ndarray) -> np.ndarray:
+def _same(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> bool:
+    """Whether arrays are the same to the last bit."""
+    return one.keys() == other.keys() and all(
+        array is other[name] or (array.dtype == other[name].dtype and np.array_equal(array, other[name]))
+        for name, array in one.items()
+    )
+
+
+class _Writer:
+    """Takes a value apart; its arrays by path, and the classes of what it holds by name."""
+
+    def __init__(self) -> None:
+        self.arrays: dict[str, np.ndarray] = {}
+        self.kinds: dict[str, type] = {}
+        self._first: dict[tuple, str] = {}
+
+    def tree(self, value: Any, path: str, depth: int, declared: Any = None) -> Any:
+        """A value as what JSON can hold."""
+        _check_depth(path, depth)
+        if isinstance(value, np.ndarray):
+            return self._array(path, value, declared)
+        if isinstance(value, tuple):
+            return [self.tree(item, f"{path}.{number}", depth + 1) for number, item in enumerate(value)]
+        if issparse(value) and value.format in SPARSE:
+            parts = {name: self._array(f"{path}.{name}", getattr(value, name)) for name in _PARTS}
+            return {"sparse": value.format, "shape": list(value.shape), **parts}
+        kind: Any = type(value)
+        if value is None or not _is_kind(kind):
+            return _scalar(path, value)
+        add_kind(self.kinds, kind)
+        fields = {
+            name: self.tree(getattr(value, name), f"{path}.{name}".lstrip("."), depth + 1, declared_array(node))
+            for name, node in annotations_of(kind).items()
+        }
+        return {"kind": kind.__name__, "fields": fields}
+
+    def _array(self, path: str, array: np.ndarray, declared: Any = None) -> dict[str, Any]:
+        """Where an array lies: its own path, or that of the first one that is the same."""
+        array = _of_type(path, _checked_array(path, array), declared)
+        if array.size < SMALL:
+            self.arrays[path] = array
+            return {"array": path}
+        if not (array.flags.c_contiguous or array.flags.f_contiguous):
+            array = array.copy()
+        order = "C" if array.flags.c_contiguous else "F"
+        flat = array.ravel(order="K")
+        bits = flat.view(np.uint8)
+        key = (array.dtype.str, array.shape, order, hashlib.sha256(bits).digest())
+        first = self._first.setdefault(key, path)
+        dense = array.dtype.kind != "f" or 3 * np.count_nonzero(flat.view(np.int64)) > array.size
+        if first == path:
+            if dense:
+                self.arrays[path] = array
+            else:  # zeros with a sign are kept too
+                places = np.flatnonzero(flat.view(np.int64))
+                self.arrays |= {f"{path}.places": places, f"{path}.values": flat[places]}
+        return {"array": first} if dense else {"array": first, "shape": list(array.shape), "order": order}
+
+
+_PARTS = ("data", "indices", "indptr")
+"""Arrays of a sparse matrix."""
+
+
+class _Reader:
+    """Puts values together from a tree, arrays and the classes that may come out."""
+
+    def __init__(self, arrays: Mapping[str, np.ndarray], kinds: Mapping[str, type]):
+        self.arrays, self.kinds = arrays, kinds
+        self._made: dict[str, np.ndarray] = {}
+        self._used: set[str] = set()
+
+    def whole(self, tree: Any) -> Any:
+        """The value of a tree, which must name all arrays."""
+        if not (isinstance(tree, Mapping) and "kind" in tree):
+            raise FileContentError(f"{_shown(tree)} must have a kind and fields")
+        sizes = Sizes()
+        value = self.value(tree, "", sizes, 0)
+        sizes.check_known(last=True)
+        if unknown := sorted(self.arrays.keys() - self._used):
+            raise FileContentError(f"arrays {unknown[:5]} are unknown")
+        return value
+
+    def value(self, data: Any, path: str, sizes: Sizes, depth: int) -> Any:
+        """The value of a part of the tree."""
+        _check_depth(path, depth)
+        if isinstance(data, list | tuple):
+            return tuple(self.value(item, f"{path}.{k}", sizes, depth + 1) for k, item in enumerate(data))
+        if not isinstance(data, Mapping):
+            return _scalar(path, data)
+        if data.keys() == {"kind", "fields"} and isinstance(data["fields"], Mapping):
+            return self._object(data["kind"], data["fields"], path, sizes, depth)
+        if data.keys() == {"array"}:
+            return self._array(data["array"])
+        if data.keys() == {"array", "shape", "order"}:
+            return self._with_zeros(data["array"], data["shape"], data["order"])
+        if data.keys() == {"sparse", "shape", *_PARTS}:
+            return self._sparse(data, path, depth)
+        raise FileContentError(f"{path or 'the value'} is {_shown(data)}, which must have a kind and fields")
+
+    def _object(self, name: Any, given: Mapping, path: str, sizes: Sizes, depth: int) -> Any:
+        """A value of a class, from its fields."""
+        kind = self._kind(name)
+        whole = getattr(kind, "has_own_sizes", False)
+        own = Sizes() if whole else sizes.of_part()
+        declared = annotations_of(kind)
+        if given.keys() != declared.keys():
+            missing, unknown = sorted(declared.keys() - given.keys()), sorted(map(str, given.keys() - declared.keys()))
+            why = f"{missing} are missing and {unknown[:5]} are unknown"
+            raise FileContentError(f"a {name} has the fields {list(declared)}: {why}")
+        fields = {}
+        for key, node in declared.items():
+            place = f"{path}.{key}".lstrip(".")
+            fields[key] = self._field(self.value(given[key], place, own, depth + 1), name, place, node, own)
+        own.check_known(last=whole)
+        try:
+            made = getattr(kind, "from_file", kind)(**fields)
+            faults = list(made.faults(own.shared)) if hasattr(kind, "faults") else []
+        except MissingPackageError:  # nothing is wrong with the file
+            raise
+        except Exception as error:  # a class of a user's own may raise anything
+            why = f"{name} refuses {_shown(fields)} with {type(error).__name__}: {error}"
+            raise FileContentError(f"{path or 'the value'}: {why}") from error
+        if faults:
+            raise FileContentError(f"{path or name}: {faults[0]}")
+        return made
+
+    def _kind(self, name: Any) -> Any:
+        if not (isinstance(name, str) and name.isidentifier()):
+            raise FileContentError(f"the kind {_shown(name)} is no name of a class")
+        if name not in self.kinds:
+            raise ModelFileError(
+                f"the file holds a {name[:_SHOWN]}, which is unknown here: pass the class, "
+                f"load_model(path, known=[{name[:_SHOWN]}])"
+            )
+        return self.kinds[name]
+
+    def _field(self, value: Any, name: str, path: str, node: Any, sizes: Sizes) -> Any:
+        """A field that is of its declared type, kind and size."""
+        if not fits(value, node, self.kinds):
+            formula = isinstance(value, str) and shown(node) == "float"
+            remedy = ": declare it float | str, if it may be a formula" if formula else ""
+            raise FileContentError(f"{path} of {name} is {_shown(value)}, and must be a {shown(node)}{remedy}")
+        declared = declared_array(node)
+        if declared is None or value is None:
+            return value
+        if isinstance(value, np.ndarray):
+            value = _of_type(path, value, declared)
+        sizes.claim(path, declared, value)
+        return value
+
+    def _array(self, key: Any) -> np.ndarray:
+        if not isinstance(key, str) or key not in self.arrays:
+            raise FileContentError(f"the array {_shown(key)} is missing")
+        self._used.add(key)
+        return _checked_array(key, self.arrays[key])
+
+    def _with_zeros(self, key: Any, shape: Any, order: Any) -> np.ndarray:
+        """An array of which a file keeps what is not zero; the same one wherever it is named again."""
+        places, values = self._array(f"{key}.places"), self._array(f"{key}.values")
+        whole = isinstance(shape, list | tuple) and all(type(n) is int and n >= 0 for n in shape)
+        if not whole or order not in ("C", "F") or math.prod(shape) > 2**40:
+            raise FileContentError(f"{key} has no shape: {_shown(shape)}")
+        if places.ndim != 1 or places.shape != values.shape or places.dtype.kind != "i" or values.dtype.kind != "f":
+            raise FileContentError(f"{key} must have places and values, one for each")
+        ordered = not places.size or (places[0] >= 0 and places[-1] < math.prod(shape) and (np.diff(places) > 0).all())
+        if not ordered:
+            raise FileContentError(f"{key} has places outside of it, or twice")
+        if key not in self._made:
+            flat = np.zeros(math.prod(shape))
+            flat[places] = values
+            self._made[key] = flat.reshape(shape) if order == "C" else flat.reshape(shape[::-1]).T
+        if self._made[key].shape != tuple(shape):
+            raise FileContentError(f"{key} has two shapes")
+        return self._made[key]
+
+    def _sparse(self, data: Mapping, path: str, depth: int) -> Any:
+        parts = [self.value(data[name], f"{path}.{name}", Sizes(), depth + 1) for name in _PARTS]
+        shape, form = data["shape"], data["sparse"]
+        two = isinstance(shape, list | tuple) and len(shape) == 2 and all(type(n) is int and n >= 0 for n in shape)
+        if not two or form not in SPARSE or not all(isinstance(part, np.ndarray) for part in parts):
+            raise FileContentError(f"{path} is no sparse matrix")
+        try:
+            matrix = SPARSE[form](tuple(parts), shape=tuple(shape))
+            matrix.check_format(full_check=True)
+        except (ValueError, IndexError, TypeError) as error:
+            raise FileContentError(f"the sparse matrix {path} has entries outside of it: {error}") from error
+        return matrix
+
+
+def _of_type(path: str, array: np.ndarray, declared: Any) -> np.ndarray:
+    """An array of the kind that is declared for it."""
+    wanted = TYPES.get(declared.kind) if declared is not None else None
+    if wanted is None or array.dtype == wanted:
+        return array
+    if array.dtype.kind != wanted.kind:
+        raise FileContentError(f"{path} has type {array.dtype}, it must be {wanted}")
+    return array.astype(wanted)
+
+
+def _checked_array(path: str, array: np.ndarray) -> np.ndarray:
     """An array that a file may hold."""
     if type(array) is not np.ndarray or array.dtype not in ARRAY_TYPES or not np.isfinite(array).all():
         kind = getattr(array, "dtype", type(array).__name__)
-        raise FileContentError(f"{name} has the type {kind} or is not finite: {_REMEDY}")
+        raise FileContentError(f"{path} has the type {kind} or is not finite: {_REMEDY}")
     return array
 
 
-def _packed(name: str, value: object, depth: int) -> Any:
-    """A field as Python's own numbers, tuples, and kinds with numbers."""
-    _check_depth(name, depth)
-    if isinstance(value, tuple):
-        return tuple(_packed(name, item, depth + 1) for item in value)
-    if not _is_kind(type(value)):
-        return _scalar(name, value)
-    data, arrays = _taken_apart(value, depth)
-    if arrays:
-        raise FileContentError(f"{name} is {_shown(value)}, which holds arrays: only the outermost value may hold them")
-    return data
-
-
-def _unpacked(name: str, data: object, kinds: Mapping[str, type], depth: int) -> Any:
-    """What :func:`_packed` was given, from what it returned."""
-    _check_depth(name, depth)
-    if isinstance(data, list | tuple):
-        return tuple(_unpacked(name, item, kinds, depth + 1) for item in data)
-    return _restored(data, {}, kinds, depth) if isinstance(data, Mapping) else _scalar(name, data)
-
-
-def _check_depth(name: str, depth: int) -> None:
+def _check_depth(path: str, depth: int) -> None:
     """Refuse what nests too deep."""
-    if depth > _DEEPEST:
-        raise FileContentError(f"{name} nests more than {_DEEPEST} tuples or values")
+    if depth > DEEPEST:
+        raise FileContentError(f"{path[:_SHOWN]} nests more than {DEEPEST} tuples or values")
 
 
-def _scalar(name: str, value: object) -> bool | int | float | str:
-    """A number, string or truth value; numbers of numpy become Python's own."""
+def _scalar(path: str, value: object) -> bool | int | float | str | None:
+    """A number, string, truth value or None; numbers of numpy become Python's own."""
     plain: Any = value.item() if isinstance(value, np.generic) else value
-    if type(plain) in (bool, str) or (type(plain) is float and math.isfinite(plain)):
+    if plain is None or type(plain) in (bool, str) or (type(plain) is float and math.isfinite(plain)):
         return plain
     if type(plain) is int and abs(plain) < 2**63:
         return plain
-    raise FileContentError(f"{name} is {_shown(value)}: {_REMEDY}")
-
-
-def _hints(kind: type) -> dict[str, Any]:
-    """Types of the fields as the class declares them; none where they cannot be told here."""
-    try:
-        return get_type_hints(kind)
-    except Exception:  # names that are known to type checkers only
-        return {}
-
-
-def _fits(value: object, hint: object) -> bool:
-    """Whether a field is of its declared type; what is declared in other ways is left to the class."""
-    origin = get_origin(hint) or hint
-    if origin in (Union, UnionType):
-        return any(_fits(value, item) for item in get_args(hint))
-    if origin is float:
-        return type(value) in (int, float)
-    if origin in (int, bool, str, np.ndarray):
-        return type(value) is origin
-    if origin is not tuple:
-        return not _is_kind(origin) or isinstance(value, origin)  # type: ignore[arg-type]
-    items = get_args(hint)
-    if not isinstance(value, tuple):
-        return False
-    if items[1:] == (Ellipsis,):
-        return all(_fits(item, items[0]) for item in value)
-    alike = not items or len(items) == len(value)
-    return alike and all(_fits(*pair) for pair in zip(value, items, strict=False))
+    raise FileContentError(f"{path} is {_shown(value)}: {_REMEDY}")
 
 
 def _shown(value: object) -> str:

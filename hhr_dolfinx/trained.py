@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
+from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import OutsideTrainingError, OutsideTrainingWarning, ParameterError
 from hhr_dolfinx.parameters import ParameterSpace
 
@@ -73,9 +74,14 @@ class TrainedRange:
         lower, upper: (P,).
     """
 
-    names: tuple[str, ...]
-    lower: np.ndarray
-    upper: np.ndarray
+    names: Annotated[tuple[str, ...], "P"]
+    lower: Annotated[Floats, "P"]
+    upper: Annotated[Floats, "P"]
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """A range that ends below its start."""
+        if not (self.lower <= self.upper).all():
+            yield "the trained range ends below its start"
 
     @classmethod
     def of(cls, points: np.ndarray, space: ParameterSpace) -> TrainedRange:
@@ -172,8 +178,8 @@ class TrainedPaths:
     """
 
     parameters: TrainedRange
-    slowest: np.ndarray
-    fastest: np.ndarray
+    slowest: Annotated[Floats, "P"]
+    fastest: Annotated[Floats, "P"]
     steps: tuple[float, float]
     rated: bool
     imbalance: float
@@ -182,6 +188,14 @@ class TrainedPaths:
     estimate: float
     begun: float
     onset: float
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """Rates, steps and signs that are impossible."""
+        if not (self.slowest <= self.fastest).all() or not 0 < self.steps[0] <= self.steps[1]:
+            yield f"trained steps take {self.steps} s, or rates end below their start, which is no range"
+        signs = self.imbalance, self.depth, self.stress, self.estimate, self.begun, self.onset
+        if min(signs) < 0:
+            yield f"the imbalance, the depth, the stress and the estimates of the training are {signs}"
 
     @classmethod
     def of(

@@ -12,7 +12,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.bounds import energy_directions, error_bound
 from hhr_dolfinx.errors import BoundError, ModelFileError, ParameterError, ReductionError
 from hhr_dolfinx.files import read_arrays, write_arrays
-from hhr_dolfinx.online.layout import FORMAT, VERSION
+from hhr_dolfinx.online.model_file import FORMAT, VERSION
 
 
 def errors_of(full, model, points):

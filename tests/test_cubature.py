@@ -16,7 +16,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.compare import largest_errors
 from hhr_dolfinx.errors import ModelFileError, OutsideTrainingWarning, ReductionError
 from hhr_dolfinx.files import read_arrays, write_arrays
-from hhr_dolfinx.online.layout import FORMAT, VERSION
+from hhr_dolfinx.online.model_file import FORMAT, VERSION
 from hhr_dolfinx.reduction import cubature
 from hhr_dolfinx.reduction.cubature import Cubature, _Search, compressed, fitted
 from hhr_dolfinx.reduction.flow import tangent_margin, training_tangents

@@ -15,7 +15,7 @@ from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models import output_bound
 from hhr_dolfinx.models.functionals import Functional
-from hhr_dolfinx.online.layout import FORMAT, VERSION
+from hhr_dolfinx.online.model_file import FORMAT, VERSION
 
 POOR = hhr.Recipe(cone=True).as_it_is()
 """Forces and displacements of training alone, so that errors are large."""

@@ -14,7 +14,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import BoundError, ModelFileError
 from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.online.layout import FORMAT, VERSION
+from hhr_dolfinx.online.model_file import FORMAT, VERSION
 from hhr_dolfinx.reduction.varying_bound import EnergySolver, _check_resolved, varying_bound
 
 ALL = {"E1": (1.0, 6.0), "nu1": (0.1, 0.42), "E2": (2.0, 9.0), "nu2": (0.1, 0.42)}

@@ -6,13 +6,15 @@ model uses the same operator with the cells of its RID.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.compat import compiled
+from hhr_dolfinx.declared import Floats, Integers
 
 
 @dataclass(frozen=True)
@@ -26,10 +28,15 @@ class StrainOperator:
         size: number of dofs there are.
     """
 
-    gradients: np.ndarray
-    weights: np.ndarray
-    dofs: np.ndarray
-    size: int
+    gradients: Annotated[Floats, "cells", "per cell", "components", "dofs of a cell"]
+    weights: Annotated[Floats, "cells", "per cell"]
+    dofs: Annotated[Integers, "cells", "dofs of a cell", "< dofs"]
+    size: Annotated[int, "dofs"]
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """Weights that are impossible."""
+        if not (self.weights > 0).all():
+            yield f"a Gauss point has the weight {self.weights.min()}, not positive"
 
     @property
     def gauss_points(self) -> int:

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from hhr_dolfinx.compat import compiled
+from hhr_dolfinx.declared import Integers
 from hhr_dolfinx.errors import ConvergenceError, SceneError
+from hhr_dolfinx.formulas import Scalar, check_over_box
 from hhr_dolfinx.materials.compiled_laws import ELASTIC, NORTON, PLASTICITY
-from hhr_dolfinx.materials.constants import LawOfParameters, ModuliOfParameters, formulas_of
+from hhr_dolfinx.materials.constants import LawOfParameters, ModuliOfParameters, check_law, formulas_of
 from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.materials.laws import Flow, Norton, Plasticity
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.parameters import ParameterSpace
 
 SLOPE = 0.05
 """Relative error of a slope worth a word: differences of the laws here agree to 1e-6, a forgotten factor is far off."""
@@ -57,10 +63,18 @@ class Group:
         law: flow, whose constants may be formulas of the parameters, or None for an elastic body.
     """
 
-    indices: np.ndarray
+    indices: Annotated[Integers, "points"]
     young: float | str
     poisson: float
     law: Flow | None
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """Elastic constants that are impossible, and a law that is none."""
+        stiff = isinstance(self.young, str) or self.young > 0
+        if not (stiff and -1 < self.poisson < 0.5):
+            yield f"young = {self.young!r} and poisson = {self.poisson!r} are no constants"
+        if self.law is not None and not callable(getattr(self.law, "flow", None)):
+            yield f"the law {self.law!r} has no flow: each must have a flow, or be none"
 
 
 class Material:
@@ -79,6 +93,9 @@ class Material:
         SceneError: if a Gauss point is in no group or in two: the compiled loops would read and write elsewhere; for
             formulas that name what is no parameter.
     """
+
+    kept: ClassVar[tuple[str, ...]] = ("groups", "components", "names")
+    """What a file keeps."""
 
     def __init__(self, groups: Sequence[Group], components: int, names: Sequence[str] = ()):
         self.groups = tuple(groups)
@@ -102,6 +119,20 @@ class Material:
             )
         if self._moduli is None:
             _ = self.elastic
+
+    def faults_for(self, space: ParameterSpace, dimension: int) -> Iterator[str]:
+        """What is wrong with the material of a model with these parameters, from a file.
+
+        Raises:
+            SceneError: for a formula that leaves what is possible somewhere in the box.
+        """
+        if self.components != (4 if dimension == 2 else 6) or self.names not in ((), space.names):
+            yield f"a strain has {self.components} components in dimension {dimension}, and parameters {self.names}"
+        for number, group in enumerate(self.groups):
+            check_law(group.law, space, f"law {number}")
+            if isinstance(group.young, str):
+                scalar = Scalar(group.young, space.names)
+                check_over_box(scalar, space, "young", 0.0, math.inf, "Young's modulus must be positive")
 
     @property
     def elastic(self) -> np.ndarray:

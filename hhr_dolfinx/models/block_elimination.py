@@ -19,6 +19,7 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.models.elimination import CondensedContact, Elimination
 from hhr_dolfinx.models.projected import ReducedProblem, ReducedTerms
+from hhr_dolfinx.plain import Rebuilt
 
 ROUND_OFF = 1e-12
 """Part of the largest entry of a part of K~ below which an entry couples nothing."""
@@ -172,7 +173,7 @@ def _solved(block: Block, weights: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class BlockReduction(Elimination):
+class BlockReduction(Rebuilt, Elimination):
     """Eliminates the unknown of a reduced problem whose stiffness is a sum of parts; plain data, for files.
 
     Attributes:
@@ -198,9 +199,6 @@ class BlockReduction(Elimination):
     def under(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """gamma, (ell,), at a point under known contact forces, (m,), in a hundredth of the time of an elimination."""
         return self._known_forces(point, forces)
-
-    def __reduce__(self) -> tuple:
-        return BlockReduction, (self.problem, self.amplitudes)
 
 
 def blocks_of(problem: ReducedProblem) -> list[Block]:

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
+from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import ParameterError
 
 
@@ -24,8 +26,8 @@ class CellRule:
         simplex: whether the cell is a triangle or a tetrahedron, else a square or a cube.
     """
 
-    points: np.ndarray
-    weights: np.ndarray
+    points: Annotated[Floats, "points", "dim"]
+    weights: Annotated[Floats, "points"]
     simplex: bool
 
     @cached_property

@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
+from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import ReductionError
 
 LEAF = -1
@@ -34,12 +35,12 @@ class Choice:
         ReductionError: for what is no tree.
     """
 
-    axis: np.ndarray
-    cut: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    label: np.ndarray
-    reach: np.ndarray
+    axis: Annotated[Integers, "nodes"]
+    cut: Annotated[Floats, "nodes"]
+    low: Annotated[Integers, "nodes"]
+    high: Annotated[Integers, "nodes"]
+    label: Annotated[Integers, "nodes"]
+    reach: Annotated[Floats, "P"]
 
     def __post_init__(self) -> None:
         """Refuse what is no tree: a query would not end, or end nowhere."""

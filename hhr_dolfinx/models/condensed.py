@@ -6,20 +6,22 @@ eliminates, see :mod:`hhr_dolfinx.models.elimination`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Pairs, Status
+from hhr_dolfinx.declared import Booleans, Floats
 from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers, outcome
 from hhr_dolfinx.models.elimination import Elimination, answer_of, differentiated
-from hhr_dolfinx.models.model import AnsweringModel
+from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.plain import Rebuilt
 from hhr_dolfinx.trained import TrainedRange, check_outside
 
 if TYPE_CHECKING:
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class KnownStatuses:
+class KnownStatuses(Rebuilt):
     """Statuses at solved parameters, to start the active set near its end.
 
     Attributes:
@@ -35,11 +37,16 @@ class KnownStatuses:
         active: (S, m) bool.
     """
 
-    points: np.ndarray
-    active: np.ndarray
+    points: Annotated[Floats, "statuses", "P"]
+    active: Annotated[Booleans, "statuses", "m"]
 
     def __post_init__(self) -> None:
         self.active.setflags(write=False)  # answers share them
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """No status to start from."""
+        if not len(self.points):
+            yield "no statuses are known: there must be at least one"
 
     @cached_property
     def distances(self) -> tuple[np.ndarray, np.ndarray]:
@@ -50,10 +57,6 @@ class KnownStatuses:
         spread = np.ptp(self.points, axis=0)
         spread[spread == 0] = 1.0
         return 0.5 * np.sum((self.points / spread) ** 2, axis=1), self.points / spread**2
-
-    def __reduce__(self) -> tuple:
-        """Copy and pickle by the arrays alone: copies protect their rows too."""
-        return KnownStatuses, (self.points, self.active)
 
     def nearest(self, point: np.ndarray) -> int:
         """Index of the nearest known parameter."""
@@ -70,7 +73,7 @@ class KnownStatuses:
         return self.active[(offsets - points @ directions.T).argmin(axis=1)]
 
 
-class CondensedModel(AnsweringModel):
+class CondensedModel(KeptModel):
     """Answers parameters with the primal unknown eliminated, once or for each of them.
 
     Several threads may ask one model; it can be copied and pickled, for a pool of workers, and its copies answer alike.
@@ -83,14 +86,10 @@ class CondensedModel(AnsweringModel):
         pairs: number of the contact pair of each condition, (m,); None takes all for one pair.
         trained: parameters outside of which answers are not to be trusted; None where there are none.
         advice: what helps against a status, for the messages.
-
-    Attributes:
-        offline: how it was made, the record of what built it; None where nothing was approximated, or from a file.
     """
 
-    file_format = "condensed"
-    kept: ClassVar[tuple[str, ...]] = ("parameters", "eliminated", "known", "fields", "pairs")
-    """Arguments by which a file keeps it, and attributes that hold them."""
+    kept = ("parameters", "eliminated", "known", "fields", "pairs", "trained")
+    handed_on = ("advice",)
 
     def __init__(
         self,
@@ -103,17 +102,11 @@ class CondensedModel(AnsweringModel):
         advice: Mapping[Status, str] = MappingProxyType({}),
     ):
         self.parameters, self.eliminated, self.known, self.fields = parameters, eliminated, known, fields
-        self.trained, self.advice, self.pairs = trained, advice, pairs
-        self.offline: Any = None
+        self.trained, self.advice, self.pairs = trained, dict(advice), pairs
         # where the whole box was trained, its own check is enough
         self._range = None if trained is None or trained.covers(parameters) else trained
         self._pairs, self._m = Pairs.of(pairs), known.active.shape[1]
         self._regions: CriticalRegions | None = eliminated.tabulated(known)
-
-    def __reduce__(self) -> tuple:
-        """Copy and pickle by what it was made of; how it was made stays behind."""
-        given = self.parameters, self.eliminated, self.known, self.fields, self.pairs, self.trained, dict(self.advice)
-        return type(self), given
 
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
         """From tabulated critical regions where the nearest one holds; else by the active set."""

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags
 
 from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.models.answer import Answer, ModelFields
 from hhr_dolfinx.models.condensed_flow import PartFactors
 from hhr_dolfinx.models.estimates import STRESS, Estimate
@@ -39,11 +40,11 @@ class CondensedFlowFields(ModelFields):
 
     amplitudes: Amplitudes
     factors: PartFactors
-    parts: np.ndarray
-    basis: np.ndarray
-    per_force: np.ndarray
-    forced: np.ndarray
-    given: np.ndarray
+    parts: Annotated[Integers, "N"]
+    basis: Annotated[Floats, "N", "ell"]
+    per_force: Annotated[Floats, "N", "m"]
+    forced: Annotated[Floats, "N", "terms"]
+    given: Annotated[Floats, "N", "terms"]
     dimension: int
     flow: PlasticFields
     functionals: Functionals | None = None

@@ -14,18 +14,21 @@ Needs neither DOLFINx nor PETSc.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
 from hhr_dolfinx.amplitudes import Amplitudes, Theta
 from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
+from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import NotSolvableError
+from hhr_dolfinx.formulas import check_over_box
 from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.materials.update import Group, Material
 from hhr_dolfinx.models.answer import Answer
@@ -39,6 +42,9 @@ if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.models.condensed_fields import CondensedFlowFields
 
+SAME = 1e-9
+"""Relative difference of moduli in the middle of the box that is round-off."""
+
 
 @dataclass(frozen=True)
 class PartFactors:
@@ -50,7 +56,24 @@ class PartFactors:
     """
 
     moduli: tuple[Modulus, ...]
-    middle: np.ndarray
+    middle: Annotated[Floats, "parts"]
+
+    def faults_for(self, space: ParameterSpace) -> Iterator[str]:
+        """Moduli that are no formulas of these parameters, or have other values in the middle of their box.
+
+        Raises:
+            SceneError: for a modulus that is not positive somewhere in the box.
+        """
+        for modulus in self.moduli:
+            if modulus.names != space.names or modulus.rest != "1":
+                yield f"the modulus {modulus.factor[:60]!r} is no formula of {space.names}"
+            else:
+                remedy = "Young's modulus must be positive"
+                check_over_box(modulus.factor_scalar, space, "young", 0.0, math.inf, remedy)
+        middle = np.mean([space.lower, space.upper], axis=0)
+        values = np.array([modulus.value(middle) for modulus in self.moduli]) if self.moduli else np.ones(1)
+        if self.middle.shape != values.shape or not np.allclose(self.middle, values, rtol=SAME, atol=0.0):
+            yield f"the moduli are {values} in the middle of the box, and the arrays are made for {self.middle}"
 
     def compliances(self, point: np.ndarray) -> np.ndarray:
         """How much more each part gives at a point, (P,), than in the middle, (Q,)."""
@@ -92,23 +115,38 @@ class CondensedFlow:
         gaps: gaps less imposed displacements, (m, 1 + T).
     """
 
-    points: np.ndarray
+    points: Annotated[Integers, "points"]
     groups: tuple[Group, ...]
-    per_cell: int
-    parts: np.ndarray
+    per_cell: Annotated[int, "per cell"]
+    parts: Annotated[Integers, "points", "< Q"]
     factors: PartFactors
-    per_mode: np.ndarray
-    tested: np.ndarray
-    per_force: np.ndarray
-    forced: np.ndarray
-    given: np.ndarray
-    moved: np.ndarray
-    modal: np.ndarray
-    coupled: np.ndarray
-    mode_parts: np.ndarray
-    schur: np.ndarray
-    pressed: np.ndarray
-    gaps: np.ndarray
+    per_mode: Annotated[Floats, "ell", "components * points"]
+    tested: Annotated[Floats, "ell", "components * points"]
+    per_force: Annotated[Floats, "m", "components * points"]
+    forced: Annotated[Floats, "components * points", "terms"]
+    given: Annotated[Floats, "components * points", "terms"]
+    moved: Annotated[Floats, "m", "ell"]
+    modal: Annotated[Floats, "ell", "ell"]
+    coupled: Annotated[Floats, "ell", "m"]
+    mode_parts: Annotated[Integers, "ell", "< Q"]
+    schur: Annotated[Floats, "Q", "m", "m"]
+    pressed: Annotated[Floats, "Q", "m", "terms"]
+    gaps: Annotated[Floats, "m", "terms"]
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """Points that are there twice; groups that do not lie one behind another, as compiled loops know them; S."""
+        if np.unique(self.points).size < self.points.size:
+            yield "flow.points has a number twice"
+        indices = np.concatenate([np.zeros(0, dtype=np.int64), *(group.indices for group in self.groups)])
+        if not np.array_equal(indices, np.arange(self.points.size)) or not all(len(g.indices) for g in self.groups):
+            yield f"the groups must hold the points 0 .. {self.points.size - 1} once and one behind another"
+        if len(self.schur) != max(len(self.factors.moduli), 1) or self.factors.middle.size != len(self.schur):
+            yield f"S of {len(self.schur)} parts is not that of {len(self.factors.moduli)} moduli"
+        diagonals = np.einsum("qmm->qm", self.schur)
+        if not np.array_equal(self.schur, self.schur.transpose(0, 2, 1)):
+            yield "schur is not symmetric"
+        if (diagonals < 0).any() or not (diagonals.sum(axis=0) > 0).all():
+            yield "schur is not positive definite: a condition has no compliance of its own"
 
     @property
     def components(self) -> int:

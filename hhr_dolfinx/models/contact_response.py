@@ -18,6 +18,7 @@ from scipy.linalg.lapack import dtrtri, dtrtrs
 from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
 from hhr_dolfinx.contact.together import settled
 from hhr_dolfinx.linear.dense import LapackCholesky
+from hhr_dolfinx.plain import Rebuilt
 
 
 class Outside(NamedTuple):
@@ -68,7 +69,7 @@ class Outside(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ContactResponse:
+class ContactResponse(Rebuilt):
     """S and its factor (m conditions).
 
     Attributes:
@@ -78,10 +79,6 @@ class ContactResponse:
 
     schur: np.ndarray
     lower: np.ndarray
-
-    def __reduce__(self) -> tuple:
-        """Copy and pickle by the arrays: factors and locks belong to one process."""
-        return ContactResponse, (self.schur, self.lower)
 
     def outside(self, inside: np.ndarray, outside: np.ndarray | None = None) -> Outside:
         """What conditions do to each other where the forces of some, ``inside``, are given; the others if known."""

@@ -11,12 +11,15 @@ K~ on the whole RID are not used.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Theta
+from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.materials.update import Material, Update
 from hhr_dolfinx.models.answer import Answer, GaussState
 from hhr_dolfinx.models.linearised_step import LinearisedStepper
@@ -46,13 +49,20 @@ class CubatureFlow:
         material: laws at these points.
     """
 
-    points: np.ndarray
+    points: Annotated[Integers, "points"]
     per_cell: int
-    trial: np.ndarray
-    test: np.ndarray
-    given: csc_matrix
-    loads: np.ndarray
+    trial: Annotated[Floats, "points", "components", "ell"]
+    test: Annotated[Floats, "points", "components", "ell"]
+    given: Annotated[csc_matrix, "points * components", "terms"]
+    loads: Annotated[Floats, "ell", "terms"]
     material: Material
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """Points that are there twice, lie in no cell, or are not those of its material."""
+        if self.material.gauss_points != self.points.size:
+            yield f"{self.material.gauss_points} points of the material are not {self.points.size}"
+        if np.unique(self.points).size < self.points.size or self.points.min(initial=0) < 0 or self.per_cell < 1:
+            yield f"points of a cubature must be different numbers, {self.per_cell} of a cell"
 
     @property
     def cells(self) -> np.ndarray:

@@ -15,14 +15,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
+from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.linear.dense import Factor, Factorise, LapackLU, dense_factors, solve_columns
 from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers, found_as, one_by_one
+from hhr_dolfinx.plain import CODE, Rebuilt
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.floating import FloatingEqualities
@@ -187,10 +189,10 @@ class Responses:
         schur: S = B K^-1 B^T, (m, m).
     """
 
-    free_primal: np.ndarray
-    primal_per_force: np.ndarray
-    free_slack: np.ndarray
-    schur: np.ndarray
+    free_primal: Annotated[Floats, "unknowns", "terms"]
+    primal_per_force: Annotated[Floats, "unknowns", "m"]
+    free_slack: Annotated[Floats, "m", "terms"]
+    schur: Annotated[Floats, "m", "m"]
 
     @classmethod
     def eliminate(
@@ -210,7 +212,7 @@ class Responses:
 
 
 @dataclass(frozen=True, eq=False)
-class ConstantElimination(Elimination):
+class ConstantElimination(Rebuilt, Elimination):
     """Eliminates once for all where the stiffness is constant.
 
     Attributes:
@@ -221,7 +223,7 @@ class ConstantElimination(Elimination):
 
     responses: Responses
     amplitudes: Amplitudes
-    factorise: Factorise = field(default=dense_factors, metadata={"kept": False})
+    factorise: Factorise = field(default=dense_factors, metadata=CODE)
 
     def __post_init__(self) -> None:
         """One array for slack and unknown, so that one product makes both; ``responses`` look into it."""
@@ -235,9 +237,10 @@ class ConstantElimination(Elimination):
     response: np.ndarray = field(init=False, repr=False)
     """Free slack and, behind it, free primal unknown, (m + n, 1 + T)."""
 
-    def __reduce__(self) -> tuple:
-        """Copy and pickle by the arrays that it was made of: factors and locks belong to one process."""
-        return ConstantElimination, (self.responses, self.amplitudes, self.factorise)
+    @classmethod
+    def from_file(cls, **parts: Any) -> ConstantElimination:
+        """What a file keeps; LAPACK factors, so that answers are the same on all machines."""
+        return cls(**parts, factorise=LapackLU)
 
     @cached_property
     def equalities(self) -> SchurEqualities:

@@ -14,14 +14,15 @@ has the proof in full. Theorems 3 to 8 of the thesis bound the same errors throu
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Protocol
 
 import numpy as np
 
 from hhr_dolfinx.amplitudes import Theta
+from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.models.contact_response import ContactResponse, Outside
 from hhr_dolfinx.models.estimates import Estimates
 
@@ -213,6 +214,16 @@ class Bound(Protocol):
         """
 
 
+def factor_faults(bound: Any, schur: np.ndarray) -> Iterator[str]:
+    """What is wrong with the factor of S, (m, m), and with the scales of a bound."""
+    if not ((bound.areas >= 0).all() and (bound.least >= 0).all()):
+        yield "areas, or least sizes of forces, in its bound are negative"
+    lower = bound.lower
+    off = np.abs(lower @ lower.T - schur).max() / np.abs(schur).max(initial=1e-300)
+    if not (off <= ROUND_OFF and (lower.diagonal() > 0).all() and not np.triu(lower, 1).any()):
+        yield "the factor of S in its bound is none"
+
+
 @dataclass(frozen=True)
 class ErrorBound:
     """Arrays of the bounds where the stiffness is constant (m conditions, 1 + T terms, ell modes).
@@ -227,14 +238,21 @@ class ErrorBound:
         areas, least: see :class:`ForceScale`.
     """
 
-    free_slack: np.ndarray
-    schur: np.ndarray
-    lower: np.ndarray
-    basis: np.ndarray
-    loads: np.ndarray
-    lifts: np.ndarray
-    areas: np.ndarray
-    least: np.ndarray
+    free_slack: Annotated[Floats, "N_lambda", "terms"]
+    schur: Annotated[Floats, "N_lambda", "N_lambda"]
+    lower: Annotated[Floats, "N_lambda", "N_lambda"]
+    basis: Annotated[Floats, "field rows", "kept columns"]
+    loads: Annotated[Floats, "load rows", "terms"]
+    lifts: Annotated[Floats, "lift rows", "terms"]
+    areas: Annotated[Floats, "N_lambda"]
+    least: Annotated[Floats, "3"]
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """A factor of S that is none; directions of unit energy that do not go on where others end."""
+        yield from factor_faults(self, self.schur)
+        ranks = [len(self.schur), len(self.basis), len(self.loads), *([len(self.lifts)] if len(self.lifts) else [])]
+        if ranks != sorted(ranks):
+            yield f"directions of unit energy in its bound are not one more than another: {ranks}"
 
     @property
     def kind(self) -> str:

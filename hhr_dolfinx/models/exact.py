@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer import Answer, ElasticFields
 from hhr_dolfinx.models.estimates import Estimate
+from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals import Functionals
 
 
 @dataclass(frozen=True)
-class ExactFields(ElasticFields):
+class ExactFields(Rebuilt, ElasticFields):
     """Completes answers of exact condensation, see :class:`hhr_dolfinx.models.answer.Fields`.
 
     Attributes:
@@ -35,21 +37,16 @@ class ExactFields(ElasticFields):
     """
 
     amplitudes: Amplitudes
-    lifts: csc_matrix
-    per_force: np.ndarray
-    per_term: np.ndarray
+    lifts: Annotated[csc_matrix, "N", "terms"]
+    per_force: Annotated[Floats, "N", "N_lambda"]
+    per_term: Annotated[Floats, "N", "terms"]
     dimension: int
     floats: bool = False
-    stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+    stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
     functionals: Functionals | None = None
 
     unbounded = "exact condensation has no reduction error"
     exact = True
-
-    def __reduce__(self) -> tuple:
-        """Copy and pickle by the arrays."""
-        given = self.amplitudes, self.lifts, self.per_force, self.per_term, self.dimension, self.floats
-        return ExactFields, (*given, None, self.functionals)
 
     @property
     def conditions(self) -> int:

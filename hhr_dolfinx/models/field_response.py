@@ -21,11 +21,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.sparse import csc_matrix
 
+from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.models.error_bound import CANCELLED, ConstantThere, ErrorBound, Given, bounded, driven, lengths
 from hhr_dolfinx.models.estimates import Estimates
 
@@ -40,9 +41,9 @@ class FieldResponse:
         onto: G, (c, m); None where the columns are those of K^-1 B^T.
     """
 
-    loaded: np.ndarray
-    loading: csc_matrix
-    onto: np.ndarray | None = None
+    loaded: Annotated[Floats, "N", "loads"]
+    loading: Annotated[csc_matrix, "loads", "terms"]
+    onto: Annotated[Floats, "kept columns", "N_lambda"] | None = None
 
     def coordinates(self, there: ConstantThere, forces: np.ndarray) -> np.ndarray:
         """Coordinates in the columns C, (c,), of an answer whose forces are handed out, (m,)."""

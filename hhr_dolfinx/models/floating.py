@@ -10,20 +10,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.floating import FloatingEqualities
+from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.models.elimination import CondensedContact, Elimination, Floating, Responses
 from hhr_dolfinx.models.projected import ReducedProblem
+from hhr_dolfinx.plain import Rebuilt
 
 Changed = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
-class FloatingResponses(Elimination):
+class FloatingResponses(Rebuilt, Elimination):
     """What elimination leaves at one stiffness (n unknowns, m conditions, r motions, 1 + T terms).
 
     Attributes:
@@ -35,9 +38,9 @@ class FloatingResponses(Elimination):
     """
 
     responses: Responses
-    taken: np.ndarray
-    driving: np.ndarray
-    modes: np.ndarray
+    taken: Annotated[Floats, "m", "motions"]
+    driving: Annotated[Floats, "motions", "terms"]
+    modes: Annotated[Floats, "unknowns", "motions"]
     amplitudes: Amplitudes
 
     @cached_property
@@ -48,9 +51,6 @@ class FloatingResponses(Elimination):
     def __call__(self, point: np.ndarray) -> FloatingElimination:
         """What is left at a point, (P,)."""
         return FloatingElimination(self, point)
-
-    def __reduce__(self) -> tuple:
-        return FloatingResponses, (self.responses, self.taken, self.driving, self.modes, self.amplitudes)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,21 +18,23 @@ see :mod:`hhr_dolfinx.models.field_response`. How far a body is moved as a whole
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.floating import FloatingEqualities, floating_set
+from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.models.contact_response import ContactResponse, Outside
-from hhr_dolfinx.models.error_bound import ROUND_OFF, Bounded, ForceScale
+from hhr_dolfinx.models.error_bound import ROUND_OFF, Bounded, ForceScale, factor_faults
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.models.field_response import FieldResponse
 from hhr_dolfinx.models.gradient import Gradient
+from hhr_dolfinx.plain import Rebuilt
 
 
 def definite(schur: np.ndarray, taken: np.ndarray) -> np.ndarray:
@@ -55,7 +57,7 @@ class Balanced(NamedTuple):
 
 
 @dataclass(frozen=True)
-class FloatingBound:
+class FloatingBound(Rebuilt):
     """Arrays of the bounds where the stiffness is constant (m conditions, 1 + T terms, r motions).
 
     Attributes:
@@ -70,25 +72,28 @@ class FloatingBound:
         areas, least: see :class:`~models.error_bound.ForceScale`.
     """
 
-    free_slack: np.ndarray
-    schur: np.ndarray
-    lower: np.ndarray
-    taken: np.ndarray
-    driving: np.ndarray
-    basis: np.ndarray
-    work: np.ndarray
-    cross: np.ndarray
-    areas: np.ndarray
-    least: np.ndarray
+    free_slack: Annotated[Floats, "N_lambda", "terms"]
+    schur: Annotated[Floats, "N_lambda", "N_lambda"]
+    lower: Annotated[Floats, "N_lambda", "N_lambda"]
+    taken: Annotated[Floats, "N_lambda", "motions"]
+    driving: Annotated[Floats, "motions", "terms"]
+    basis: Annotated[Floats, "N_lambda", "kept columns"]
+    work: Annotated[Floats, "terms", "terms"]
+    cross: Annotated[Floats, "terms", "N_lambda"]
+    areas: Annotated[Floats, "N_lambda"]
+    least: Annotated[Floats, "3"]
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """A factor of S that is none, and motions that move no condition."""
+        if not self.taken.any(axis=0).all():
+            yield "a motion of its bound moves no condition"
+        else:
+            yield from factor_faults(self, definite(self.schur, self.taken))
 
     @property
     def kind(self) -> str:
         """It is proved."""
         return "bound"
-
-    def __reduce__(self) -> tuple:
-        """Copy and pickle by the arrays."""
-        return FloatingBound, tuple(getattr(self, name) for name in self.__dataclass_fields__)
 
     @cached_property
     def equalities(self) -> FloatingEqualities:

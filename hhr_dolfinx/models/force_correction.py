@@ -29,6 +29,7 @@ from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.materials.update import Material
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.condensed_flow import PartFactors
+from hhr_dolfinx.plain import Rebuilt
 
 
 class CorrectedForces(NamedTuple):
@@ -46,7 +47,7 @@ class CorrectedForces(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ForceCorrection:
+class ForceCorrection(Rebuilt):
     """What the correction needs, as arrays (N dofs, m conditions, T terms of θ, Q parts of the stiffness).
 
     Attributes:
@@ -74,10 +75,6 @@ class ForceCorrection:
     pressed: np.ndarray
     gaps: np.ndarray
     pairs: np.ndarray
-
-    def __reduce__(self) -> tuple:
-        """Copy and pickle by the arrays; factors stay behind."""
-        return ForceCorrection, tuple(getattr(self, name) for name in self.__dataclass_fields__)
 
     @property
     def nbytes(self) -> int:

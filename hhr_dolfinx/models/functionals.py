@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from scipy.sparse import csr_matrix, vstack
@@ -230,7 +230,7 @@ class Functionals:
     """
 
     items: tuple[Functional, ...]
-    size: int
+    size: Annotated[int, "N"]
     amplitudes: Amplitudes
 
     axes: ClassVar[np.ndarray] = _NOWHERE

@@ -7,18 +7,20 @@ own. Where all of a part has one factor E(mu), S_c = S_c(E = 1) / E, which is ex
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ParameterError
 from hhr_dolfinx.models.answer import Answer, ElasticFields, SeveralAnswers, unanswered
 from hhr_dolfinx.models.elimination import CondensedContact, Elimination
 from hhr_dolfinx.models.interpolation import Interpolant
+from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Scalar
@@ -41,9 +43,9 @@ class PrimalModes:
         columns: modes of K^-1 F of the terms forced and, behind them, of K^-1 K lift, (T_F + T_L, n_c, r).
     """
 
-    unknowns: np.ndarray
-    pushed: np.ndarray
-    columns: np.ndarray
+    unknowns: Annotated[Integers, "unknowns"]
+    pushed: Annotated[Floats, "modes", "unknowns", "conditions"]
+    columns: Annotated[Floats, "terms of it", "unknowns", "modes"]
 
 
 @dataclass(frozen=True)
@@ -60,12 +62,12 @@ class Compliance:
         primal: what its unknown is made of; None where fields are made in another way.
     """
 
-    conditions: np.ndarray
-    forced: np.ndarray
-    lifted: np.ndarray
+    conditions: Annotated[Integers, "conditions"]
+    forced: Annotated[Integers, "forced", "< terms"]
+    lifted: Annotated[Integers, "lifted", "< terms"]
     factor: Scalar | None
     interpolant: Interpolant
-    columns: np.ndarray
+    columns: Annotated[Floats, "terms of it", "conditions", "modes"]
     primal: PrimalModes | None = None
 
     @cached_property
@@ -176,7 +178,7 @@ class Compliances(Elimination):
 
     parts: tuple[Compliance, ...]
     amplitudes: Amplitudes
-    gaps: np.ndarray
+    gaps: Annotated[Floats, "conditions", "terms"]
     reshaped: Interpolant | None = None
     unknowns: int = 0
     symmetric: bool = True
@@ -316,7 +318,7 @@ class InterpolatedElimination(CondensedContact):
 
 
 @dataclass(frozen=True)
-class InterpolatedFields(ElasticFields):
+class InterpolatedFields(Rebuilt, ElasticFields):
     """What completes answers of interpolated condensation, see :class:`hhr_dolfinx.models.answer.Fields`.
 
     Under known contact forces the displacement is a linear problem, solved by Galerkin's method on a basis: the best
@@ -336,19 +338,14 @@ class InterpolatedFields(ElasticFields):
     """
 
     amplitudes: Amplitudes
-    basis: np.ndarray
-    lifts: csc_matrix
+    basis: Annotated[Floats, "N", "columns"]
+    lifts: Annotated[csc_matrix, "N", "terms"]
     galerkin: BlockReduction | ReshapedReduction | None
     dimension: int
-    stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+    stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
     functionals: Functionals | ReshapedFunctionals | None = None
     bound: VaryingBound | None = None
     unbounded: str = ""
-
-    def __reduce__(self) -> tuple:
-        """Copy and pickle by the arrays: a mesh belongs to one process."""
-        given = self.amplitudes, self.basis, self.lifts, self.galerkin, self.dimension
-        return InterpolatedFields, (*given, None, self.functionals, self.bound, self.unbounded)
 
     def estimate(self, answer: Answer) -> Estimate | None:
         """The bound; None without one, or without an answer."""

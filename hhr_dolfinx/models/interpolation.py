@@ -11,10 +11,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
+from typing import Annotated
 
 import numpy as np
 from scipy.linalg import svd
 
+from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import SceneError
 
 MOST_LEVELS = 40
@@ -52,12 +54,12 @@ class Interpolant:
         weights: of the polynomials along them, (r, n).
     """
 
-    axes: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
-    levels: np.ndarray
-    modes: np.ndarray
-    weights: np.ndarray
+    axes: Annotated[Integers, "axes", "< P"]
+    lower: Annotated[Floats, "axes"]
+    upper: Annotated[Floats, "axes"]
+    levels: Annotated[Integers, "polynomials", "axes"]
+    modes: Annotated[Floats, "values", "rank"]
+    weights: Annotated[Floats, "rank", "polynomials"]
 
     def __post_init__(self) -> None:
         d, (rank, n) = self.axes.size, self.weights.shape

@@ -7,8 +7,8 @@ the answer with the smaller estimate of its error is taken.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.choice import LEAF, Choice
 from hhr_dolfinx.models.fallback import ALIKE
-from hhr_dolfinx.models.model import AnsweringModel, checked_start
+from hhr_dolfinx.models.model import KeptModel, checked_start
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ADVICE, ReducedModel
 from hhr_dolfinx.parameters import ParameterSpace
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.many import PartedAnswers
 
 
-class SeveralModels(AnsweringModel):
+class SeveralModels(KeptModel):
     """What sets of reduced models of one scene have alike.
 
     Attributes:
@@ -43,6 +43,14 @@ class SeveralModels(AnsweringModel):
     def fields(self) -> Reconstruction:
         """What all models have alike: gaps, S, outputs. Answers are completed by the fields of their own model."""
         return self.models[0].fields
+
+    def for_file(self) -> Self:
+        """The models without their indicators, which are code."""
+        return self.changed(models=tuple(model.for_file() for model in self.models))
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """None beyond those of its models, which it refuses where they do not go together."""
+        return iter(())
 
     @property
     def dimension(self) -> int:
@@ -66,17 +74,13 @@ class LocalModels(SeveralModels):
         ReductionError: for models of several scenes, or a choice of models that are not there.
     """
 
-    file_format = "local"
+    kept = ("models", "choice")
     advice = ADVICE
 
     def __init__(self, models: Sequence[ReducedModel], choice: Choice, offline: Any = None):
         self.models, self.choice, self.offline = tuple(models), choice, offline
         _check_alike(self.models, choice)
         self.parameters: ParameterSpace = self.models[0].parameters
-
-    def __reduce__(self) -> tuple:
-        """Copy and pickle by the models; how they were made stays behind."""
-        return LocalModels, (self.models, self.choice)
 
     def model_of(self, answer: Answer) -> int:
         """Number of the model that gave an answer."""

@@ -59,7 +59,7 @@ class LocalHistories(SeveralModels):
         ReductionError: for models of several scenes, or in which nothing flows.
     """
 
-    file_format = "local histories"
+    kept = ("models", "trained")
 
     def __init__(self, models: Sequence[ReducedModel], trained: TrainedPaths | None = None, offline: Any = None):
         self.models, self.trained, self.offline = tuple(models), trained, offline
@@ -67,10 +67,6 @@ class LocalHistories(SeveralModels):
         self.parameters: ParameterSpace = self.models[0].parameters
         parts: Any = [model.equilibrium for model in self.models]
         self.equilibrium = LocalEquilibrium(parts, trained)
-
-    def __reduce__(self) -> tuple:
-        """Copy and pickle by the models; how they were made stays behind."""
-        return LocalHistories, (self.models, self.trained)
 
     def model_of(self, answer: Answer) -> int:
         """Number of the model that gave an answer.
@@ -83,10 +79,6 @@ class LocalHistories(SeveralModels):
     def models_of(self, history: History) -> np.ndarray:
         """Numbers of the models that gave the answers of a history, (steps,); of a cut step that of its last part."""
         return np.array([self.model_of(answer) for answer in history.answers], dtype=np.int64)
-
-    def changed(self, **parts: Any) -> LocalHistories:
-        """The same models with some parts in the place of their own, by the names of the arguments."""
-        return LocalHistories(**{name: getattr(self, name) for name in ("models", "trained", "offline")} | parts)
 
     @property
     def own_conditions(self) -> int:

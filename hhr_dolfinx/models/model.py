@@ -6,9 +6,10 @@ answers paths.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, OutsideTrainingError, ParameterError
 from hhr_dolfinx.models.answer import Answer, History, Path, SeveralAnswers, one_by_one, outcome, unanswered
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient, solve_along
+from hhr_dolfinx.plain import rebuilt
 from hhr_dolfinx.trained import TrainedRange, check_outside
 
 if TYPE_CHECKING:
@@ -55,7 +57,6 @@ class AnsweringModel:
         fields: what completes the answers.
         equilibrium: what the loop over time steps asks where bodies flow; None elsewhere.
         advice: what helps against a status, for the messages.
-        file_format: format of files that hold such a model; empty where no file can.
         instead: what to keep in a file in the place of such a model.
     """
 
@@ -65,7 +66,6 @@ class AnsweringModel:
     advice: Mapping[Status, str] = MappingProxyType({})
     _range: TrainedRange | None = None
     """Points outside are told, or refused; None where all of the box was trained."""
-    file_format: ClassVar[str] = ""
     instead: ClassVar[str] = "it needs the mesh and its factors. Keep a reduced or a condensed model, training.build()"
 
     @property
@@ -164,3 +164,54 @@ class AnsweringModel:
             HHRError: if the scene has none; see :meth:`solve` besides.
         """
         return self.solve(mu, gradient=gradient, **how).outputs()
+
+
+class KeptModel(AnsweringModel):
+    """A model that is made of plain data: it can be copied, pickled, changed, and kept in a file.
+
+    Attributes:
+        kept: arguments that a file keeps, attributes of the same names, see :mod:`hhr_dolfinx.plain`.
+        handed_on: further arguments that copies and changed models have.
+    """
+
+    kept: ClassVar[tuple[str, ...]]
+    has_own_sizes: ClassVar[bool] = True
+    handed_on: ClassVar[tuple[str, ...]] = ()
+    offline: Any = None
+    """How it was made, a record of what built it; None of a copy or from a file, and where nothing was approximated."""
+
+    def _arguments(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in (*self.kept, *self.handed_on)}
+
+    def __reduce__(self) -> tuple:
+        """Copy and pickle by what it is made of; how it was made stays behind."""
+        return rebuilt, (type(self), self._arguments())
+
+    def changed(self, **parts: Any) -> Self:
+        """The same model with some parts in the place of its own, by the names of its arguments."""
+        own = type(self)(**(self._arguments() | parts))
+        own.offline = parts.get("offline", self.offline)
+        return own
+
+    @classmethod
+    def from_file(cls, **parts: Any) -> Self:
+        """The model of what a file keeps."""
+        return cls(**parts)
+
+    def for_file(self) -> Self:
+        """The model without its indicator, which is code."""
+        if self.fields.indicator is None:
+            return self
+        why = "its indicator stayed behind, a file holds no code"
+        return self.changed(fields=replace(self.fields, indicator=None, unbounded=why))
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """What is wrong with a model whose parts are right, given the sizes that they share."""
+        yield from self.fields.amplitudes.faults_for(self.parameters, sizes["terms"])
+        if self.fields.dimension not in (2, 3) or sizes.get("N", 0) % self.fields.dimension:
+            yield f"{sizes.get('N')} dofs are no nodes of dimension {self.fields.dimension}, which must be 2 or 3"
+        if empty := [name for name in ("N_lambda", "m", "ell") if sizes.get(name, 1) == 0]:
+            yield f"sizes {empty} are zero"
+        if self.fields.functionals is not None:
+            points = 0 if self.fields.flow is None else self.fields.flow.gauss_points
+            self.fields.functionals.check(self.parameters, self.conditions, points)

@@ -6,10 +6,11 @@ Interpolated instead, strain would suffer from cancellation: it is a small diffe
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from hhr_dolfinx.declared import Booleans, Floats, Integers
 from hhr_dolfinx.shapes import Shape
 
 
@@ -68,17 +69,17 @@ class MovingCells:
     """
 
     shapes: tuple[Shape, ...]
-    moved: tuple[np.ndarray, ...]
+    moved: tuple[Annotated[Booleans, "nodes"], ...]
     coordinates: tuple[str, ...]
     parameters: tuple[str, ...]
-    points: np.ndarray
-    nodes: np.ndarray
-    cells: np.ndarray
-    values: np.ndarray
-    slopes: np.ndarray
-    weights: np.ndarray
-    gauss_values: np.ndarray
-    gauss_slopes: np.ndarray
+    points: Annotated[Floats, "nodes", "dim"]
+    nodes: Annotated[Integers, "nodes"]
+    cells: Annotated[Integers, "cells", "nodes of a cell", "< nodes"]
+    values: Annotated[Floats, "nodes of a cell"]
+    slopes: Annotated[Floats, "nodes of a cell", "dim"]
+    weights: Annotated[Floats, "points"]
+    gauss_values: Annotated[Floats, "points", "nodes of a cell"]
+    gauss_slopes: Annotated[Floats, "points", "nodes of a cell", "dim"]
     axisymmetric: bool
 
     @property

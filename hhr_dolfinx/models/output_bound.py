@@ -22,11 +22,12 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.models.error_bound import ROUND_OFF, ErrorBound
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.functionals import Functional, Functionals, State
@@ -91,10 +92,10 @@ class OutputBound:
             taken at least, (n,).
     """
 
-    steepness: np.ndarray
-    free: np.ndarray
-    pressed: np.ndarray
-    least: np.ndarray
+    steepness: Annotated[Floats, "outputs", "2"]
+    free: Annotated[Floats, "output rows", "terms"]
+    pressed: Annotated[Floats, "output rows", "N_lambda"]
+    least: Annotated[Floats, "outputs"]
 
     def knows(self, number: int, item: Functional) -> bool:
         """Whether an output has a bound."""

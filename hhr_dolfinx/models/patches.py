@@ -5,12 +5,13 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass, replace
 from threading import RLock
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactRows
+from hhr_dolfinx.declared import Integers
 from hhr_dolfinx.errors import PairingWarning, ParameterError, SceneError
 from hhr_dolfinx.pairings.projection import shape_functions
 from hhr_dolfinx.pairings.surface import Surface, make_surface
@@ -33,9 +34,9 @@ class SurfacePatch:
     """
 
     tag: Tag
-    facets: np.ndarray
-    behind: np.ndarray
-    edge: np.ndarray
+    facets: Annotated[Integers, "facets", "nodes of a facet"]
+    behind: Annotated[Integers, "facets", "nodes behind"]
+    edge: Annotated[Integers, "edge"]
 
     @property
     def nodes(self) -> np.ndarray:
@@ -65,8 +66,8 @@ class ContactPatch:
 
     pairing: Any
     surfaces: tuple[SurfacePatch, ...]
-    slaves: np.ndarray
-    places: np.ndarray
+    slaves: Annotated[Integers, "conditions"]
+    places: Annotated[Integers, "conditions", "< m"]
 
     @property
     def nodes(self) -> np.ndarray:

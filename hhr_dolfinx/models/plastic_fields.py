@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 from scipy.sparse import csc_matrix
 
+from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.linear.layout import lay_out
 from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.models.reconstruct import GappyField
@@ -37,18 +40,32 @@ class PlasticFields:
         moduli: Lamé's λ and 2 μ of each Gauss point in the middle of the box, (Gauss points, 2).
     """
 
-    points: np.ndarray
-    flowed: np.ndarray
+    points: Annotated[Integers, "points", "< gauss points"]
+    flowed: Annotated[Integers, "flowed", "< gauss points"]
     plastic: GappyField
     cumulated: GappyField
-    moved: np.ndarray
+    moved: Annotated[Floats, "N", "plastic modes"]
     strain: StrainOperator
-    unstressed: csc_matrix
-    moduli: np.ndarray
+    unstressed: Annotated[csc_matrix, "components * gauss points", "terms"]
+    moduli: Annotated[Floats, "gauss points", "2"]
 
     def __post_init__(self) -> None:
         """Arrays lie as files keep them."""
         lay_out(self)
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """Points that do not increase, moduli that are not positive, strain and modes of other sizes."""
+        if not (np.diff(self.flowed) > 0).all() or not np.isin(self.points, self.flowed).all():
+            yield "the points that flowed must increase, those where laws are evaluated among them"
+        if not (self.moduli[:, 1] > 0).all() or not (3 * self.moduli[:, 0] + self.moduli[:, 1] > 0).all():
+            yield "moduli of a Gauss point are not positive"
+        components, count = self.strain.components, self.plastic.modes.shape[1]
+        found = (*self.plastic.modes.shape, *self.plastic.fit.shape, self.cumulated.modes.shape[0])
+        wanted = (self.flowed.size * components, count, count, self.points.size * components, self.flowed.size)
+        if found != wanted or self.moved.shape[1] != count or self.cumulated.fit.shape[1] != self.points.size:
+            yield f"modes of the plastic strain have sizes {found}, and not {wanted}"
+        if self.strain.weights.size != len(self.moduli) or self.strain.size != len(self.moved):
+            yield f"strains at all Gauss points are not those of {len(self.moved)} dofs and {len(self.moduli)} points"
 
     @property
     def gauss_points(self) -> int:

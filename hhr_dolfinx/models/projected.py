@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
+from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.linear.layout import lay_out
 
 if TYPE_CHECKING:
@@ -25,14 +27,19 @@ class ReducedTerms:
         moduli: amplitudes of the parts.
     """
 
-    stiffness: np.ndarray
-    lifts: np.ndarray
-    forces: np.ndarray
-    moduli: tuple[Modulus, ...]
+    stiffness: Annotated[Floats, "parts", "modes", "modes"]
+    lifts: Annotated[Floats, "parts", "modes", "terms"]
+    forces: Annotated[Floats, "modes", "terms"]
+    moduli: Annotated[tuple[Modulus, ...], "parts"]
 
     def __post_init__(self) -> None:
         """As files keep them."""
         lay_out(self)
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """Moduli that are not those of a stiffness in proportion to them."""
+        if not self.moduli:
+            yield "a stiffness that varies has no parts"
 
     def weights(self, point: np.ndarray) -> np.ndarray:
         """Weights of the parts at a point, (Q,)."""
@@ -60,12 +67,12 @@ class ReducedProblem:
         motions: how many modes, the first ones, are rigid motions of bodies that nothing but contact holds.
     """
 
-    stiffness: np.ndarray
-    contact_test: np.ndarray
-    contact_trial: np.ndarray
-    loads: np.ndarray
-    gaps: np.ndarray
-    pairs: np.ndarray
+    stiffness: Annotated[Floats, "modes", "modes"]
+    contact_test: Annotated[Floats, "conditions", "modes"]
+    contact_trial: Annotated[Floats, "conditions", "modes"]
+    loads: Annotated[Floats, "modes", "terms"]
+    gaps: Annotated[Floats, "conditions", "terms"]
+    pairs: Annotated[Integers, "conditions"]
     terms: ReducedTerms | None = None
     reshaped: RidAssembly | None = None
     motions: int = 0
@@ -73,6 +80,12 @@ class ReducedProblem:
     def __post_init__(self) -> None:
         """As files keep them."""
         lay_out(self)
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """Motions that are none."""
+        count, ell = self.motions, len(self.stiffness)
+        if count and not (0 < count < ell and not self.stiffness[:, :count].any() and not self.stiffness[:count].any()):
+            yield f"{count} of {ell} modes are no rigid motions"
 
     @property
     def held(self) -> ReducedProblem:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -15,11 +15,13 @@ from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
 from hhr_dolfinx.linear.layout import lay_out
 from hhr_dolfinx.models.answer import Answer, ModelFields
 from hhr_dolfinx.models.error_bound import Bound, BoundThere, ErrorBound, driven
 from hhr_dolfinx.models.estimates import NUMBERS, STRESS, Estimate, Estimates
+from hhr_dolfinx.plain import CODE, OF_THE_MESH, Rebuilt
 from hhr_dolfinx.trained import share_of_stress
 
 if TYPE_CHECKING:
@@ -43,8 +45,8 @@ class GappyField:
         fit: amplitudes of the modes per value in the RID, (modes, values in the RID).
     """
 
-    modes: np.ndarray
-    fit: np.ndarray
+    modes: Annotated[Floats, "values", "modes"]
+    fit: Annotated[Floats, "modes", "known values"]
 
     def __post_init__(self) -> None:
         """Arrays lie as files keep them."""
@@ -71,10 +73,21 @@ class FlowFields:
         gauss_points: number of Gauss points of the full model.
     """
 
-    points: np.ndarray
+    points: Annotated[Integers, "points", "< gauss points"]
     stress: GappyField
     cumulated: GappyField | None
-    gauss_points: int
+    gauss_points: Annotated[int, "gauss points"]
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """Modes of other points."""
+        values, known = len(self.stress.modes), self.stress.fit.shape[1]
+        components = sizes.get("components", 4)
+        if values != components * self.gauss_points or known != components * self.points.size:
+            yield f"{values} values of the stress, {known} of them known, are not {components} for each Gauss point"
+        if self.cumulated is not None:
+            found = len(self.cumulated.modes), self.cumulated.fit.shape[1]
+            if found != (self.gauss_points, self.points.size):
+                yield f"{found} plastic strains are not one for each Gauss point"
 
     def stress_everywhere(self, inside: np.ndarray) -> np.ndarray:
         """Stress at all Gauss points: that of the laws in the RID, gappy POD outside, (Gauss points, components)."""
@@ -126,7 +139,7 @@ class _Fit(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Reconstruction(ModelFields):
+class Reconstruction(Rebuilt, ModelFields):
     """Fields on the whole mesh and contact forces on the whole contact surface; see :class:`models.answer.Fields`.
 
     Attributes:
@@ -154,23 +167,38 @@ class Reconstruction(ModelFields):
     """
 
     amplitudes: Amplitudes
-    basis: np.ndarray
-    lifts: csc_matrix
-    contact_basis: np.ndarray
-    gaps: np.ndarray
-    A_lambda: np.ndarray
-    force_snapshots: np.ndarray | None
-    gap_scale: np.ndarray
+    basis: Annotated[Floats, "N", "columns"]
+    lifts: Annotated[csc_matrix, "N", "terms"]
+    contact_basis: Annotated[Floats, "N_lambda", "columns"]
+    gaps: Annotated[Floats, "N_lambda", "terms"]
+    A_lambda: Annotated[Integers, "m", "< N_lambda"]
+    force_snapshots: Annotated[Floats, "N_lambda", "snapshots"] | None
+    gap_scale: Annotated[Floats, "N_lambda"]
     dimension: int
     flow: FlowFields | None = None
-    stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
-    indicator: Callable[[Answer], float] | None = None
+    stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
+    indicator: Callable[[Answer], float] | None = field(default=None, metadata=CODE)
     bound: Bound | None = None
     functionals: Functionals | ReshapedFunctionals | None = None
     reshaped_contact: Interpolant | None = None
     output_bound: OutputBound | None = None
     unbounded: str = ""
     response: FieldResponse | None = None
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """Conditions of the RID that are none, and columns that are not those of what makes their coordinates."""
+        if np.unique(self.A_lambda).size < self.A_lambda.size:
+            yield "contact conditions of the RID are there twice: they are dependent"
+        if not (self.gap_scale > 0).all():
+            yield f"gap_scale has the entry {self.gap_scale.min()}, not positive"
+        if self.force_snapshots is None and self.bound is None:
+            yield "neither training forces nor a bound say what forces outside the RID are"
+        if self.response is not None and (self.force_snapshots is not None or self.bound is None):
+            yield "its displacement is made of forces everywhere, and nothing completes them"
+        if self.output_bound is not None and (
+            self.bound is None or self.functionals is None or not self.output_bound.fits(self.functionals)
+        ):
+            yield "its bounds of outputs are not those of its outputs"
 
     @property
     def conditions(self) -> int:
@@ -214,11 +242,6 @@ class Reconstruction(ModelFields):
         """What completes forces by S."""
         assert self.bound is not None
         return self.bound.prepared(self.A_lambda)
-
-    def __reduce__(self) -> tuple:
-        """Copy and pickle by the arrays: a mesh, on which stress needs to be computed, belongs to one process."""
-        given = {name: getattr(self, name) for name in self.__dataclass_fields__} | {"stress_of": None}
-        return Reconstruction, tuple(given.values())
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """Displacement V gamma + lift, thesis (1.69), or of loads and forces, see ``field_response``, (N,)."""

@@ -6,19 +6,19 @@ numba, where bodies flow).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ReductionError, SingularError
-from hhr_dolfinx.linear.dense import Factorise, dense_factors
+from hhr_dolfinx.linear.dense import Factorise, LapackLU, dense_factors
 from hhr_dolfinx.models.answer import Answer, SeveralAnswers
 from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses
 from hhr_dolfinx.models.elimination import ConstantElimination, Elimination, Responses
-from hhr_dolfinx.models.model import AnsweringModel
+from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.parameters import ParameterSpace
@@ -38,8 +38,11 @@ ADVICE: Mapping[Status, str] = MappingProxyType(
     }
 )
 
+SAME = 1e-9
+"""Relative difference of a stiffness in the middle of the box that is round-off."""
 
-class ReducedModel(AnsweringModel):
+
+class ReducedModel(KeptModel):
     """HHR model: from a parameter or a path to answers, by the projected equations on the RID.
 
     Where nothing flows gamma is eliminated, (5.23), and an answer costs one small contact problem. Where bodies flow
@@ -63,7 +66,8 @@ class ReducedModel(AnsweringModel):
         SingularError: if K~ is singular.
     """
 
-    file_format = "reduced"
+    kept = ("problem", "parameters", "fields", "trained", "known", "flow", "compliances")
+    handed_on = ("factorise",)
     advice = ADVICE
 
     def __init__(
@@ -81,7 +85,7 @@ class ReducedModel(AnsweringModel):
     ):
         self.compliances = compliances
         self.problem, self.parameters, self.fields, self.trained = problem, parameters, fields, trained
-        self.known, self.flow, self.offline, self._factorise = known, flow, offline, factorise
+        self.known, self.flow, self.offline, self.factorise = known, flow, offline, factorise
         self.equilibrium: ProjectedEquilibrium | None = None
         self.eliminated: CondensedModel | None = None
         try:
@@ -94,11 +98,6 @@ class ReducedModel(AnsweringModel):
         except SingularError as error:
             raise SingularError(f"K~ cannot be eliminated, {error}: add RID layers or use fewer modes") from error
 
-    def __reduce__(self) -> tuple:
-        """Copy and pickle by the projected arrays; how the model was made stays behind."""
-        given = self.known, self.flow, self.compliances, self.problem, self.parameters, self.fields, self.trained
-        return _restored, given
-
     @property
     def own_conditions(self) -> int:
         """Number of conditions of the RID, whose forces an answer has as multipliers."""
@@ -109,11 +108,36 @@ class ReducedModel(AnsweringModel):
         """Numbers of unknowns and of conditions of an answer."""
         return len(self.problem.stiffness), self.own_conditions
 
-    def changed(self, **parts: Any) -> ReducedModel:
-        """The same model with some parts in the place of its own, by the names of its arguments."""
-        names = ("problem", "parameters", "fields", "trained", "known", "flow", "offline", "compliances")
-        own = {name: getattr(self, name) for name in names} | {"factorise": self._factorise}
-        return ReducedModel(**(own | parts))
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """See :class:`KeptModel`."""
+        yield from super().faults(sizes)
+        ell, conditions = len(self.problem.stiffness), len(self.problem.gaps)
+        if conditions != self.fields.A_lambda.size or conditions > ell:
+            yield f"{conditions} contact conditions on {ell} modes are dependent, or not those of the RID"
+        if self.flow is not None:
+            yield from self.flow.material.faults_for(self.parameters, self.dimension)
+            yield from self._faults_of_parts()
+
+    def _faults_of_parts(self) -> Iterator[str]:
+        """Parts of the stiffness that do not make that of the middle of the box, or are not those of the bodies."""
+        assert self.flow is not None
+        young = {group.young for group in self.flow.material.groups if isinstance(group.young, str)}
+        terms, names = self.problem.terms, self.parameters.names
+        moduli = () if terms is None else terms.moduli
+        if {item.factor for item in moduli} - {"1"} != young or any(
+            item.names != names or item.rest != "1" for item in moduli
+        ):
+            yield "the parts of the stiffness are not those of the moduli of its bodies"
+        elif terms is not None:
+            middle = np.mean([self.parameters.lower, self.parameters.upper], axis=0)
+            there = np.tensordot(terms.weights(middle), terms.stiffness, 1)
+            if not np.abs(there - self.problem.stiffness).max() <= SAME * np.abs(self.problem.stiffness).max():
+                yield "the parts of the stiffness do not make that of the middle of the box"
+
+    @classmethod
+    def from_file(cls, **parts: Any) -> Self:
+        """The model of what a file keeps; LAPACK factors, so that answers are the same on all machines."""
+        return cls(**parts, factorise=LapackLU)
 
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
         """By the model without gamma."""
@@ -154,10 +178,3 @@ def _elimination(
     contact = problem.contact_test, problem.contact_trial
     responses = Responses.eliminate(factorise(problem.stiffness), problem.loads, problem.gaps, *contact)
     return ConstantElimination(responses, amplitudes, factorise)
-
-
-def _restored(
-    known: KnownStatuses | None, flow: ReducedFlow | CubatureFlow | None, compliances: Compliances | None, *parts: Any
-) -> ReducedModel:
-    """A model from its arrays."""
-    return ReducedModel(*parts, known=known, flow=flow, compliances=compliances)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from contextlib import nullcontext
 from copy import copy
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
@@ -13,6 +14,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
+from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.materials.strain import ElasticPart, StrainOperator
 from hhr_dolfinx.materials.update import Material, Update
@@ -44,13 +46,23 @@ class ReducedFlow:
 
     operator: StrainOperator
     material: Material
-    cells: np.ndarray
-    modes: np.ndarray
-    lifts: csc_matrix
-    inner: np.ndarray
-    loads: csc_matrix
-    contact: csr_matrix
-    eigenstrains: csc_matrix
+    cells: Annotated[Integers, "cells"]
+    modes: Annotated[Floats, "dofs", "ell"]
+    lifts: Annotated[csc_matrix, "dofs", "terms"]
+    inner: Annotated[Integers, "inner", "< dofs"]
+    loads: Annotated[csc_matrix, "inner", "terms"]
+    contact: Annotated[csr_matrix, "inner", "m"]
+    eigenstrains: Annotated[csc_matrix, "strains", "terms"]
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """Dofs of A that are there twice; cells, points and dofs that are not those of its strain."""
+        operator, points = self.operator, self.operator.weights.size
+        found = len(self.modes), self.cells.size, self.material.gauss_points, self.eigenstrains.shape[0]
+        wanted = operator.size, len(operator.weights), points, points * operator.components
+        if found != wanted:
+            yield f"dofs, cells, Gauss points and strains {found} are not those of its strain, {wanted}"
+        if np.unique(self.inner).size < self.inner.size:
+            yield "a dof of A is there twice"
 
     @property
     def points(self) -> np.ndarray:

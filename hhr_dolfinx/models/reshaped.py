@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from scipy.linalg.lapack import dgetrf, dgetrs
 
 from hhr_dolfinx.amplitudes import Amplitudes, Theta
+from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.models.elimination import CondensedContact, Elimination
 from hhr_dolfinx.models.interpolation import Interpolant
@@ -35,9 +36,9 @@ class InterpolatedProblem:
         shapes: of the arrays: parts of K~, their lifts, forces, B~1, B~2, gaps.
     """
 
-    pairs: np.ndarray
+    pairs: Annotated[Integers, "conditions"]
     moduli: tuple[Modulus, ...]
-    sizes: np.ndarray
+    sizes: Annotated[Floats, "parts"]
     interpolant: Interpolant
     shapes: tuple[tuple[int, ...], ...]
 

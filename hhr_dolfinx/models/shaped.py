@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.models.cells import CellRule, element_stiffness
 from hhr_dolfinx.models.interpolation import Interpolant
@@ -31,7 +32,7 @@ class RidShape:
     """
 
     shape: Shape
-    nodes: np.ndarray
+    nodes: Annotated[Integers, "nodes"]
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class RidBody:
         mean_dilatation: whether they take the mean dilatation of each cell.
     """
 
-    cells: np.ndarray
+    cells: Annotated[Integers, "cells", "nodes of a cell"]
     volume: Modulus
     shape: Modulus
     mean_dilatation: bool
@@ -62,8 +63,8 @@ class FixedCells:
     """
 
     moduli: tuple[Modulus, ...]
-    stiffness: np.ndarray
-    lifts: np.ndarray
+    stiffness: Annotated[Floats, "parts", "modes", "modes"]
+    lifts: Annotated[Floats, "parts", "modes", "terms"]
 
 
 class Conditions(NamedTuple):
@@ -111,17 +112,17 @@ class RidAssembly:
 
     hypothesis: str
     names: tuple[str, ...]
-    reference: np.ndarray
+    reference: Annotated[Floats, "nodes", "dim"]
     shapes: tuple[RidShape, ...]
     rule: CellRule
     bodies: tuple[RidBody, ...]
     fixed: FixedCells
-    basis: np.ndarray
-    lifts: np.ndarray
-    tested: np.ndarray
+    basis: Annotated[Floats, "nodes * dim", "modes"]
+    lifts: Annotated[Floats, "nodes * dim", "terms"]
+    tested: Annotated[Integers, "tested", "< nodes * dim"]
     patches: tuple[ContactPatch, ...]
-    openings: np.ndarray
-    pairs: np.ndarray
+    openings: Annotated[Floats, "conditions", "terms"]
+    pairs: Annotated[Integers, "conditions"]
     forces: Interpolant
 
     def __call__(self, point: np.ndarray) -> ReducedProblem:

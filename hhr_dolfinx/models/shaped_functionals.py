@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.models.functionals import Functional, Functionals
 from hhr_dolfinx.models.interpolation import Interpolant
 from hhr_dolfinx.models.moving_cells import CellStrain, MovingCells
@@ -33,7 +35,7 @@ class Zone:
     """
 
     cells: MovingCells
-    columns: np.ndarray
+    columns: Annotated[Floats, "rows", "columns"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +80,7 @@ class ReshapedFunctionals:
     arrays: tuple[tuple[int, str, tuple[int, ...]], ...]
     interpolant: Interpolant
     zones: tuple[Zone | None, ...]
-    lifted: np.ndarray
+    lifted: Annotated[Integers, "lifted", "< terms"]
     amplitudes: Amplitudes
     parameters: ParameterSpace
 
@@ -86,6 +88,11 @@ class ReshapedFunctionals:
     def axes(self) -> np.ndarray:
         """Places of the parameters that change the shape."""
         return self.interpolant.axes
+
+    def check(self, space: ParameterSpace, conditions: int, gauss_points: int) -> None:
+        """Raise SceneError for what is no output; their arrays change with the shape, and are tried by an answer."""
+        if not all(isinstance(item, Functional) for item in self.items):
+            raise SceneError("an output must be a Functional")
 
     def at(self, point: np.ndarray) -> ShapedFunctionals:
         """Those of the shape at a point, (P,)."""

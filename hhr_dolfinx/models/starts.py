@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
+from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.models.condensed import KnownStatuses
 
 BLOCK = 1024
@@ -25,8 +27,8 @@ class LinearStarts(KnownStatuses):
         slopes: their derivatives along the parameters, (S, m, P).
     """
 
-    margins: np.ndarray
-    slopes: np.ndarray
+    margins: Annotated[Floats, "statuses", "m"]
+    slopes: Annotated[Floats, "statuses", "m", "P"]
 
     @cached_property
     def distances(self) -> tuple[np.ndarray, np.ndarray]:
@@ -39,9 +41,6 @@ class LinearStarts(KnownStatuses):
         sizes[sizes == 0] = 1.0
         squares = np.mean((self.slopes / sizes[:, None]) ** 2, axis=(0, 1))
         return 0.5 * self.points**2 @ squares, self.points * squares
-
-    def __reduce__(self) -> tuple:
-        return LinearStarts, (self.points, self.active, self.margins, self.slopes)
 
     def start(self, point: np.ndarray) -> np.ndarray:
         """Statuses to start from at a point, (m,) bool."""

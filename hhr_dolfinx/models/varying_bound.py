@@ -17,11 +17,12 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky
 
+from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import BoundError, ConvergenceError
 from hhr_dolfinx.models.block_elimination import Block, blocks_of
 from hhr_dolfinx.models.contact_response import ContactResponse
@@ -49,8 +50,8 @@ class PartEnergy:
         lifted: modes of lift^T K lift, (r, T_L, T_L).
     """
 
-    work: np.ndarray
-    lifted: np.ndarray
+    work: Annotated[Floats, "modes", "terms of it", "terms of it"]
+    lifted: Annotated[Floats, "modes", "lifted", "lifted"]
 
 
 @dataclass(frozen=True)
@@ -73,9 +74,9 @@ class VaryingBound:
     whole: ReducedProblem | InterpolatedProblem
     inexact: float
     proved: bool
-    middle: np.ndarray
-    areas: np.ndarray
-    least: np.ndarray
+    middle: Annotated[Floats, "P"]
+    areas: Annotated[Floats, "N_lambda"]
+    least: Annotated[Floats, "3"]
     reshaped_areas: Interpolant | None = None
 
     def __post_init__(self) -> None:

@@ -1,50 +1,113 @@
-"""Reduced models on disk: plain arrays and numbers with a version and a checksum, nothing to execute.
+"""Reduced and condensed models on disk: plain arrays and numbers with a version and a checksum, nothing to execute.
 
-Each kind of model has a format of its own, by which its file is known: ``reduced_file``, ``local_file`` for sets of
-such models, and ``varying_file`` and ``condensed_flow_file`` for condensed models, which keep all contact conditions.
+One format holds all kinds of models: a tree of values in the header, and arrays by their places in this tree, see
+:mod:`hhr_dolfinx.plain`. What a class declares of its fields is what a file must hold of them.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from hhr_dolfinx.errors import FileContentError, ModelFileError, ModelFileWarning, NotOfferedError, SceneError
-from hhr_dolfinx.files import read_arrays, write_arrays
-from hhr_dolfinx.online.layout import (
-    CONDENSED,
-    CONDENSED_FLOW,
-    CONDENSED_FLOW_VERSION,
-    CONDENSED_VERSION,
-    FORMAT,
-    LOCAL,
-    LOCAL_HISTORIES,
-    LOCAL_HISTORIES_VERSION,
-    LOCAL_VERSION,
-    VERSION,
+import numpy as np
+
+from hhr_dolfinx.errors import (
+    FileContentError,
+    HHRError,
+    MissingPackageError,
+    ModelFileError,
+    ModelFileWarning,
+    NotOfferedError,
+    SceneError,
 )
-from hhr_dolfinx.online.reduced_file import reduced_of, reduced_parts
-from hhr_dolfinx.online.values import refused_if_damaged
+from hhr_dolfinx.files import read_arrays, write_arrays
+from hhr_dolfinx.models.model import AnsweringModel, KeptModel
+from hhr_dolfinx.plain import add_kind, as_plain, by_name, restored
 
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.condensed import CondensedModel
-    from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
-    from hhr_dolfinx.models.local import LocalModels
-    from hhr_dolfinx.models.local_histories import LocalHistories
-    from hhr_dolfinx.models.reduced import ReducedModel
+FORMAT, VERSION = "hhr_dolfinx model", 1
 
-    KeptModel = ReducedModel | LocalModels | LocalHistories | CondensedModel | CondensedFlowModel
-    """Models that a file can hold."""
-
-OTHERS = {
-    CONDENSED: CONDENSED_VERSION,
-    CONDENSED_FLOW: CONDENSED_FLOW_VERSION,
-    LOCAL: LOCAL_VERSION,
-    LOCAL_HISTORIES: LOCAL_HISTORIES_VERSION,
+MODULES = {
+    "amplitudes": "Amplitudes Coverage",
+    "formulas": "Formula Modulus Scalar",
+    "materials.laws": "Norton Plasticity",
+    "materials.strain": "StrainOperator",
+    "materials.update": "Group Material",
+    "models.block_elimination": "BlockReduction",
+    "models.cells": "CellRule",
+    "models.choice": "Choice",
+    "models.condensed": "CondensedModel KnownStatuses",
+    "models.condensed_fields": "CondensedFlowFields",
+    "models.condensed_flow": "CondensedFlow PartFactors",
+    "models.condensed_flow_model": "CondensedFlowModel",
+    "models.cubature_flow": "CubatureFlow",
+    "models.elimination": "ConstantElimination Responses",
+    "models.error_bound": "ErrorBound",
+    "models.exact": "ExactFields",
+    "models.field_response": "FieldResponse ResponseBound",
+    "models.floating": "FloatingResponses",
+    "models.floating_bound": "FloatingBound FloatingResponse",
+    "models.functional_kinds": "Energy FlowMises Largest Linear Loaded Mises MovingMises",
+    "models.functionals": "Functionals",
+    "models.interpolated": "Compliance Compliances InterpolatedFields PrimalModes",
+    "models.interpolation": "Interpolant",
+    "models.local": "LocalModels",
+    "models.local_histories": "LocalHistories",
+    "models.moving_cells": "MovingCells",
+    "models.output_bound": "OutputBound",
+    "models.patches": "ContactPatch SurfacePatch",
+    "models.plastic_fields": "PlasticFields",
+    "models.projected": "ReducedProblem ReducedTerms",
+    "models.reconstruct": "FlowFields GappyField Reconstruction",
+    "models.reduced": "ReducedModel",
+    "models.reduced_flow": "ReducedFlow",
+    "models.reshaped": "InterpolatedProblem ReshapedReduction",
+    "models.shaped": "FixedCells RidAssembly RidBody RidShape",
+    "models.shaped_functionals": "ReshapedFunctionals Zone",
+    "models.starts": "LinearStarts",
+    "models.varying_bound": "PartEnergy VaryingBound",
+    "pairings.mortar": "Mortar",
+    "pairings.node_to_node": "NodeToNode",
+    "pairings.node_to_surface": "DoublePass NodeToSurface",
+    "pairings.obstacle": "Obstacle",
+    "parameters": "ParameterSpace",
+    "shapes": "Shape",
+    "trained": "TrainedPaths TrainedRange",
 }
-"""Formats of other models than single reduced ones, with their versions."""
+"""Classes of this package that may come out of a file, by the modules that hold them; each is loaded when it does."""
+
+
+class Kinds(Mapping[str, type]):
+    """Classes that may come out of a file: those of :data:`MODULES`, and a user's own.
+
+    Raises:
+        ModelFileError: for classes of one name, which no file could tell apart.
+    """
+
+    def __init__(self, known: Iterable[type] = ()):
+        self._places = {name: module for module, names in MODULES.items() for name in names.split()}
+        self._loaded: dict[str, type] = {}
+        for kind in by_name(known).values():
+            if kind.__name__ in self._places:
+                add_kind(self._loaded, self[kind.__name__])
+            add_kind(self._loaded, kind)
+
+    def __getitem__(self, name: str) -> type:
+        if name not in self._loaded:
+            self._loaded[name] = getattr(import_module(f"hhr_dolfinx.{self._places[name]}"), name)
+        return self._loaded[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._places or name in self._loaded
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places.keys() | self._loaded.keys())
+
+    def __len__(self) -> int:
+        return len(self._places.keys() | self._loaded.keys())
 
 
 def save_model(path: str | Path, model: KeptModel) -> None:
@@ -63,65 +126,28 @@ def save_model(path: str | Path, model: KeptModel) -> None:
     Warns:
         ModelFileWarning: if the model has an indicator.
     """
-    kind = getattr(model, "file_format", None)
-    if not kind:
-        why = "it is no model, give what build or condense returns" if kind is None else model.instead
+    if not isinstance(model, KeptModel):
+        known = isinstance(model, AnsweringModel)
+        why = model.instead if known else "it is no model, give what build or condense returns"
         raise NotOfferedError(f"a {type(model).__name__} cannot be kept in a file: {why}")
-    fields = [one.fields for one in getattr(model, "models", (model,))]
-    if any(one.indicator is not None for one in fields):
+    plain = model.for_file()
+    if plain is not model:
         why = "the indicator stays behind: answers of the model read from it have no estimate"
         warnings.warn(f"{path} holds no code, {why}", ModelFileWarning, stacklevel=2)
     try:
-        _WRITERS[kind](path, model)
+        tree, arrays = as_plain(plain)
     except (FileContentError, SceneError) as error:
         raise ModelFileError(f"this model cannot be kept in {path}: {error}") from error
+    write_arrays(path, {"format": FORMAT, "version": VERSION, "model": tree}, arrays)
 
 
-def _save_reduced(path: str | Path, model: Any) -> None:
-    own, arrays = reduced_parts(model)
-    write_arrays(path, {"format": FORMAT, "version": VERSION, **own}, arrays)
-
-
-def _save_local(path: str | Path, model: Any) -> None:
-    from hhr_dolfinx.online.local_file import local_parts
-
-    write_arrays(path, *local_parts(model))
-
-
-def _save_local_histories(path: str | Path, model: Any) -> None:
-    from hhr_dolfinx.online.local_file import histories_parts
-
-    write_arrays(path, *histories_parts(model))
-
-
-def _save_condensed(path: str | Path, model: Any) -> None:
-    from hhr_dolfinx.online.condensed_file import save_condensed
-
-    save_condensed(path, model)
-
-
-def _save_condensed_flow(path: str | Path, model: Any) -> None:
-    from hhr_dolfinx.online.condensed_flow_file import save_condensed_flow
-
-    save_condensed_flow(path, model)
-
-
-_WRITERS = {
-    "reduced": _save_reduced,
-    "local": _save_local,
-    "local histories": _save_local_histories,
-    "condensed": _save_condensed,
-    "condensed flow": _save_condensed_flow,
-}
-"""Writers by the ``file_format`` of models; what a kind needs is imported where it is written."""
-
-
-def load_model(path: str | Path, known: Iterable[type] = ()) -> KeptModel:
+def load_model(path: str | Path, known: Iterable[type] = ()) -> Any:
     """Read a model written by :func:`save_model`. Needs, and loads, neither DOLFINx nor PETSc nor MPI.
 
     Args:
         path: the file.
-        known: classes of a user's own laws and amplitudes that may come out of the file; none else is looked up.
+        known: classes of a user's own laws, amplitudes and outputs that may come out of the file; none else is looked
+            up.
 
     Raises:
         ModelFileError: if the file is missing, no model, of another version, or damaged, or holds an unknown class.
@@ -129,25 +155,49 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> KeptModel:
     """
     if isinstance(known, type | str) or not isinstance(known, Iterable):
         raise ModelFileError(f"known = {known!r} must be a list of classes, load_model(path, known=[MyLaw])")
+    kinds = Kinds(known)
     try:
-        header, arrays = read_arrays(path, FORMAT, VERSION, OTHERS)
+        header, arrays = read_arrays(path, FORMAT, VERSION)
     except FileNotFoundError:
         raise ModelFileError(f"there is no model file {path}") from None
     except FileContentError as error:
         raise ModelFileError(f"{error}: build the model again") from error
-    if header["format"] == CONDENSED:
-        from hhr_dolfinx.online.varying_file import condensed_of
+    try:
+        if header.keys() != {"format", "version", "model"}:
+            raise FileContentError(f"its header has the keys {sorted(header)}")
+        model = restored(header["model"], arrays, kinds)
+        if not isinstance(model, KeptModel):
+            raise FileContentError(f"a {type(model).__name__} is no model")
+        _check_answers(model)
+    except ModelFileError as error:  # a class that was not passed: nothing is wrong with the file
+        raise ModelFileError(f"{path} cannot be read: {error}") from error
+    except MissingPackageError:
+        raise
+    except (HHRError, MemoryError) as error:
+        raise ModelFileError(f"{path} is damaged or no model file ({error}): build the model again") from error
+    return model
 
-        return condensed_of(path, header, arrays, known)
-    if header["format"] == CONDENSED_FLOW:
-        from hhr_dolfinx.online.condensed_flow_file import condensed_flow_of
 
-        return condensed_flow_of(path, header, arrays, known)
-    if header["format"] in (LOCAL, LOCAL_HISTORIES):
-        from hhr_dolfinx.online.local_file import local_histories_of, local_of
+def _check_answers(model: KeptModel) -> None:
+    """Refuse a model that breaks down in the middle of its box, where it need not have an answer if bodies flow.
 
-        read: Any = local_of if header["format"] == LOCAL else local_histories_of
-        return read(path, header, arrays, known)
-    own = {name: value for name, value in header.items() if name not in ("format", "version")}
-    with refused_if_damaged(path):
-        return reduced_of(own, arrays, known)
+    Raises:
+        FileContentError: with what happened.
+    """
+    middle = np.mean([model.parameters.lower, model.parameters.upper], axis=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            answer = model.solve(middle, outside="ignore", raise_on_failure=False)
+            with suppress(NotOfferedError):  # of a model of forces alone
+                answer.displacement()
+                answer.forces()
+                answer.estimate()
+            if answer.converged and model.flows:
+                _ = answer.stress(), answer.plastic_strain()
+            if model.fields.functionals is not None:
+                answer.outputs()
+        except HHRError:
+            raise
+        except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+            raise FileContentError(f"its parts do not go together: {error}") from error

@@ -1,0 +1,206 @@
+"""What the annotations of a frozen dataclass declare: types of its fields, kinds and sizes of its arrays.
+
+``stiffness: Annotated[Floats, "ell", "ell"]`` is a square array of floating-point numbers. The same name is the same
+size everywhere in an object, and in all of a model if it is one of :data:`SHARED`; ``"points * components"`` is a
+product of sizes. ``Annotated[Integers, "m", "< N"]`` holds indices from 0 to N - 1, and ``Annotated[int, "N"]`` is
+itself the size. Files are laid out and checked by these declarations, see :mod:`hhr_dolfinx.plain`.
+"""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+import math
+from collections.abc import Iterator, Mapping
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.sparse import issparse
+
+from hhr_dolfinx.errors import FileContentError
+
+Floats = np.ndarray
+"""Array of float64, in annotations."""
+Integers = np.ndarray
+"""Array of int64; four bytes are widened when a file is read, since compiled loops multiply indices."""
+Booleans = np.ndarray
+"""Array of bool."""
+
+TYPES = {"Floats": np.dtype(np.float64), "Integers": np.dtype(np.int64), "Booleans": np.dtype(np.bool_)}
+SHARED = frozenset({"N", "N_lambda", "m", "ell", "terms", "P", "components"})
+"""Sizes that all parts of a model have in common: dofs, conditions on the whole surface and of the model, modes, terms
+of θ (1 + T), parameters, and components of a strain."""
+
+
+class DeclaredArray(NamedTuple):
+    """Kind and sizes of an array; ``below`` names the size that its indices must not reach."""
+
+    kind: str
+    sizes: tuple[str, ...]
+    below: str
+
+
+@cache
+def annotations_of(kind: type) -> Mapping[str, ast.expr]:
+    """What a file keeps of a value of a class, by name: annotations of fields, or of arguments named in ``kept``."""
+    if dataclasses.is_dataclass(kind):
+        fields = [item for item in dataclasses.fields(kind) if item.init and item.metadata.get("kept", True)]
+        return {item.name: _parsed(item.type) for item in fields}
+    given = inspect.get_annotations(kind.__init__)  # type: ignore[misc]
+    return {name: _parsed(given.get(name, "Any")) for name in kind.kept}  # type: ignore[attr-defined]
+
+
+@cache
+def _text(text: str) -> ast.expr:
+    try:
+        return ast.parse(text, mode="eval").body
+    except SyntaxError:  # of a user's own, not written in Python's way
+        return ast.Name("Any")
+
+
+def _parsed(annotation: Any) -> ast.expr:
+    """An annotation as a tree; one that cannot be read declares nothing."""
+    return _text(annotation if isinstance(annotation, str) else getattr(annotation, "__name__", repr(annotation)))
+
+
+def shown(node: ast.expr) -> str:
+    """An annotation as it was written, for messages."""
+    return ast.unparse(node)
+
+
+def _alternatives(node: ast.expr) -> Iterator[ast.expr]:
+    """Members of a union; the annotation itself where it is none."""
+    if isinstance(node, ast.BinOp):
+        yield from _alternatives(node.left)
+        yield from _alternatives(node.right)
+    elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+        yield from _alternatives(_text(node.value))
+    elif isinstance(node, ast.Subscript) and _name(node.value) in ("Union", "Optional"):
+        for item in _items(node):
+            yield from _alternatives(item)
+        if _name(node.value) == "Optional":
+            yield ast.Constant(None)
+    else:
+        yield node
+
+
+def _name(node: ast.expr) -> str:
+    """Name of a class, without its module."""
+    return node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
+
+
+def _items(node: ast.Subscript) -> list[ast.expr]:
+    return node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+
+
+def fits(value: object, node: ast.expr, kinds: Mapping[str, type]) -> bool:
+    """Whether a value is of its declared type.
+
+    Args:
+        value: of a field.
+        node: its annotation.
+        kinds: classes that are told by their names; other names, of protocols and aliases, let everything pass.
+    """
+    return any(_fits(value, item, kinds) for item in _alternatives(node))
+
+
+def _fits(value: object, node: ast.expr, kinds: Mapping[str, type]) -> bool:
+    if isinstance(node, ast.Constant):
+        return value is None if node.value is None else True
+    if isinstance(node, ast.Subscript):
+        name, items = _name(node.value), _items(node)
+        if name == "Annotated":
+            return fits(value, items[0], kinds)
+        return name != "tuple" or (isinstance(value, tuple) and _tuple_fits(value, items, kinds))
+    name = _name(node)
+    if name in ("float", "int", "bool", "str"):
+        return type(value).__name__ == name or (name == "float" and type(value) is int)
+    if name in TYPES or name == "ndarray":
+        return isinstance(value, np.ndarray)
+    if name.endswith("_matrix"):
+        return issparse(value) and name.startswith(value.format)  # type: ignore[attr-defined]
+    if name == "tuple":
+        return isinstance(value, tuple)
+    return name not in kinds or name in [base.__name__ for base in type(value).__mro__]
+
+
+def _tuple_fits(value: tuple, items: list[ast.expr], kinds: Mapping[str, type]) -> bool:
+    if len(items) == 2 and isinstance(items[1], ast.Constant) and items[1].value is Ellipsis:
+        return all(fits(item, items[0], kinds) for item in value)
+    return len(items) == len(value) and all(fits(*pair, kinds) for pair in zip(value, items, strict=True))
+
+
+def declared_array(node: ast.expr) -> DeclaredArray | None:
+    """Kind and sizes that an annotation declares; None where it declares none."""
+    for item in _alternatives(node):
+        if isinstance(item, ast.Subscript) and _name(item.value) == "Annotated":
+            kind, *labels = _items(item)
+            texts = [str(label.value) for label in labels if isinstance(label, ast.Constant)]
+            below = [text.removeprefix("<").strip() for text in texts if text.startswith("<")]
+            sizes = tuple(text for text in texts if not text.startswith("<"))
+            return DeclaredArray(_name(kind), sizes, below[0] if below else "")
+    return None
+
+
+class Sizes:
+    """Sizes by name, found one after another while the parts of a model are read; see :data:`SHARED`."""
+
+    def __init__(self, shared: dict[str, int] | None = None, waiting: list | None = None):
+        self.shared: dict[str, int] = {} if shared is None else shared
+        self.own: dict[str, int] = {}
+        self._waiting: list[tuple[Sizes, str, str, Any]] = [] if waiting is None else waiting
+
+    def of_part(self) -> Sizes:
+        """Those of a part of the same model: what is shared is the same."""
+        return Sizes(self.shared, self._waiting)
+
+    def claim(self, path: str, declared: DeclaredArray, value: Any) -> None:
+        """Take the sizes of an array, a tuple, or a number that is a size.
+
+        Raises:
+            FileContentError: if it has other dimensions, or a size that is known is another one.
+        """
+        found = (value,) if isinstance(value, int) else (len(value),) if isinstance(value, tuple) else value.shape
+        if len(found) != len(declared.sizes) or not all(
+            self._agrees(path, label, size) for label, size in zip(declared.sizes, found, strict=True)
+        ):
+            known = [(label, self._value(label)) for label in declared.sizes]
+            wanted = ", ".join(label if size is None else f"{label} = {size}" for label, size in known)
+            raise FileContentError(f"{path} has shape {found}, it must be ({wanted})")
+        if declared.below and value.size:
+            self._waiting.append((self, path, declared.below, (int(value.min()), int(value.max()))))
+
+    def _agrees(self, path: str, label: str, size: int) -> bool:
+        """Whether a size is that of its name, which it sets if it is the first one."""
+        if label.isdigit():
+            return size == int(label)
+        if "*" in label:
+            self._waiting.append((self, path, label, size))
+            return True
+        return (self.shared if label in SHARED else self.own).setdefault(label, size) == size
+
+    def _value(self, label: str) -> int | None:
+        """A size, or a product of several; None while one of them is unknown."""
+        known = [int(name) if name.isdigit() else self.shared.get(name, self.own.get(name)) for name in
+                 map(str.strip, label.split("*"))]  # fmt: skip
+        return None if None in known else math.prod(known)  # type: ignore[arg-type]
+
+    def check_known(self, last: bool = False) -> None:
+        """Check products and indices whose sizes are known by now; at the end of a model all are.
+
+        Raises:
+            FileContentError: names the array whose indices lie outside, or whose size is another one.
+        """
+        waiting, self._waiting[:] = list(self._waiting), []
+        for sizes, path, label, found in waiting:
+            size = sizes._value(label)
+            if size is None:
+                if last:
+                    raise FileContentError(f"{path} depends on the size {label}, which nothing says")
+                self._waiting.append((sizes, path, label, found))
+            elif isinstance(found, tuple) and not 0 <= found[0] <= found[1] < size:
+                raise FileContentError(f"{path} has indices outside 0 .. {size - 1}")
+            elif isinstance(found, int) and found != size:
+                raise FileContentError(f"{path} has the length {found}, it must be {label} = {size}")
