@@ -14,7 +14,7 @@ import inspect
 import math
 from collections.abc import Iterator, Mapping
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 from scipy.sparse import issparse
@@ -29,9 +29,9 @@ Booleans = np.ndarray
 """Array of bool."""
 
 TYPES = {"Floats": np.dtype(np.float64), "Integers": np.dtype(np.int64), "Booleans": np.dtype(np.bool_)}
-SHARED = frozenset({"N", "N_lambda", "m", "ell", "terms", "P", "components"})
+SHARED = frozenset({"N", "N_lambda", "m", "ell", "terms", "P", "components", "gauss points"})
 """Sizes that all parts of a model have in common: dofs, conditions on the whole surface and of the model, modes, terms
-of θ (1 + T), parameters, and components of a strain."""
+of θ (1 + T), parameters, components of a strain, and Gauss points of the full model."""
 
 
 class DeclaredArray(NamedTuple):
@@ -62,7 +62,9 @@ def _text(text: str) -> ast.expr:
 
 def _parsed(annotation: Any) -> ast.expr:
     """An annotation as a tree; one that cannot be read declares nothing."""
-    return _text(annotation if isinstance(annotation, str) else getattr(annotation, "__name__", repr(annotation)))
+    if isinstance(annotation, str):
+        return _text(annotation)
+    return _text(annotation.__name__ if isinstance(annotation, type) and not get_args(annotation) else repr(annotation))
 
 
 def shown(node: ast.expr) -> str:

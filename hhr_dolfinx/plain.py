@@ -31,7 +31,7 @@ DEEPEST = 16
 """Levels of tuples and values within each other: damaged files must not exhaust the stack."""
 SPARSE = {"csc": csc_matrix, "csr": csr_matrix}
 SMALL = 64
-"""Entries below which it is not worth looking whether an array is another one again, or mostly zero."""
+"""Entries of an array below which it is not worth looking whether most are zero."""
 
 _REMEDY = (
     "what goes into a file must be a frozen dataclass, `@dataclass(frozen=True)`, whose fields are finite numbers, "
@@ -168,9 +168,6 @@ class _Writer:
     def _array(self, path: str, array: np.ndarray, declared: Any = None) -> dict[str, Any]:
         """Where an array lies: its own path, or that of the first one that is the same."""
         array = _of_type(path, _checked_array(path, array), declared)
-        if array.size < SMALL:
-            self.arrays[path] = array
-            return {"array": path}
         if not (array.flags.c_contiguous or array.flags.f_contiguous):
             array = array.copy()
         order = "C" if array.flags.c_contiguous else "F"
@@ -178,7 +175,7 @@ class _Writer:
         bits = flat.view(np.uint8)
         key = (array.dtype.str, array.shape, order, hashlib.sha256(bits).digest())
         first = self._first.setdefault(key, path)
-        dense = array.dtype.kind != "f" or 3 * np.count_nonzero(flat.view(np.int64)) > array.size
+        dense = array.size < SMALL or array.dtype.kind != "f" or 3 * np.count_nonzero(flat.view(np.int64)) > array.size
         if first == path:
             if dense:
                 self.arrays[path] = array
@@ -308,7 +305,8 @@ class _Reader:
         parts = [self.value(data[name], f"{path}.{name}", Sizes(), depth + 1) for name in _PARTS]
         shape, form = data["shape"], data["sparse"]
         two = isinstance(shape, list | tuple) and len(shape) == 2 and all(type(n) is int and n >= 0 for n in shape)
-        if not two or form not in SPARSE or not all(isinstance(part, np.ndarray) for part in parts):
+        kinds = "".join(part.dtype.kind for part in parts if isinstance(part, np.ndarray))
+        if not two or form not in SPARSE or kinds != "fii":
             raise FileContentError(f"{path} is no sparse matrix")
         try:
             matrix = SPARSE[form](tuple(parts), shape=tuple(shape))

@@ -189,6 +189,11 @@ class TrainedPaths:
     begun: float
     onset: float
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the parameters."""
+        return self.parameters.names
+
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Rates, steps and signs that are impossible."""
         if not (self.slowest <= self.fastest).all() or not 0 < self.steps[0] <= self.steps[1]:

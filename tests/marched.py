@@ -1,5 +1,10 @@
 """All bits of answers, for histories that are compared between processes: light to import where DOLFINx is missing."""
 
+import subprocess
+import sys
+
+import numpy as np
+
 
 def of_answer(answer, outputs=()):
     """All that an answer hands out, as bytes, and outputs by these names."""
@@ -14,3 +19,37 @@ def of_answer(answer, outputs=()):
 def bits(history, outputs=()):
     """The same of all steps."""
     return [of_answer(answer, outputs) for answer in history.answers]
+
+
+def handed_out(answer):
+    """What an answer hands out, as arrays."""
+    parts = answer.unknown, answer.multipliers, answer.displacement(), answer.forces(), answer.plastic_strain()
+    return *parts, *(() if answer.gauss is None else (answer.stress(),))
+
+
+def flat(history):
+    """The same of all steps, each in one row."""
+    return np.array([np.concatenate([part.ravel() for part in handed_out(answer)]) for answer in history.answers])
+
+
+MARCH = """
+import sys
+missing = ["dolfinx_solver", "dolfinx", "ufl", "basix", "gmsh", "petsc4py", "slepc4py", "mpi4py", "rich", "matplotlib"]
+sys.modules.update(dict.fromkeys(missing))
+import numpy as np, hhr_dolfinx as hhr
+model, path = hhr.load_model(sys.argv[1]), np.load(sys.argv[2])
+answers = model.march(list(zip(path[:, 0], path[:, 1:]))).answers
+parts = [[a.unknown, a.multipliers, a.displacement(), a.forces(), a.plastic_strain()] for a in answers]
+if answers[0].gauss is not None:
+    parts = [[*part, a.stress().ravel()] for part, a in zip(parts, answers)]
+np.save(sys.argv[3], np.array([np.concatenate(part) for part in parts]))
+"""
+
+
+def marched_elsewhere(file, path, folder):
+    """Answers of a history, flat, by a process in which nothing of the full model can be imported."""
+    np.save(folder / "path.npy", np.array([[time, *point] for time, point in path]))
+    command = [sys.executable, "-c", MARCH, *(str(name) for name in (file, folder / "path.npy", folder / "out.npy"))]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=1800)
+    assert run.returncode == 0, run.stderr[-2000:]
+    return np.load(folder / "out.npy")

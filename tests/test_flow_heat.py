@@ -6,8 +6,8 @@ import flowing
 import numpy as np
 import pellet_cladding_plastic as demo
 import pytest
+from marched import flat
 from scenes import pressed_pair
-from test_model_file import flat
 from test_plastic import YOUNG, bar
 
 import hhr_dolfinx as hhr

@@ -11,8 +11,8 @@ import flowing
 import numpy as np
 import pellet_cladding_plastic as demo
 import pytest
-from bare import WAIT, rewrite_signed
-from test_model_file import flat, marched_elsewhere
+from bare import WAIT
+from marched import flat, marched_elsewhere
 from test_plastic import POISSON, YOUNG, bar, of_all_functions
 from toy_law import Bingham
 
@@ -228,7 +228,7 @@ def test_a_model_file_keeps_formulas(reduction, tmp_path):
 def test_a_file_with_another_formula_is_refused(reduction, tmp_path, text, why):
     file = tmp_path / "model.npz"
     hhr.save_model(file, reduction)
-    rewrite_signed(file, lambda header, arrays: header["laws"][0]["numbers"].update(yield_stress=text))
+    rewrite_model(file, put("flow.material.groups.0.law.yield_stress", text))
     with pytest.raises(ModelFileError, match=rf"{why}.*build the model again"):
         hhr.load_model(file)
 

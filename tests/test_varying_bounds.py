@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+from kept_values import put, rewrite_model
 from scenes import pressed_pair
 from scipy.linalg import eigvalsh
 from test_shapes import BODIES as SHAPED_BODIES
@@ -12,9 +13,7 @@ from test_shapes import CROWNED, SPACE
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import BoundError, ModelFileError
-from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.online.model_file import FORMAT, VERSION
 from hhr_dolfinx.reduction.varying_bound import EnergySolver, _check_resolved, varying_bound
 
 ALL = {"E1": (1.0, 6.0), "nu1": (0.1, 0.42), "E2": (2.0, 9.0), "nu2": (0.1, 0.42)}
@@ -195,9 +194,7 @@ def test_many_estimates_are_those_of_each(varying, tmp_path):
 def test_a_damaged_bound_is_no_model(tmp_path):
     _, model, _ = trained("factors")
     hhr.save_model(tmp_path / "model.npz", model)
-    header, arrays = read_arrays(tmp_path / "model.npz", FORMAT, VERSION)
-    header["varying"]["bound"] = {"value": None}
-    write_arrays(tmp_path / "model.npz", header, arrays)
+    rewrite_model(tmp_path / "model.npz", put("fields.bound", None))
     with pytest.raises(ModelFileError, match="forces outside"):
         hhr.load_model(tmp_path / "model.npz")
 

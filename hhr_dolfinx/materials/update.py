@@ -13,7 +13,6 @@ import numpy as np
 from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.declared import Integers
 from hhr_dolfinx.errors import ConvergenceError, SceneError
-from hhr_dolfinx.formulas import Scalar, check_over_box
 from hhr_dolfinx.materials.compiled_laws import ELASTIC, NORTON, PLASTICITY
 from hhr_dolfinx.materials.constants import LawOfParameters, ModuliOfParameters, check_law, formulas_of
 from hhr_dolfinx.materials.elasticity import lame_parameters
@@ -131,6 +130,8 @@ class Material:
         for number, group in enumerate(self.groups):
             check_law(group.law, space, f"law {number}")
             if isinstance(group.young, str):
+                from hhr_dolfinx.formulas import Scalar, check_over_box
+
                 scalar = Scalar(group.young, space.names)
                 check_over_box(scalar, space, "young", 0.0, math.inf, "Young's modulus must be positive")
 

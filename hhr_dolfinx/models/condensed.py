@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Pairs, Status
-from hhr_dolfinx.declared import Booleans, Floats
+from hhr_dolfinx.declared import Booleans, Floats, Integers
 from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers, outcome
 from hhr_dolfinx.models.elimination import Elimination, answer_of, differentiated
 from hhr_dolfinx.models.model import KeptModel
@@ -97,7 +97,7 @@ class CondensedModel(KeptModel):
         eliminated: Elimination,
         known: KnownStatuses,
         fields: Fields,
-        pairs: np.ndarray | None = None,
+        pairs: Annotated[Integers, "m"] | None = None,
         trained: TrainedRange | None = None,
         advice: Mapping[Status, str] = MappingProxyType({}),
     ):

@@ -115,7 +115,7 @@ class CondensedFlow:
         gaps: gaps less imposed displacements, (m, 1 + T).
     """
 
-    points: Annotated[Integers, "points"]
+    points: Annotated[Integers, "points", "< gauss points"]
     groups: tuple[Group, ...]
     per_cell: Annotated[int, "per cell"]
     parts: Annotated[Integers, "points", "< Q"]

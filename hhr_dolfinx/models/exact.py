@@ -38,7 +38,7 @@ class ExactFields(Rebuilt, ElasticFields):
 
     amplitudes: Amplitudes
     lifts: Annotated[csc_matrix, "N", "terms"]
-    per_force: Annotated[Floats, "N", "N_lambda"]
+    per_force: Annotated[Floats, "N", "m"]
     per_term: Annotated[Floats, "N", "terms"]
     dimension: int
     floats: bool = False

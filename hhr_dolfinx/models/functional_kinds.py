@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.models.functionals import Functional, Slopes, State
@@ -37,11 +38,11 @@ class Linear(Functional):
 
     affine: ClassVar[bool] = True
 
-    conditions: np.ndarray
-    weights: np.ndarray
-    along: np.ndarray
-    terms: np.ndarray
-    coefficients: np.ndarray
+    conditions: Annotated[Integers, "conditions"]
+    weights: Annotated[Floats, "conditions"]
+    along: Annotated[Floats, "rows"]
+    terms: Annotated[Integers, "terms of it"]
+    coefficients: Annotated[Floats, "terms of it"]
 
     @classmethod
     def of(
@@ -95,8 +96,8 @@ class Largest(Functional):
 
     uses_forces: ClassVar[bool] = True
 
-    conditions: np.ndarray
-    areas: np.ndarray
+    conditions: Annotated[Integers, "conditions"]
+    areas: Annotated[Floats, "conditions"]
 
     def value(self, state: State) -> float:
         """Of any condition."""
@@ -136,8 +137,8 @@ class Loaded(Functional):
 
     uses_forces: ClassVar[bool] = True
 
-    conditions: np.ndarray
-    areas: np.ndarray
+    conditions: Annotated[Integers, "conditions"]
+    areas: Annotated[Floats, "conditions"]
     offset: float
     factor: float
 
@@ -181,8 +182,8 @@ class Mises(Functional):
     volume: str
     shape: str
     plane_stress: bool
-    grading: np.ndarray
-    shares: np.ndarray
+    grading: Annotated[Floats, "cells"]
+    shares: Annotated[Floats, "shares"]
 
     def __post_init__(self) -> None:
         _ = self._moduli  # what cannot be read is refused where it is made
@@ -287,8 +288,8 @@ class FlowMises(Functional):
 
     differentiable = False
 
-    points: np.ndarray
-    shares: np.ndarray
+    points: Annotated[Integers, "points"]
+    shares: Annotated[Floats, "shares"]
 
     def value(self, state: State) -> float:
         """The largest one, or their mean over the volume."""
@@ -324,13 +325,13 @@ class Energy(Functional):
 
     names: tuple[str, ...]
     moduli: tuple[str, ...]
-    terms: np.ndarray
-    parts: np.ndarray
-    lifted: np.ndarray
-    lifts: np.ndarray
-    gap_terms: np.ndarray
-    gaps: np.ndarray
-    own: np.ndarray
+    terms: Annotated[Integers, "rows"]
+    parts: Annotated[Integers, "rows"]
+    lifted: Annotated[Integers, "lifted"]
+    lifts: Annotated[Floats, "parts", "lifted", "lifted"]
+    gap_terms: Annotated[Integers, "gap terms"]
+    gaps: Annotated[Floats, "conditions", "gap terms"]
+    own: Annotated[Floats, "rows", "lifted"]
 
     def __post_init__(self) -> None:
         _ = self._moduli
@@ -369,10 +370,6 @@ class Energy(Functional):
     def indices(self) -> dict[str, np.ndarray]:
         """Terms."""
         return {"terms": np.concatenate([self.terms, self.lifted, self.gap_terms])}
-
-
-KINDS = (Linear, Largest, Loaded, Mises, FlowMises, Energy)
-"""All of them that a model file may hold: what moves belongs to a mesh."""
 
 
 def _tied(values: np.ndarray, place: int) -> bool:

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, vstack
 
 from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import HHRError, NotOfferedError, ParameterError, SceneError
 from hhr_dolfinx.parameters import ParameterSpace
 
@@ -180,9 +181,9 @@ class Functional:
     name: str
     unit: str
     count: int
-    rows: np.ndarray
-    columns: np.ndarray
-    entries: np.ndarray
+    rows: Annotated[Integers, "entries"]
+    columns: Annotated[Integers, "entries"]
+    entries: Annotated[Floats, "entries"]
 
     def matrix(self, size: int) -> csr_matrix:
         """Its rows, (k, N)."""

@@ -18,7 +18,7 @@ from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, OutsideTrainin
 from hhr_dolfinx.models.answer import Answer, History, Path, SeveralAnswers, one_by_one, outcome, unanswered
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient, solve_along
 from hhr_dolfinx.plain import rebuilt
-from hhr_dolfinx.trained import TrainedRange, check_outside
+from hhr_dolfinx.trained import TrainedPaths, TrainedRange, check_outside
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals import Outputs
@@ -177,6 +177,8 @@ class KeptModel(AnsweringModel):
     kept: ClassVar[tuple[str, ...]]
     has_own_sizes: ClassVar[bool] = True
     handed_on: ClassVar[tuple[str, ...]] = ()
+    trained: TrainedRange | TrainedPaths | None = None
+    """What it was trained on; None where that is unknown."""
     offline: Any = None
     """How it was made, a record of what built it; None of a copy or from a file, and where nothing was approximated."""
 
@@ -212,6 +214,8 @@ class KeptModel(AnsweringModel):
             yield f"{sizes.get('N')} dofs are no nodes of dimension {self.fields.dimension}, which must be 2 or 3"
         if empty := [name for name in ("N_lambda", "m", "ell") if sizes.get(name, 1) == 0]:
             yield f"sizes {empty} are zero"
+        if self.trained is not None and self.trained.names != tuple(self.parameters.names):
+            yield f"it was trained on {self.trained.names}, and its parameters are {self.parameters.names}"
         if self.fields.functionals is not None:
             points = 0 if self.fields.flow is None else self.fields.flow.gauss_points
             self.fields.functionals.check(self.parameters, self.conditions, points)

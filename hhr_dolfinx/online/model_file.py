@@ -168,7 +168,7 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> Any:
         model = restored(header["model"], arrays, kinds)
         if not isinstance(model, KeptModel):
             raise FileContentError(f"a {type(model).__name__} is no model")
-        _check_answers(model)
+        check_answers(model)
     except ModelFileError as error:  # a class that was not passed: nothing is wrong with the file
         raise ModelFileError(f"{path} cannot be read: {error}") from error
     except MissingPackageError:
@@ -178,7 +178,7 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> Any:
     return model
 
 
-def _check_answers(model: KeptModel) -> None:
+def check_answers(model: KeptModel) -> None:
     """Refuse a model that breaks down in the middle of its box, where it need not have an answer if bodies flow.
 
     Raises:

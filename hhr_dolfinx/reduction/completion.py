@@ -76,7 +76,7 @@ class Completion:
             basis=basis,
             lifts=problem.lifts,
             contact_basis=csr_matrix(problem.contact) @ basis,
-            gaps=problem.gaps,
+            gaps=problem.gaps + 0.0,  # files keep zeros with a sign
             A_lambda=sets.A_lambda,
             force_snapshots=self.rays if cone else None,
             gap_scale=self.gap_scale,

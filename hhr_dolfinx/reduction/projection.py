@@ -41,7 +41,7 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
         contact_test=rows[:, sets.A_c] @ basis[sets.A_c],
         contact_trial=rows[:, sets.A_c_tilde] @ basis[sets.A_c_tilde],
         loads=test.T @ problem.loads[sets.A],
-        gaps=problem.gaps[sets.A_lambda],
+        gaps=problem.gaps[sets.A_lambda] + 0.0,  # files keep zeros with a sign
         pairs=problem.contact_pairs[sets.A_lambda],
         motions=0 if problem.rigid is None else problem.rigid.shape[1],
         terms=_terms(problem, projected, lambda columns: test.T @ columns[sets.A]) if problem.moduli else None,
