@@ -12,6 +12,7 @@ import numpy as np
 import pellet_cladding_plastic as demo
 import pytest
 from bare import WAIT
+from kept_values import put, rewrite_model
 from marched import flat, marched_elsewhere
 from test_plastic import POISSON, YOUNG, bar, of_all_functions
 from toy_law import Bingham
