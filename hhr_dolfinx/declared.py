@@ -149,14 +149,18 @@ def declared_array(node: ast.expr) -> DeclaredArray | None:
 class Sizes:
     """Sizes by name, found one after another while the parts of a model are read; see :data:`SHARED`."""
 
-    def __init__(self, shared: dict[str, int] | None = None, waiting: list | None = None):
-        self.shared: dict[str, int] = {} if shared is None else shared
+    def __init__(self, whole: bool = False):
+        self.shared: dict[str, int] = {}
         self.own: dict[str, int] = {}
-        self._waiting: list[tuple[Sizes, str, str, Any]] = [] if waiting is None else waiting
+        self._whole = whole
+        self._waiting: list[tuple[Sizes, str, str, Any]] = []
 
     def of_part(self) -> Sizes:
-        """Those of a part of the same model: what is shared is the same."""
-        return Sizes(self.shared, self._waiting)
+        """Those of a part: of a model, ``whole``, what is shared is the same; of other values nothing is."""
+        part = Sizes(self._whole)
+        if self._whole:
+            part.shared, part._waiting = self.shared, self._waiting
+        return part
 
     def claim(self, path: str, declared: DeclaredArray, value: Any) -> None:
         """Take the sizes of an array, a tuple, or a number that is a size.

@@ -229,7 +229,7 @@ class _Reader:
         """A value of a class, from its fields."""
         kind = self._kind(name)
         whole = getattr(kind, "has_own_sizes", False)
-        own = Sizes() if whole else sizes.of_part()
+        own = Sizes(whole=True) if whole else sizes.of_part()
         declared = annotations_of(kind)
         if given.keys() != declared.keys():
             missing, unknown = sorted(declared.keys() - given.keys()), sorted(map(str, given.keys() - declared.keys()))

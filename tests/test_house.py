@@ -199,7 +199,7 @@ UNNEEDED = {
         "hhr_dolfinx.full_order.reshaped",
         "hhr_dolfinx.full_order.elimination", "hhr_dolfinx.models.reshaped",
         "hhr_dolfinx.models.block_elimination", "hhr_dolfinx.models.interpolated", "hhr_dolfinx.models.interpolation",
-        "hhr_dolfinx.models.starts", "hhr_dolfinx.reduction.condense", "hhr_dolfinx.reduction.interpolate",
+        "hhr_dolfinx.reduction.condense", "hhr_dolfinx.reduction.interpolate",
         "hhr_dolfinx.reduction.interpolate_reduced", "hhr_dolfinx.reduction.starts"],
     "gradients": ["hhr_dolfinx.models.gradient", "hhr_dolfinx.models.history_gradient"],
     "samplings": ["hhr_dolfinx.sampling"],

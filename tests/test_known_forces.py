@@ -6,8 +6,8 @@ from scenes import largest_difference, pressed_pair
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.models.block_elimination import BlockElimination, BlockReduction, DiagonalBlock
-from hhr_dolfinx.models.reshaped import ReshapedReduction
+from hhr_dolfinx.models.block_elimination import BlockElimination, DiagonalBlock
+from hhr_dolfinx.models.reshaped import ReshapedElimination
 from hhr_dolfinx.reduction.condense import condense
 from hhr_dolfinx.reduction.interpolate import GridSettings
 from hhr_dolfinx.shapes import coordinate_names
@@ -46,7 +46,7 @@ def test_fields_are_those_of_an_elimination(name, request):
 
 
 def test_blocks_of_one_and_of_two_parts_are_diagonal(materials):
-    blocks = materials.fields.galerkin._eliminated.blocks
+    blocks = materials.fields.galerkin.blocks
     assert sorted(block.parts.size for block in blocks) == [1, 2]
     assert all(DiagonalBlock.of(block) is not None for block in blocks)
 
@@ -57,7 +57,7 @@ def test_a_block_of_other_parts_is_factored(materials, monkeypatch):
     answer = materials.solve(point)
     before = answer.displacement()
     monkeypatch.setattr(DiagonalBlock, "of", staticmethod(lambda block: None))
-    galerkin = BlockReduction(materials.fields.galerkin.problem, materials.fields.galerkin.amplitudes)
+    galerkin = BlockElimination(materials.fields.galerkin.problem, materials.fields.galerkin.amplitudes)
     assert largest_difference(materials.fields.basis @ galerkin.under(point, answer.multipliers)
                               + materials.fields.lifts @ materials.fields.amplitudes(point), before) < 1e-9  # fmt: skip
 
@@ -72,9 +72,9 @@ def test_outputs_of_forces_make_no_field(name, request, monkeypatch):
     def refused(*_):
         raise AssertionError("no output has a row of displacement")
 
-    for kind, method in ((BlockElimination, "__call__"), (BlockReduction, "under"), (ReshapedReduction, "under")):
+    for kind, method in ((BlockElimination, "__call__"), (BlockElimination, "under"), (ReshapedElimination, "under")):
         monkeypatch.setattr(kind, method, refused)
-    monkeypatch.setattr(ReshapedReduction, "__call__", refused)
+    monkeypatch.setattr(ReshapedElimination, "__call__", refused)
     for answer in answers:
         found = answer.outputs()
         assert found["peak"] > 0 or not answer.active.any()

@@ -25,8 +25,8 @@ from hhr_dolfinx.certify.trust import TrustLimits, check_solvable, check_stabili
 from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
 from hhr_dolfinx.errors import NotSolvableError, ReductionError, StabilityWarning, UnstableModelError
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.models.condensed import KnownStatuses
 from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.enrichment import enrich
 from hhr_dolfinx.reduction.pod import pod

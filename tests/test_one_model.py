@@ -26,8 +26,8 @@ from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, HHRError, NotSolvableError, ParameterError, ReductionError, SceneError
 from hhr_dolfinx.geometries import block
-from hhr_dolfinx.models.condensed import KnownStatuses
 from hhr_dolfinx.models.estimates import STRESS
+from hhr_dolfinx.models.starts import KnownStatuses
 
 ELASTIC = ["full", "naive", "condensed", "condensed to forces", "reduced"]
 FLOWING = ["full", "reduced"]

@@ -9,7 +9,7 @@ from scenes import THESIS, check_contact_conditions, node_dofs, whole_domain
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.models.condensed import KnownStatuses
+from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.deim import deim
 from hhr_dolfinx.reduction.projection import project

@@ -14,7 +14,7 @@ from test_mpi import launch
 import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.errors import LockingWarning, ParameterError, SceneError, SceneWarning
-from hhr_dolfinx.models.condensed import KnownStatuses
+from hhr_dolfinx.models.starts import KnownStatuses
 
 BODIES = ("E1", "nu1"), ("E2 * (1 + 0.2 * c**2)", "0.3 + 0.1 * sin(c)")
 MATERIALS = {"E1": (1.0, 6.0), "nu1": (0.1, 0.42), "E2": (2.0, 9.0), "c": (0.0, 1.0)}

@@ -152,7 +152,7 @@ def test_an_energy_is_that_of_the_field_in_equilibrium(varying):
         _, problem = schur_at(full, point)
         forces = rng.uniform(0, 1e-2, len(problem.gaps))
         there = bound.at(point[None], bound.compliances.amplitudes(point))
-        found = there._energies(forces)
+        found = there._energies(forces, bound.compliances.theta(point))
         theta, free = problem.theta(point), problem.free
         pulled = problem.loads @ theta - problem.contact.T @ forces
         field = np.zeros(free.size)

@@ -9,7 +9,7 @@ from pathlib import Path
 import hertz_half_discs as demo
 import numpy as np
 import pytest
-from bare import rewrite_signed
+from kept_values import put, rewrite_model
 from parted import by_lapack
 from test_mpi import launch
 
@@ -321,7 +321,8 @@ def test_files(tmp_path):
         ({"text": "other", "names": ["T", "gap"]}, "names \\['other'\\]"),
     ):
         hhr.save_model(path, model)
-        rewrite_signed(path, lambda header, arrays, new=numbers: header["amplitudes"][0]["numbers"].update(new))
+        scalar = {"kind": "Scalar", "fields": numbers}
+        rewrite_model(path, put("fields.amplitudes.nonaffine.0", scalar))
         with pytest.raises(ModelFileError, match=message):
             hhr.load_model(path)
 

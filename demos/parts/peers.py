@@ -21,8 +21,10 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.linear.dense import PetscLU
 from hhr_dolfinx.models.answer import Answer, ElasticFields
-from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses
-from hhr_dolfinx.models.elimination import ConstantElimination, Responses
+from hhr_dolfinx.models.condensed import CondensedModel
+from hhr_dolfinx.models.constant_elimination import ConstantElimination
+from hhr_dolfinx.models.elimination import Responses
+from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.reduction.pod import pod
 from hhr_dolfinx.snapshots.records import SnapshotSet
 

@@ -9,9 +9,11 @@ import numpy as np
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses
-from hhr_dolfinx.models.elimination import ConstantElimination, Responses
+from hhr_dolfinx.models.condensed import CondensedModel
+from hhr_dolfinx.models.constant_elimination import ConstantElimination
+from hhr_dolfinx.models.elimination import Responses
 from hhr_dolfinx.models.exact import ExactFields
+from hhr_dolfinx.models.starts import KnownStatuses
 
 
 def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: bool = True) -> CondensedModel:
@@ -66,8 +68,8 @@ def _floating(
     problem: ContactProblem, rigid: np.ndarray, responses: Responses, known: KnownStatuses, fields: ExactFields
 ) -> CondensedModel:
     """The same with rigid motions, (N, r), that nothing but contact holds."""
-    from hhr_dolfinx.models.floating import FloatingResponses
+    from hhr_dolfinx.models.floating import FloatingElimination
 
     taken, driving = problem.contact @ rigid, rigid.T @ problem.loads
-    left = FloatingResponses(responses, taken, driving, rigid, problem.amplitudes)
+    left = FloatingElimination(responses, taken, driving, rigid, problem.amplitudes)
     return CondensedModel(problem.parameters, left, known, fields, problem.contact_pairs)

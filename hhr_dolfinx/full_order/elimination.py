@@ -22,8 +22,8 @@ round-off of the assembly grows."""
 
 
 @dataclass(frozen=True)
-class FullElimination(CondensedContact):
-    """See :class:`~models.elimination.CondensedContact`; on several ranks vectors of dofs are this rank's own.
+class FullStiffness:
+    """The full problem at one parameter, factored; on several ranks vectors of dofs are this rank's own.
 
     Attributes:
         full: the model, whose solver holds the factors of this parameter.
@@ -32,7 +32,7 @@ class FullElimination(CondensedContact):
         point: the parameter, (P,).
         free: unknown without contact forces, (own dofs,).
         per_force: K^-1 B^T, (own dofs, m), times the scale.
-        schur, free_slack: as there.
+        schur, free_slack: S, (m, m), and the slack without contact forces, (m,).
         scale: what K is beside the one that is factored, on own dofs, (own dofs,); 1 where it is that one.
     """
 
@@ -45,10 +45,8 @@ class FullElimination(CondensedContact):
     free_slack: np.ndarray
     scale: np.ndarray | float = 1.0
 
-    symmetric = True
-
     @classmethod
-    def at(cls, full: FullOrderModel, point: np.ndarray) -> FullElimination:
+    def at(cls, full: FullOrderModel, point: np.ndarray) -> FullStiffness:
         """Factor the stiffness of a point, unless it is that at hand, or known from another one."""
         if full.scaled is not None:
             return cls._scaled(full, point)
@@ -67,7 +65,7 @@ class FullElimination(CondensedContact):
         return cls(full, problem, point, free, per_force, schur, slack)
 
     @classmethod
-    def _scaled(cls, full: FullOrderModel, point: np.ndarray) -> FullElimination:
+    def _scaled(cls, full: FullOrderModel, point: np.ndarray) -> FullStiffness:
         """From the factors in the middle of the box, see :class:`ScaledBodies`; on one rank."""
         scaled, problem = full.scaled, full.problem
         assert scaled is not None
@@ -78,12 +76,15 @@ class FullElimination(CondensedContact):
         slack = problem.gaps @ theta - problem.contact @ free
         return cls(full, problem, point, free, full.per_force, schur, slack, scale)
 
-    def unknown(self, forces: np.ndarray) -> np.ndarray:
-        """U0 under contact forces, (N,)."""
-        return np.concatenate(self.full.comm.allgather(self.free - self.per_force @ forces / self.scale))
+    def contact(self) -> CondensedContact:
+        """What is left once the displacement is eliminated, on all ranks."""
+        free = np.concatenate(self.full.comm.allgather(self.free))
+        return CondensedContact(
+            self.schur, self.free_slack, free, self.pushed, self.at_fixed_forces, symmetric=True, floating=self.floating
+        )
 
     def pushed(self, forces: np.ndarray) -> np.ndarray:
-        """K^-1 B^T times forces, (m, k), on all dofs, (N, k)."""
+        """K^-1 B^T times forces, (m,) or (m, k), on all dofs, (N,) or (N, k)."""
         return np.concatenate(self.full.comm.allgather(((self.per_force @ forces).T / self.scale).T))
 
     def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -137,8 +138,8 @@ class FullElimination(CondensedContact):
 def solved_anew(full: FullOrderModel, point: np.ndarray, start: np.ndarray | None, *, gradient: bool) -> Answer:
     """Answer of a full model at a checked point, by factors of its own stiffness."""
     if full.scaled is not None:
-        elimination = FullElimination.at(full, point)
-        return answer_of(elimination, point, start, full.pairs, full, gradient=gradient)
+        contact = FullStiffness.at(full, point).contact()
+        return answer_of(contact, point, start, full.pairs, full, gradient=gradient)
     with full.factors.lock:  # of which another thread might make those of another point
-        elimination = FullElimination.at(full, point)
-        return answer_of(elimination, point, start, full.pairs, full, gradient=gradient)
+        contact = FullStiffness.at(full, point).contact()
+        return answer_of(contact, point, start, full.pairs, full, gradient=gradient)

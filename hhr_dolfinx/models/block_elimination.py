@@ -7,7 +7,7 @@ that are factored one by one, a quarter of the work for two of them.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -47,55 +47,113 @@ class Block(NamedTuple):
     trial: np.ndarray
 
 
-class BlockElimination(Elimination):
-    """Eliminates gamma at any parameter.
+@dataclass(frozen=True)
+class BlockElimination(Rebuilt, Elimination):
+    """Eliminates the unknown of a reduced problem whose stiffness is a sum of parts; plain data, for files.
 
-    Args:
-        problem: the reduced problem, with its terms.
+    Attributes:
+        problem: with its terms.
         amplitudes: θ as a function of the parameters.
     """
 
-    def __init__(self, problem: ReducedProblem, amplitudes: Amplitudes):
-        terms = problem.terms
-        if terms is None:
-            raise ValueError("a problem whose stiffness is constant is eliminated once, by Responses.eliminate")
-        self.problem, self.terms, self.amplitudes = problem, terms, amplitudes
-        self._forces, self._gaps = np.asfortranarray(terms.forces), np.asfortranarray(problem.gaps)
-        # all parts beside each other, so that one product sums their lifts
-        self._lifts = terms.lifts if np.any(terms.lifts) else None
-        self.blocks = blocks_of(problem)
+    problem: ReducedProblem
+    amplitudes: Amplitudes
 
-    def __call__(self, point: np.ndarray) -> ReducedElimination:
+    @cached_property
+    def blocks(self) -> list[Block]:
+        """Modes that share entries of K~."""
+        return blocks_of(self.problem)
+
+    def __call__(self, point: np.ndarray) -> CondensedContact:
         """Eliminate at a point, (P,).
 
         Raises:
             SingularError: if K~ is singular there.
         """
-        weights, loads = self.weights_and_loads(point)
+        weights, loads = self._weights_and_loads(point)
         slack, m = self._gaps @ self.amplitudes(point), len(self.problem.gaps)
-        schur, free, factors, pushed = np.zeros((m, m)), np.empty(loads.size), [], []
+        schur, free, factors, per_force = np.zeros((m, m)), np.empty(loads.size), [], []
         for block in self.blocks:
-            size = block.modes.size
-            matrix = (weights[block.parts] @ block.entries).reshape(size, size).T
-            lu, pivots, info = dgetrf(matrix, overwrite_a=1)
-            if info:
-                raise SingularError(f"K~ of {size} modes is singular at {point.tolist()}")
-            solved = dgetrs(lu, pivots, np.column_stack([loads[block.modes], block.test]))[0]
+            factor = _factored(block, weights[block.parts])
+            solved = dgetrs(*factor, np.column_stack([loads[block.modes], block.test]))[0]
             free[block.modes] = solved[:, 0]
             slack -= block.trial @ solved[:, 0]
             schur += block.trial @ solved[:, 1:]
-            factors.append((lu, pivots))
-            pushed.append(solved[:, 1:])
-        return ReducedElimination(self, point, weights, schur, slack, free, factors, pushed)
+            factors.append(factor)
+            per_force.append(solved[:, 1:])
+        pushed, changes = partial(self._pushed, per_force), partial(self._changes, point, weights, factors)
+        return CondensedContact(schur, slack, free, pushed, changes)
 
-    def weights_and_loads(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def under(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
+        """The unknown, (ell,), at a point under known contact forces, (m,): no S, and hardly a factor.
+
+        Raises:
+            SingularError: if K~ is singular there.
+        """
+        weights, loads = self._weights_and_loads(point)
+        found = np.empty(loads.size)
+        for block, diagonal in zip(self.blocks, self._diagonal, strict=True):
+            right, own = loads[block.modes] - block.test @ forces, weights[block.parts]
+            solved = dgetrs(*_factored(block, own), right)[0] if diagonal is None else diagonal.solved(own, right)
+            found[block.modes] = solved
+        return found
+
+    @cached_property
+    def _diagonal(self) -> list[DiagonalBlock | None]:
+        return [DiagonalBlock.of(block) for block in self.blocks]
+
+    @cached_property
+    def _terms(self) -> ReducedTerms:
+        if self.problem.terms is None:
+            raise ValueError("a problem whose stiffness is constant is eliminated once, by Responses.eliminate")
+        return self.problem.terms
+
+    @cached_property
+    def _forces(self) -> np.ndarray:
+        return np.asfortranarray(self._terms.forces)
+
+    @cached_property
+    def _gaps(self) -> np.ndarray:
+        return np.asfortranarray(self.problem.gaps)
+
+    @cached_property
+    def _lifts(self) -> np.ndarray | None:
+        return self._terms.lifts if np.any(self._terms.lifts) else None
+
+    def _weights_and_loads(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Weights of the parts of K~, (Q,), and loads on gamma, (ell,), at a point, (P,)."""
-        theta = self.amplitudes(point)
-        weights = np.array([modulus.value(point) for modulus in self.terms.moduli])
+        theta, weights = self.amplitudes(point), self._terms.weights(point)
         loads = self._forces @ theta
         if self._lifts is not None:
             loads = loads - weights @ np.stack([lift @ theta for lift in self._lifts])
         return weights, loads
+
+    def _pushed(self, per_force: list[np.ndarray], forces: np.ndarray) -> np.ndarray:
+        """K~^-1 B~1^T times forces, (m,) or (m, k), from its columns by block."""
+        found = np.empty((len(self.problem.stiffness), *forces.shape[1:]))
+        for block, columns in zip(self.blocks, per_force, strict=True):
+            found[block.modes] = columns @ forces
+        return found
+
+    def _changes(
+        self, point: np.ndarray, weights: np.ndarray, factors: list, forces: np.ndarray, unknown: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """K~ gamma' = f' - K~' gamma, and the slack that goes with it."""
+        right, slack = self.problem.changes(self.amplitudes, point, weights, unknown)
+        found = np.empty_like(right)
+        for block, factor in zip(self.blocks, factors, strict=True):
+            found[block.modes] = dgetrs(*factor, right[block.modes])[0]
+            slack -= block.trial @ found[block.modes]
+        return slack, found
+
+
+def _factored(block: Block, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """LU factors of a block of K~ with weights of its parts, (q,)."""
+    size = block.modes.size
+    lu, pivots, info = dgetrf((weights @ block.entries).reshape(size, size).T, overwrite_a=1)
+    if info:
+        raise SingularError(f"K~ of {size} modes is singular")
+    return lu, pivots
 
 
 @dataclass(frozen=True)
@@ -138,69 +196,6 @@ class DiagonalBlock:
         return self.modes @ ((right @ self.modes) / (weights @ self.entries))
 
 
-class KnownForces:
-    """Maps a point, (P,), and contact forces, (m,), to gamma, (ell,): no S, and hardly a factor.
-
-    Args:
-        elimination: of the same problem with the forces unknown.
-    """
-
-    def __init__(self, elimination: BlockElimination):
-        self._elimination = elimination
-        self._diagonal = [DiagonalBlock.of(block) for block in elimination.blocks]
-
-    def __call__(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """The unknown.
-
-        Raises:
-            SingularError: if K~ is singular there.
-        """
-        weights, loads = self._elimination.weights_and_loads(point)
-        found = np.empty(loads.size)
-        for block, diagonal in zip(self._elimination.blocks, self._diagonal, strict=True):
-            right, own = loads[block.modes] - block.test @ forces, weights[block.parts]
-            found[block.modes] = _solved(block, own, right) if diagonal is None else diagonal.solved(own, right)
-        return found
-
-
-def _solved(block: Block, weights: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """K~^-1 times a right-hand side, (k,), by factors of a block."""
-    size = block.modes.size
-    lu, pivots, info = dgetrf((weights @ block.entries).reshape(size, size).T, overwrite_a=1)
-    if info:
-        raise SingularError(f"K~ of {size} modes is singular")
-    return dgetrs(lu, pivots, right)[0]
-
-
-@dataclass(frozen=True)
-class BlockReduction(Rebuilt, Elimination):
-    """Eliminates the unknown of a reduced problem whose stiffness is a sum of parts; plain data, for files.
-
-    Attributes:
-        problem: with its terms.
-        amplitudes: θ as a function of the parameters.
-    """
-
-    problem: ReducedProblem
-    amplitudes: Amplitudes
-
-    @cached_property
-    def _eliminated(self) -> BlockElimination:
-        return BlockElimination(self.problem, self.amplitudes)
-
-    @cached_property
-    def _known_forces(self) -> KnownForces:
-        return KnownForces(self._eliminated)
-
-    def __call__(self, point: np.ndarray) -> ReducedElimination:
-        """Eliminate at a point, (P,)."""
-        return self._eliminated(point)
-
-    def under(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """gamma, (ell,), at a point under known contact forces, (m,), in a hundredth of the time of an elimination."""
-        return self._known_forces(point, forces)
-
-
 def blocks_of(problem: ReducedProblem) -> list[Block]:
     """What of a reduced problem whose stiffness is a sum of parts shares entries of K~."""
     terms = problem.terms
@@ -220,53 +215,3 @@ def _block(problem: ReducedProblem, terms: ReducedTerms, modes: np.ndarray) -> B
     entries = np.ascontiguousarray(parts[touching].transpose(0, 2, 1)).reshape(touching.size, -1)
     test = np.asfortranarray(problem.contact_test[:, modes].T)
     return Block(modes, touching, entries, test, np.ascontiguousarray(problem.contact_trial[:, modes]))
-
-
-@dataclass(frozen=True)
-class ReducedElimination(CondensedContact):
-    """See :class:`hhr_dolfinx.models.elimination.CondensedContact`.
-
-    Attributes:
-        owner: what it was made by.
-        point: the parameter, (P,).
-        weights: of the parts, (Q,).
-        schur, free_slack: as there.
-        free: gamma without contact forces, (ell,).
-        factors: LU of each block.
-        per_force: K~^-1 B~1^T of each block, (k, m).
-    """
-
-    owner: BlockElimination
-    point: np.ndarray
-    weights: np.ndarray
-    schur: np.ndarray
-    free_slack: np.ndarray
-    free: np.ndarray
-    factors: list
-    per_force: list
-
-    def unknown(self, forces: np.ndarray) -> np.ndarray:
-        """gamma under contact forces, (ell,)."""
-        return self.free - self.pushed(forces)
-
-    def pushed(self, forces: np.ndarray) -> np.ndarray:
-        """K~^-1 B~1^T times forces, (m,) or (m, k)."""
-        found = np.empty((self.free.size, *forces.shape[1:]))
-        for block, columns in zip(self.owner.blocks, self.per_force, strict=True):
-            found[block.modes] = columns @ forces
-        return found
-
-    def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """K~ gamma' = f' - K~' gamma, and the slack that goes with it."""
-        terms, point, amplitudes = self.owner.terms, self.point, self.owner.amplitudes
-        theta, (acting, slopes) = amplitudes(point), amplitudes.slopes_at(point)
-        changes = np.array([modulus.derivative(point) for modulus in terms.moduli])
-        right = terms.forces[:, acting] @ slopes
-        for part, lift, weight, change in zip(terms.stiffness, terms.lifts, self.weights, changes, strict=True):
-            right -= weight * (lift[:, acting] @ slopes) + np.outer(part @ unknown + lift @ theta, change)
-        found = np.empty_like(right)
-        slack = self.owner.problem.gaps[:, acting] @ slopes
-        for block, factor in zip(self.owner.blocks, self.factors, strict=True):
-            found[block.modes] = dgetrs(*factor, right[block.modes])[0]
-            slack -= block.trial @ found[block.modes]
-        return slack, found

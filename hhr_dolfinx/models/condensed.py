@@ -6,71 +6,22 @@ eliminates, see :mod:`hhr_dolfinx.models.elimination`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from copy import copy
-from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Pairs, Status
-from hhr_dolfinx.declared import Booleans, Floats, Integers
+from hhr_dolfinx.declared import Integers
 from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers, outcome
 from hhr_dolfinx.models.elimination import Elimination, answer_of, differentiated
 from hhr_dolfinx.models.model import KeptModel
+from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.plain import Rebuilt
 from hhr_dolfinx.trained import TrainedRange, check_outside
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.regions import CriticalRegions
-
-
-@dataclass(frozen=True)
-class KnownStatuses(Rebuilt):
-    """Statuses at solved parameters, to start the active set near its end.
-
-    Attributes:
-        points: (S, P).
-        active: (S, m) bool.
-    """
-
-    points: Annotated[Floats, "statuses", "P"]
-    active: Annotated[Booleans, "statuses", "m"]
-
-    def __post_init__(self) -> None:
-        self.active.setflags(write=False)  # answers share them
-
-    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """No status to start from."""
-        if not len(self.points):
-            yield "no statuses are known: there must be at least one"
-
-    @cached_property
-    def distances(self) -> tuple[np.ndarray, np.ndarray]:
-        """Offsets and directions of |x - p|^2 / 2 less what does not depend on the candidate x.
-
-        The parameters, whose units differ, are scaled by their spread.
-        """
-        spread = np.ptp(self.points, axis=0)
-        spread[spread == 0] = 1.0
-        return 0.5 * np.sum((self.points / spread) ** 2, axis=1), self.points / spread**2
-
-    def nearest(self, point: np.ndarray) -> int:
-        """Index of the nearest known parameter."""
-        offsets, directions = self.distances
-        return (offsets - directions @ point).argmin()
-
-    def start(self, point: np.ndarray) -> np.ndarray:
-        """Statuses to start from at a point, (m,) bool: those of the nearest known parameter."""
-        return self.active[self.nearest(point)]
-
-    def starts(self, points: np.ndarray) -> np.ndarray:
-        """Statuses to start from at many points, (n, P): (n, m) bool, for the caller to change."""
-        offsets, directions = self.distances
-        return self.active[(offsets - points @ directions.T).argmin(axis=1)]
 
 
 class CondensedModel(KeptModel):
@@ -106,7 +57,7 @@ class CondensedModel(KeptModel):
         # where the whole box was trained, its own check is enough
         self._range = None if trained is None or trained.covers(parameters) else trained
         self._pairs, self._m = Pairs.of(pairs), known.active.shape[1]
-        self._regions: CriticalRegions | None = eliminated.tabulated(known)
+        self._regions = eliminated.table_of(known)
 
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
         """From tabulated critical regions where the nearest one holds; else by the active set."""

@@ -13,23 +13,20 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import numpy as np
 
-from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
 from hhr_dolfinx.declared import Floats
-from hhr_dolfinx.linear.dense import Factor, Factorise, LapackLU, dense_factors, solve_columns
+from hhr_dolfinx.linear.dense import Factor, LapackLU, solve_columns
 from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers, found_as, one_by_one
-from hhr_dolfinx.plain import CODE, Rebuilt
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.floating import FloatingEqualities
-    from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses
-    from hhr_dolfinx.models.regions import CriticalRegions
+    from hhr_dolfinx.models.starts import KnownStatuses
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,52 +46,50 @@ class Floating:
     drift: Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
-class CondensedContact(ABC):
+@dataclass(frozen=True, eq=False)
+class CondensedContact:
     """The contact problem at one parameter without its primal unknown (n unknowns, m conditions).
 
     Attributes:
         schur: S, (m, m).
         free_slack: slack without contact forces, (m,).
+        free: the unknown without contact forces, (n,); none where fields are made when somebody asks.
+        pushed: maps forces, (m,) or (m, k), to what they take from the unknown, K^-1 B^T forces, (n,) or (n, k).
+        at_fixed_forces: maps forces and unknown to the derivatives along the parameters, while the forces stay, of the
+            slack, (m, P), and of the unknown, (n, P).
         symmetric: whether S is.
         floating: rigid motions that contact alone holds; None without any.
+        factored: equality problems on S that others share; None makes them when they are needed.
     """
 
-    if TYPE_CHECKING:  # to be read: some are fields, others are made when somebody asks
+    schur: np.ndarray
+    free_slack: np.ndarray
+    free: np.ndarray
+    pushed: Callable[[np.ndarray], np.ndarray]
+    at_fixed_forces: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+    symmetric: bool = False
+    floating: Floating | None = None
+    factored: SchurEqualities | None = None
 
-        @property
-        def schur(self) -> np.ndarray: ...  # noqa: D102
-
-        @property
-        def free_slack(self) -> np.ndarray: ...  # noqa: D102
-
-        @property
-        def symmetric(self) -> bool: ...  # noqa: D102
-
-        @property
-        def floating(self) -> Floating | None: ...  # noqa: D102
-
-    else:
-        symmetric = False
-        floating = None
-
-    @abstractmethod
     def unknown(self, forces: np.ndarray) -> np.ndarray:
         """The primal unknown under contact forces, (n,)."""
-
-    @abstractmethod
-    def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives along the parameters, while the forces stay, of the slack, (m, P), and the unknown, (n, P)."""
-
-    @abstractmethod
-    def pushed(self, forces: np.ndarray) -> np.ndarray:
-        """K^-1 B^T times forces, (m, k): (n, k)."""
+        return self.free - self.pushed(forces)
 
     @cached_property
     def equalities(self) -> SchurEqualities:
         """Equality problems on S."""
+        if self.factored is not None:
+            return self.factored
         if self.symmetric:
             return SchurEqualities.symmetric(self.schur)
         return SchurEqualities.of(self.schur, LapackLU)
+
+
+class AnswerTable(Protocol):
+    """Answers that were found beforehand."""
+
+    def answer(self, point: np.ndarray, fields: Fields) -> Answer | None:
+        """The answer to a point, (P,); None where the table has none."""
 
 
 class Elimination(ABC):
@@ -108,11 +103,11 @@ class Elimination(ABC):
             NotSolvableError, ParameterError: where there is nothing to factor, or surfaces slide off what is known.
         """
 
-    def tabulated(self, known: KnownStatuses) -> CriticalRegions | None:
+    def table_of(self, known: KnownStatuses) -> AnswerTable | None:
         """Answers of known statuses as maps of the parameters; None where these are not affine."""
         return None
 
-    def answers(self, model: CondensedModel, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
+    def answers(self, model: Any, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
         """Answers of a model to checked points, (n, P)."""
         return one_by_one(model, points, {"raise_on_failure": raise_on_failure, "outside": "ignore"})
 
@@ -209,100 +204,3 @@ class Responses:
         """
         free, per_force = solve_columns(factor, loads), solve_columns(factor, test.T)
         return cls(free, per_force, gaps - trial @ free, trial @ per_force)
-
-
-@dataclass(frozen=True, eq=False)
-class ConstantElimination(Rebuilt, Elimination):
-    """Eliminates once for all where the stiffness is constant.
-
-    Attributes:
-        responses: what the primal unknown leaves behind.
-        amplitudes: θ as a function of the parameters.
-        factorise: what factors a dense block; a file does not keep it.
-    """
-
-    responses: Responses
-    amplitudes: Amplitudes
-    factorise: Factorise = field(default=dense_factors, metadata=CODE)
-
-    def __post_init__(self) -> None:
-        """One array for slack and unknown, so that one product makes both; ``responses`` look into it."""
-        given = self.responses
-        response = np.asfortranarray(np.vstack([given.free_slack, given.free_primal]))
-        free_slack, free_primal = np.split(response, [len(given.schur)])
-        per_force = np.ascontiguousarray(given.primal_per_force)
-        object.__setattr__(self, "response", response)
-        object.__setattr__(self, "responses", Responses(free_primal, per_force, free_slack, given.schur))
-
-    response: np.ndarray = field(init=False, repr=False)
-    """Free slack and, behind it, free primal unknown, (m + n, 1 + T)."""
-
-    @classmethod
-    def from_file(cls, **parts: Any) -> ConstantElimination:
-        """What a file keeps; LAPACK factors, so that answers are the same on all machines."""
-        return cls(**parts, factorise=LapackLU)
-
-    @cached_property
-    def equalities(self) -> SchurEqualities:
-        """Equality problems on S, for all points."""
-        return SchurEqualities.of(self.responses.schur, self.factorise)
-
-    def __call__(self, point: np.ndarray) -> ConstantContact:
-        """What is left at a point, (P,)."""
-        return ConstantContact(self, point, self.response @ self.amplitudes(point))
-
-    def tabulated(self, known: KnownStatuses) -> CriticalRegions | None:
-        """The critical regions of known statuses; else factors of these are made ready."""
-        from hhr_dolfinx.models.regions import CriticalRegions
-
-        return CriticalRegions.of(self, known)
-
-    def answers(self, model: CondensedModel, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
-        """Those with the same statuses share factors."""
-        from hhr_dolfinx.models.many import condensed_answers
-
-        return condensed_answers(model, self, points, raise_on_failure=raise_on_failure, outside="ignore")
-
-
-@dataclass(frozen=True, eq=False)
-class ConstantContact(CondensedContact):
-    """What is left at a point where the stiffness is constant.
-
-    Attributes:
-        owner: what eliminated.
-        point: the parameter, (P,).
-        response: free slack and free unknown there, (m + n,).
-    """
-
-    owner: ConstantElimination
-    point: np.ndarray
-    response: np.ndarray
-
-    @property
-    def schur(self) -> np.ndarray:
-        """S, (m, m)."""
-        return self.owner.responses.schur
-
-    @property
-    def free_slack(self) -> np.ndarray:
-        """Slack without contact forces, (m,)."""
-        return self.response[: len(self.schur)]
-
-    @property
-    def equalities(self) -> Any:
-        """Those of all points."""
-        return self.owner.equalities
-
-    def unknown(self, forces: np.ndarray) -> np.ndarray:
-        """The primal unknown under contact forces, (n,)."""
-        return self.response[len(self.schur) :] - self.owner.responses.primal_per_force @ forces
-
-    def pushed(self, forces: np.ndarray) -> np.ndarray:
-        """K^-1 B^T times forces, (m, k)."""
-        return self.owner.responses.primal_per_force @ forces
-
-    def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of slack and unknown, which loads and gaps alone have."""
-        acting, slopes = self.owner.amplitudes.slopes_at(self.point)
-        changes = self.owner.response[:, acting] @ slopes
-        return changes[: len(self.schur)], changes[len(self.schur) :]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Annotated
 
 import numpy as np
@@ -22,11 +22,11 @@ from hhr_dolfinx.models.elimination import CondensedContact, Elimination, Floati
 from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.plain import Rebuilt
 
-Changed = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+Changed = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
-class FloatingResponses(Rebuilt, Elimination):
+class FloatingElimination(Rebuilt, Elimination):
     """What elimination leaves at one stiffness (n unknowns, m conditions, r motions, 1 + T terms).
 
     Attributes:
@@ -48,67 +48,32 @@ class FloatingResponses(Rebuilt, Elimination):
         """On S with the motions."""
         return FloatingEqualities(self.responses.schur, self.taken)
 
-    def __call__(self, point: np.ndarray) -> FloatingElimination:
-        """What is left at a point, (P,)."""
-        return FloatingElimination(self, point)
+    def __call__(self, point: np.ndarray, changed: Changed | None = None) -> CondensedContact:
+        """What is left at a point, (P,).
 
+        Args:
+            point: where.
+            changed: maps the unknown to derivatives of slack, unknown and balance while forces and motions stay; None
+                where the stiffness is constant.
+        """
+        theta, left = self.amplitudes(point), self.responses
+        changes = partial(self._changes, point) if changed is None else changed
+        motions = Floating(self.equalities, self.driving @ theta, self.modes, lambda _, unknown: changes(unknown)[2])
+        slack, free = left.free_slack @ theta, left.free_primal @ theta
+        pushed = partial(np.matmul, left.primal_per_force)
+        return CondensedContact(
+            left.schur, slack, free, pushed, lambda _, unknown: changes(unknown)[:2], floating=motions
+        )
 
-@dataclass(frozen=True, eq=False)
-class FloatingElimination(CondensedContact):
-    """See :class:`hhr_dolfinx.models.elimination.CondensedContact`.
-
-    Attributes:
-        left: what elimination leaves at the stiffness of the point.
-        point: the parameter, (P,).
-        changed: maps point and unknown to derivatives of slack, unknown and balance while forces and motions stay;
-            None where the stiffness is constant.
-    """
-
-    left: FloatingResponses
-    point: np.ndarray
-    changed: Changed | None = None
-
-    @property
-    def schur(self) -> np.ndarray:
-        """S, (m, m)."""
-        return self.left.responses.schur
-
-    @cached_property
-    def free_slack(self) -> np.ndarray:
-        """Slack without contact forces and motions, (m,)."""
-        return self.left.responses.free_slack @ self.left.amplitudes(self.point)
-
-    @property
-    def floating(self) -> Floating:
-        """The motions."""
-        left = self.left
-        driving = left.driving @ left.amplitudes(self.point)
-        return Floating(left.equalities, driving, left.modes, lambda forces, unknown: self._changes(unknown)[2])
-
-    def unknown(self, forces: np.ndarray) -> np.ndarray:
-        """The unknown under contact forces, pinned, (n,)."""
-        return self.left.responses.free_primal @ self.left.amplitudes(self.point) - self.pushed(forces)
-
-    def pushed(self, forces: np.ndarray) -> np.ndarray:
-        """What forces, (m,) or (m, k), take from the unknown."""
-        return self.left.responses.primal_per_force @ forces
-
-    def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of slack and unknown while forces and motions stay."""
-        return self._changes(unknown)[:2]
-
-    def _changes(self, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        if self.changed is not None:
-            return self.changed(self.point, unknown)
-        acting, slopes = self.left.amplitudes.slopes_at(self.point)
-        responses = self.left.responses
-        parts = responses.free_slack, responses.free_primal, self.left.driving
+    def _changes(self, point: np.ndarray, _: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        acting, slopes = self.amplitudes.slopes_at(point)
+        parts = self.responses.free_slack, self.responses.free_primal, self.driving
         slack, free, driving = (part[:, acting] @ slopes for part in parts)
         return slack, free, driving
 
 
 @dataclass(frozen=True)
-class FloatingReduction(Elimination):
+class ReducedFloatingElimination(Elimination):
     """Eliminates gamma of a reduced problem at any parameter; once for all where its stiffness is constant.
 
     Attributes:
@@ -119,18 +84,19 @@ class FloatingReduction(Elimination):
     problem: ReducedProblem
     amplitudes: Amplitudes
 
-    def __call__(self, point: np.ndarray) -> FloatingElimination:
+    def __call__(self, point: np.ndarray) -> CondensedContact:
         """Eliminate at a point, (P,)."""
         if self.problem.terms is None:
             return self._constant(point)
-        factor, left = self._eliminated(self.problem.weighted(self.problem.terms.weights(point)))
-        return replace(left(point), changed=lambda point, unknown: self._changed(factor, point, unknown))
+        weights = self.problem.terms.weights(point)
+        factor, left = self._eliminated(self.problem.weighted(weights))
+        return left(point, partial(self._changed, factor, point, weights))
 
     @cached_property
-    def _constant(self) -> FloatingResponses:
+    def _constant(self) -> FloatingElimination:
         return self._eliminated(self.problem)[1]
 
-    def _eliminated(self, problem: ReducedProblem) -> tuple[LapackLU, FloatingResponses]:
+    def _eliminated(self, problem: ReducedProblem) -> tuple[LapackLU, FloatingElimination]:
         """Factors of K~ without the motions, and what elimination leaves, of a problem of constant stiffness."""
         r, held = problem.motions, problem.held
         factor = LapackLU(held.stiffness)
@@ -138,23 +104,16 @@ class FloatingReduction(Elimination):
         taken = np.ascontiguousarray(problem.contact_trial[:, :r])
         free, per_force = (_after(r, part) for part in (found.free_primal, found.primal_per_force))
         responses = replace(found, free_primal=free, primal_per_force=per_force)
-        return factor, FloatingResponses(responses, taken, problem.loads[:r], np.eye(len(free), r), self.amplitudes)
+        return factor, FloatingElimination(responses, taken, problem.loads[:r], np.eye(len(free), r), self.amplitudes)
 
     def _changed(
-        self, factor: LapackLU, point: np.ndarray, unknown: np.ndarray
+        self, factor: LapackLU, point: np.ndarray, weights: np.ndarray, unknown: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """K~ gamma' = f' - K~' gamma, and what goes with it."""
-        problem, r = self.problem, self.problem.motions
-        terms = problem.terms
-        assert terms is not None  # of a stiffness that varies
-        acting, slopes = self.amplitudes.slopes_at(point)
-        theta, right = self.amplitudes(point), terms.forces[:, acting] @ slopes
-        for part, lift, modulus in zip(terms.stiffness, terms.lifts, terms.moduli, strict=True):
-            right = right - modulus.value(point) * (lift[:, acting] @ slopes)
-            right = right - np.outer(part @ unknown + lift @ theta, modulus.derivative(point))
+        right, slack = self.problem.changes(self.amplitudes, point, weights, unknown)
+        r = self.problem.motions
         held = factor.solve(right[r:])
-        slack = problem.gaps[:, acting] @ slopes - problem.contact_trial[:, r:] @ held
-        return slack, _after(r, held), right[:r]
+        return slack - self.problem.contact_trial[:, r:] @ held, _after(r, held), right[:r]
 
 
 def _after(count: int, rows: np.ndarray) -> np.ndarray:

@@ -7,16 +7,18 @@ own. Where all of a part has one factor E(mu), S_c = S_c(E = 1) / E, which is ex
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.contact.active_set import SchurEqualities
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ParameterError
+from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.models.answer import Answer, ElasticFields, SeveralAnswers, unanswered
 from hhr_dolfinx.models.elimination import CondensedContact, Elimination
 from hhr_dolfinx.models.interpolation import Interpolant
@@ -24,11 +26,10 @@ from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Scalar
-    from hhr_dolfinx.models.block_elimination import BlockReduction
-    from hhr_dolfinx.models.condensed import CondensedModel
+    from hhr_dolfinx.models.block_elimination import BlockElimination
     from hhr_dolfinx.models.estimates import Estimate
     from hhr_dolfinx.models.functionals import Functionals
-    from hhr_dolfinx.models.reshaped import ReshapedReduction
+    from hhr_dolfinx.models.reshaped import ReshapedElimination
     from hhr_dolfinx.models.shaped_functionals import ReshapedFunctionals
     from hhr_dolfinx.models.varying_bound import VaryingBound
 
@@ -163,9 +164,23 @@ class Factored(NamedTuple):
         return cls(1.0 / modulus, -part.factor.derivative(point) / modulus**2)
 
 
+@dataclass(frozen=True, eq=False)
+class InterpolatedStiffness:
+    """S at a point, (m, m), and what it is made of: each part with components along its modes, and its compliance."""
+
+    schur: np.ndarray
+    parts: list[tuple[Compliance, np.ndarray, float]]
+    symmetric: bool
+
+    @cached_property
+    def equalities(self) -> SchurEqualities:
+        """Equality problems on S, for all points of this stiffness."""
+        return SchurEqualities.symmetric(self.schur) if self.symmetric else SchurEqualities.of(self.schur, LapackLU)
+
+
 @dataclass(frozen=True)
 class Compliances(Elimination):
-    """All parts of a scene; maps a point to an :class:`InterpolatedElimination`.
+    """Eliminates between parameters: all parts of a scene, interpolated.
 
     Attributes:
         parts: of the scene.
@@ -189,19 +204,73 @@ class Compliances(Elimination):
         for number, part in enumerate(self.parts):
             _check_places(part, number, *sizes)
 
-    def __call__(self, point: np.ndarray) -> InterpolatedElimination:
-        """S and the free slack at a point, (P,)."""
-        size, terms = self.gaps.shape
-        theta = _dense(self.amplitudes, point, terms)
-        slack = self.gaps_at(point) @ theta
-        schur = np.zeros((size, size))
-        along_modes = []
+    def __call__(self, point: np.ndarray, stiffness: InterpolatedStiffness | None = None) -> CondensedContact:
+        """What is left at a point, (P,), of which the stiffness may be known."""
+        found = self.stiffness(point) if stiffness is None else stiffness
+        theta = self.theta(point)
+        slack, free = self.gaps_at(point) @ theta, np.zeros(self.unknowns)
+        for part, along, compliance in found.parts:
+            slack[part.where] -= part.moved(part.columns, along, theta, compliance)
+            if part.primal is not None:
+                free[part.primal.unknowns] = part.moved(part.primal.columns, along, theta, compliance)
+        pushed, changes = partial(self._pushed, found), partial(self._changes, point, theta, found)
+        return CondensedContact(
+            found.schur, slack, free, pushed, changes, symmetric=self.symmetric, factored=found.equalities
+        )
+
+    def theta(self, point: np.ndarray) -> np.ndarray:
+        """θ at a point, (1 + T,)."""
+        return _dense(self.amplitudes, point, self.gaps.shape[1])
+
+    def stiffness(self, point: np.ndarray) -> InterpolatedStiffness:
+        """S and what it is made of at a point, (P,)."""
+        schur, found = np.zeros((len(self.gaps), len(self.gaps))), []
         for part in self.parts:
             along, compliance = part.interpolant.along_modes(point), part.compliance(point)
             schur[part.block] += part.schur(compliance * along)
-            slack[part.where] -= part.moved(part.columns, along, theta, compliance)
-            along_modes.append((along, compliance))
-        return InterpolatedElimination(self, point, schur, slack, theta, along_modes)
+            found.append((part, along, compliance))
+        return InterpolatedStiffness(schur, found, self.symmetric)
+
+    def _pushed(self, stiffness: InterpolatedStiffness, forces: np.ndarray) -> np.ndarray:
+        """K^-1 B^T times forces, (m,) or (m, k)."""
+        found = np.zeros((self.unknowns, *forces.shape[1:]))
+        for part, along, compliance in stiffness.parts:
+            if part.primal is not None and forces.ndim == 1:
+                found[part.primal.unknowns] = compliance * (along @ (part.primal.pushed @ forces[part.where]))
+            elif part.primal is not None:
+                # the modes are read once, not once for each column
+                per_force = np.tensordot(along, part.primal.pushed, 1)
+                found[part.primal.unknowns] = compliance * (per_force @ forces[part.where])
+        return found
+
+    def _changes(
+        self,
+        point: np.ndarray,
+        theta: np.ndarray,
+        stiffness: InterpolatedStiffness,
+        forces: np.ndarray,
+        _: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of gaps, free displacement and S times forces."""
+        (size, terms), (acting, slopes) = self.gaps.shape, self.amplitudes.slopes_at(point)
+        changes = np.zeros((terms, point.size))
+        changes[acting] = slopes
+        slack, found = self.gaps_at(point) @ changes, np.zeros((self.unknowns, point.size))
+        if self.reshaped is not None:
+            for axis, column in zip(self.reshaped.axes, self.reshaped.derivative(point).T, strict=True):
+                slack[:, axis] += column.reshape(size, terms) @ theta
+        for part, along, _compliance in stiffness.parts:
+            factor, own = Factored.at(part, point), forces[part.where]
+            ways = np.column_stack([along, part.interpolant.slopes_along_modes(point)])
+            # S_c forces of every mode, so that no derivative forms S_c
+            pushed = (part.interpolant.modes.T.reshape(-1, own.size, own.size) @ own).T
+            slack[part.where] += part.pushed_slopes(pushed, ways, factor)
+            slack[part.where] -= part.moved_slopes(part.columns, ways, theta, changes, factor)
+            if part.primal is not None:
+                free = part.moved_slopes(part.primal.columns, ways, theta, changes, factor)
+                taken = part.pushed_slopes((part.primal.pushed @ own).T, ways, factor)
+                found[part.primal.unknowns] = free - taken
+        return slack, found
 
     @cached_property
     def stiffness_axes(self) -> np.ndarray:
@@ -215,106 +284,29 @@ class Compliances(Elimination):
         """Whether two points, (P,), have the same S."""
         return bool((one[self.stiffness_axes] == other[self.stiffness_axes]).all())
 
-    def moved_to(self, found: InterpolatedElimination, point: np.ndarray) -> InterpolatedElimination:
-        """What is left at a point with the same stiffness as another one, of which S is taken over."""
-        theta = _dense(self.amplitudes, point, self.gaps.shape[1])
-        slack = self.gaps_at(point) @ theta
-        for part, (along, compliance) in zip(self.parts, found.along, strict=True):
-            slack[part.where] -= part.moved(part.columns, along, theta, compliance)
-        moved = replace(found, point=point, free_slack=slack, theta=theta)
-        vars(moved)["equalities"] = found.equalities  # of the same S
-        return moved
-
-    def answers(self, model: CondensedModel, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
+    def answers(self, model: Any, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
         """Neighbours that share their stiffness share S and its factors."""
         from hhr_dolfinx.models.many import ManyAnswers
 
-        answers, before = [], None
+        answers: list[Answer] = []
+        stiffness, before = None, points[0]
         for point in points:
-            if before is not None and self.same_stiffness(before.point, point):
-                before = self.moved_to(before, point)
-            else:
+            if stiffness is None or not self.same_stiffness(before, point):
                 try:
-                    before = self(point)
+                    stiffness = self.stiffness(point)
                 except (NotSolvableError, ParameterError):
                     if raise_on_failure:
                         raise
-                    before = None
+                    stiffness = None
                     answers.append(unanswered(point, model.sizes, model.fields))
                     continue
-            answers.append(model.from_contact(before, point, raise_on_failure))
+            before = point
+            answers.append(model.from_contact(self(point, stiffness), point, raise_on_failure))
         return ManyAnswers.of(answers, model.fields)
 
     def gaps_at(self, point: np.ndarray) -> np.ndarray:
         """D at a point, (m, 1 + T)."""
         return self.gaps if self.reshaped is None else self.reshaped.value(point).reshape(self.gaps.shape)
-
-
-@dataclass(frozen=True)
-class InterpolatedElimination(CondensedContact):
-    """See :class:`hhr_dolfinx.models.elimination.CondensedContact`; the primal unknown may be left out.
-
-    Attributes:
-        owner: what it was made by.
-        point: the parameter, (P,).
-        schur, free_slack: as there.
-        theta: θ, (1 + T,).
-        along: components along the modes of each part, and its compliance.
-    """
-
-    owner: Compliances
-    point: np.ndarray
-    schur: np.ndarray
-    free_slack: np.ndarray
-    theta: np.ndarray
-    along: list[tuple[np.ndarray, float]]
-
-    @property
-    def symmetric(self) -> bool:
-        """Whether S is."""
-        return self.owner.symmetric
-
-    def unknown(self, forces: np.ndarray) -> np.ndarray:
-        """The unknown of all parts, (n,); nothing where fields are made when somebody asks."""
-        found = np.zeros(self.owner.unknowns)
-        for part, (along, compliance) in zip(self.owner.parts, self.along, strict=True):
-            if part.primal is not None:
-                free = part.moved(part.primal.columns, along, self.theta, compliance)
-                found[part.primal.unknowns] = free - compliance * (along @ (part.primal.pushed @ forces[part.where]))
-        return found
-
-    def pushed(self, forces: np.ndarray) -> np.ndarray:
-        """K^-1 B^T times forces, (m, k): (n, k)."""
-        found = np.zeros((self.owner.unknowns, *forces.shape[1:]))
-        for part, (along, compliance) in zip(self.owner.parts, self.along, strict=True):
-            if part.primal is not None:
-                # the modes are read once, not once for each column
-                per_force = np.tensordot(along, part.primal.pushed, 1)
-                found[part.primal.unknowns] = compliance * (per_force @ forces[part.where])
-        return found
-
-    def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of gaps, free displacement and S times forces."""
-        owner, point, (size, terms) = self.owner, self.point, self.owner.gaps.shape
-        theta, (acting, slopes) = self.theta, owner.amplitudes.slopes_at(point)
-        changes = np.zeros((terms, point.size))
-        changes[acting] = slopes
-        slack, found = owner.gaps_at(point) @ changes, np.zeros((owner.unknowns, point.size))
-        if owner.reshaped is not None:
-            for axis, column in zip(owner.reshaped.axes, owner.reshaped.derivative(point).T, strict=True):
-                slack[:, axis] += column.reshape(size, terms) @ theta
-        for part, (along, _) in zip(owner.parts, self.along, strict=True):
-            factor, own = Factored.at(part, point), forces[part.where]
-            ways = np.column_stack([along, part.interpolant.slopes_along_modes(point)])
-            # S_c forces of every mode, so that no derivative forms S_c
-            pushed = (part.interpolant.modes.T.reshape(-1, own.size, own.size) @ own).T
-            slack[part.where] += part.pushed_slopes(pushed, ways, factor)
-            slack[part.where] -= part.moved_slopes(part.columns, ways, theta, changes, factor)
-            if part.primal is not None:
-                free = part.moved_slopes(part.primal.columns, ways, theta, changes, factor)
-                taken = part.pushed_slopes((part.primal.pushed @ own).T, ways, factor)
-                found[part.primal.unknowns] = free - taken
-        return slack, found
 
 
 @dataclass(frozen=True)
@@ -340,7 +332,7 @@ class InterpolatedFields(Rebuilt, ElasticFields):
     amplitudes: Amplitudes
     basis: Annotated[Floats, "N", "columns"]
     lifts: Annotated[csc_matrix, "N", "terms"]
-    galerkin: BlockReduction | ReshapedReduction | None
+    galerkin: BlockElimination | ReshapedElimination | None
     dimension: int
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
     functionals: Functionals | ReshapedFunctionals | None = None
@@ -421,7 +413,7 @@ class InterpolatedFields(Rebuilt, ElasticFields):
         return self._solver.under(answer.parameter, answer.multipliers)
 
     @property
-    def _solver(self) -> BlockReduction | ReshapedReduction:
+    def _solver(self) -> BlockElimination | ReshapedElimination:
         if self.galerkin is None:
             raise NotOfferedError(
                 "this model was condensed for contact forces, and has no displacement: hhr.condense(scene, "

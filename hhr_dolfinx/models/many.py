@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -14,10 +14,6 @@ from hhr_dolfinx.contact.together import settled
 from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.parameters import ParameterSpace
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.condensed import CondensedModel
-    from hhr_dolfinx.models.elimination import ConstantElimination
 
 BLOCK = 1024
 """Points whose unknown is made at once, so that what is made on the way stays small beside the answers."""
@@ -144,13 +140,22 @@ def checked_points(space: ParameterSpace, table: Any) -> np.ndarray:
     return space.points(table)
 
 
-def condensed_answers(
-    model: CondensedModel, eliminated: ConstantElimination, points: np.ndarray, **how: Any
+def answers_by_statuses(
+    model: Any, amplitudes: Amplitudes, responses: Responses, response: np.ndarray, points: np.ndarray, **how: Any
 ) -> ManyAnswers:
-    """Answers of a model of constant stiffness to checked points, (n, P)."""
-    response, schur, per_force = eliminated.response, eliminated.responses.schur, eliminated.responses.primal_per_force
+    """Answers of a condensed model of constant stiffness to checked points, (n, P).
+
+    Args:
+        model: solves alone what does not settle together.
+        amplitudes: θ as a function of the parameters.
+        responses: what the primal unknown leaves behind.
+        response: free slack and, behind it, free unknown, (m + n, 1 + T).
+        points: the parameters.
+        how: further arguments of its ``solve``.
+    """
+    schur, per_force = responses.schur, responses.primal_per_force
     m, n = len(schur), len(points)
-    theta, active = amplitudes_at(eliminated.amplitudes, points), model.known.starts(points)
+    theta, active = amplitudes_at(amplitudes, points), model.known.starts(points)
     forces, iterations, left = settled(schur, np.asarray(theta @ response[:m].T), active)
     unknown, status = np.empty((n, len(response) - m)), [Status.CONVERGED] * n
     for first in range(0, n, BLOCK):

@@ -12,6 +12,7 @@ from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.linear.layout import lay_out
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.amplitudes import Amplitudes
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.models.shaped import RidAssembly
 
@@ -105,6 +106,19 @@ class ReducedProblem:
             terms=terms,
             motions=0,
         )
+
+    def changes(
+        self, amplitudes: Amplitudes, point: np.ndarray, weights: np.ndarray, unknown: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """f' - K~' gamma, (ell, P), and derivatives of the gaps, (m, P), where parts of K~ have these weights, (Q,)."""
+        assert self.terms is not None
+        theta, (acting, slopes) = amplitudes(point), amplitudes.slopes_at(point)
+        right = self.terms.forces[:, acting] @ slopes
+        parts = zip(self.terms.stiffness, self.terms.lifts, self.terms.moduli, weights, strict=True)
+        for part, lift, modulus, weight in parts:
+            right -= weight * (lift[:, acting] @ slopes)
+            right -= np.outer(part @ unknown + lift @ theta, modulus.derivative(point))
+        return right, self.gaps[:, acting] @ slopes
 
     def weighted(self, weights: np.ndarray) -> ReducedProblem:
         """The problem for weights of the parts of its stiffness, (Q,), which is constant then; itself without parts."""

@@ -16,11 +16,13 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ReductionError, SingularError
 from hhr_dolfinx.linear.dense import Factorise, LapackLU, dense_factors
 from hhr_dolfinx.models.answer import Answer, SeveralAnswers
-from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses
-from hhr_dolfinx.models.elimination import ConstantElimination, Elimination, Responses
+from hhr_dolfinx.models.condensed import CondensedModel
+from hhr_dolfinx.models.constant_elimination import ConstantElimination
+from hhr_dolfinx.models.elimination import Elimination, Responses
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.models.reconstruct import Reconstruction
+from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
@@ -164,13 +166,13 @@ def _elimination(
 ) -> Elimination:
     """What eliminates gamma: once, beside rigid motions, on the RID as its shape is, or of a sum of parts."""
     if problem.motions:
-        from hhr_dolfinx.models.floating import FloatingReduction
+        from hhr_dolfinx.models.floating import ReducedFloatingElimination
 
-        return FloatingReduction(problem, amplitudes)
+        return ReducedFloatingElimination(problem, amplitudes)
     if problem.reshaped is not None:
-        from hhr_dolfinx.models.reshaped import ReshapedReduction
+        from hhr_dolfinx.models.reshaped import ReshapedElimination
 
-        return ReshapedReduction(problem.reshaped, amplitudes, parameters)
+        return ReshapedElimination(problem.reshaped, amplitudes, parameters)
     if problem.terms is not None:
         from hhr_dolfinx.models.block_elimination import BlockElimination
 

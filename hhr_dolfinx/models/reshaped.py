@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -56,52 +57,7 @@ class InterpolatedProblem:
 
 
 @dataclass(frozen=True)
-class ReshapedElimination(CondensedContact):
-    """See :class:`hhr_dolfinx.models.elimination.CondensedContact`.
-
-    Attributes:
-        owner: what makes the problem of a point.
-        point: the parameter, (P,).
-        problem: the problem there.
-        factors: LU of K~.
-        free: gamma without contact forces, (ell,).
-        per_force: K~^-1 B~1^T, (ell, m).
-        schur, free_slack: as there.
-    """
-
-    owner: ReshapedReduction
-    point: np.ndarray
-    problem: ReducedProblem
-    factors: tuple[np.ndarray, np.ndarray]
-    free: np.ndarray
-    per_force: np.ndarray
-    schur: np.ndarray
-    free_slack: np.ndarray
-
-    def unknown(self, forces: np.ndarray) -> np.ndarray:
-        """gamma under contact forces, (ell,)."""
-        return self.free - self.per_force @ forces
-
-    def pushed(self, forces: np.ndarray) -> np.ndarray:
-        """K~^-1 B~1^T times forces, (ell, k)."""
-        return self.per_force @ forces
-
-    def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """K~ gamma' = -R' with the residual R differenced between problems a little to either side."""
-
-        def residual_and_slack(moved: np.ndarray) -> np.ndarray:
-            problem, theta = self.owner.problem_at(moved), self.owner.amplitudes(moved)
-            left = problem.stiffness @ unknown + problem.contact_test.T @ forces - problem.loads @ theta
-            return np.append(left, problem.gaps @ theta - problem.contact_trial @ unknown)
-
-        explicit = self.owner.parameters.differences(residual_and_slack, self.point, DIFFERENCE)
-        size = unknown.size
-        found = dgetrs(*self.factors, -explicit[:size])[0]
-        return explicit[size:] - self.problem.contact_trial @ found, found
-
-
-@dataclass(frozen=True)
-class ReshapedReduction(Elimination):
+class ReshapedElimination(Elimination):
     """Eliminates gamma from the problem of each point, (P,).
 
     Attributes:
@@ -123,7 +79,7 @@ class ReshapedReduction(Elimination):
         problem, theta, factors = self._factored(point)
         return dgetrs(*factors, problem.loads @ theta - problem.contact_test.T @ forces)[0]
 
-    def __call__(self, point: np.ndarray) -> ReshapedElimination:
+    def __call__(self, point: np.ndarray) -> CondensedContact:
         """Factor K~ of a point.
 
         Raises:
@@ -133,8 +89,23 @@ class ReshapedReduction(Elimination):
         solved = dgetrs(*factors, np.column_stack([problem.loads @ theta, problem.contact_test.T]))[0]
         free, per_force = solved[:, 0], solved[:, 1:]
         slack = problem.gaps @ theta - problem.contact_trial @ free
-        per_gap = problem.contact_trial @ per_force
-        return ReshapedElimination(self, point, problem, factors, free, per_force, per_gap, slack)
+        changes = partial(self._changes, point, problem.contact_trial, factors)
+        return CondensedContact(problem.contact_trial @ per_force, slack, free, partial(np.matmul, per_force), changes)
+
+    def _changes(
+        self, point: np.ndarray, trial: np.ndarray, factors: tuple, forces: np.ndarray, unknown: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """K~ gamma' = -R' with the residual R differenced between problems a little to either side."""
+
+        def residual_and_slack(moved: np.ndarray) -> np.ndarray:
+            problem, theta = self.problem_at(moved), self.amplitudes(moved)
+            left = problem.stiffness @ unknown + problem.contact_test.T @ forces - problem.loads @ theta
+            return np.append(left, problem.gaps @ theta - problem.contact_trial @ unknown)
+
+        explicit = self.parameters.differences(residual_and_slack, point, DIFFERENCE)
+        size = unknown.size
+        found = dgetrs(*factors, -explicit[:size])[0]
+        return explicit[size:] - trial @ found, found
 
     def _factored(self, point: np.ndarray) -> tuple[ReducedProblem, Theta, tuple[np.ndarray, np.ndarray]]:
         """The problem of a point, θ there and the LU factors of K~.

@@ -2,17 +2,63 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated
 
 import numpy as np
 
-from hhr_dolfinx.declared import Floats
-from hhr_dolfinx.models.condensed import KnownStatuses
+from hhr_dolfinx.declared import Booleans, Floats
+from hhr_dolfinx.plain import Rebuilt
 
 BLOCK = 1024
 """Points whose slopes are gathered at once."""
+
+
+@dataclass(frozen=True)
+class KnownStatuses(Rebuilt):
+    """Statuses at solved parameters, to start the active set near its end.
+
+    Attributes:
+        points: (S, P).
+        active: (S, m) bool.
+    """
+
+    points: Annotated[Floats, "statuses", "P"]
+    active: Annotated[Booleans, "statuses", "m"]
+
+    def __post_init__(self) -> None:
+        self.active.setflags(write=False)  # answers share them
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """No status to start from."""
+        if not len(self.points):
+            yield "no statuses are known: there must be at least one"
+
+    @cached_property
+    def distances(self) -> tuple[np.ndarray, np.ndarray]:
+        """Offsets and directions of |x - p|^2 / 2 less what does not depend on the candidate x.
+
+        The parameters, whose units differ, are scaled by their spread.
+        """
+        spread = np.ptp(self.points, axis=0)
+        spread[spread == 0] = 1.0
+        return 0.5 * np.sum((self.points / spread) ** 2, axis=1), self.points / spread**2
+
+    def nearest(self, point: np.ndarray) -> int:
+        """Index of the nearest known parameter."""
+        offsets, directions = self.distances
+        return (offsets - directions @ point).argmin()
+
+    def start(self, point: np.ndarray) -> np.ndarray:
+        """Statuses to start from at a point, (m,) bool: those of the nearest known parameter."""
+        return self.active[self.nearest(point)]
+
+    def starts(self, points: np.ndarray) -> np.ndarray:
+        """Statuses to start from at many points, (n, P): (n, m) bool, for the caller to change."""
+        offsets, directions = self.distances
+        return self.active[(offsets - points @ directions.T).argmin(axis=1)]
 
 
 @dataclass(frozen=True)

@@ -26,9 +26,10 @@ from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import BoundError, ConvergenceError
 from hhr_dolfinx.models.block_elimination import Block, blocks_of
 from hhr_dolfinx.models.contact_response import ContactResponse
+from hhr_dolfinx.models.elimination import CondensedContact
 from hhr_dolfinx.models.error_bound import ForceScale, Given, bounded
 from hhr_dolfinx.models.estimates import Estimates
-from hhr_dolfinx.models.interpolated import Compliances, InterpolatedElimination
+from hhr_dolfinx.models.interpolated import Compliances, InterpolatedStiffness
 from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.parameters import is_number
 
@@ -111,15 +112,17 @@ class VaryingBound:
 
     def at(self, points: np.ndarray, theta: Any) -> VaryingThere:
         """See :class:`Bound`; for one answer."""
-        found = self.compliances(points[0])
+        point = points[0]
+        stiffness = self.compliances.stiffness(point)
         try:
-            lower = cholesky(found.schur, lower=True)
+            lower = cholesky(stiffness.schur, lower=True)
         except LinAlgError:
             raise ConvergenceError(
-                f"S, interpolated between parameters, is not definite at {points[0].tolist()}: build the model without "
+                f"S, interpolated between parameters, is not definite at {point.tolist()}: build the model without "
                 "a bound, Recipe(bound=False), or condense(..., bound=False)"
             ) from None
-        return VaryingThere(self, found, ContactResponse(found.schur, lower))
+        contact = self.compliances(point, stiffness)
+        return VaryingThere(self, point, stiffness, contact, ContactResponse(stiffness.schur, lower))
 
     def problem_at(self, point: np.ndarray) -> ReducedProblem:
         """The reduced problem of the whole mesh at a point, whose stiffness is constant."""
@@ -167,12 +170,16 @@ class VaryingThere(NamedTuple):
 
     Attributes:
         owner: what is interpolated.
-        found: S and the free slack at the point.
+        point: the parameter, (P,).
+        stiffness: S there, and what it is made of.
+        found: S and the free slack there.
         response: S with its factor.
     """
 
     owner: VaryingBound
-    found: InterpolatedElimination
+    point: np.ndarray
+    stiffness: InterpolatedStiffness
+    found: CondensedContact
     response: ContactResponse
 
     def slack(self, forces: np.ndarray) -> np.ndarray:
@@ -193,26 +200,26 @@ class VaryingThere(NamedTuple):
     def of(self, unknown: np.ndarray, forces: np.ndarray, slack: Callable[[], np.ndarray]) -> Estimates:
         """See :class:`BoundThere`."""
         gamma, found, inexact = unknown[0], self.found, self.owner.inexact
-        own, loads, contact = self.owner.field(gamma, found.point, found.theta)
+        theta = self.owner.compliances.theta(self.point)
+        own, loads, contact = self.owner.field(gamma, self.point, theta)
 
         def fields(better: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             pulled = float(gamma @ (loads - better[0] @ contact))
-            energies = self._energies(better[0])
+            energies = self._energies(better[0], theta)
             noise = inexact * energies.moved + ROUND_OFF * (own + 2 * abs(pulled) + energies.scale)
             left = max(own - 2 * pulled + energies.moved, 0.0) + noise
             norms = np.sqrt([[left], [energies.size], [energies.moved]])
             return norms[0], norms[1], norms[2]
 
         given = Given(forces, slack, found.free_slack[None])
-        scale = self.owner.scale_at(found.point)
+        scale = self.owner.scale_at(self.point)
         how = scale, scale.amplified(self.response), self.owner.kind, inexact
         return bounded(given, self.response, fields, *how).estimates()
 
-    def _energies(self, forces: np.ndarray) -> _Energies:
+    def _energies(self, forces: np.ndarray, theta: np.ndarray) -> _Energies:
         """Of the field in equilibrium with forces, (m,)."""
-        found, theta = self.found, self.found.theta
-        owner, driven, held, lifted = found.owner, 0.0, 0.0, 0.0
-        for part, energy, (along, compliance) in zip(owner.parts, self.owner.energies, found.along, strict=True):
+        found, driven, held, lifted = self.found, 0.0, 0.0, 0.0
+        for energy, (part, along, compliance) in zip(self.owner.energies, self.stiffness.parts, strict=True):
             count, weights = part.forced.size, theta[part.terms]
             # of a lift L forces feel -K L, and K is as much larger as K^-1 is smaller
             weights = np.append(weights[:count] * math.sqrt(compliance), -weights[count:] / math.sqrt(compliance))
@@ -225,7 +232,7 @@ class VaryingThere(NamedTuple):
                 held += float(pulling @ work @ weights[used]) - float(theta[part.lifted] @ moved)
                 own = weights[count:]
                 lifted += float(own @ np.tensordot(along, energy.lifted, 1) @ own)
-        closed = owner.gaps_at(found.point) @ theta - found.free_slack
+        closed = self.owner.compliances.gaps_at(self.point) @ theta - found.free_slack
         pulled, pushed = float(closed @ forces), float(forces @ found.schur @ forces)
         moved = max(driven - 2 * pulled + pushed, 0.0)
         return _Energies(moved, max(moved + 2 * held + lifted, 0.0), driven + 2 * abs(pulled) + pushed)

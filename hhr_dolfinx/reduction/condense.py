@@ -19,12 +19,12 @@ from hhr_dolfinx.certify.trust import OF_CONDENSATION, TrustLimits, check_compar
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError, NotOfferedError, ReductionError, StabilityWarning
-from hhr_dolfinx.models.block_elimination import BlockReduction
+from hhr_dolfinx.models.block_elimination import BlockElimination
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.interpolated import Compliances, InterpolatedFields
 from hhr_dolfinx.models.interpolation import GrownGrid
 from hhr_dolfinx.models.known_error import NOT_ASKED, known_error, warn_unbounded
-from hhr_dolfinx.models.reshaped import ReshapedReduction
+from hhr_dolfinx.models.reshaped import ReshapedElimination
 from hhr_dolfinx.models.starts import LinearStarts
 from hhr_dolfinx.reduction.components import Solver, components_of, interpolated_compliances
 from hhr_dolfinx.reduction.interpolate import DEFAULT_GRID, GridSettings
@@ -169,10 +169,10 @@ def _fields(full: Any, displacements: np.ndarray, settings: GridSettings) -> Int
     sets = IndexSets(np.arange(len(problem.cell_nodes)), every, conditions, every, every, np.zeros(0, dtype=np.int64))
     galerkin: Any = None
     if problem.reshaped is None:
-        galerkin = BlockReduction(project(problem, basis, sets), problem.amplitudes)
+        galerkin = BlockElimination(project(problem, basis, sets), problem.amplitudes)
     else:
         interpolated = interpolated_problem(problem, basis, sets, settings)
-        galerkin = ReshapedReduction(interpolated, problem.amplitudes, problem.parameters)
+        galerkin = ReshapedElimination(interpolated, problem.amplitudes, problem.parameters)
     functionals = full.functionals
     if problem.reshaped is not None and functionals is not None:
         functionals = reshaped_functionals(functionals, problem, basis, settings)

@@ -15,8 +15,9 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.linear.dense import Factorise, LapackLU, PetscLU
 from hhr_dolfinx.models.answer import Answer, Model
-from hhr_dolfinx.models.condensed import CondensedModel, KnownStatuses
+from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.study.growing import fallback_report
 from hhr_dolfinx.study.measure import Measurement, Row
