@@ -11,7 +11,7 @@ from test_shapes import CROWNED, SPACE
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.linear.dense import LapackLU
-from hhr_dolfinx.models.choice import Choice
+from hhr_dolfinx.models.local import Choice
 
 AS_IT_IS = hhr.Recipe().as_it_is()
 OUTPUTS = (hhr.LargestPressure("peak", 0, unit="MPa"), hhr.ContactForce("force", 0, (0.0, 1.0)))

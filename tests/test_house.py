@@ -180,12 +180,12 @@ UNNEEDED = {
              "hhr_dolfinx.full_order.gauss_points", "hhr_dolfinx.reduction.flow", "hhr_dolfinx.study.histories",
              "hhr_dolfinx.study.history_runs", "hhr_dolfinx.reduction.condense_flow",
              "hhr_dolfinx.reduction.elastic_response", "hhr_dolfinx.reduction.flowing_domain",
-             "hhr_dolfinx.models.condensed_arrays", "hhr_dolfinx.models.condensed_contact",
-             "hhr_dolfinx.models.condensed_points",
+             "hhr_dolfinx.models.condensed_step", "hhr_dolfinx.models.condensed_step",
+             "hhr_dolfinx.models.condensed_step",
              "hhr_dolfinx.models.condensed_fields", "hhr_dolfinx.models.condensed_flow",
-             "hhr_dolfinx.models.condensed_flow_model", "hhr_dolfinx.models.condensed_step",
-             "hhr_dolfinx.models.plastic_fields",
-             "hhr_dolfinx.models.condensed_stepper"],
+             "hhr_dolfinx.models.condensed_flow", "hhr_dolfinx.models.condensed_step",
+             "hhr_dolfinx.models.condensed_fields",
+             "hhr_dolfinx.models.condensed_flow"],
     "meshes that do not match": ["hhr_dolfinx.pairings.node_to_surface", "hhr_dolfinx.pairings.mortar",
                                  "hhr_dolfinx.pairings.segments", "hhr_dolfinx.pairings.projection", "shapely"],
     "clustering and peers": ["sklearn", "kmedoids", "hhr_dolfinx.reduction.clusters", "hhr_dolfinx.reduction.subspaces",
@@ -197,7 +197,7 @@ UNNEEDED = {
     "elasticity and shapes that depend on parameters": [
         "hhr_dolfinx.formulas", "hhr_dolfinx.shapes", "hhr_dolfinx.full_order.varying",
         "hhr_dolfinx.full_order.reshaped",
-        "hhr_dolfinx.full_order.elimination", "hhr_dolfinx.models.reshaped",
+        "hhr_dolfinx.full_order.elimination", "hhr_dolfinx.models.shaped",
         "hhr_dolfinx.models.block_elimination", "hhr_dolfinx.models.interpolated", "hhr_dolfinx.models.interpolation",
         "hhr_dolfinx.reduction.condense", "hhr_dolfinx.reduction.interpolate",
         "hhr_dolfinx.reduction.interpolate_reduced", "hhr_dolfinx.reduction.starts"],
@@ -208,7 +208,7 @@ UNNEEDED = {
 }  # fmt: skip
 """What a study of an elastic scene on matching meshes does without; numba is not listed: DOLFINx loads it itself."""
 OF_FILES = {
-    "hhr_dolfinx.models.functional_kinds", "hhr_dolfinx.models.functionals", "hhr_dolfinx.models.reshaped",
+    "hhr_dolfinx.models.functional_kinds", "hhr_dolfinx.models.functionals", "hhr_dolfinx.models.shaped",
     "hhr_dolfinx.models.interpolation", "hhr_dolfinx.shapes", "hhr_dolfinx.formulas",
 }  # fmt: skip
 """What checks a file of condensed flow where it is written, and knows all that such files may hold."""

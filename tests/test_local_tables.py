@@ -11,8 +11,7 @@ from test_mpi import launch
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import BoundError, ReductionError
-from hhr_dolfinx.models.choice import LEAF
-from hhr_dolfinx.models.local import LocalModels
+from hhr_dolfinx.models.local import LEAF, LocalModels
 from hhr_dolfinx.study.console import make_console
 
 

@@ -15,7 +15,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ParameterError, SceneError
 from hhr_dolfinx.geometries import block, two_blocks
 from hhr_dolfinx.models.cells import CellRule, element_stiffness
-from hhr_dolfinx.models.patches import tributary_areas
+from hhr_dolfinx.models.shaped import tributary_areas
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.rid import load_nodes, reduced_domain
 from hhr_dolfinx.reduction.shaped import rid_assembly

@@ -13,13 +13,13 @@ from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.errors import HHRError, OutsideTrainingWarning
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import History, Path
+from hhr_dolfinx.models.equilibrium import told_once
 from hhr_dolfinx.models.path import MarchSettings
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.models.step_warnings import told_once
 from hhr_dolfinx.study.history_runs import history_errors
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
+    from hhr_dolfinx.models.condensed_flow import CondensedFlowModel
 
     SmallModel = ReducedModel | CondensedFlowModel
 

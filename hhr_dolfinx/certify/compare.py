@@ -13,8 +13,8 @@ import numpy as np
 from hhr_dolfinx.certify.accuracy import Residuals, contact_residuals, norm, relative_error, slack_residuals
 from hhr_dolfinx.errors import HHRError, SmallStrainWarning
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Model
+from hhr_dolfinx.models.equilibrium import told_once
 from hhr_dolfinx.models.path import MarchSettings
-from hhr_dolfinx.models.step_warnings import told_once
 from hhr_dolfinx.trained import Signs
 
 if TYPE_CHECKING:

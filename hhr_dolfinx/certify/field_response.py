@@ -1,4 +1,4 @@
-"""The displacement of loads and contact forces, offline: what :class:`hhr_dolfinx.models.field_response` needs."""
+"""The displacement of loads and contact forces, offline: what :class:`hhr_dolfinx.models.contact_response` needs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy.linalg import solve_triangular, svd
 from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.certify.bounds import ROUND_OFF, constant_response, unit_energy
-from hhr_dolfinx.models.field_response import FieldResponse, ResponseBound
+from hhr_dolfinx.models.contact_response import FieldResponse, ResponseBound
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.floating_bound import FloatingBound

@@ -19,9 +19,9 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.forms.return_mapping import strain_vector
 from hhr_dolfinx.full_order.locking import QUADRATURE
+from hhr_dolfinx.models.cells import MovingCells
 from hhr_dolfinx.models.functional_kinds import Energy, FlowMises, Mises, MovingMises
 from hhr_dolfinx.models.functionals import Functional, Functionals
-from hhr_dolfinx.models.moving_cells import MovingCells
 from hhr_dolfinx.outputs import ElasticEnergy, Output, VonMises
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.shapes import coordinate_names

@@ -1,4 +1,12 @@
-"""One step of condensed flow, compiled: plastic correction g and all contact forces λ, by Newton's method.
+"""Arrays of a compiled step of condensed flow, see :mod:`hhr_dolfinx.models.condensed_step`.
+
+Contact forces within a compiled step of condensed flow: the statuses for one correction, all loops in one place.
+
+What a compiled step of condensed flow does at its points, see :mod:`hhr_dolfinx.models.condensed_step`.
+
+Arguments are arrays of :mod:`models.condensed_step` by their names there, few of them: each takes time to compile.
+
+One step of condensed flow, compiled: plastic correction g and all contact forces λ, by Newton's method.
 
 With the elastic response eliminated exactly (see :mod:`hhr_dolfinx.models.condensed_flow`), a step is
 
@@ -26,40 +34,483 @@ expressions of whole arrays.
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.materials.compiled_laws import flow_at
-from hhr_dolfinx.models.condensed_arrays import (
-    CONTACT,
-    CONVERGED,
-    COUNT,
-    EVALUATE,
-    ITERATION,
-    LIMIT,
-    LINEAR,
-    MERIT,
-    NEW_TANGENT,
-    NO_TANGENT,
-    NOT_FINITE,
-    OLD_TANGENT,
-    SHARE,
-    SIZE,
-    STALLED,
-    StepLoad,
-    StepModel,
-    Work,
-)
-from hhr_dolfinx.models.condensed_contact import STEP, inverse_of, touched
-from hhr_dolfinx.models.condensed_points import (
-    ANY_ORDER,
-    flowing_of,
-    possible,
-    set_plastic,
-    set_residual,
-    set_strain,
-    set_trial,
-)
+
+EVALUATE, CONVERGED, STALLED, LIMIT, NOT_FINITE, CONTACT = range(6)
+"""What :func:`judge` answers: evaluate the laws at the trial point, or why it stopped."""
+ITERATION, MERIT, SHARE, SIZE, COUNT, SWITCHED, LINEAR, NUMBERS = range(8)
+"""Places in ``Work.numbers``: laws evaluated, |R| at ``here``, part of the direction tried, largest |g| so far, active
+conditions, changes of the inverse; whether J is none, an old one, or of ``here``."""
+NO_TANGENT, OLD_TANGENT, NEW_TANGENT = range(3)
+
+
+class StepModel(NamedTuple):
+    """Arrays of a model at its moduli (n points of c components, ell modes, m conditions, G groups of points).
+
+    Strains lie component by component, so that loops over points run side by side.
+
+    Attributes:
+        per_mode: strain of each mode, (ell, c n).
+        tested: quadrature weight times 2 μ times the deviator of each, (ell, c n), in the moduli for which modes have
+            unit energy.
+        per_force: strain of K^-1 B^T in these moduli, (m, c n).
+        scale: factor of the strain of contact forces, (c n,); nothing where it is 1.
+        schur: S, (m, m).
+        moved: B V, (m, ell).
+        modal: Q, (ell, ell).
+        coupled: P, (ell, m).
+        ends: last point of each group and one, (G,).
+        shear: of each group, (G,).
+        weight: norm of ``tested``.
+        single: ``per_mode`` in single precision, for Newton's matrix.
+    """
+
+    per_mode: np.ndarray
+    tested: np.ndarray
+    per_force: np.ndarray
+    scale: np.ndarray
+    schur: np.ndarray
+    moved: np.ndarray
+    modal: np.ndarray
+    coupled: np.ndarray
+    ends: np.ndarray
+    shear: np.ndarray
+    weight: float
+    single: np.ndarray
+
+
+class StepLoad(NamedTuple):
+    """What a step is given.
+
+    Attributes:
+        strain: strain without correction and contact forces, (c n,).
+        forces: λ_e, (m,).
+        slack: slack without correction and contact forces, (m,).
+        plastic: plastic strain before the step, (c, n).
+        cumulated: cumulated plastic strain before it, (n,).
+        dt: its length in seconds.
+    """
+
+    strain: np.ndarray
+    forces: np.ndarray
+    slack: np.ndarray
+    plastic: np.ndarray
+    cumulated: np.ndarray
+    dt: float
+
+
+class Work(NamedTuple):
+    """What a step works on; ``here`` is the last accepted correction, ``there`` the one that is tried.
+
+    Attributes:
+        here, there, direction, residual, left: corrections, direction, and R at ``there`` and ``here``, (ell,) each.
+        forces, slack: of the contact problem at ``there``, (m,) each.
+        active: its statuses, (m,) bool.
+        order: active conditions as they stand in ``inverse``, (m,).
+        inverse: of S_AA in its upper left corner, (m, m).
+        rows: E_X,A above, in this order, (m, c n).
+        newton: inverse of -J, (ell, ell).
+        strain: at ``there``, (c n,).
+        deviator: of the trial stress, (c, n).
+        trial, amount, slope: equivalent trial stress, flow and its slope, (n,) each.
+        plastic: plastic strain at ``there``, (c, n).
+        numbers: iterations and the like, see ``ITERATION``.
+    """
+
+    here: np.ndarray
+    there: np.ndarray
+    direction: np.ndarray
+    residual: np.ndarray
+    left: np.ndarray
+    forces: np.ndarray
+    slack: np.ndarray
+    active: np.ndarray
+    order: np.ndarray
+    inverse: np.ndarray
+    rows: np.ndarray
+    newton: np.ndarray
+    strain: np.ndarray
+    deviator: np.ndarray
+    trial: np.ndarray
+    amount: np.ndarray
+    slope: np.ndarray
+    plastic: np.ndarray
+    numbers: np.ndarray
+
+    @classmethod
+    def of(cls, modes: int, conditions: int, points: int, components: int) -> Work:
+        """Arrays of these sizes, with nothing active."""
+        ell, m, n, c = modes, conditions, points, components
+        # not by shape: two sizes may be the same
+        shapes: dict[str, Any] = dict.fromkeys(("here", "there", "direction", "residual", "left"), ell)
+        shapes |= dict.fromkeys(("forces", "slack"), m) | dict.fromkeys(("trial", "amount", "slope"), n)
+        shapes |= dict.fromkeys(("deviator", "plastic"), (c, n)) | {"newton": (ell, ell)}
+        shapes |= {"inverse": (m, m), "rows": (m, c * n), "strain": c * n, "numbers": NUMBERS}
+        arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
+        return cls(**arrays, active=np.zeros(m, dtype=bool), order=np.zeros(m, dtype=np.int64))
+
+
+PATIENCE = 10
+"""Contact solutions that switch all wrong statuses without getting nearer before one is switched at a time."""
+UPDATES = 64
+"""Changes of the inverse of S_AA after which it is made anew: round-off of as many stays below 1e-12."""
+TOLERANCE = 1e-11
+"""Negative forces and slacks below this part of the largest are round-off, as in :mod:`contact.active_set`."""
+
+STEP = "steps of condensed flow"
+"""What takes long to compile."""
+
+
+@compiled(dear=STEP)
+def touch(model: StepModel, load: StepLoad, work: Work) -> bool:
+    """Contact forces at ``work.there``, from the statuses at hand; whether they were found."""
+    return touched(model, load.slack, work)
+
+
+@compiled(inner=True)
+def touched(model: StepModel, free: np.ndarray, work: Work) -> bool:
+    """See :func:`touch`: from the slack without a correction, for other compiled functions."""
+    slack = work.slack
+    for i in range(slack.size):
+        slack[i] = free[i]
+        for j in range(work.there.size):
+            slack[i] -= model.moved[i, j] * work.there[j]
+    arrays = work.inverse, work.order, work.active, work.rows, work.numbers
+    return _search(slack, work.forces, model.schur, model.per_force, *arrays)
+
+
+@compiled(inner=True)
+def _search(slack, forces, schur, per_force, inverse, order, active, rows, numbers):
+    """Forces under a slack and their statuses.
+
+    All wrong statuses are switched at once as long as that leads nearer, then the first wrong one alone, by which a
+    P-matrix is solved in finitely many steps (Murty 1974; Júdice and Pires 1994). Where rows are dependent the
+    statuses at hand may leave no way on: the search then begins once more with nothing active.
+    """
+    m = forces.size
+    fewest = m + 1
+    patience = PATIENCE
+    local, found = np.empty(m), np.empty(m)
+    wrong = np.empty(m, dtype=np.bool_)
+    anew = False
+    for _ in range(100 * m + 100):
+        largest = _forces(slack, forces, found, local, schur, inverse, order, int(numbers[COUNT]))
+        count = _mark(slack, forces, found, active, largest, wrong)
+        if count == 0:
+            return bool(np.isfinite(largest))
+        if count < fewest:
+            fewest = count
+            patience = PATIENCE
+        else:
+            patience -= 1
+        switched = False
+        for i in range(m):
+            # a condition that depends on active ones is passed over
+            if wrong[i] and (patience > 0 or not switched):
+                if _switch(schur, per_force, inverse, order, active, rows, numbers, i):
+                    switched = True
+        if not switched:
+            if anew:
+                return False
+            anew = True
+            patience = 0
+            for i in range(m):
+                active[i] = False
+            numbers[COUNT] = 0
+    return False
+
+
+@compiled(inner=True)
+def _forces(slack, forces, found, local, schur, inverse, order, count):
+    """Forces of the active conditions, the slack ``found`` under them, and the largest one."""
+    largest = 0.0
+    for i in range(forces.size):
+        forces[i] = 0.0
+        found[i] = slack[i]
+    for a in range(count):
+        value = 0.0
+        for b in range(count):
+            value -= inverse[a, b] * slack[order[b]]
+        local[a] = value
+        forces[order[a]] = value
+        largest = max(largest, abs(value))
+    for a in range(count):
+        value = local[a]
+        for i in range(forces.size):
+            found[i] += value * schur[order[a], i]
+    return largest
+
+
+@compiled(inner=True)
+def _mark(slack, forces, found, active, largest, wrong):
+    """Mark the conditions that pull or overlap by more than round-off; how many there are."""
+    through = 0.0
+    for i in range(wrong.size):
+        through = max(through, abs(slack[i]))
+    count = 0
+    for i in range(wrong.size):
+        if active[i]:
+            wrong[i] = forces[i] < -TOLERANCE * largest
+        else:
+            wrong[i] = found[i] < -TOLERANCE * through
+        count += wrong[i]
+    return count
+
+
+@compiled(inner=True)
+def _switch(schur, per_force, inverse, order, active, rows, numbers, condition):
+    """Change a status, and with it the inverse of S_AA; whether that is regular, else all stays as it is."""
+    count = int(numbers[COUNT])
+    if active[condition]:
+        active[condition] = False
+        _leave(inverse, order, rows, condition, count)
+        numbers[COUNT] = count - 1
+    else:
+        # one that is called active without a place in the inverse would let bodies overlap from then on
+        if not _join(schur, per_force, inverse, order, rows, condition, count):
+            return False
+        active[condition] = True
+        numbers[COUNT] = count + 1
+    numbers[SWITCHED] += 1
+    if numbers[SWITCHED] > UPDATES:
+        numbers[SWITCHED] = 0
+        _refresh(schur, inverse, order, int(numbers[COUNT]))
+    return True
+
+
+@compiled(inner=True)
+def _join(schur, per_force, inverse, order, rows, condition, count):
+    """Border the inverse of S_AA by one condition."""
+    column = np.zeros(count)
+    for a in range(count):
+        value = 0.0
+        for b in range(count):
+            value += inverse[a, b] * schur[condition, order[b]]
+        column[a] = value
+    pivot = schur[condition, condition]
+    for a in range(count):
+        pivot -= schur[condition, order[a]] * column[a]
+    if not pivot > 1e-14 * schur[condition, condition]:
+        return False
+    for a in range(count):
+        for b in range(count):
+            inverse[a, b] += column[a] * column[b] / pivot
+        inverse[a, count] = -column[a] / pivot
+        inverse[count, a] = -column[a] / pivot
+    inverse[count, count] = 1 / pivot
+    order[count] = condition
+    for k in range(rows.shape[1]):
+        rows[count, k] = per_force[condition, k]
+    return True
+
+
+@compiled(inner=True)
+def _leave(inverse, order, rows, condition, count):
+    """Take one condition out of the inverse of S_AA."""
+    place = 0
+    while order[place] != condition:
+        place += 1
+    last = count - 1
+    if place != last:
+        order[place] = order[last]
+        for k in range(rows.shape[1]):
+            rows[place, k] = rows[last, k]
+        for a in range(count):
+            inverse[place, a], inverse[last, a] = inverse[last, a], inverse[place, a]
+        for a in range(count):
+            inverse[a, place], inverse[a, last] = inverse[a, last], inverse[a, place]
+    for a in range(last):
+        factor = inverse[a, last] / inverse[last, last]
+        for b in range(last):
+            inverse[a, b] -= factor * inverse[last, b]
+
+
+@compiled(inner=True)
+def _refresh(schur, inverse, order, count):
+    """The inverse of S_AA from S."""
+    if count == 0:
+        return
+    block = np.empty((count, count))
+    for a in range(count):
+        for b in range(count):
+            block[a, b] = schur[order[a], order[b]]
+    found = inverse_of(block)
+    for a in range(count):
+        for b in range(count):
+            inverse[a, b] = found[a, b]
+
+
+@compiled(inner=True)
+def inverse_of(matrix: np.ndarray) -> np.ndarray:
+    """The inverse of a matrix; LinAlgError for a singular one."""
+    return np.linalg.inv(matrix)
+
+
+ANY_ORDER = {"reassoc", "contract"}
+"""Sums in any order, so that they run side by side; what is not finite stays so."""
+
+
+@compiled(inner=True, fastmath=ANY_ORDER)
+def set_strain(
+    strain: np.ndarray,
+    free: np.ndarray,
+    forces: np.ndarray,
+    order: np.ndarray,
+    count: int,
+    rows: np.ndarray,
+    scale: np.ndarray,
+    there: np.ndarray,
+    per_mode: np.ndarray,
+) -> None:
+    """Strain that the laws see."""
+    for k in range(strain.size):
+        strain[k] = 0.0
+    for a in range(count):
+        force = forces[order[a]]
+        for k in range(strain.size):
+            strain[k] -= force * rows[a, k]
+    for k in range(scale.size):
+        strain[k] *= scale[k]
+    for k in range(strain.size):
+        strain[k] += free[k]
+    for j in range(there.size):
+        share = there[j]
+        for k in range(strain.size):
+            strain[k] += share * per_mode[j, k]
+
+
+@compiled(inner=True, fastmath=ANY_ORDER)
+def set_trial(
+    strain: np.ndarray,
+    plastic: np.ndarray,
+    ends: np.ndarray,
+    shear: np.ndarray,
+    deviator: np.ndarray,
+    trial: np.ndarray,
+) -> None:
+    """Deviator and equivalent stress of a step without flow."""
+    components, points = plastic.shape
+    start = 0
+    for group in range(ends.size):
+        twice = 2 * shear[group]
+        end = ends[group]
+        for k in range(start, end):
+            trial[k] = (strain[k] + strain[points + k] + strain[2 * points + k]) / 3
+        for i in range(components):
+            for k in range(start, end):
+                mean = trial[k] if i < 3 else 0.0
+                deviator[i, k] = twice * (strain[i * points + k] - plastic[i, k] - mean)
+        start = end
+    for k in range(points):
+        trial[k] = 0.0
+    for i in range(components):
+        for k in range(points):
+            trial[k] += deviator[i, k] * deviator[i, k]
+    for k in range(points):
+        trial[k] = np.sqrt(1.5 * trial[k])
+
+
+@compiled(inner=True)
+def possible(ends: np.ndarray, shear: np.ndarray, amount: np.ndarray, slope: np.ndarray, trial: np.ndarray) -> bool:
+    """Whether flows are finite and turn no stress round."""
+    start = 0
+    for group in range(ends.size):
+        stiff = 3 * shear[group]
+        for k in range(start, ends[group]):
+            if not (amount[k] >= 0 and stiff * amount[k] <= trial[k] * (1 + 1e-9) and np.isfinite(slope[k])):
+                return False
+        start = ends[group]
+    return True
+
+
+@compiled(inner=True)
+def set_plastic(
+    old: np.ndarray, amount: np.ndarray, trial: np.ndarray, deviator: np.ndarray, plastic: np.ndarray
+) -> None:
+    """Plastic strain behind the step."""
+    components, points = plastic.shape
+    for i in range(components):
+        for k in range(points):
+            along = 1.5 * amount[k] / trial[k] if amount[k] > 0 else 0.0
+            plastic[i, k] = old[i, k] + along * deviator[i, k]
+
+
+@compiled(inner=True, fastmath=ANY_ORDER)
+def set_residual(
+    tested: np.ndarray,
+    plastic: np.ndarray,
+    modal: np.ndarray,
+    there: np.ndarray,
+    coupled: np.ndarray,
+    forces: np.ndarray,
+    elastic: np.ndarray,
+    residual: np.ndarray,
+) -> float:
+    """R, and the sum of it."""
+    components, points = plastic.shape
+    total = 0.0
+    for j in range(residual.size):
+        value = 0.0
+        for i in range(components):
+            for k in range(points):
+                value += tested[j, i * points + k] * plastic[i, k]
+        for i in range(there.size):
+            value -= modal[j, i] * there[i]
+        for i in range(forces.size):
+            value -= coupled[j, i] * (forces[i] - elastic[i])
+        residual[j] = value
+        total += value
+    return total
+
+
+@compiled(inner=True, fastmath=ANY_ORDER)
+def flowing_of(
+    tested: np.ndarray,
+    ends: np.ndarray,
+    shear: np.ndarray,
+    deviator: np.ndarray,
+    trial: np.ndarray,
+    amount: np.ndarray,
+    slope: np.ndarray,
+) -> np.ndarray:
+    """w (G V)^T 2 μ dε_p/dε, (ell, c n).
+
+    dε_p/dε = (1 - θ) P + 3/2 (3 μ dΔp/dq - (1 - θ)) s⊗s / q² with 1 - θ = 3 μ Δp / q and the deviatoric projector P.
+    """
+    components, points = deviator.shape
+    turned = np.zeros(points)
+    along = np.zeros(points)
+    start = 0
+    for group in range(ends.size):
+        stiff = 3 * shear[group]
+        end = ends[group]
+        for k in range(start, end):
+            if amount[k] > 0:
+                q = trial[k]
+                turned[k] = stiff * amount[k] / q
+                along[k] = 1.5 * (stiff * slope[k] - turned[k]) / (q * q)
+        start = end
+    found = np.empty(tested.shape, dtype=np.float32)
+    onto = np.empty(points)
+    for j in range(len(found)):
+        for k in range(points):
+            onto[k] = 0.0
+        for i in range(components):
+            for k in range(points):
+                onto[k] += tested[j, i * points + k] * deviator[i, k]
+        for k in range(points):
+            onto[k] *= along[k]
+        for i in range(components):
+            for k in range(points):
+                place = i * points + k
+                found[j, place] = tested[j, place] * turned[k] + onto[k] * deviator[i, k]
+    return found
+
 
 LEAST_SHARE = 1 / 256
 """Smallest part of a Newton step that the line search tries."""

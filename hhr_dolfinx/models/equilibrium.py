@@ -2,12 +2,16 @@
 
 A scene in which nothing flows is one whose linearisation never changes: its models solve with that one and need no
 more of the contract.
+
+Warnings of histories whose time steps are too long: one for each history, or one for all of a training.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import AbstractContextManager
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from contextvars import ContextVar
 from math import prod
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -15,6 +19,7 @@ import numpy as np
 
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import Statuses
+from hhr_dolfinx.errors import TimeStepWarning
 from hhr_dolfinx.models.answer import Answer, Fields, GaussState
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs, TrainedPaths
@@ -198,3 +203,43 @@ def extrapolated(trail: Sequence[Answer], time: float, count: int | None = None)
         others = [other.time for other in trail if other is not answer]
         x += prod((time - other) / (answer.time - other) for other in others) * answer.unknown[:count]
     return x
+
+
+ACCEPTED = 0.05
+"""Estimated time error above which a history that nobody controls is warned of."""
+_COLLECTED: ContextVar[list[float] | None] = ContextVar("time errors of a training", default=None)
+
+
+def complain(estimate: float, tolerance: float | None) -> None:
+    """Warn of a history with a large time error, unless it was asked for, or is told of together with others."""
+    together = _COLLECTED.get()
+    if together is not None:
+        together.append(estimate)
+    elif tolerance is None and estimate > ACCEPTED:
+        warnings.warn(f"the time steps of this history {_said(estimate)}", TimeStepWarning, stacklevel=5)
+
+
+@contextmanager
+def told_once(what: str = "") -> Iterator[None]:
+    """Histories in a block warn together at its end, as ``what``; not at all without a name."""
+    together = _COLLECTED.get()
+    if together is not None:  # whoever asked first tells
+        yield
+        return
+    estimates: list[float] = []
+    token = _COLLECTED.set(estimates)
+    try:
+        yield
+    finally:
+        _COLLECTED.reset(token)
+    large = [item for item in estimates if item > ACCEPTED]
+    if what and large:
+        text = f"the time steps of {len(large)} of {len(estimates)} {what} {_said(max(large))}"
+        warnings.warn(text, TimeStepWarning, stacklevel=5)
+
+
+def _said(estimate: float) -> str:
+    return (
+        f"make errors of {100 * estimate:.2g} % of the largest stress by estimate, and {100 * ACCEPTED:g} % is much: "
+        "take more of them where loads are put on or held, or MarchSettings(time_tolerance=0.01)"
+    )

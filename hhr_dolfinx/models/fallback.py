@@ -10,7 +10,7 @@ import numpy as np
 
 from hhr_dolfinx.errors import BoundError, HHRError, OutsideTrainingError, ParameterError, ReductionError
 from hhr_dolfinx.models.answer import Answer, ListedAnswers, ModelFields, SeveralAnswers
-from hhr_dolfinx.models.known_error import check_asked, known_error, relative_error, relative_errors
+from hhr_dolfinx.models.estimates import check_asked, known_error, relative_error, relative_errors
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 from hhr_dolfinx.trained import check_outside

@@ -12,7 +12,7 @@ L the minimum is what L^-1 r has across L^-1 G. λ and q are those of the small 
 the answer, so that r is round-off, and forces λ^ that are handed out are off by |λ^ - λ|_S more at most.
 
 Of the displacement the energy is bounded, which knows no rigid motion: K^-1 loads are exact, and forces make the rest,
-see :mod:`hhr_dolfinx.models.field_response`. How far a body is moved as a whole is not bounded.
+see :mod:`hhr_dolfinx.models.contact_response`. How far a body is moved as a whole is not bounded.
 """
 
 from __future__ import annotations
@@ -29,10 +29,9 @@ from scipy.linalg import solve_triangular
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.floating import FloatingEqualities, floating_set
 from hhr_dolfinx.declared import Floats
-from hhr_dolfinx.models.contact_response import ContactResponse, Outside
+from hhr_dolfinx.models.contact_response import ContactResponse, FieldResponse, Outside
 from hhr_dolfinx.models.error_bound import ROUND_OFF, Bounded, ForceScale, factor_faults
 from hhr_dolfinx.models.estimates import Estimates
-from hhr_dolfinx.models.field_response import FieldResponse
 from hhr_dolfinx.models.gradient import Gradient
 from hhr_dolfinx.plain import Rebuilt
 

@@ -13,8 +13,8 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.materials.elasticity import von_mises
+from hhr_dolfinx.models.cells import MovingCells
 from hhr_dolfinx.models.functionals import Functional, Slopes, State
-from hhr_dolfinx.models.moving_cells import MovingCells
 
 TIE = 1e-9
 """Relative difference below which two values are both the largest, and the derivative holds on one side only."""

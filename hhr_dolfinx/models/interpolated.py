@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.block_elimination import BlockElimination
     from hhr_dolfinx.models.estimates import Estimate
     from hhr_dolfinx.models.functionals import Functionals
-    from hhr_dolfinx.models.reshaped import ReshapedElimination
+    from hhr_dolfinx.models.shaped import ReshapedElimination
     from hhr_dolfinx.models.shaped_functionals import ReshapedFunctionals
     from hhr_dolfinx.models.varying_bound import VaryingBound
 

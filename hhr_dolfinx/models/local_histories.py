@@ -28,8 +28,7 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs, TrainedPaths
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.cubature_flow import CubatureEquilibrium
-    from hhr_dolfinx.models.reduced_flow import ReducedEquilibrium
+    from hhr_dolfinx.models.reduced_flow import CubatureEquilibrium, ReducedEquilibrium
 
     Part = ReducedEquilibrium | CubatureEquilibrium
 

@@ -96,7 +96,7 @@ class AnsweringModel:
     @property
     def known_error(self) -> str:
         """Which errors the answers of this model know, or why they know none, in one line."""
-        from hhr_dolfinx.models.known_error import known_error
+        from hhr_dolfinx.models.estimates import known_error
 
         return known_error(self.fields)
 

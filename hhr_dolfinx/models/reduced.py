@@ -28,9 +28,8 @@ from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Amplitudes
-    from hhr_dolfinx.models.cubature_flow import CubatureFlow
     from hhr_dolfinx.models.interpolated import Compliances
-    from hhr_dolfinx.models.reduced_flow import ProjectedEquilibrium, ReducedFlow
+    from hhr_dolfinx.models.reduced_flow import CubatureFlow, ProjectedEquilibrium, ReducedFlow
 
 ADVICE: Mapping[Status, str] = MappingProxyType(
     {
@@ -170,7 +169,7 @@ def _elimination(
 
         return ReducedFloatingElimination(problem, amplitudes)
     if problem.reshaped is not None:
-        from hhr_dolfinx.models.reshaped import ReshapedElimination
+        from hhr_dolfinx.models.shaped import ReshapedElimination
 
         return ReshapedElimination(problem.reshaped, amplitudes, parameters)
     if problem.terms is not None:

@@ -1,4 +1,8 @@
-"""Reduced problems of scenes whose shape depends on parameters: assembled for each query, on the RID only.
+"""Reduced problems on bodies whose shape depends on parameters: made anew for each query, then eliminated.
+
+Contact conditions of a reduced domain for a shape: pairings see the parts of surfaces around the conditions.
+
+Reduced problems of scenes whose shape depends on parameters: assembled for each query, on the RID only.
 
 The projection of (5.23) does not commute with a change of shape. What it needs of the mesh are the cells of the RID and
 the parts of the contact surfaces around its conditions; they are kept as arrays, and moved and integrated anew.
@@ -6,20 +10,271 @@ the parts of the contact surfaces around its conditions; they are kept as arrays
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Annotated, NamedTuple
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from threading import RLock
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dgetrf, dgetrs
 from scipy.sparse import csr_matrix
 
+from hhr_dolfinx.amplitudes import Amplitudes, Theta
+from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.errors import PairingWarning, ParameterError, SceneError, SingularError
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.models.cells import CellRule, element_stiffness
+from hhr_dolfinx.models.elimination import CondensedContact, Elimination
 from hhr_dolfinx.models.interpolation import Interpolant
-from hhr_dolfinx.models.patches import ContactPatch
 from hhr_dolfinx.models.projected import ReducedProblem
+from hhr_dolfinx.pairings.projection import shape_functions
+from hhr_dolfinx.pairings.surface import Surface, make_surface
+from hhr_dolfinx.parameters import ParameterSpace, Tag
 from hhr_dolfinx.shapes import Shape, coordinate_names
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.formulas import Modulus
+
+
+DIFFERENCE = 1e-4
+"""Part of the box by which the problem is moved to either side for its derivatives: their error is its square."""
+
+
+@dataclass(frozen=True)
+class InterpolatedProblem:
+    """A reduced problem whose arrays are interpolated over the parameters of a shape; maps a point to the one there.
+
+    Attributes:
+        pairs: number of the contact pair of each condition, (m,).
+        moduli: of the parts of its stiffness.
+        sizes: these moduli in the middle of the box, by which the parts are multiplied, (Q,).
+        interpolant: of the arrays beside each other, in the order of ``shapes``.
+        shapes: of the arrays: parts of K~, their lifts, forces, B~1, B~2, gaps.
+    """
+
+    pairs: Annotated[Integers, "conditions"]
+    moduli: tuple[Modulus, ...]
+    sizes: Annotated[Floats, "parts"]
+    interpolant: Interpolant
+    shapes: tuple[tuple[int, ...], ...]
+
+    def __call__(self, point: np.ndarray) -> ReducedProblem:
+        """The problem at a point, (P,), of constant stiffness."""
+        values, first, parts = self.interpolant.value(point), 0, []
+        for shape in self.shapes:
+            size = int(np.prod(shape))
+            parts.append(values[first : first + size].reshape(shape))
+            first += size
+        stiffness, lifts, forces, test, trial, gaps = parts
+        weights = np.array([modulus.value(point) for modulus in self.moduli]) / self.sizes
+        loads = forces - np.tensordot(weights, lifts, 1)
+        return ReducedProblem(np.tensordot(weights, stiffness, 1), test, trial, loads, gaps, self.pairs)
+
+
+@dataclass(frozen=True)
+class ReshapedElimination(Elimination):
+    """Eliminates gamma from the problem of each point, (P,).
+
+    Attributes:
+        problem_at: makes the reduced problem of a point, of constant stiffness.
+        amplitudes: θ as a function of the parameters.
+        parameters: the box of the parameters.
+    """
+
+    problem_at: Callable[[np.ndarray], ReducedProblem]
+    amplitudes: Amplitudes
+    parameters: ParameterSpace
+
+    def under(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
+        """gamma, (ell,), at a point under known contact forces, (m,): one solve, and not one for each condition.
+
+        Raises:
+            SingularError: if K~ is singular there.
+        """
+        problem, theta, factors = self._factored(point)
+        return dgetrs(*factors, problem.loads @ theta - problem.contact_test.T @ forces)[0]
+
+    def __call__(self, point: np.ndarray) -> CondensedContact:
+        """Factor K~ of a point.
+
+        Raises:
+            SingularError: if K~ is singular there.
+        """
+        problem, theta, factors = self._factored(point)
+        solved = dgetrs(*factors, np.column_stack([problem.loads @ theta, problem.contact_test.T]))[0]
+        free, per_force = solved[:, 0], solved[:, 1:]
+        slack = problem.gaps @ theta - problem.contact_trial @ free
+        changes = partial(self._changes, point, problem.contact_trial, factors)
+        return CondensedContact(problem.contact_trial @ per_force, slack, free, partial(np.matmul, per_force), changes)
+
+    def _changes(
+        self, point: np.ndarray, trial: np.ndarray, factors: tuple, forces: np.ndarray, unknown: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """K~ gamma' = -R' with the residual R differenced between problems a little to either side."""
+
+        def residual_and_slack(moved: np.ndarray) -> np.ndarray:
+            problem, theta = self.problem_at(moved), self.amplitudes(moved)
+            left = problem.stiffness @ unknown + problem.contact_test.T @ forces - problem.loads @ theta
+            return np.append(left, problem.gaps @ theta - problem.contact_trial @ unknown)
+
+        explicit = self.parameters.differences(residual_and_slack, point, DIFFERENCE)
+        size = unknown.size
+        found = dgetrs(*factors, -explicit[:size])[0]
+        return explicit[size:] - trial @ found, found
+
+    def _factored(self, point: np.ndarray) -> tuple[ReducedProblem, Theta, tuple[np.ndarray, np.ndarray]]:
+        """The problem of a point, θ there and the LU factors of K~.
+
+        Raises:
+            SingularError: if K~ is singular there.
+        """
+        problem, theta = self.problem_at(point), self.amplitudes(point)
+        lu, pivots, info = dgetrf(problem.stiffness)
+        if info:
+            raise SingularError(f"K~ of {len(problem.stiffness)} modes is singular at {point.tolist()}")
+        return problem, theta, (lu, pivots)
+
+
+ROUND_OFF = 1e-12
+"""Weight of a node in a condition below which it has nothing to do with it."""
+_SILENT = RLock()
+
+
+@dataclass(frozen=True)
+class SurfacePatch:
+    """A part of a tagged surface, its nodes by number.
+
+    Attributes:
+        tag: facet tag.
+        facets: nodes of each facet, (f, k), quadrilaterals in tensor order.
+        behind: nodes of the far side of the cell behind each facet, (f, r).
+        edge: nodes where the surface goes on beyond the patch, (e,).
+    """
+
+    tag: Tag
+    facets: Annotated[Integers, "facets", "nodes of a facet"]
+    behind: Annotated[Integers, "facets", "nodes behind"]
+    edge: Annotated[Integers, "edge"]
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """All nodes whose coordinates are needed."""
+        return np.unique(np.concatenate([self.facets.ravel(), self.behind.ravel()]))
+
+    def renumbered(self, numbers: np.ndarray) -> SurfacePatch:
+        """The same for new numbers of the nodes, by the old ones."""
+        return replace(self, facets=numbers[self.facets], behind=numbers[self.behind], edge=numbers[self.edge])
+
+    def surface(self, points: np.ndarray, weights: np.ndarray) -> Surface:
+        """The surface where nodes lie at some points, (n, dim), with weights of the surface measure, (n,)."""
+        areas = tributary_areas(self.facets, points, weights)
+        return make_surface(self.tag, self.facets, points[self.behind].mean(axis=1), points, weights, areas)
+
+
+@dataclass(frozen=True)
+class ContactPatch:
+    """What a contact pair needs for its conditions in a reduced domain.
+
+    Attributes:
+        pairing: the pairing, a frozen dataclass.
+        surfaces: parts of its surfaces in the order of its tags.
+        slaves: slave node of each condition, (m,).
+        places: place of each condition among those of the domain, (m,).
+    """
+
+    pairing: Any
+    surfaces: tuple[SurfacePatch, ...]
+    slaves: Annotated[Integers, "conditions"]
+    places: Annotated[Integers, "conditions", "< m"]
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """All nodes whose coordinates are needed."""
+        return np.unique(np.concatenate([self.slaves, *(surface.nodes for surface in self.surfaces)]))
+
+    def renumbered(self, numbers: np.ndarray) -> ContactPatch:
+        """The same for new numbers of the nodes, by the old ones."""
+        surfaces = tuple(surface.renumbered(numbers) for surface in self.surfaces)
+        return replace(self, surfaces=surfaces, slaves=numbers[self.slaves])
+
+    def rows(self, points: np.ndarray, weights: np.ndarray, tested: np.ndarray) -> ContactRows:
+        """Its conditions where nodes lie at some points, in their order.
+
+        Args:
+            points: (n, dim).
+            weights: of the surface measure at the nodes, (n,).
+            tested: dofs on which all contact forces must be known, (n dim,) bool.
+
+        Raises:
+            ParameterError: if a condition is not there, reaches beyond the patch, or others act on tested dofs.
+        """
+        found, kept = self.found(points, weights)
+        others = np.setdiff1d(np.arange(len(found.slaves)), kept)
+        if _touch(found.matrix[others], tested):
+            raise ParameterError(
+                f"for this shape further conditions of the contact {self.pairing} act on the reduced domain than where "
+                "it was built: surfaces slide along each other. Narrow the box, or add layers to the domain"
+            )
+        rows, edge = found.take(kept), np.zeros(len(points), dtype=bool)
+        edge[np.concatenate([part.edge for part in self.surfaces])] = True
+        if _touch(rows.matrix, np.repeat(edge, points.shape[1])):
+            raise ParameterError(
+                f"for this shape conditions of the contact {self.pairing} reach beyond the part of the surfaces that "
+                "the reduced model knows: surfaces slide along each other. Narrow the box"
+            )
+        return rows
+
+    def found(self, points: np.ndarray, weights: np.ndarray) -> tuple[ContactRows, np.ndarray]:
+        """All conditions that the pairing finds on the patch, and the places of its own among them, (m,).
+
+        Raises:
+            ParameterError: if one of its own is not there.
+        """
+        try:
+            with _SILENT, warnings.catch_warnings():
+                warnings.simplefilter("ignore", PairingWarning)  # said where the full model was built
+                found = self.pairing.rows([part.surface(points, weights) for part in self.surfaces], points.size)
+        except SceneError as error:
+            raise ParameterError(f"the contact {self.pairing} cannot be evaluated for this shape: {error}") from None
+        place = np.full(len(points), -1)
+        place[found.slaves] = np.arange(len(found.slaves))
+        kept = place[self.slaves]
+        if (kept < 0).any():
+            raise ParameterError(
+                f"{int((kept < 0).sum())} conditions of the contact {self.pairing} are not there for this shape: it "
+                "changes which surfaces face each other. Narrow the box"
+            )
+        return found, kept
+
+
+def _touch(matrix: csr_matrix, dofs: np.ndarray) -> bool:
+    """Whether rows have entries at some dofs, by a mask."""
+    return bool((abs(matrix) @ dofs.astype(float) > ROUND_OFF).any())
+
+
+def tributary_areas(facets: np.ndarray, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Integrals of the shape functions of facets over the surface at all nodes, (n,).
+
+    They are exact but for quadrilaterals that are no parallelograms, which have 2 x 2 points; weights, (n,), are linear
+    along an edge and constant in space.
+    """
+    corners, at_corners = points[facets], weights[facets]
+    if facets.shape[1] == 2:
+        length = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)
+        shares = length[:, None] * (2 * at_corners + at_corners[:, ::-1]) / 6
+    elif facets.shape[1] == 3:
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        shares = at_corners * (np.linalg.norm(normals, axis=1) / 6)[:, None]
+    else:
+        gauss = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
+        local = np.column_stack([np.tile(gauss, 2), np.repeat(gauss, 2)])
+        values, slopes = shape_functions(local, 4)
+        along = np.einsum("qkj,fkd->jfqd", slopes, corners)
+        shares = at_corners * (np.linalg.norm(np.cross(along[0], along[1]), axis=2) @ values / 4)
+    return np.bincount(facets.ravel(), shares.ravel(), len(points))
 
 
 @dataclass(frozen=True)

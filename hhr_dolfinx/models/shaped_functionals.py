@@ -16,9 +16,9 @@ import numpy as np
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.models.cells import CellStrain, MovingCells
 from hhr_dolfinx.models.functionals import Functional, Functionals
 from hhr_dolfinx.models.interpolation import Interpolant
-from hhr_dolfinx.models.moving_cells import CellStrain, MovingCells
 from hhr_dolfinx.parameters import ParameterSpace
 
 ROWS = "rows"

@@ -36,7 +36,7 @@ from hhr_dolfinx.parameters import is_number
 if TYPE_CHECKING:
     from hhr_dolfinx.models.gradient import Gradient
     from hhr_dolfinx.models.interpolation import Interpolant
-    from hhr_dolfinx.models.reshaped import InterpolatedProblem
+    from hhr_dolfinx.models.shaped import InterpolatedProblem
 
 ROUND_OFF = 1e-13
 """Part of an energy that is round-off of the sums it is made of."""

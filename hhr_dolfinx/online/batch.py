@@ -17,10 +17,9 @@ from threadpoolctl import threadpool_limits
 from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import HHRError, ParameterError
 from hhr_dolfinx.models.answer import Answer, ListedAnswers, SeveralAnswers
-from hhr_dolfinx.models.choice import LEAF
 from hhr_dolfinx.models.estimates import Estimate, columns, shown_of
 from hhr_dolfinx.models.fallback import FallbackModel
-from hhr_dolfinx.models.local import LocalModels
+from hhr_dolfinx.models.local import LEAF, LocalModels
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedRange, check_outside

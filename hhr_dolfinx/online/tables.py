@@ -21,8 +21,8 @@ import numpy as np
 from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import ParameterError
 from hhr_dolfinx.files import make_folder, replacing
-from hhr_dolfinx.models.choice import LEAF
 from hhr_dolfinx.models.fallback import FallbackModel
+from hhr_dolfinx.models.local import LEAF
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.online.batch import BLOCK, OK, Answers, Query
 from hhr_dolfinx.parameters import ParameterSpace

@@ -10,14 +10,14 @@ import numpy as np
 from hhr_dolfinx.certify.bounds import error_bound
 from hhr_dolfinx.errors import BoundError
 from hhr_dolfinx.models.error_bound import Bound
-from hhr_dolfinx.models.known_error import NOT_ASKED
+from hhr_dolfinx.models.estimates import NOT_ASKED
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import StageLog
 
 if TYPE_CHECKING:
     from hhr_dolfinx.certify.field_response import MadeOfForces
-    from hhr_dolfinx.models.field_response import FieldResponse
+    from hhr_dolfinx.models.contact_response import FieldResponse
 
 
 class Bounding(NamedTuple):

@@ -24,7 +24,7 @@ from hhr_dolfinx.certify.trust import (
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.error_bound import ErrorBound
-from hhr_dolfinx.models.known_error import known_error, warn_unbounded
+from hhr_dolfinx.models.estimates import known_error, warn_unbounded
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.bounding import bound_of
 from hhr_dolfinx.reduction.choice import basis_of, chosen_nodes
@@ -38,8 +38,7 @@ from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.cubature_flow import CubatureFlow
-    from hhr_dolfinx.models.reduced_flow import ReducedFlow
+    from hhr_dolfinx.models.reduced_flow import CubatureFlow, ReducedFlow
     from hhr_dolfinx.models.starts import LinearStarts
 
 MOST_TRAINING_COMPARED = 50

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from hhr_dolfinx import compat
-from hhr_dolfinx.models.choice import LEAF, Choice
+from hhr_dolfinx.models.local import LEAF, Choice
 from hhr_dolfinx.parameters import ParameterSpace
 
 with compat.extra("local", "a classifier of parameters"):

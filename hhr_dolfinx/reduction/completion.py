@@ -19,8 +19,7 @@ from hhr_dolfinx.reduction.state_modes import state_modes
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.cubature_flow import CubatureFlow
-    from hhr_dolfinx.models.reduced_flow import ReducedFlow
+    from hhr_dolfinx.models.reduced_flow import CubatureFlow, ReducedFlow
 
 STRESS, PLASTIC_STRAIN = 1e-9, 1e-6
 """Part of the squared training fields that the modes for stress and for cumulated plastic strain leave out."""

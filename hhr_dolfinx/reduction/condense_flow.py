@@ -22,11 +22,9 @@ from hhr_dolfinx.certify.trust import TrustLimits, warn_of_training
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import HHRError, ReductionError, UnstableModelError
 from hhr_dolfinx.materials.update import Group
-from hhr_dolfinx.models.condensed_fields import CondensedFlowFields
-from hhr_dolfinx.models.condensed_flow import CondensedFlow
-from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
+from hhr_dolfinx.models.condensed_fields import CondensedFlowFields, PlasticFields
+from hhr_dolfinx.models.condensed_flow import CondensedFlow, CondensedFlowModel
 from hhr_dolfinx.models.path import MarchSettings
-from hhr_dolfinx.models.plastic_fields import PlasticFields
 from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.parameters import is_number, is_whole
 from hhr_dolfinx.reduction.correction_modes import correction_modes

@@ -17,7 +17,7 @@ from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.contact.problem import IndexSets
 from hhr_dolfinx.errors import UnstableModelError
-from hhr_dolfinx.models.cubature_flow import CubatureFlow
+from hhr_dolfinx.models.reduced_flow import CubatureFlow
 from hhr_dolfinx.reduction.cubature import Cubature, compressed, fitted
 from hhr_dolfinx.reduction.flow import rows_of
 from hhr_dolfinx.snapshots.records import SnapshotSet

@@ -21,7 +21,7 @@ from hhr_dolfinx.models.block_elimination import Block, blocks_of
 from hhr_dolfinx.models.interpolated import Compliances
 from hhr_dolfinx.models.interpolation import GrownGrid, Interpolant
 from hhr_dolfinx.models.projected import ReducedProblem, ReducedTerms
-from hhr_dolfinx.models.reshaped import InterpolatedProblem
+from hhr_dolfinx.models.shaped import InterpolatedProblem
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of, grown
 from hhr_dolfinx.reduction.projection import project

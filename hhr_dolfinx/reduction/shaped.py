@@ -13,8 +13,15 @@ from hhr_dolfinx.contact.problem import ContactProblem, ContactRows, IndexSets
 from hhr_dolfinx.errors import ParameterError, ReductionError, StabilityWarning
 from hhr_dolfinx.models.cells import element_stiffness
 from hhr_dolfinx.models.interpolation import Interpolant, grow
-from hhr_dolfinx.models.patches import ContactPatch, SurfacePatch
-from hhr_dolfinx.models.shaped import CellProjection, FixedCells, RidAssembly, RidBody, RidShape
+from hhr_dolfinx.models.shaped import (
+    CellProjection,
+    ContactPatch,
+    FixedCells,
+    RidAssembly,
+    RidBody,
+    RidShape,
+    SurfacePatch,
+)
 from hhr_dolfinx.reduction.rid import open_conditions
 
 if TYPE_CHECKING:

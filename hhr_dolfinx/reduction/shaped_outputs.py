@@ -25,7 +25,7 @@ def reshaped_functionals(
 ) -> ReshapedFunctionals:
     """Outputs for displacements that are a basis, (N, ell), times coordinates and the lift.
 
-    Strain is not interpolated: its cells are moved, see :mod:`hhr_dolfinx.models.moving_cells`.
+    Strain is not interpolated: its cells are moved, see :mod:`hhr_dolfinx.models.cells`.
 
     Args:
         prepared: outputs of the full model.

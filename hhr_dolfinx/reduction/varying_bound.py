@@ -18,7 +18,7 @@ from hhr_dolfinx.errors import BoundError
 from hhr_dolfinx.models.interpolated import Compliance, Compliances
 from hhr_dolfinx.models.interpolation import Interpolant
 from hhr_dolfinx.models.projected import ReducedProblem
-from hhr_dolfinx.models.reshaped import InterpolatedProblem
+from hhr_dolfinx.models.shaped import InterpolatedProblem
 from hhr_dolfinx.models.varying_bound import ROUND_OFF, PartEnergy, VaryingBound
 from hhr_dolfinx.reduction.components import Component, Solver, components_of, interpolated_compliances
 from hhr_dolfinx.reduction.interpolate import GridSettings, grown

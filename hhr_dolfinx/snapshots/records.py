@@ -17,9 +17,9 @@ from hhr_dolfinx.certify.accuracy import round_off_force
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, ReductionError
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Path
+from hhr_dolfinx.models.equilibrium import told_once
 from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.models.step_warnings import told_once
 from hhr_dolfinx.snapshots.lost import Lost
 
 if TYPE_CHECKING:

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhr_dolfinx.models.estimates import SHOWN, Estimates
+from hhr_dolfinx.models.estimates import ASKED, SHOWN, Estimates, check_word
 from hhr_dolfinx.models.fallback import FallbackModel, check_allowance
-from hhr_dolfinx.models.known_error import ASKED, check_word
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import timed

@@ -12,7 +12,7 @@ import numpy as np
 from hhr_dolfinx.certify.accuracy import force_floor, summary
 from hhr_dolfinx.errors import HHRError, ReductionError, UnstableModelError
 from hhr_dolfinx.models.answer import History, Model, Path
-from hhr_dolfinx.models.step_warnings import told_once
+from hhr_dolfinx.models.equilibrium import told_once
 from hhr_dolfinx.snapshots.lost import Lost
 from hhr_dolfinx.study.history_runs import (
     Run,
@@ -28,7 +28,7 @@ from hhr_dolfinx.study.report import condensed_report, model_report
 from hhr_dolfinx.study.training import Progress, Training
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
+    from hhr_dolfinx.models.condensed_flow import CondensedFlowModel
     from hhr_dolfinx.models.reduced import ReducedModel
 
 KEYS = {"HHR": "hhr", "condensed": "condensed"}

@@ -23,8 +23,7 @@ from hhr_dolfinx.errors import (
     StudyError,
     TrainingWarning,
 )
-from hhr_dolfinx.models.choice import Choice
-from hhr_dolfinx.models.local import LocalModels
+from hhr_dolfinx.models.local import Choice, LocalModels
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import ParameterSpace, is_number
 from hhr_dolfinx.reduction.build import build, sizes

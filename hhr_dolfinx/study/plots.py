@@ -35,7 +35,7 @@ with extra("pictures", "pictures and fields for ParaView"):
     from matplotlib.figure import Figure
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
+    from hhr_dolfinx.models.condensed_flow import CondensedFlowModel
     from hhr_dolfinx.study.study import Study
 
 Curves = dict[str, tuple[Any, Any]]

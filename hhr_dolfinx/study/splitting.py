@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.errors import StudyError, UnstableModelError
-from hhr_dolfinx.models.choice import LEAF, Choice
-from hhr_dolfinx.models.local import LocalModels
+from hhr_dolfinx.models.local import LEAF, Choice, LocalModels
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import is_number
 from hhr_dolfinx.reduction.build import sizes

@@ -34,7 +34,7 @@ from hhr_dolfinx.study.training import (
 from hhr_dolfinx.study.view import View
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
+    from hhr_dolfinx.models.condensed_flow import CondensedFlowModel
     from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 
 

@@ -29,7 +29,7 @@ from hhr_dolfinx.timing import StageLog
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed import CondensedModel
-    from hhr_dolfinx.models.condensed_flow_model import CondensedFlowModel
+    from hhr_dolfinx.models.condensed_flow import CondensedFlowModel
     from hhr_dolfinx.models.fallback import FallbackModel
     from hhr_dolfinx.models.force_correction import ForceCorrection
     from hhr_dolfinx.models.local import LocalModels
