@@ -27,7 +27,7 @@ from mpi4py import MPI
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.study import cli, report
-from hhr_dolfinx.study.references import References
+from hhr_dolfinx.study.measure import References
 from hhr_dolfinx.study.training import Training
 from hhr_dolfinx.timing import timed
 

@@ -22,7 +22,7 @@ from hhr_dolfinx.errors import SceneWarning
 from hhr_dolfinx.geometries import stacked_blocks as blocks
 from hhr_dolfinx.geometries.two_blocks import side
 from hhr_dolfinx.study import cli, report
-from hhr_dolfinx.study.references import References
+from hhr_dolfinx.study.measure import References
 from hhr_dolfinx.timing import time_queries
 
 

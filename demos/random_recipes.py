@@ -23,7 +23,7 @@ from parts.recipes import judged, recipe, summed_up, warnings_given
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.study import cli, report
-from hhr_dolfinx.study.references import References
+from hhr_dolfinx.study.measure import References
 from hhr_dolfinx.study.training import Training
 
 MESH = {"radial_cells": 20, "axial_cells": 40, "cladding_radial_cells": 3}

@@ -71,11 +71,11 @@ from .snapshots.records import spread_snapshots as spread_snapshots
 from .snapshots.store import SnapshotStore as SnapshotStore
 from .study.condensing import condense as condense
 from .study.fields import write_fields as write_fields
+from .study.greedy import Eta as Eta
+from .study.greedy import Eta2 as Eta2
+from .study.greedy import ForceError as ForceError
 from .study.greedy import Greedy as Greedy
-from .study.greedy_indicators import Eta as Eta
-from .study.greedy_indicators import Eta2 as Eta2
-from .study.greedy_indicators import ForceError as ForceError
-from .study.greedy_indicators import LargestEstimate as LargestEstimate
+from .study.greedy import LargestEstimate as LargestEstimate
 from .study.local_training import Clusters as Clusters
 from .study.splitting import Splitting as Splitting
 from .study.study import Rival as Rival

@@ -79,7 +79,7 @@ class Body:
 
     @classmethod
     def of(cls, tag: Tag, material: str, units: Units, **more: Any) -> Body:
-        """A body of a material by name, such as ``steel``, see :mod:`hhr_dolfinx.materials.table`.
+        """A body of a material by name, such as ``steel``, see :mod:`hhr_dolfinx.materials.elasticity`.
 
         Args:
             tag: cell tag.
@@ -87,7 +87,7 @@ class Body:
             units: of the scene.
             more: further attributes.
         """
-        from hhr_dolfinx.materials.table import elastic
+        from hhr_dolfinx.materials.elasticity import elastic
 
         try:
             found = elastic(material)

@@ -4,7 +4,7 @@ import numpy as np
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block, two_blocks
-from hhr_dolfinx.reduction.rid import reduced_domain
+from hhr_dolfinx.reduction.projection import reduced_domain
 
 THESIS = hhr.Recipe.thesis(1e-8)
 """The recipe of the thesis for the half-discs; built ``as_it_is``, since the trust check warns of it, with reason."""

@@ -16,7 +16,7 @@ from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ParameterErro
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries import hertz_half_discs as geometry
 from hhr_dolfinx.models.answer import ElasticFields, found_as, outcome
-from hhr_dolfinx.reduction.rid import reduced_domain
+from hhr_dolfinx.reduction.projection import reduced_domain
 
 
 def with_changes(**changes):

@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.reduction.deim import deim
-from hhr_dolfinx.reduction.pod import pod
+from hhr_dolfinx.reduction.modes import deim, pod
 
 
 def low_rank(rows, columns, decay, seed):

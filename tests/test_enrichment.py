@@ -12,8 +12,8 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotSolvableError, ReductionError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.reduction.enrichment import enrich, record_enrichment
-from hhr_dolfinx.reduction.pod import pod
-from hhr_dolfinx.reduction.rid import reduced_domain
+from hhr_dolfinx.reduction.modes import pod
+from hhr_dolfinx.reduction.projection import reduced_domain
 from hhr_dolfinx.timing import StageLog
 
 

@@ -7,7 +7,7 @@ from test_outputs import small_pellet
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import contact_residuals
-from hhr_dolfinx.certify.field_response import field_response, leading
+from hhr_dolfinx.certify.bounds import field_response, leading
 
 
 @pytest.fixture(scope="module")

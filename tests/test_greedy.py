@@ -18,10 +18,9 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.errors import ParameterError, ReductionError, SceneWarning, StudyError
 from hhr_dolfinx.reduction.recipe import Recipe
-from hhr_dolfinx.snapshots.digest import digest_of_values
+from hhr_dolfinx.snapshots.store import digest_of_values
 from hhr_dolfinx.study import greedy as module
-from hhr_dolfinx.study.greedy import Greedy, KeptChoice, independent
-from hhr_dolfinx.study.greedy_indicators import _Domain
+from hhr_dolfinx.study.greedy import Greedy, KeptChoice, _Domain, independent
 from hhr_dolfinx.study.training import train
 
 QUICK = hhr.Greedy(tolerance=1e-9, budget=30, start=hhr.Sobol(4), candidates=hhr.Lattice(100, levels=10), together=6)

@@ -178,8 +178,8 @@ UNNEEDED = {
     "flow": ["hhr_dolfinx.materials.laws", "hhr_dolfinx.materials.constants", "hhr_dolfinx.materials.update",
              "hhr_dolfinx.models.march", "hhr_dolfinx.models.reduced_flow", "hhr_dolfinx.full_order.flow",
              "hhr_dolfinx.full_order.gauss_points", "hhr_dolfinx.reduction.flow", "hhr_dolfinx.study.histories",
-             "hhr_dolfinx.study.history_runs", "hhr_dolfinx.reduction.condense_flow",
-             "hhr_dolfinx.reduction.elastic_response", "hhr_dolfinx.reduction.flowing_domain",
+             "hhr_dolfinx.study.histories", "hhr_dolfinx.reduction.condense_flow",
+             "hhr_dolfinx.reduction.condense_flow", "hhr_dolfinx.reduction.condense_flow",
              "hhr_dolfinx.models.condensed_step", "hhr_dolfinx.models.condensed_step",
              "hhr_dolfinx.models.condensed_step",
              "hhr_dolfinx.models.condensed_fields", "hhr_dolfinx.models.condensed_flow",
@@ -203,7 +203,7 @@ UNNEEDED = {
         "hhr_dolfinx.reduction.interpolate_reduced", "hhr_dolfinx.reduction.starts"],
     "gradients": ["hhr_dolfinx.models.gradient", "hhr_dolfinx.models.history_gradient"],
     "samplings": ["hhr_dolfinx.sampling"],
-    "greedy training": ["hhr_dolfinx.study.greedy", "hhr_dolfinx.study.greedy_indicators"],
+    "greedy training": ["hhr_dolfinx.study.greedy", "hhr_dolfinx.study.greedy"],
     "families of paths": ["hhr_dolfinx.path_families"],
 }  # fmt: skip
 """What a study of an elastic scene on matching meshes does without; numba is not listed: DOLFINx loads it itself."""
@@ -216,7 +216,7 @@ UNNEEDED_BY_FLOW = {
     **{name: [item for item in UNNEEDED[name] if item not in OF_FILES] for name in UNNEEDED
        if name not in ("flow", "meshes that do not match")},
     "what only elastic scenes are compared with": [
-        "hhr_dolfinx.study.points", "hhr_dolfinx.study.references", "hhr_dolfinx.baselines.naive",
+        "hhr_dolfinx.study.points", "hhr_dolfinx.study.measure", "hhr_dolfinx.baselines.naive",
         "hhr_dolfinx.baselines.condensation"],
 }  # fmt: skip
 """What a study of a scene that flows does without."""
@@ -263,7 +263,7 @@ def test_what_is_not_loaded_exists():
 
 
 @pytest.mark.parametrize(
-    "name", ["hhr_dolfinx.reduction.deim", "hhr_dolfinx.reduction.pod", "hhr_dolfinx.path_families"]
+    "name", ["hhr_dolfinx.reduction.modes", "hhr_dolfinx.reduction.modes", "hhr_dolfinx.path_families"]
 )
 def test_examples_in_docstrings(name):
     found = doctest.testmod(importlib.import_module(name), extraglobs={"np": np})

@@ -7,8 +7,7 @@ import pytest
 from scenes import pressed_block
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.contact.together import KeptFactors
+from hhr_dolfinx.contact.active_set import KeptFactors, Status
 from hhr_dolfinx.errors import OutsideTrainingError, OutsideTrainingWarning, ParameterError
 from hhr_dolfinx.linear.dense import LapackLU
 

@@ -29,10 +29,9 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.enrichment import enrich
-from hhr_dolfinx.reduction.pod import pod
-from hhr_dolfinx.reduction.projection import project
-from hhr_dolfinx.reduction.rid import load_nodes, open_conditions, reduced_domain
-from hhr_dolfinx.study.references import References
+from hhr_dolfinx.reduction.modes import pod
+from hhr_dolfinx.reduction.projection import load_nodes, open_conditions, project, reduced_domain
+from hhr_dolfinx.study.measure import References
 
 ROOT = Path(__file__).parent.parent
 MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}

@@ -19,8 +19,7 @@ from hhr_dolfinx.geometries.sphere_on_block import BLOCK_TOP, SPHERE_BOTTOM, sph
 from hhr_dolfinx.geometries.two_blocks import side, two_blocks
 from hhr_dolfinx.pairings.projection import closest_points
 from hhr_dolfinx.pairings.surface import make_surface
-from hhr_dolfinx.reduction.projection import project
-from hhr_dolfinx.reduction.rid import open_conditions, reduced_domain
+from hhr_dolfinx.reduction.projection import open_conditions, project, reduced_domain
 
 UP2, UP3 = (0.0, 1.0), (0.0, 0.0, 1.0)
 

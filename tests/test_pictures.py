@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.study.method_pictures import _front, _point, plot_work_precision
+from hhr_dolfinx.study.plots import _front, _point, plot_work_precision
 from hhr_dolfinx.study.view import View
 
 WIDE = np.array([[0.0, 1.0], [4.0, 1.1], [2.0, 1.0]])

@@ -11,10 +11,9 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.reduction.completion import Completion
-from hhr_dolfinx.reduction.deim import deim
-from hhr_dolfinx.reduction.projection import project
-from hhr_dolfinx.reduction.rid import reduced_domain
-from hhr_dolfinx.study.references import References
+from hhr_dolfinx.reduction.modes import deim
+from hhr_dolfinx.reduction.projection import project, reduced_domain
+from hhr_dolfinx.study.measure import References
 
 
 def test_index_sets_follow_their_definitions(hertz, hertz_reduction):

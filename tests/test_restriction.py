@@ -13,7 +13,7 @@ from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.contact.restriction import restricted
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.reduction.rid import open_conditions, reduced_domain
+from hhr_dolfinx.reduction.projection import open_conditions, reduced_domain
 
 
 def solved(problem, mu):

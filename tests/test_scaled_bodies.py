@@ -9,7 +9,7 @@ from test_floating import scene as lying_block
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
-from hhr_dolfinx.contact.scaling import ScaledBodies
+from hhr_dolfinx.contact.problem import ScaledBodies
 from hhr_dolfinx.errors import SceneWarning
 from hhr_dolfinx.linear.sparse import FreeCholesky
 

@@ -14,7 +14,7 @@ from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries import press_fit as geometry
 from hhr_dolfinx.models.shaped_functionals import ReshapedFunctionals
 from hhr_dolfinx.reduction.interpolate import GridSettings
-from hhr_dolfinx.reduction.shaped_outputs import reshaped_functionals
+from hhr_dolfinx.reduction.shaped import reshaped_functionals
 from hhr_dolfinx.shapes import coordinate_names
 
 FLOOR, LID, AXIS = block.side(1, upper=False), block.side(1, upper=True), block.side(0, upper=False)

@@ -9,7 +9,7 @@ from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.trust import TrustLimits, check_comparison
 from hhr_dolfinx.errors import StabilityWarning, UnstableModelError
 from hhr_dolfinx.reduction import state_modes as module
-from hhr_dolfinx.reduction.state_modes import state_modes
+from hhr_dolfinx.reduction.modes import state_modes
 
 
 @pytest.mark.parametrize("chunk", [module.CHUNK, 7])

@@ -32,7 +32,7 @@ from hhr_dolfinx.errors import (
 from hhr_dolfinx.reduction.completion import Completion, spanning_rays
 from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 from hhr_dolfinx.reduction.interpolate import GridSettings
-from hhr_dolfinx.study.references import References
+from hhr_dolfinx.study.measure import References
 
 COARSE = {"arc_segments": 28, "flat_segments": 7}
 

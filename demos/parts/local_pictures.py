@@ -6,7 +6,7 @@ import numpy as np
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.models.local import LocalModels
-from hhr_dolfinx.study.references import References
+from hhr_dolfinx.study.measure import References
 from hhr_dolfinx.study.training import Training
 
 LABELS = ("P1 [MPa]", "h1 [mm]")

@@ -16,7 +16,7 @@ from hhr_dolfinx.models.answer import History, Path
 from hhr_dolfinx.models.equilibrium import told_once
 from hhr_dolfinx.models.path import MarchSettings
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.study.history_runs import history_errors
+from hhr_dolfinx.study.histories import history_errors
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed_flow import CondensedFlowModel

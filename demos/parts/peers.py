@@ -25,7 +25,7 @@ from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.constant_elimination import ConstantElimination
 from hhr_dolfinx.models.elimination import Responses
 from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.reduction.pod import pod
+from hhr_dolfinx.reduction.modes import pod
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
 

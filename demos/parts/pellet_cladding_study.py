@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
-from hhr_dolfinx.study.references import References
+from hhr_dolfinx.study.measure import References
 from hhr_dolfinx.study.study import Study
 from hhr_dolfinx.study.training import Training
 from hhr_dolfinx.timing import time_queries

@@ -9,7 +9,7 @@ from rich.table import Table
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.study.console import Console
-from hhr_dolfinx.study.references import References
+from hhr_dolfinx.study.measure import References
 from hhr_dolfinx.study.report import write_report
 from hhr_dolfinx.study.training import Training
 from hhr_dolfinx.timing import time_queries

@@ -1,4 +1,6 @@
-"""The commands of ``hhr``.
+"""One answer in rows of numbers, with their units where the scene says them.
+
+The commands of ``hhr``.
 
 Exit codes: 0 all is well; 1 something has no answer, or a check found mistakes; 2 wrong words; 3 a scene, a model or a
 file is refused; 130 interrupted.
@@ -11,10 +13,47 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from hhr_dolfinx.command.speaking import Command, first_rank, guarded, spoken
 from hhr_dolfinx.compat import extra
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import Answer
+    from hhr_dolfinx.scene import Scene
+
+
+def largest_values(answer: Answer, dimension: int, scene: Scene | None, pairs: np.ndarray | None) -> dict[str, float]:
+    """The largest displacement, the sum of the forces of each contact, and how many conditions touch.
+
+    Args:
+        answer: of any model.
+        dimension: of the mesh.
+        scene: where it is there, else None: a model in a file does not say its units.
+        pairs: contact of each condition, (N_lambda,); None where that is not known: the sum is then that of all.
+    """
+    units = None if scene is None else scene.units
+    per_depth = scene is not None and scene.hypothesis.startswith("plane")
+    length, force = ("", "") if units is None else (units.length, units.force + f"/{units.length}" * per_depth)
+    displacement, forces = answer.displacement().reshape(-1, dimension), answer.forces()
+    rows = {_with_unit("largest displacement", length): float(np.linalg.norm(displacement, axis=1).max())}
+    several = pairs is not None and np.unique(pairs).size > 1
+    if pairs is None or scene is None:
+        rows[_with_unit("sum of the forces of all contacts", force)] = float(forces.sum())
+    else:
+        for number in np.unique(pairs):
+            which = f" {number} of {', '.join(map(str, scene.contacts[number].tags))}" if several else ""
+            name = f"sum of the forces of contact{which}" if several else "sum of contact forces"
+            rows[_with_unit(name, force)] = float(forces[pairs == number].sum())
+    return rows | {"conditions that touch": int((forces > 0).sum())}
+
+
+def _with_unit(name: str, unit: str) -> str:
+    """A name with its unit."""
+    return f"{name} [{unit}]" if unit else name
+
 
 with extra("study", "the command hhr"):
     import click
@@ -183,7 +222,6 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
 
     Where bodies flow, which depends on the path, the answer is that of one step from rest.
     """
-    from hhr_dolfinx.command.answered import largest_values
     from hhr_dolfinx.command.loading import checked_target, is_model, point_of, scene_of
 
     if out is not None and is_model(what):
@@ -323,7 +361,7 @@ def export(scene: str, words: tuple[str, ...], out: Path) -> None:
 @guarded
 def list_(kind: str | None) -> None:
     """Show what scenes may name: geometries, pairings, laws, loads, outputs, samplings, materials, other packages."""
-    from hhr_dolfinx.materials.table import MATERIALS
+    from hhr_dolfinx.materials.elasticity import MATERIALS
     from hhr_dolfinx.plugins import OWN, names
 
     kinds = [*OWN, "materials"]

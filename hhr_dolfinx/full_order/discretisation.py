@@ -35,8 +35,7 @@ from hhr_dolfinx.full_order.checks import (
     warn_of_idle_parameters,
 )
 from hhr_dolfinx.full_order.locking import QUADRATURE, mean_dilatation, stiffness_degree
-from hhr_dolfinx.full_order.motions import with_motions
-from hhr_dolfinx.full_order.rigid_lifts import rigid_lifts
+from hhr_dolfinx.full_order.motions import rigid_lifts, with_motions
 from hhr_dolfinx.full_order.stress import stress_in_cells
 from hhr_dolfinx.loads import Assembler, Term, checked_terms, first_load, parted, placed
 from hhr_dolfinx.pairings.surface import Surface, make_surface
@@ -282,7 +281,7 @@ class Discretisation:
 
     def _eigenstress(self, load: Load, tag: Tag, strain: Expr) -> list[tuple[Formula, np.ndarray]]:
         """Nodal forces of a strain of a body, see :func:`eigenstress`."""
-        from hhr_dolfinx.full_order.eigenstrains import eigenstress
+        from hhr_dolfinx.full_order.gauss_points import eigenstress
 
         return eigenstress(self, tag, strain, partial(self._load_vector, load))
 

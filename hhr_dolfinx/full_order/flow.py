@@ -102,7 +102,7 @@ class FullEquilibrium:
         self._transposed, self._lifted = problem.contact.T.tocsr(), bool(problem.lifts.nnz)
         self.eigenstrains = csc_matrix((self.points.size * self.operator.components, problem.amplitudes.firsts[-1]))
         if any(hasattr(load, "eigenstrain_of") for load in full.scene.loads):
-            from hhr_dolfinx.full_order.eigenstrains import at_gauss_points
+            from hhr_dolfinx.full_order.gauss_points import at_gauss_points
 
             self.eigenstrains = at_gauss_points(gauss.discretisation, problem, self.operator)
         self._set_elasticity(gauss.material.moduli_at(problem.middle), problem.own_stiffness)

@@ -13,7 +13,7 @@ from scipy.sparse import csr_matrix, spmatrix
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
-from hhr_dolfinx.contact.scaling import ScaledBodies
+from hhr_dolfinx.contact.problem import ScaledBodies
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation

@@ -1,28 +1,42 @@
-"""From UFL to arrays at Gauss points: the strain, tabulated once, of bodies that flow or are nearly incompressible."""
+"""From UFL to arrays at Gauss points: the strain, tabulated once, of bodies that flow or are nearly incompressible.
+
+Strains without stress, such as thermal ones: σ = C (ε - ε0), and F is ∫ C ε0 : ε(v), and stresses leave ε0 out.
+
+Where bodies flow laws see ε - ε0 at Gauss points, so that internal forces hold what elsewhere is part of F.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
 from dolfinx import fem
 from petsc4py import PETSc
-from scipy.sparse import csr_matrix
+from scipy.sparse import csc_matrix, csr_matrix, hstack
+from ufl.core.expr import Expr
 
 from hhr_dolfinx import compat
+from hhr_dolfinx.amplitudes import Amplitude
 from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.forms import elasticity, volume
 from hhr_dolfinx.forms.elasticity import volume_weight
-from hhr_dolfinx.forms.return_mapping import strain_vector
+from hhr_dolfinx.forms.return_mapping import kelvin, strain_vector
+from hhr_dolfinx.formulas import Formula, Scalar
 from hhr_dolfinx.full_order.locking import QUADRATURE
+from hhr_dolfinx.full_order.varying import grading_of, parts_of
+from hhr_dolfinx.loads import checked_terms, first_load
 from hhr_dolfinx.materials.strain import SparsePattern, StrainOperator
 from hhr_dolfinx.materials.update import Group, Material
+from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.full_order.discretisation import Discretisation
+    from hhr_dolfinx.materials.strain import StrainOperator
 
 
 def strain_operator(discretisation: Discretisation) -> StrainOperator:
@@ -150,3 +164,124 @@ def _with_mean_dilatation(gradients: np.ndarray, volumes: np.ndarray) -> np.ndar
     changed = gradients.copy()
     changed[:, :, :3] += (mean[:, None] - trace)[:, :, None] / 3
     return changed
+
+
+def eigenstress(
+    discretisation: Discretisation, tag: Tag, strain: Expr, vector: Callable[[ufl.Form], np.ndarray]
+) -> list[tuple[Formula, np.ndarray]]:
+    """Nodal forces by which a strain of a body, 3x3, strains it where nothing holds it.
+
+    Each part of its stiffness gives its modulus, a formula of the parameters, and forces for the modulus 1, (N,). Where
+    bodies flow there are none: a single zero vector makes the amplitude of the strain a term of θ.
+
+    Raises:
+        SceneError: if no body has the tag.
+    """
+    scene = discretisation.scene
+    places = [place for place, body in enumerate(scene.bodies) if body.tag == tag]
+    if not places:
+        raise SceneError(
+            f"an eigenstrain is that of cell tag {tag}, and the bodies of scene '{scene.name}' have the tags "
+            f"{[body.tag for body in scene.bodies]}"
+        )
+    if scene.bodies[places[0]].stress is not None:
+        raise SceneError(f"body {tag!r} has a stress of its own, and a load that is a strain of it is not built in")
+    if any(body.law is not None for body in scene.bodies):
+        return [(Formula("1"), np.zeros(discretisation.size))]
+    body, hypothesis, mean = scene.bodies[places[0]], scene.hypothesis, discretisation.mean_dilatation[places[0]]
+    # bodies with a mean dilatation meet the strain at the points where they meet their own
+    dx = discretisation.cells(tag)(degree=QUADRATURE) if mean else discretisation.cells(tag)
+    measured = elasticity.in_plane(elasticity.strain(discretisation.arguments[1], hypothesis), hypothesis)
+    weight = elasticity.volume_weight(discretisation.mesh, hypothesis)
+    # the product of two means is not the mean of the product, which the test function meets
+    graded = _averaged(discretisation, places[0], _graded(discretisation, places[0], strain))
+    stresses = elasticity.isotropic_parts(graded, hypothesis)
+    found = []
+    for part in parts_of(body, places[0], hypothesis):
+        # constants of the form: their values are not compiled in
+        moduli = [fem.Constant(discretisation.mesh, float(value)) for value in part.moduli]
+        stress = sum(modulus * item for modulus, item in zip(moduli, stresses, strict=True) if float(modulus.value))
+        forces = vector(weight * ufl.inner(stress, measured) * dx)
+        found.append((Formula(part.factor).times(Formula(part.rest)), forces))
+    return found
+
+
+def eigenstrain_at(discretisation: Discretisation, place: int, point: np.ndarray) -> Expr | None:
+    """What stresses leave out of the graded strain of a body at a point of the parameters, (P,); None for nothing."""
+    scene, total = discretisation.scene, None
+    for load in scene.loads:
+        found = (
+            load.eigenstrain_of(scene.bodies[place].tag, discretisation.mesh)
+            if hasattr(load, "eigenstrain_of")
+            else None
+        )
+        if found is not None:
+            amplitude, strain = found
+            value = fem.Constant(discretisation.mesh, _value(amplitude, scene.parameters.names, point))
+            total = value * strain if total is None else total + value * strain
+    return None if total is None else _graded(discretisation, place, total)
+
+
+def at_gauss_points(discretisation: Discretisation, problem: ContactProblem, operator: StrainOperator) -> csc_matrix:
+    """Strains without stress at the Gauss points of bodies that flow, for each term of θ, (points * components, 1 + T).
+
+    Raises:
+        SceneError: for a load of a user's own with an ``eigenstrain_of`` that does not have one term for it, as that
+            which ``eigenstress`` of the assembler leads to.
+    """
+    loads, points = discretisation.scene.loads, operator.gauss_points * operator.components
+    first, terms = first_load(discretisation.scene), problem.amplitudes.firsts[-1]
+    pairs = [(load, term) for load in loads for term in checked_terms(load, discretisation.assembler(load))]
+    # in the order of Discretisation.load_terms
+    pairs.sort(key=lambda pair: not isinstance(pair[1].amplitude, Amplitude))
+    widths = [term.columns.shape[1] for _, term in pairs]
+    blocks, seen = [csc_matrix((points, first))], []
+    for (load, term), width in zip(pairs, widths, strict=True):
+        if hasattr(load, "eigenstrain_of") and csc_matrix(term.columns).nnz == 0 and width == 1:
+            seen.append(load)
+            blocks.append(csc_matrix(_tabulated(discretisation, load, operator)[:, None]))
+        else:
+            blocks.append(csc_matrix((points, width)))
+    strained = [load for load in loads if hasattr(load, "eigenstrain_of")]
+    if sorted(map(id, seen)) != sorted(map(id, strained)):
+        raise SceneError(
+            f"of the loads {strained} each is a strain of one body that flows or lies beside one, and must have the "
+            "one term that its assembler's eigenstress gives"
+        )
+    blocks.append(csc_matrix((points, terms - sum(widths) - first)))
+    return csc_matrix(hstack(blocks))
+
+
+def _tabulated(discretisation: Discretisation, load: Any, operator: StrainOperator) -> np.ndarray:
+    """A strain for the amplitude 1 at all Gauss points, Kelvin's notation, (points * components,)."""
+    mesh, bodies = discretisation.mesh, discretisation.cell_bodies()
+    points, _ = compat.quadrature(mesh.topology.cell_name(), QUADRATURE)
+    found = np.zeros((bodies.size, operator.per_cell, operator.components))
+    for place, body in enumerate(discretisation.scene.bodies):
+        given, cells = load.eigenstrain_of(body.tag, mesh), np.flatnonzero(bodies == place)
+        if given is not None:
+            # a constant strain has no mesh of its own
+            one = fem.Constant(mesh, 1.0)
+            vector = kelvin(_averaged(discretisation, place, given[1]), discretisation.scene.hypothesis)
+            values = fem.Expression(one * vector, points).eval(mesh, cells.astype(np.int32))
+            found[cells] = values.reshape(len(cells), operator.per_cell, operator.components)
+    return found.ravel()
+
+
+def _graded(discretisation: Discretisation, place: int, strain: Expr) -> Expr:
+    """A strain of a body times its grading."""
+    return grading_of(discretisation, discretisation.scene.bodies[place]) * _averaged(discretisation, place, strain)
+
+
+def _averaged(discretisation: Discretisation, place: int, strain: Expr) -> Expr:
+    """A strain whose change of volume is the mean over each cell, where that of the body is."""
+    if not discretisation.mean_dilatation[place]:
+        return strain
+    return volume.with_mean(strain, discretisation.cell_means(ufl.tr(strain)))
+
+
+def _value(amplitude: Amplitude | Formula, names: tuple[str, ...], point: np.ndarray) -> float:
+    """An amplitude at a point."""
+    if isinstance(amplitude, Amplitude):
+        return amplitude.constant + sum(slope * point[names.index(name)] for name, slope in amplitude.slopes.items())
+    return Scalar(amplitude.text, names).value(point)

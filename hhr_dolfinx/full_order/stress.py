@@ -46,7 +46,7 @@ def _of_body(
     scene, eigenstrain = discretisation.scene, None
     body = scene.bodies[place]
     if any(hasattr(load, "eigenstrain_of") for load in scene.loads):
-        from hhr_dolfinx.full_order.eigenstrains import eigenstrain_at
+        from hhr_dolfinx.full_order.gauss_points import eigenstrain_at
 
         eigenstrain = eigenstrain_at(discretisation, place, point)
     if body.stress is not None:

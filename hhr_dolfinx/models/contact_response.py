@@ -35,8 +35,7 @@ import numpy as np
 from scipy.linalg.lapack import dtrtri, dtrtrs
 from scipy.sparse import csc_matrix
 
-from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
-from hhr_dolfinx.contact.together import settled
+from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set, settled
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.linear.dense import LapackCholesky
 from hhr_dolfinx.models.error_bound import CANCELLED, ConstantThere, ErrorBound, Given, bounded, driven, lengths

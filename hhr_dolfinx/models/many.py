@@ -9,8 +9,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes, Coverage
-from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.contact.together import settled
+from hhr_dolfinx.contact.active_set import Status, settled
 from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers
 from hhr_dolfinx.models.elimination import Responses
 from hhr_dolfinx.models.estimates import Estimates

@@ -3,7 +3,7 @@
 Equilibrium of bodies that flow on few weighted Gauss points, in the place of all those of a RID.
 
 Internal forces are V[A]^T f = ∫ (G V[A])^T σ by a cubature that was fitted to training states
-(:mod:`hhr_dolfinx.reduction.cubature_flow`), tangents the same sum with their moduli, the elastic one too: where the
+(:mod:`hhr_dolfinx.reduction.cubature`), tangents the same sum with their moduli, the elastic one too: where the
 cells of A are the whole mesh, test functions are the modes themselves, and with weights that are not negative a tangent
 is as definite as the moduli of the laws (Farhat, Chapman and Avery, 2015, doi 10.1002/nme.4820). A cubature of the
 plastic part alone, beside the exact elastic one, has not this property: on the pellet its tangents became indefinite.

@@ -2,6 +2,8 @@
 
 A long table is answered block by block into a folder beside the target, each block a file that is whole or not there;
 whoever is killed goes on with the blocks that are missing. At the end the blocks become one file.
+
+Tables of parameters and answers as Parquet, by pyarrow.
 """
 
 from __future__ import annotations
@@ -10,15 +12,16 @@ import csv
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from hhr_dolfinx import ranks
+from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import ParameterError
 from hhr_dolfinx.files import make_folder, replacing
 from hhr_dolfinx.models.fallback import FallbackModel
@@ -30,6 +33,7 @@ from hhr_dolfinx.timing import timed
 
 if TYPE_CHECKING:
     from rich.console import Console
+
 
 Progress = Callable[[Iterable], Iterable]
 """Wraps an iteration, for a progress bar."""
@@ -62,8 +66,6 @@ def read_points(path: str | Path, space: ParameterSpace) -> list[TableRow]:
         ParameterError: if the file is missing, cannot be read, or its header does not name each parameter once.
     """
     if Path(path).suffix == PARQUET:
-        from hhr_dolfinx.online.parquet import read_columns
-
         return [TableRow(k, row) for k, row in enumerate(read_columns(Path(path), space.names), start=2)]
     try:
         # with or without the byte-order mark that spreadsheets write
@@ -215,8 +217,6 @@ class _Blocks:
         """
         parts = [self._file(number, self.path.suffix) for number in range(len(self))]
         if self.path.suffix == PARQUET:
-            from hhr_dolfinx.online.parquet import join_tables
-
             join_tables(self.path, parts)
         else:
             with replacing(self.path, text=True) as target:
@@ -255,8 +255,6 @@ def write_answers(
     """
     columns = _columns_of(answers)
     if Path(path).suffix == PARQUET:
-        from hhr_dolfinx.online.parquet import write_columns
-
         named = dict(zip(space.names, answers.points.T, strict=True))
         write_columns(Path(path), {**named, _STATUS: answers.status, **columns})
         return sum(status != OK for status in answers.status)
@@ -314,3 +312,62 @@ def checksum(path: str | Path) -> str:
     """Of a file, by which another one is told."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def read_columns(path: Path, names: tuple[str, ...]) -> list[list[str]]:
+    """Rows of the columns of some names, as text that says each number to the last digit; missing ones are empty.
+
+    Raises:
+        ParameterError: if the file cannot be read, or has not these columns.
+    """
+    with extra("tables", f"the table {path}"):
+        from pyarrow import ArrowException, parquet
+    try:
+        table = parquet.read_table(path)
+    except FileNotFoundError:
+        raise ParameterError(f"there is no table of parameters {path}") from None
+    except (OSError, ArrowException) as error:
+        raise ParameterError(f"{path} cannot be read as Parquet ({error})") from error
+    wrong = sorted(name for name in names if table.column_names.count(name) != 1)
+    if wrong:
+        raise ParameterError(
+            f"{path} has no column {wrong} or has it twice: its columns must name {names}, and are {table.column_names}"
+        )
+    columns = [table.column(name).to_pylist() for name in names]
+    return [["" if value is None else str(value) for value in row] for row in zip(*columns, strict=True)]
+
+
+def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
+    """Write columns by name; what is not a number is left empty.
+
+    Raises:
+        FileError: if the file cannot be written.
+    """
+    with extra("tables", f"the table {path}"):
+        import pyarrow
+        from pyarrow import parquet
+    arrays = {}
+    for name, values in columns.items():
+        given = np.asarray(values)
+        arrays[name] = pyarrow.array(given, from_pandas=True) if given.dtype.kind in "fiub" else pyarrow.array(values)
+    with replacing(path) as file:
+        parquet.write_table(pyarrow.table(arrays), file)
+
+
+def join_tables(path: Path, parts: Sequence[Path]) -> None:
+    """One file of several with the same columns, in their order; each is in memory by itself.
+
+    Raises:
+        FileError: if the file cannot be written.
+    """
+    with extra("tables", f"the table {path}"):
+        from pyarrow import parquet
+    with replacing(path) as file:
+        writer = None
+        for part in parts:
+            table = parquet.read_table(part)
+            # a column of a block without a single number has no type of its own
+            writer = writer or parquet.ParquetWriter(file, table.schema)
+            writer.write_table(table.cast(writer.schema))
+        if writer is not None:
+            writer.close()

@@ -26,13 +26,10 @@ from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.error_bound import ErrorBound
 from hhr_dolfinx.models.estimates import known_error, warn_unbounded
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.reduction.bounding import bound_of
-from hhr_dolfinx.reduction.choice import basis_of, chosen_nodes
-from hhr_dolfinx.reduction.completion import Completion
+from hhr_dolfinx.reduction.completion import Completion, bound_of
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
-from hhr_dolfinx.reduction.projection import project
-from hhr_dolfinx.reduction.recipe import Recipe
-from hhr_dolfinx.reduction.rid import reduced_domain
+from hhr_dolfinx.reduction.projection import project, reduced_domain
+from hhr_dolfinx.reduction.recipe import Recipe, basis_of, chosen_nodes
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
@@ -242,7 +239,7 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
         if recipe.indicator is not None:
             fields = replace(fields, indicator=recipe.indicator.prepared(problem, basis, sets))
     if isinstance(bound, ErrorBound) and full.functionals is not None:
-        from hhr_dolfinx.certify.output_bounds import output_bound
+        from hhr_dolfinx.certify.bounds import output_bound
 
         with log.stage("bound"):
             # C lies among the columns of K^-1 B^T, which are there anyway
@@ -272,7 +269,7 @@ def _flow_of(shared: _Offline, basis: np.ndarray, sets: IndexSets, layers: int) 
 
         with shared.log.stage("projection"):
             return project_flow(equilibrium, basis, sets)
-    from hhr_dolfinx.reduction.cubature_flow import cubature_flow
+    from hhr_dolfinx.reduction.cubature import cubature_flow
     from hhr_dolfinx.reduction.flow import check_domain
 
     if shared.recipe.tangents is not None:
@@ -289,7 +286,7 @@ def _functionals(full: Any, basis: np.ndarray) -> Any:
     if full.functionals is None or full.problem.reshaped is None:
         return full.functionals
     from hhr_dolfinx.reduction.interpolate_reduced import SHAPE_GRID
-    from hhr_dolfinx.reduction.shaped_outputs import reshaped_functionals
+    from hhr_dolfinx.reduction.shaped import reshaped_functionals
 
     return reshaped_functionals(full.functionals, full.problem, basis, SHAPE_GRID)
 
@@ -356,7 +353,7 @@ def _compared(shared: _Offline, model: ReducedModel) -> tuple[Comparison | None,
         shared.log.skip("comparison", "trained on parts of histories: only models of all parts together answer one")
         return None, None
     if model.equilibrium is not None:
-        from hhr_dolfinx.certify.histories import checked_histories
+        from hhr_dolfinx.certify.compare import checked_histories
 
         return checked_histories(full, model, snapshots, held_out, limits)
     if limits is None:

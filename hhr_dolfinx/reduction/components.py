@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, hstack
 
-from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.contact.scaling import dependence, moduli_of
+from hhr_dolfinx.contact.problem import ContactProblem, dependence, moduli_of
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.linear.sparse import FreeCholesky
 from hhr_dolfinx.models.interpolated import Compliances

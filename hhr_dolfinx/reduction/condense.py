@@ -29,10 +29,10 @@ from hhr_dolfinx.models.starts import LinearStarts
 from hhr_dolfinx.reduction.components import Solver, components_of, interpolated_compliances
 from hhr_dolfinx.reduction.interpolate import DEFAULT_GRID, GridSettings
 from hhr_dolfinx.reduction.interpolate_reduced import interpolated_problem
-from hhr_dolfinx.reduction.pod import pod
+from hhr_dolfinx.reduction.modes import pod
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.recipe import Pod
-from hhr_dolfinx.reduction.shaped_outputs import reshaped_functionals
+from hhr_dolfinx.reduction.shaped import reshaped_functionals
 from hhr_dolfinx.reduction.starts import linear_starts
 from hhr_dolfinx.reduction.varying_bound import varying_bound
 from hhr_dolfinx.sampling import Sobol

@@ -1,4 +1,8 @@
-"""Condensed flow, offline: the elastic response, modes of the plastic correction, a cubature for it, and a check.
+"""What of bodies that flow is elastic: solved for once, in the middle of the box, scaled elsewhere.
+
+Gauss points where training flowed, and a cubature on few of them for the stress of the plastic correction.
+
+Condensed flow, offline: the elastic response, modes of the plastic correction, a cubature for it, and a check.
 
 Weights of the cubature are fitted to two kinds of integrals: the stress of the correction at training states, see
 :mod:`hhr_dolfinx.models.condensed_step`, and loosely the energies ∫ (G V)^T C G V of the modes where anything flowed.
@@ -9,35 +13,241 @@ steps stalled, or jumped. With both, none did.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy import linalg
 from scipy.sparse import csc_matrix
 
-from hhr_dolfinx.certify.compare import Comparison
-from hhr_dolfinx.certify.histories import checked_histories
+from hhr_dolfinx.certify.compare import Comparison, checked_histories
 from hhr_dolfinx.certify.trust import TrustLimits, warn_of_training
+from hhr_dolfinx.contact.active_set import active_set
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import HHRError, ReductionError, UnstableModelError
+from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.materials.update import Group
 from hhr_dolfinx.models.condensed_fields import CondensedFlowFields, PlasticFields
-from hhr_dolfinx.models.condensed_flow import CondensedFlow, CondensedFlowModel
+from hhr_dolfinx.models.condensed_flow import CondensedFlow, CondensedFlowModel, PartFactors
 from hhr_dolfinx.models.path import MarchSettings
 from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.parameters import is_number, is_whole
-from hhr_dolfinx.reduction.correction_modes import correction_modes
-from hhr_dolfinx.reduction.cubature import Cubature
-from hhr_dolfinx.reduction.elastic_response import ElasticResponse, elastic_response
-from hhr_dolfinx.reduction.flowing_domain import FlowingDomain, StrainAt
-from hhr_dolfinx.reduction.state_modes import state_modes
+from hhr_dolfinx.reduction.cubature import Cubature, compressed, fitted
+from hhr_dolfinx.reduction.modes import correction_modes, state_modes
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import StageLog
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.flow import FullEquilibrium
     from hhr_dolfinx.models.answer import Answer
+
+
+@dataclass(frozen=True)
+class ElasticResponse:
+    """Elastic response in the middle of the box: columns of K^-1 F and of imposed displacements, parts of the dofs."""
+
+    forced: np.ndarray
+    given: np.ndarray
+    per_force: np.ndarray
+    parts: np.ndarray
+    factors: PartFactors
+
+    def correction(self, problem: ContactProblem, answer: Answer) -> np.ndarray:
+        """u_p of a full answer, (N,)."""
+        theta, scale = problem.amplitudes(answer.parameter), self.factors.compliances(answer.parameter)[self.parts]
+        elastic = scale * (self.forced @ theta - self.per_force @ answer.multipliers)
+        return answer.unknown - elastic - (self.given @ theta - problem.lifts @ theta)
+
+
+def elastic_response(full: Any) -> ElasticResponse:
+    """Solve for what is elastic, in blocks, with the factors that the full model has."""
+    problem: ContactProblem = full.problem
+    parts, factors = parts_of(problem)
+    solver = full.factors
+    # strains without stress move bodies alike, however stiff they are
+    strained = csc_matrix(problem.loads - problem.external + _eigenforces(full))
+    with solver.lock:
+        solver.refactor(problem.own_stiffness)
+        forced, imposed = solver.solve_columns(problem.external), solver.solve_columns(strained)
+    return ElasticResponse(forced, imposed + problem.lifts.toarray(), full.per_force, parts, factors)
+
+
+def _eigenforces(full: Any) -> csc_matrix:
+    """Forces on free dofs of strains without stress in the middle of the box, sparse, (N, 1 + T)."""
+    equilibrium, problem = full.equilibrium, full.problem
+    elastic = equilibrium.material.moduli_at(problem.middle).elastic
+    forces = np.zeros(problem.loads.shape)
+    for term in np.flatnonzero(np.diff(equilibrium.eigenstrains.indptr)):
+        strain = equilibrium.eigenstrains[:, [term]].toarray().reshape(len(elastic), -1)
+        forces[:, term] = equilibrium.operator.internal(np.einsum("nij,nj->ni", elastic, strain))[0] * problem.free
+    return csc_matrix(forces)
+
+
+def parts_of(problem: ContactProblem) -> tuple[np.ndarray, PartFactors]:
+    """Part of the stiffness that holds each dof, (N,), and the moduli of the parts.
+
+    Raises:
+        ReductionError: where parts with moduli of their own hang together.
+    """
+    if not problem.moduli:
+        return np.zeros(problem.free.size, dtype=np.int64), PartFactors((), np.ones(1))
+    acting = np.array([np.asarray(abs(part).sum(axis=1)).ravel() > 0 for part in problem.stiffness_terms])
+    if (acting.sum(axis=0) > 1).any():
+        raise ReductionError(
+            "bodies that hang together have Young's moduli that vary by themselves, so that K^-1 is no factor times a "
+            "constant: give them one formula, or take the hyper-reduced model"
+        )
+    return acting.argmax(axis=0), PartFactors(tuple(problem.moduli), problem.weights(problem.middle))
+
+
+ROWS = 1500
+"""Integrals that a cubature is fitted to at most, before they are compressed."""
+CHUNK = 2000
+"""Gauss points whose contributions are made at once."""
+FLOWED = 1e-4
+"""Plastic strain, relative to the largest of any training state, from which on a point may carry weight."""
+ALIKE_MODES = 1e-4
+"""Part of the norm of training states that their compression leaves out."""
+
+
+def correction_strain(
+    full: Any, elastic: ElasticResponse, answer: Answer, correction: np.ndarray, strain: StrainAt
+) -> np.ndarray:
+    """Strain ε_c of the correction of a full answer, (p, c): it moves contact forces, which strain too."""
+    problem, equilibrium = full.problem, full.equilibrium.at(answer.parameter)
+    theta = problem.amplitudes(answer.parameter)
+    scale = elastic.factors.compliances(answer.parameter)[elastic.parts]
+    free = scale * (elastic.forced @ theta) + elastic.given @ theta - problem.lifts @ theta
+    slack = problem.gaps @ theta - problem.contact @ free
+    found = active_set(equilibrium.elastic.equalities, slack, slack < 0, pairs=full.pairs)
+    return strain.of(correction - scale * (elastic.per_force @ (answer.multipliers - found.forces)))
+
+
+@dataclass(frozen=True)
+class FlowingDomain:
+    """Gauss points where anything flowed in training: the candidates of a cubature.
+
+    Attributes:
+        points: their numbers, (p,).
+        weights: quadrature weight times 2 μ in the middle of the box, (p,).
+        deviators: of the strain of the modes, (p, c, ell).
+    """
+
+    points: np.ndarray
+    weights: np.ndarray
+    deviators: np.ndarray
+
+    @classmethod
+    def of(cls, full: Any, basis: np.ndarray, answers: Sequence[Answer], sizes: np.ndarray) -> FlowingDomain:
+        """Of training answers with corrections of some energy norms."""
+        equilibrium = full.equilibrium
+        largest = np.zeros(equilibrium.material.gauss_points)
+        for answer, size in zip(answers, sizes, strict=True):
+            largest = np.maximum(largest, np.abs(answer.state().state.plastic).max(axis=1) / size)
+        points = np.flatnonzero(largest > FLOWED * largest.max())
+        deviators = np.stack([deviator(equilibrium.strain_of(column)[points]) for column in basis.T], axis=2)
+        elastic = equilibrium.material.moduli_at(full.problem.middle).elastic
+        return cls(points, (equilibrium.operator.weights.ravel() * elastic[:, -1, -1])[points], deviators)
+
+    def stressed(
+        self,
+        full: Any,
+        elastic: ElasticResponse,
+        answers: Sequence[Answer],
+        corrections: np.ndarray,
+        sizes: np.ndarray,
+    ) -> np.ndarray:
+        """ε_p - dev ε_c at training states, over the energy norms of their corrections, (S, p c)."""
+        there = StrainAt(full.equilibrium.operator, self.points)
+        found = np.empty((len(answers), self.deviators[:, :, 0].size))
+        for k, (answer, correction) in enumerate(zip(answers, corrections.T, strict=True)):
+            plastic = answer.state().state.plastic[self.points]
+            strain = correction_strain(full, elastic, answer, correction, there)
+            found[k] = (plastic - deviator(strain)).ravel() / sizes[k]
+        return found
+
+    def cubature(self, stressed: np.ndarray, settings: CorrectionSettings, start: Cubature | None = None) -> Cubature:
+        """Points and weights for :meth:`stressed` states, (S, p c), and loosely for energies of the modes.
+
+        ``start`` is a cubature of the same states for fewer modes, or for a larger tolerance.
+        """
+        few = _alike(stressed, ROWS // self.deviators.shape[2])
+        few = few.reshape(len(few), self.points.size, -1)
+        pairs = np.triu_indices(self.deviators.shape[2])
+
+        def needed() -> Iterator[np.ndarray]:
+            for part in _chunks(self.points.size):
+                tested = self.weights[part, None, None] * self.deviators[part]
+                yield np.einsum("pcj,rpc->jrp", tested, few[:, part], optimize=True).reshape(-1, tested.shape[0])
+
+        def energies() -> Iterator[np.ndarray]:
+            for part in _chunks(self.points.size):
+                tested = self.weights[part, None, None] * self.deviators[part]
+                yield np.einsum("pcj,pci->jip", tested, self.deviators[part], optimize=True)[pairs]
+
+        rows = compressed(needed, 0.1 * settings.cubature)
+        loose = compressed(energies, 0.1 * settings.stability)
+        rows /= np.linalg.norm(rows.sum(axis=1))
+        loose *= settings.cubature / settings.stability / np.linalg.norm(loose.sum(axis=1))
+        return fitted(np.vstack([rows, loose]), settings.cubature, settings.most_points, start)
+
+    def largest_energy(self, cubature: Cubature) -> float:
+        """Largest energy of a mode by a cubature."""
+        scale = np.sqrt(cubature.weights * self.weights[cubature.points])
+        chosen = self.deviators[cubature.points] * scale[:, None, None]
+        return float(np.linalg.norm(chosen.reshape(-1, chosen.shape[2]), 2) ** 2)
+
+    def work(self, strain: StrainAt) -> Callable[[np.ndarray], np.ndarray]:
+        """Maps fields (N, k) to ∫ (G V)^T 2 μ dev G u, (ell, k)."""
+        tested = (self.weights[:, None, None] * self.deviators).reshape(-1, self.deviators.shape[2])
+        return lambda columns: np.stack([tested.T @ strain.of(column).ravel() for column in columns.T], axis=1)
+
+
+def deviator(strain: np.ndarray) -> np.ndarray:
+    """Deviators of strains, (n, c)."""
+    found = strain.copy()
+    found[:, :3] -= found[:, :3].mean(axis=1, keepdims=True)
+    return found
+
+
+def _chunks(count: int) -> Iterator[slice]:
+    return (slice(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK))
+
+
+def _alike(states: np.ndarray, most: int) -> np.ndarray:
+    """Few rows with the products of many, (S, n) -> (r, n): by the method of snapshots."""
+    squares, ways = linalg.eigh(states @ states.T)
+    count = min(int((squares > ALIKE_MODES**2 * squares[-1]).sum()), most)
+    return ways[:, ::-1][:, :count].T @ states
+
+
+class StrainAt:
+    """Strain at some Gauss points, by the cells around them alone.
+
+    Args:
+        operator: of the whole mesh.
+        points: numbers of the points.
+
+    Attributes:
+        points: as given.
+    """
+
+    def __init__(self, operator: StrainOperator, points: np.ndarray):
+        per_cell = operator.per_cell
+        cells, where = np.unique(points // per_cell, return_inverse=True)
+        self._operator, self._dofs = operator.restricted(cells)
+        self._places = where * per_cell + points % per_cell
+        self.points = points
+
+    def of(self, column: np.ndarray) -> np.ndarray:
+        """Of a field (N,), (n, c)."""
+        return self._operator.strain(column[self._dofs])[self._places]
+
+    def __call__(self, columns: np.ndarray) -> np.ndarray:
+        """Of fields (N, k), component by component, (k, c n)."""
+        return np.array([self.of(column).T.ravel() for column in columns.T])
+
 
 LEFT_OUT = {"plastic": 1e-8, "cumulated": 1e-6}
 """Part of the squared training fields that the modes for plastic strain and for what of it is cumulated leave out.

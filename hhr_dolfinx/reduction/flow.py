@@ -1,4 +1,7 @@
-"""What the reduction of bodies that flow needs besides: Gauss points of the RID, tangents at training states."""
+"""What the reduction of bodies that flow needs besides: Gauss points of the RID, tangents at training states.
+
+What corrects contact forces of histories, from the full model.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,11 @@ from scipy import linalg
 from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.contact.problem import IndexSets
-from hhr_dolfinx.errors import UnstableModelError
+from hhr_dolfinx.errors import ReductionError, UnstableModelError
+from hhr_dolfinx.models.force_correction import ForceCorrection
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.models.reduced_flow import ReducedFlow
+from hhr_dolfinx.reduction.condense_flow import elastic_response
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.flow import FullEquilibrium
@@ -115,3 +120,31 @@ def _margin(whole: np.ndarray, projected: np.ndarray) -> float:
         raise UnstableModelError(
             f"the tangent at a training state is singular or not finite on the basis ({error}): keep fewer modes"
         ) from error
+
+
+def force_correction(full: Any) -> ForceCorrection:
+    """The correction of forces of any model of a scene whose bodies flow, see :mod:`models.force_correction`.
+
+    Raises:
+        ReductionError: where nothing flows, and where moduli are no factors of what hangs together.
+    """
+    if full.equilibrium is None:
+        raise ReductionError(f"nothing flows in scene '{full.scene.name}': estimates of its answers bound forces")
+    problem, equilibrium = full.problem, full.equilibrium
+    problem.require_whole()
+    elastic = elastic_response(full)
+    masks = [(elastic.parts == part)[:, None] for part in range(max(len(elastic.factors.moduli), 1))]
+    schur = np.array([problem.contact @ np.where(mask, elastic.per_force, 0.0) for mask in masks])
+    return ForceCorrection(
+        equilibrium.operator,
+        equilibrium.material,
+        equilibrium.eigenstrains,
+        problem.amplitudes,
+        elastic.factors,
+        elastic.parts,
+        elastic.per_force,
+        (schur + schur.transpose(0, 2, 1)) / 2,
+        np.array([problem.contact @ np.where(mask, elastic.forced, 0.0) for mask in masks]),
+        problem.gaps - problem.contact @ elastic.given,
+        problem.contact_pairs,
+    )

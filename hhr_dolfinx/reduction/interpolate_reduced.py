@@ -13,8 +13,7 @@ import numpy as np
 from scipy.linalg.lapack import dgetrf, dgetrs
 
 from hhr_dolfinx.amplitudes import Amplitudes
-from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.contact.scaling import dependence
+from hhr_dolfinx.contact.problem import ContactProblem, IndexSets, dependence
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.models.block_elimination import Block, blocks_of

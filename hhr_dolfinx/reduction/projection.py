@@ -1,4 +1,12 @@
-"""Petrov-Galerkin projection of the contact problem on a RID, thesis (1.61), (5.23)."""
+"""Petrov-Galerkin projection of the contact problem on a RID, thesis (1.61), (5.23).
+
+Reduced integration domain (RID) and its index sets, thesis sections 1.4.3 and 5.2.3.
+
+A RID is *closed* if every contact condition that acts on a dof of A belongs to A_lambda. Only then do the equations
+tested on A hold all the forces that the full model has there; one multiplier missing makes answers useless (errors
+of 240 % were seen) without any other sign. Nodes bring in those they face; master nodes whose slaves do not all lie
+in A even so are taken out of A and become part of the interface (figure 5.3a).
+"""
 
 from __future__ import annotations
 
@@ -11,7 +19,6 @@ from scipy.sparse import csc_matrix, csr_matrix
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.projected import ReducedProblem, ReducedTerms
-from hhr_dolfinx.reduction.rid import open_conditions
 
 NO_WORK = 1e-9
 """Part of the largest work of a unit force along a rigid motion below which a condition has nothing to do with it."""
@@ -93,3 +100,115 @@ def _terms(
     forces = tested(problem.loads) + np.tensordot(weights, lifts, 1)
     stiffness = np.stack([projected(term) for term in problem.stiffness_terms])
     return ReducedTerms(stiffness, lifts, forces, problem.moduli)
+
+
+def reduced_domain(problem: ContactProblem, nodes: np.ndarray, layers: int = 0) -> IndexSets:
+    """Closed union of the supports of the given nodes and of the nodes they face, thesis (1.55), section 5.2.3.
+
+    A node of a contact surface brings in the slaves of its conditions and the nodes these face, so that gaps can be
+    computed inside the RID (figure 1.13b). The given nodes stay in A: where closing the RID would take one out,
+    the RID grows until it does not. Where every row overlaps the next (double pass, standard mortar
+    multipliers) that ends with the whole contact surface.
+
+    Args:
+        problem: the full problem; only its connectivity is used.
+        nodes: nodes picked by DEIM and by zones of interest.
+        layers: layers of cells added around the union.
+    """
+    incidence, rows = _incidence(problem), _rows_by_nodes(problem)
+    wanted = np.zeros(problem.points.shape[0], dtype=bool)
+    wanted[nodes] = True
+    while True:
+        cells = incidence @ _with_facing_nodes(problem, rows, wanted) > 0
+        for _ in range(layers):
+            cells = incidence @ (incidence.T @ cells) > 0
+        inside = _close(problem, rows, incidence.T @ ~cells == 0)
+        lost = wanted & ~inside
+        if not lost.any():
+            return _index_sets(problem, cells, inside)
+        wanted[problem.contact_slaves[rows @ lost > 0]] = True
+
+
+def open_conditions(problem: ContactProblem, sets: IndexSets) -> np.ndarray:
+    """Contact conditions outside A_lambda that act on A; a closed RID has none (section 5.2.3)."""
+    acting = np.unique(problem.contact[:, sets.A].nonzero()[0])
+    return np.setdiff1d(acting, sets.A_lambda)
+
+
+def _incidence(problem):
+    """Cells by nodes, 1 where the node belongs to the cell."""
+    cells, per_cell = problem.cell_nodes.shape
+    indptr = np.arange(0, cells * per_cell + 1, per_cell)
+    data = np.ones(cells * per_cell)
+    return csr_matrix((data, problem.cell_nodes.ravel(), indptr), shape=(cells, len(problem.points)))
+
+
+def _rows_by_nodes(problem):
+    """Contact conditions by nodes, non-zero where the condition touches the node."""
+    coo = problem.contact.tocoo()
+    shape = (problem.contact.shape[0], len(problem.points))
+    return csr_matrix((np.ones(coo.nnz), (coo.row, coo.col // problem.block_size)), shape=shape)
+
+
+def _with_facing_nodes(problem, rows, wanted):
+    """The nodes, the slaves of all conditions that touch them, and the nodes that these slaves face."""
+    slaves = wanted.copy()
+    slaves[problem.contact_slaves[rows @ wanted > 0]] = True
+    return slaves | (rows.T @ slaves[problem.contact_slaves] > 0)
+
+
+def _close(problem, rows, inside):
+    """Take nodes out until no condition whose slave lies outside touches what is left."""
+    while True:
+        touched = rows.T @ ~inside[problem.contact_slaves] > 0
+        if not (touched & inside).any():
+            return inside
+        inside = inside & ~touched
+
+
+def _index_sets(problem, cells, inside) -> IndexSets:
+    in_A = np.repeat(inside, problem.block_size) & problem.free
+    # an imposed slave whose masters lie outside would leave a row of B~1 that is zero
+    acts = abs(problem.contact) @ in_A.astype(float) > 0
+    in_A_lambda = inside[problem.contact_slaves] & acts
+    if not in_A_lambda.any():
+        raise ReductionError(
+            "no contact condition lies inside the reduced integration domain: "
+            "add contact nodes as a zone of interest, or layers"
+        )
+    in_A_c_tilde = abs(problem.contact[in_A_lambda]).T @ np.ones(in_A_lambda.sum()) > 0
+    in_I = ~in_A & (abs(problem.stiffness[in_A]).T @ np.ones(in_A.sum()) > 0)
+    masks = (cells, in_A, in_A_lambda, in_A & in_A_c_tilde, in_A_c_tilde, in_I)
+    return IndexSets(*(np.flatnonzero(mask) for mask in masks))
+
+
+def load_nodes(problem: ContactProblem) -> np.ndarray:
+    """One node for each term of θ that loads the problem.
+
+    A RID that no load reaches would answer zero to every parameter. A partial pressure has terms all along its line.
+    The node is the one where the load acts most on free dofs; among equals that with the smallest coordinates, so that
+    it does not depend on node numbers.
+    """
+    loaded = []
+    for column in problem.loads.T:
+        size = np.abs(column.toarray()).reshape(-1, problem.block_size).max(axis=1)
+        if size.max() > 0:
+            equals = np.flatnonzero(size > (1 - 1e-6) * size.max())
+            loaded.append(equals[np.lexsort(problem.points[equals].T[::-1])[0]])
+    return np.array(loaded, dtype=np.int64)
+
+
+def checked_nodes(nodes: np.ndarray, count: int, what: str = "the zone") -> np.ndarray:
+    """Node numbers, (n,), that ``what`` has chosen of ``count``; a mask of all nodes is as good."""
+    if nodes.dtype == bool:
+        if nodes.shape != (count,):
+            raise ReductionError(f"{what} is a mask of shape {nodes.shape}, the mesh has {count} nodes")
+        return np.flatnonzero(nodes)
+    if nodes.size and not np.issubdtype(nodes.dtype, np.integer):
+        raise ReductionError(f"{what} holds {nodes.dtype}: it must return node numbers, or a mask of all nodes")
+    if nodes.size == count and count > 2 and set(nodes.ravel().tolist()) <= {0, 1}:
+        raise ReductionError(f"{what} holds a 0 or 1 for each node: make it a mask of bool, or return node numbers")
+    outside = nodes[(nodes < 0) | (nodes >= count)]
+    if outside.size:
+        raise ReductionError(f"node {outside[0]} of {what} is not in the mesh, whose nodes are 0 to {count - 1}")
+    return nodes.astype(np.int64).ravel()

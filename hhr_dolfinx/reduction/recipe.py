@@ -2,6 +2,8 @@
 
 A basis of your own is an object with ``modes(problem, snapshots)``, a choice of nodes one with ``nodes(problem,
 snapshots, basis)``, an indicator one with ``prepared(problem, basis, sets)``; each is listed where the ones below are.
+
+What a recipe chooses before anything is projected: modes, and the nodes that make the RID.
 """
 
 from __future__ import annotations
@@ -18,9 +20,9 @@ from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.parameters import is_whole
-from hhr_dolfinx.reduction.deim import deim
-from hhr_dolfinx.reduction.pod import pod
-from hhr_dolfinx.reduction.rid import checked_nodes, load_nodes
+from hhr_dolfinx.reduction.enrichment import check_basis
+from hhr_dolfinx.reduction.modes import deim, pod
+from hhr_dolfinx.reduction.projection import checked_nodes, holding, load_nodes
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
 MOST_LAYERS = 1000
@@ -390,3 +392,24 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
     return value if isinstance(value, bool | int | float | str | None) else getattr(value, "__name__", repr(value))
+
+
+def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
+    """The basis of a step, of a user's own maybe, as the equations are written for it; rigid motions come first."""
+    if problem.rigid is not None:
+        rigid, moved = problem.rigid, snapshots.displacements
+        snapshots = replace(snapshots, displacements=moved - rigid @ (rigid.T @ moved))
+    basis, rows = np.asarray(step.modes(problem, snapshots)), len(problem.free)
+    if basis.ndim != 2 or len(basis) != rows or not 0 < basis.shape[1] <= rows or not np.isfinite(basis).all():
+        raise ReductionError(f"modes of {step!r} have the shape {basis.shape}: finite ones ({rows}, ell) are needed")
+    check_basis(problem, basis, f"the basis of {step!r}")
+    if problem.rigid is not None:
+        basis = np.linalg.qr(np.hstack([rigid, basis - rigid @ (rigid.T @ basis)]))[0]
+    return np.where(problem.free[:, None], basis, 0.0)  # without the round-off that was let pass
+
+
+def chosen_nodes(problem: ContactProblem, snapshots: SnapshotSet, recipe: Recipe, basis: np.ndarray) -> np.ndarray:
+    """Numbers of the nodes around which the RID of a recipe is built, those of a user's own choices too."""
+    found = [np.asarray(step.nodes(problem, snapshots, basis)) for step in recipe.nodes]
+    known = [checked_nodes(one, len(problem.points), repr(step)) for one, step in zip(found, recipe.nodes, strict=True)]
+    return np.unique(np.concatenate([*known, problem.contact_slaves[holding(problem)]]))

@@ -1,17 +1,23 @@
-"""Builds what assembles a reduced problem for any shape, from a full model, a basis and a RID."""
+"""Builds what assembles a reduced problem for any shape, from a full model, a basis and a RID.
+
+Outputs of bodies whose shape depends on parameters, offline: prepared on few shapes, interpolated between them.
+"""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactProblem, ContactRows, IndexSets
-from hhr_dolfinx.errors import ParameterError, ReductionError, StabilityWarning
+from hhr_dolfinx.errors import ParameterError, ReductionError, SceneError, StabilityWarning
 from hhr_dolfinx.models.cells import element_stiffness
+from hhr_dolfinx.models.functional_kinds import Mises, MovingMises
+from hhr_dolfinx.models.functionals import Functional, ShapeFunctionals
 from hhr_dolfinx.models.interpolation import Interpolant, grow
 from hhr_dolfinx.models.shaped import (
     CellProjection,
@@ -22,10 +28,13 @@ from hhr_dolfinx.models.shaped import (
     RidShape,
     SurfacePatch,
 )
-from hhr_dolfinx.reduction.rid import open_conditions
+from hhr_dolfinx.models.shaped_functionals import ROWS, ReshapedFunctionals, Zone
+from hhr_dolfinx.reduction.interpolate import GridSettings, grown
+from hhr_dolfinx.reduction.projection import open_conditions
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.rid_arrays import ShapedArrays
+
 
 AGREED = 1e-9
 """Largest difference between conditions of a patch and those of whole surfaces, relative to the largest."""
@@ -263,3 +272,98 @@ def _part(whole: SurfacePatch, chosen: np.ndarray) -> SurfacePatch:
     """Some facets of a surface, by a mask, with the nodes where it goes on beyond them."""
     edge = np.intersect1d(whole.facets[chosen], whole.facets[~chosen])
     return SurfacePatch(whole.tag, whole.facets[chosen], whole.behind[chosen], edge)
+
+
+TOLERANCE = 3e-7
+"""Wished error of the arrays of outputs, relative to their size: forces and displacements cancel in them, as in a gap,
+and a grid so fine has a few shapes more than that of the model."""
+_OF_ROWS = {item.name for item in fields(Functional)}
+
+
+def reshaped_functionals(
+    prepared: ShapeFunctionals, problem: ContactProblem, basis: np.ndarray, settings: GridSettings
+) -> ReshapedFunctionals:
+    """Outputs for displacements that are a basis, (N, ell), times coordinates and the lift.
+
+    Strain is not interpolated: its cells are moved, see :mod:`hhr_dolfinx.models.cells`.
+
+    Args:
+        prepared: outputs of the full model.
+        problem: its contact problem.
+        basis: V.
+        settings: how far the sparse grid grows.
+
+    Raises:
+        SceneError: for an output that is made of other conditions, or of arrays of other lengths, on other shapes.
+    """
+    lifted = np.flatnonzero(np.diff(problem.lifts.indptr)).astype(np.int64)
+    columns = np.column_stack([basis, problem.lifts[:, lifted].toarray()])
+    base = prepared.at(problem.middle).items
+
+    def solved(point: np.ndarray) -> dict[str, np.ndarray]:
+        found = {}
+        for place, item in enumerate(prepared.at(point).items):
+            _check_alike(base[place], item)
+            for name, array in _arrays(item, columns).items():
+                found[f"{place} {name}"] = array
+        return found
+
+    axes = np.array(problem.reshaped.axes, dtype=np.int64)
+    finer = replace(settings, tolerance=min(TOLERANCE, settings.tolerance))
+    grid, modes = grown(solved, problem.parameters, axes, finer)
+    arrays: list[tuple[int, str, tuple[int, ...]]] = []
+    for name, part in modes.items():
+        place, own = name.split(" ", 1)
+        arrays.append((int(place), own, part.shape[:-1]))
+    items, zones = [], []
+    for item in base:
+        zones.append(Zone(item.cells, columns[item.cells.dofs]) if isinstance(item, MovingMises) else None)
+        items.append(_without_rows(item))
+    return ReshapedFunctionals(
+        items=tuple(items),
+        arrays=tuple(arrays),
+        interpolant=grid.interpolant,
+        zones=tuple(zones),
+        lifted=lifted,
+        amplitudes=problem.amplitudes,
+        parameters=problem.parameters,
+    )
+
+
+def _own(item: Functional) -> dict[str, Any]:
+    """What an output has beside its rows."""
+    return {field.name: getattr(item, field.name) for field in fields(item) if field.name not in _OF_ROWS | {"cells"}}
+
+
+def _smooth(value: Any) -> bool:
+    """Whether a field is interpolated."""
+    return isinstance(value, float) or (isinstance(value, np.ndarray) and value.dtype == np.float64)
+
+
+def _arrays(item: Functional, columns: np.ndarray) -> dict[str, np.ndarray]:
+    """What of an output is interpolated, by name."""
+    found = {name: np.asarray(value) for name, value in _own(item).items() if _smooth(value) and np.size(value)}
+    if not isinstance(item, MovingMises) and item.count:
+        found[ROWS] = item.matrix(len(columns)) @ columns
+    return found
+
+
+def _check_alike(base: Functional, item: Functional) -> None:
+    """Raise SceneError for outputs of two shapes that differ by more than numbers."""
+    if type(base) is type(item) and base.count == item.count:
+        pairs = [(value, getattr(item, name)) for name, value in _own(base).items()]
+        if all(np.shape(a) == np.shape(b) if _smooth(a) else np.array_equal(a, b) for a, b in pairs):
+            return
+    raise SceneError(
+        f"output '{base.name}' is made of other conditions, terms or cells on another shape, and cannot be "
+        "interpolated between shapes: narrow the box, or leave it out"
+    )
+
+
+def _without_rows(item: Functional) -> Functional:
+    """An output whose rows are made elsewhere."""
+    nowhere = np.zeros(0, dtype=np.int64)
+    if isinstance(item, MovingMises):
+        own = {field.name: getattr(item, field.name) for field in fields(Mises)}
+        item = Mises(**own)
+    return replace(item, rows=nowhere, columns=nowhere, entries=np.zeros(0))

@@ -1,10 +1,15 @@
-"""Where a study speaks: with bars on a terminal; in whole lines where its output is kept, a pipe or a log file."""
+"""Where a study speaks: with bars on a terminal; in whole lines where its output is kept, a pipe or a log file.
+
+Whole numbers that studies and trainings are told.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sized
 
 from hhr_dolfinx.compat import extra
+from hhr_dolfinx.errors import StudyError
+from hhr_dolfinx.parameters import is_whole
 
 with extra("study", "the console of a study"):
     from rich.console import Console
@@ -53,3 +58,14 @@ def _is_watched(console: Console) -> bool:
     """Whether a window shows it: a terminal that can move its cursor, or a notebook."""
     isatty = getattr(console.file, "isatty", lambda: False)
     return console.is_jupyter or (isatty() and console.is_terminal and not console.is_dumb_terminal)
+
+
+MOST = 2**32
+"""Seeds and counts lie below."""
+
+
+def check_counts(**given: tuple[object, int]) -> None:
+    """Raise StudyError for a value that is no integer of at least its least value; both are given by name."""
+    for name, (value, least) in given.items():
+        if not is_whole(value, least) or int(value) >= MOST:  # type: ignore[call-overload]
+            raise StudyError(f"{name} = {value!r} must be an integer of at least {least}, below 2^32")

@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhr_dolfinx.certify.compare import Comparison
-from hhr_dolfinx.certify.histories import checked_histories
+from hhr_dolfinx.certify.compare import Comparison, checked_histories
 from hhr_dolfinx.certify.trust import check_stability, first_trusted, warn_of_training
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ReductionError
@@ -27,8 +26,7 @@ from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.models.local_histories import LocalHistories
 from hhr_dolfinx.parameters import is_whole
 from hhr_dolfinx.reduction.build import build, usual_recipe
-from hhr_dolfinx.reduction.choice import chosen_nodes
-from hhr_dolfinx.reduction.recipe import Recipe, Rid
+from hhr_dolfinx.reduction.recipe import Recipe, Rid, chosen_nodes
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import StageLog
 

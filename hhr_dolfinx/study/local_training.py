@@ -29,7 +29,7 @@ from hhr_dolfinx.parameters import ParameterSpace, is_number
 from hhr_dolfinx.reduction.build import build, sizes
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet
-from hhr_dolfinx.study.counts import check_counts
+from hhr_dolfinx.study.console import check_counts
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedRange
 
@@ -177,8 +177,7 @@ class Clusters:
 
     def _on_grid(self, snapshots: SnapshotSet, full: Any) -> tuple[Choice, list[np.ndarray]] | None:
         """The partition of a regular grid, and the snapshots of each cluster; None where points are none."""
-        from hhr_dolfinx.reduction.classify import tree_of_cells
-        from hhr_dolfinx.reduction.clusters import cell_labels, grid_cells
+        from hhr_dolfinx.reduction.clusters import cell_labels, grid_cells, tree_of_cells
 
         try:
             cells = grid_cells(snapshots.points).cells
@@ -190,8 +189,7 @@ class Clusters:
 
     def _anywhere(self, snapshots: SnapshotSet, full: Any, width: np.ndarray) -> tuple[Choice, list[np.ndarray]]:
         """What a forest says, and the snapshots of each cluster with those by its borders."""
-        from hhr_dolfinx.reduction.classify import forest_tree
-        from hhr_dolfinx.reduction.clusters import snapshot_labels
+        from hhr_dolfinx.reduction.clusters import forest_tree, snapshot_labels
 
         labels = np.zeros(len(snapshots.points), dtype=np.int64)
         loaded, nearest = loaded_snapshots(snapshots, full.parameters)

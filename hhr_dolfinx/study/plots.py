@@ -1,16 +1,18 @@
-"""Pictures of a study, and fields for ParaView. Imported only where a picture is made."""
+"""Pictures of fields on meshes: models beside each other, their difference, and bodies as they were.
+
+Error against run time of all methods of a study, as a picture.
+
+Pictures of a study, and fields for ParaView. Imported only where a picture is made.
+"""
 
 from __future__ import annotations
 
+import math
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
-
-# files only: without a display VTK would first look for an X server and complain
-if sys.platform == "linux" and "DISPLAY" not in os.environ:
-    os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
 
 import numpy as np
 from dolfinx.plot import vtk_mesh
@@ -21,9 +23,228 @@ from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.study.field_pictures import draw_fields
-from hhr_dolfinx.study.method_pictures import plot_work_precision
 from hhr_dolfinx.study.view import View
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.condensed_flow import CondensedFlowModel
+    from hhr_dolfinx.study.study import Study
+
+
+with extra("pictures", "pictures and fields for ParaView"):
+    import pyvista
+
+SHARE = 99.0
+"""Per cent of the values that colours tell apart: a corner where stress is infinite has them all otherwise."""
+BEYOND = 1.3
+"""Largest value, over the end of the colours, from which on it is said."""
+
+
+class _Panel(NamedTuple):
+    """One picture: a grid with a scalar field, its title, its colours and their ends."""
+
+    grid: pyvista.UnstructuredGrid
+    name: str
+    title: str
+    colours: str
+    ends: tuple[float, float]
+
+
+def draw_fields(
+    grid: pyvista.UnstructuredGrid,
+    view: View,
+    fields: dict[str, np.ndarray],
+    cells: dict[str, dict[str, np.ndarray]],
+    folder: Path,
+) -> None:
+    """Write ``fields.vtu`` and a picture of the RID and of scalar fields of two models, with their difference.
+
+    On a grid with displacements by model and the RID: values of cells by quantity and model.
+    """
+    quantities = dict(cells)
+    points: dict[str, dict[str, np.ndarray]] = {}
+    if view.component is not None:
+        component, label = view.component
+        points[label] = {model: grid.point_data[model][:, component] for model in fields}
+    for data, found in ((grid.point_data, points), (grid.cell_data, quantities)):
+        for quantity, models in found.items():
+            for model, values in models.items():
+                data[f"{quantity}, {model}"] = values
+            first, *_, last = models
+            data[_difference(quantity)] = models[last] - models[first]
+    grid.save(folder / "fields.vtu")
+    warped = {model: grid.warp_by_vector(model) if view.deformed else grid for model in fields}
+    rows = [list(_row(quantity, models, warped)) for quantity, models in (points | quantities).items()]
+    # the RID is drawn on the deformed mesh of the last model, every field on that of its own
+    _plot(grid, list(warped.values())[-1], rows, folder / "fields.png")
+
+
+def _difference(quantity: str) -> str:
+    return f"{quantity}, difference"
+
+
+def _row(quantity: str, models: dict[str, np.ndarray], warped: dict[str, pyvista.UnstructuredGrid]) -> Iterator[_Panel]:
+    """Pictures of a quantity: one of each model in the same colours, and what they differ by."""
+    every = np.concatenate([np.ravel(values) for values in models.values()])
+    low, high = np.percentile(every, [100 - SHARE, SHARE])
+    for model, values in models.items():
+        largest = float(np.max(values))
+        told = f", up to {largest:.3g}" if largest > BEYOND * high else ""
+        yield _Panel(warped[model], f"{quantity}, {model}", f"{quantity}, {model}{told}", "viridis", (low, high))
+    first, *_, last = models
+    size = float(np.percentile(np.abs(models[last] - models[first]), SHARE)) or 1.0
+    title = f"{last} less {first}"
+    yield _Panel(warped[last], _difference(quantity), title, "coolwarm", (-size, size))
+
+
+def _plot(
+    still: pyvista.UnstructuredGrid, moved: pyvista.UnstructuredGrid, rows: list[list[_Panel]], path: Path
+) -> None:
+    """The RID in two colours, and beside it a row for each quantity, all with the outline of bodies at rest."""
+    flat = np.ptp(still.points[:, 2]) == 0
+    columns = 1 + max(len(row) for row in rows)
+    plotter = pyvista.Plotter(
+        off_screen=True, shape=(len(rows), columns), window_size=(560 * columns, _height(still) * len(rows)),
+        border=False,
+    )  # fmt: skip
+    outline = _outline(still, flat)
+    count = int(still.cell_data["rid"].sum())
+    plotter.subplot(0, 0)
+    plotter.add_mesh(moved.copy(), scalars="rid", cmap=["#d9d9d9", "#c0392b"], show_scalar_bar=False, lighting=not flat)
+    _finish(plotter, f"RID: {count} of {still.n_cells} cells", outline, flat)
+    for place, row in enumerate(rows):
+        for number, panel in enumerate(row, start=1):
+            plotter.subplot(place, number)
+            _draw_panel(plotter, panel, flat)
+            _finish(plotter, panel.title, outline, flat)
+    plotter.screenshot(path)
+    plotter.close()
+
+
+def _draw_panel(plotter: Any, panel: _Panel, flat: bool) -> None:
+    bar = {"title": panel.name, "vertical": False, "label_font_size": 15, "n_labels": 3, "color": "k",
+           "position_y": 0.02, "fmt": "%.3g", "width": 0.6, "position_x": 0.2}  # fmt: skip
+    plotter.add_mesh(
+        panel.grid.copy(), scalars=panel.name, cmap=panel.colours, clim=panel.ends, scalar_bar_args=bar,
+        lighting=not flat,
+    )  # fmt: skip
+    # the name stands above the picture, where it lies on nothing
+    plotter.scalar_bars[panel.name].SetTitle("")
+
+
+def _outline(still: pyvista.UnstructuredGrid, flat: bool) -> pyvista.PolyData:
+    """Edges of the bodies where they lie before anything moves."""
+    return still.extract_feature_edges(
+        feature_angle=40, boundary_edges=True, feature_edges=not flat, manifold_edges=False, non_manifold_edges=False
+    )
+
+
+def _finish(plotter: Any, title: str, outline: pyvista.PolyData, flat: bool) -> None:
+    """Outline, title and camera of one picture."""
+    if outline.n_cells:
+        plotter.add_mesh(outline.copy(), color="k", line_width=1, opacity=0.6)
+    plotter.add_text(title, position="upper_edge", font_size=9, color="k")
+    if flat:
+        plotter.view_xy()
+        plotter.camera.tight(padding=0.35, adjust_render_window=False)
+    else:
+        # from the side of the planes of symmetry, where the inside of a quarter model shows
+        plotter.view_vector((-1.0, -1.4, 0.6))
+
+
+def _height(grid: pyvista.UnstructuredGrid) -> int:
+    """Pixels that a flat mesh needs beside 560 across, with room for its name and a bar; of others a square."""
+    width, height, depth = np.ptp(grid.points, axis=0)
+    return 560 if depth else int(np.clip(560 * height / max(width, 1e-300) + 170, 300, 800))
+
+
+with extra("pictures", "pictures of a study"):
+    from matplotlib.figure import Figure
+
+ROUND_OFF = 1e-10
+"""Errors below are exact for whoever reads a picture: they stand on a line below all others."""
+SHOWN = {"primal_l2": "displacement", "dual_full_floored": "contact forces on the whole surface"}
+"""Errors that are drawn, and what they are of."""
+
+
+class _Point(NamedTuple):
+    """A method: seconds of a query, median, 95 % and worst error, and what it is called."""
+
+    seconds: float
+    median: float
+    p95: float
+    worst: float
+    method: str
+    setting: str
+
+    @property
+    def exact(self) -> bool:
+        """Whether it is right to round-off."""
+        return self.median < ROUND_OFF
+
+
+def plot_work_precision(rows: list[dict[str, Any]], path: Path) -> None:
+    """Error against run time of every method by name and setting: median, 95 % and worst, with the Pareto front.
+
+    What is exact to round-off stands on a line at the bottom.
+    """
+    figure = Figure(figsize=(13, 5.2), layout="constrained")
+    for axis, (error, label) in zip(figure.subplots(1, 2), SHOWN.items(), strict=True):
+        axis.set(xscale="log", yscale="log", xlabel="time per query [us]", ylabel=f"relative error, {label}")
+        axis.margins(x=0.2, y=0.12)
+        axis.grid(alpha=0.25)
+        points = [_point(row, error) for row in rows if "online_s" in row]
+        measured = [point for point in points if not point.exact and math.isfinite(point.median)]
+        floor = min((point.median for point in measured), default=1e-6) / 30
+        _draw(axis, points, floor)
+        front = _front([(point.seconds * 1e6, point.median) for point in measured])
+        if len(front) > 1:
+            axis.plot(*zip(*front, strict=True), "-", color="black", linewidth=0.8, zorder=0)
+        if any(point.exact for point in points):
+            axis.axhline(floor, color="grey", linestyle="--", linewidth=0.8, zorder=0)
+    figure.suptitle("points: median of the test points; bars: up to 95 % and the worst seen (ticks); "
+                    "on the dashed line: exact to round-off", fontsize=9)  # fmt: skip
+    figure.savefig(path, dpi=150)
+
+
+def _point(row: dict[str, Any], error: str) -> _Point:
+    """A row of a report as it is drawn; where only the median is known bars have no length."""
+    median = float(row[error])
+    p95, worst = (float(row.get(f"{error}_{part}", median)) for part in ("p95", "max"))
+    return _Point(row["online_s"], median, p95, worst, str(row["method"]), str(row.get("setting", "")))
+
+
+def _draw(axis: Any, points: list[_Point], floor: float) -> None:
+    """All points, with names beside them that do not lie on each other."""
+    colours = {method: f"C{k % 10}" for k, method in enumerate(dict.fromkeys(point.method for point in points))}
+    for k, point in enumerate(sorted(points, key=lambda point: point.seconds)):
+        x, y, colour = point.seconds * 1e6, max(point.median, floor), colours[point.method]
+        if point.exact:
+            y = floor
+        if not math.isfinite(y):
+            continue
+        ends = [value for value in (point.p95, point.worst) if math.isfinite(value) and value > y]
+        if ends:
+            axis.plot([x, x], [y, max(ends)], "-", color=colour, linewidth=1)
+            axis.plot([x] * len(ends), ends, "_", color=colour, markersize=9)
+        axis.plot([x], [y], "o", color=colour)
+        name = point.method if point.exact or not point.setting else f"{point.method}: {point.setting}"
+        place = {"xytext": (7, 7 if k % 2 else -13), "textcoords": "offset points"}
+        axis.annotate(name, (x, y), fontsize=8, color=colour, **place)
+
+
+def _front(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Points that no other one beats in time and error."""
+    found: list[tuple[float, float]] = []
+    for point in sorted(points):
+        if not found or point[1] < found[-1][1]:
+            found.append(point)
+    return found
+
+
+# files only: without a display VTK would first look for an X server and complain
+if sys.platform == "linux" and "DISPLAY" not in os.environ:
+    os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+
 
 with extra("pictures", "pictures and fields for ParaView"):
     import matplotlib
@@ -34,9 +255,6 @@ with extra("pictures", "pictures and fields for ParaView"):
     from matplotlib.colors import LogNorm
     from matplotlib.figure import Figure
 
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.condensed_flow import CondensedFlowModel
-    from hhr_dolfinx.study.study import Study
 
 Curves = dict[str, tuple[Any, Any]]
 """Positions and values of curves by name."""

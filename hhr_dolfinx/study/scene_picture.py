@@ -19,7 +19,7 @@ with extra("pictures", "pictures of a scene"):
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.study.scene_findings import SceneCheck
+    from hhr_dolfinx.study.scene_check import SceneCheck
 
 AROUND = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
 """Corners of a face in the order in which they go round, of triangles and tensor-ordered quadrilaterals."""

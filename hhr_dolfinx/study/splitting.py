@@ -14,7 +14,7 @@ from hhr_dolfinx.parameters import is_number
 from hhr_dolfinx.reduction.build import sizes
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
-from hhr_dolfinx.study.counts import check_counts
+from hhr_dolfinx.study.console import check_counts
 from hhr_dolfinx.study.local_training import (
     LocalRecord,
     Member,
@@ -235,8 +235,7 @@ class _Run:
 
         None if there is no such cut, or several before it were of no use.
         """
-        from hhr_dolfinx.reduction.classify import separating_cut
-        from hhr_dolfinx.reduction.clusters import medoids
+        from hhr_dolfinx.reduction.clusters import medoids, separating_cut
         from hhr_dolfinx.reduction.subspaces import snapshot_distances
 
         # what does not move has no direction

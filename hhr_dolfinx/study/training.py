@@ -20,11 +20,9 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.build import build, usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.snapshots.held_out import held_out_points
-from hhr_dolfinx.snapshots.lost import Lost
-from hhr_dolfinx.snapshots.records import SnapshotSet, spread_snapshots
+from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, held_out_points, spread_snapshots
 from hhr_dolfinx.snapshots.store import SnapshotStore
-from hhr_dolfinx.study.counts import check_counts
+from hhr_dolfinx.study.console import check_counts
 from hhr_dolfinx.timing import StageLog
 
 if TYPE_CHECKING:
@@ -181,7 +179,7 @@ class Training:
         Raises:
             ReductionError: where nothing flows, and where moduli are no factors of what hangs together.
         """
-        from hhr_dolfinx.reduction.force_correction import force_correction
+        from hhr_dolfinx.reduction.flow import force_correction
 
         return force_correction(self.full_order)
 

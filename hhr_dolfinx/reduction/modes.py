@@ -1,0 +1,178 @@
+"""Proper orthogonal decomposition of snapshots, thesis (1.49)-(1.54).
+
+POD in energy of plastic corrections.
+
+Modes of states of histories, stress and cumulated plastic strain, in which small states count like large ones.
+
+Discrete empirical interpolation, thesis Alg. 1.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from scipy import linalg
+
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.reduction.condense_flow import ElasticResponse
+
+
+def pod(snapshots: np.ndarray, tolerance: float, gram: Any = None) -> tuple[np.ndarray, np.ndarray]:
+    """Leading left singular vectors that leave out less than ``tolerance`` of the squared sum, (1.53).
+
+    Args:
+        snapshots: (N, S), one column per snapshot.
+        tolerance: epsilon, in (0, 1).
+        gram: sparse Gram matrix of the norm in which the sum is measured, (N, N); None for the Euclidean one.
+
+    Returns:
+        ``(modes, singular_values)``: modes (N, ell) with orthonormal columns, and all singular values.
+
+    Raises:
+        ReductionError: for a tolerance outside (0, 1), fewer than two snapshots, or snapshots that
+            are not finite or all zero.
+
+    Example:
+        >>> modes, values = pod(np.array([[3.0, 0.0], [0.0, 4.0], [0.0, 0.0]]), 0.5)
+        >>> np.abs(modes).T, values
+        (array([[0., 1., 0.]]), array([4., 3.]))
+    """
+    if not 0 < tolerance < 1:
+        raise ReductionError(f"the POD tolerance {tolerance} must lie in (0, 1)")
+    if snapshots.shape[1] < 2:
+        raise ReductionError(f"{snapshots.shape[1]} snapshot cannot span a reduced basis: train on at least 2")
+    if not np.isfinite(snapshots).all():
+        raise ReductionError("the snapshots are not finite")
+    modes, values, noise = _decomposed(snapshots, gram)
+    if values[0] == 0:
+        raise ReductionError("all snapshots are zero: the loads of the scene do nothing on the training points")
+    left_out = np.append(np.cumsum((values**2)[::-1])[::-1], 0.0) / np.sum(values**2)
+    # singular values below round-off are noise, however small the tolerance
+    rank = int((values > values[0] * noise).sum())
+    count = min(int(np.argmax(left_out < tolerance)), rank)
+    chosen = modes[:, :count] if gram is None else linalg.qr(modes[:, :count], mode="economic")[0]
+    return np.ascontiguousarray(chosen), values
+
+
+def _decomposed(snapshots: np.ndarray, gram: Any) -> tuple[np.ndarray, np.ndarray, float]:
+    """Left singular vectors, singular values, and the relative size below which these are round-off.
+
+    In the norm of a Gram matrix by the method of snapshots, whose squares lose half of the digits.
+    """
+    if gram is None:
+        modes, values, _ = linalg.svd(snapshots, full_matrices=False)
+        return modes, values, np.finfo(float).eps * max(snapshots.shape)
+    squares, weights = linalg.eigh(snapshots.T @ (gram @ snapshots))
+    values = np.sqrt(np.maximum(squares[::-1], 0.0))
+    return snapshots @ weights[:, ::-1], values, np.sqrt(np.finfo(float).eps * max(snapshots.shape))
+
+
+SMALL_CORRECTION = 1e-3
+"""Size of a correction, relative to the largest, from which on it counts by its root, and below by itself."""
+
+
+def correction_modes(
+    problem: ContactProblem, corrections: np.ndarray, elastic: ElasticResponse, left_out: float, most: int | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Modes of corrections, (N, S), orthonormal in energy, (N, ell), and the energy norm of each state, (S,).
+
+    They leave out a part of the norm of all corrections together, unless there would be more than ``most``. Each counts
+    by the root of its size: by their sizes, corrections of trained part loads were left out beside those of full loads,
+    and the stress that stayed behind them was 75 to 90 % wrong on a cantilever, 12 to 25 % on the pellet; by the root
+    2 to 3 and 1 %, with twice as many modes. If all counted alike there were three times as many.
+
+    Where moduli vary each part has modes of its own: a mode across parts would have no energy of its own.
+    """
+    sizes = np.sqrt(np.maximum(np.einsum("ns,ns->s", corrections, problem.stiffness @ corrections), 0.0))
+    weights = 1 / np.sqrt(np.maximum(sizes, SMALL_CORRECTION * sizes.max(initial=0.0)) + np.finfo(float).tiny)
+    found = []
+    for part in np.unique(elastic.parts):
+        own = np.where((elastic.parts == part)[:, None], corrections * weights, 0.0)
+        found.append(_energy_modes(problem, own, left_out * np.linalg.norm(sizes * weights)))
+    values = np.concatenate([value for _, value in found])
+    modes = np.concatenate([columns for columns, _ in found], axis=1)
+    order = np.argsort(-values)[:most]
+    return _orthonormal(problem, modes[:, order]), sizes
+
+
+def _energy_modes(problem: ContactProblem, columns: np.ndarray, left_out: float) -> tuple[np.ndarray, np.ndarray]:
+    """POD modes in energy that leave out a given norm, and their singular values."""
+    squares, weights = linalg.eigh(columns.T @ (problem.stiffness @ columns))
+    squares, weights = np.maximum(squares[::-1], 0.0), weights[:, ::-1]
+    rest = np.append(np.cumsum(squares[::-1])[::-1], 0.0)
+    noise = np.finfo(float).eps * len(squares) * (squares[0] if squares.size else 0.0)
+    count = min(int(np.argmax(rest <= left_out**2)), int((squares > noise).sum()))
+    values = np.sqrt(squares[:count])
+    return columns @ (weights[:, :count] / np.where(values > 0, values, 1.0)), values
+
+
+def _orthonormal(problem: ContactProblem, modes: np.ndarray) -> np.ndarray:
+    """The same span, orthonormal in energy to round-off."""
+    for _ in range(2):
+        lower = np.linalg.cholesky(modes.T @ (problem.stiffness @ modes))
+        modes = linalg.solve_triangular(lower, modes.T, lower=True).T
+    return np.ascontiguousarray(modes)
+
+
+SMALL_STATE = 1e-3
+"""Norm of a state, relative to the largest of any, from which on it counts in full; what is smaller counts by its size,
+so that round-off of bodies that are unloaded is no state."""
+CHUNK = 20_000
+"""Values of each field that are stacked at once."""
+
+
+def state_modes(fields: Sequence[np.ndarray], tolerance: float) -> np.ndarray:
+    """Orthonormal POD modes of states, (values, modes), each divided by its norm.
+
+    By their sizes a history that hardly flows, the first steps of any, and what stays when loads are gone would all be
+    left out beside those of full loads: on the pellet 36 to 60 % of plastic strain and stress of their own.
+
+    Args:
+        fields: one for each state, (values,), which may be too long to stack.
+        tolerance: part of the squared sum that the modes leave out; by the method of snapshots, from 1e-14.
+    """
+    sizes = np.array([np.linalg.norm(field) for field in fields])
+    scale = 1 / np.maximum(sizes, SMALL_STATE * sizes.max() or 1.0)
+    parts = [slice(start, start + CHUNK) for start in range(0, fields[0].size, CHUNK)]
+
+    def stacked(part: slice) -> np.ndarray:
+        return np.stack([field[part] for field in fields]) * scale[:, None]
+
+    squares, ways = linalg.eigh(sum(block @ block.T for block in map(stacked, parts)))
+    squares, ways = np.maximum(squares[::-1], 0.0), ways[:, ::-1]
+    rest = np.append(np.cumsum(squares[::-1])[::-1], 0.0)
+    count = max(int(np.argmax(rest < max(tolerance, 1e-14) * rest[0])), 1)
+    chosen = ways[:, :count] / np.sqrt(squares[:count])
+    return np.concatenate([stacked(part).T @ chosen for part in parts])
+
+
+def deim(basis: np.ndarray) -> np.ndarray:
+    """Interpolation points of an ordered basis, one per column.
+
+    Args:
+        basis: (N, ell) with independent columns, most important first.
+
+    Returns:
+        Row indices in the order they are found, (ell,); ``basis[indices]`` is invertible.
+
+    Raises:
+        ReductionError: if the columns are dependent.
+
+    Example:
+        >>> deim(np.array([[1.0, 0.0], [0.5, 1.0], [0.0, 0.2]]))
+        array([0, 1])
+    """
+    points: list[int] = []
+    for k, mode in enumerate(basis.T):
+        residual = mode
+        if points:
+            weights = np.linalg.solve(basis[points, :k], mode[points])
+            residual = mode - basis[:, :k] @ weights
+        point = int(np.argmax(np.abs(residual)))
+        if not abs(residual[point]) > 1e-13 * np.abs(mode).max():
+            raise ReductionError(f"column {k} of the basis depends on the columns before it")
+        points.append(point)
+    return np.array(points, dtype=np.int64)
