@@ -14,10 +14,10 @@ from .materials.laws import Norton as Norton
 from .materials.laws import Plasticity as Plasticity
 from .models.answer import Answer as Answer
 from .models.answer import History as History
+from .models.equilibrium import MarchSettings as MarchSettings
 from .models.fallback import FallbackModel as FallbackModel
 from .models.local import LocalModels as LocalModels
 from .models.local_histories import LocalHistories as LocalHistories
-from .models.path import MarchSettings as MarchSettings
 from .models.reduced import ReducedModel as ReducedModel
 from .online.batch import answer_points as answer_points
 from .online.model_file import load_model as load_model

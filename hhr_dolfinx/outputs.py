@@ -22,7 +22,6 @@ from hhr_dolfinx.parameters import Tag, as_tuple, check_tag, is_number, is_whole
 if TYPE_CHECKING:
     import ufl
 
-    from hhr_dolfinx.full_order.outputs import Probe
     from hhr_dolfinx.loads import Assembler
 
 _NOWHERE, _NOTHING = np.zeros(0, dtype=np.int64), np.zeros(0)
@@ -39,7 +38,7 @@ class Output(Protocol):
     name: str
     unit: str
 
-    def prepared(self, probe: Probe) -> Functional:
+    def prepared(self, probe: Any) -> Functional:
         """As plain data; SceneError for what the model does not have."""
 
 
@@ -94,7 +93,7 @@ class _OfContact(_Output):
 class LargestPressure(_OfContact):
     """Largest contact pressure of a contact: force over tributary area."""
 
-    def prepared(self, probe: Probe) -> Functional:
+    def prepared(self, probe: Any) -> Functional:
         """See :class:`Output`."""
         return Largest(self.name, self.unit, *_no_rows(), *probe.loaded(self))
 
@@ -112,7 +111,7 @@ class ContactForce(_OfContact):
 
     direction: tuple[float, ...]
 
-    def prepared(self, probe: Probe) -> Functional:
+    def prepared(self, probe: Any) -> Functional:
         """See :class:`Output`."""
         conditions, points, forces = probe.nodal_forces(self)
         along = np.tile(_unit(self, "direction", probe.dimension), len(points))
@@ -133,7 +132,7 @@ class ContactMoment(_OfContact):
     about: tuple[float, ...]
     axis: tuple[float, ...] | None = None
 
-    def prepared(self, probe: Probe) -> Functional:
+    def prepared(self, probe: Any) -> Functional:
         """See :class:`Output`."""
         if probe.scene.hypothesis == "axisymmetric":
             raise SceneError(
@@ -171,7 +170,7 @@ class Torque(_OfContact):
         if not is_number(self.friction) or self.friction < 0:
             raise SceneError(f"output '{self.name}': the friction {self.friction!r} must be a number, not negative")
 
-    def prepared(self, probe: Probe) -> Functional:
+    def prepared(self, probe: Any) -> Functional:
         """See :class:`Output`."""
         conditions, dim = probe.conditions(self), probe.dimension
         points = probe.problem.contact_points[conditions]
@@ -198,16 +197,17 @@ class ContactWidth(_OfContact):
     cell, and its derivatives are zero but for those of the shape of the cells.
     """
 
-    def prepared(self, probe: Probe) -> Functional:
+    def prepared(self, probe: Any) -> Functional:
         """See :class:`Output`."""
-        return Loaded(self.name, self.unit, *_no_rows(), *probe.loaded(self), 0.0, 1.0)
+        conditions, areas = probe.loaded(self)
+        return Loaded(self.name, self.unit, *_no_rows(), conditions, areas, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
 class LostContact(_OfContact):
     """Share of the area of a contact that is not under load, from 0 to 1; see :class:`ContactWidth`."""
 
-    def prepared(self, probe: Probe) -> Functional:
+    def prepared(self, probe: Any) -> Functional:
         """See :class:`Output`."""
         conditions, areas = probe.loaded(self)
         return Loaded(self.name, self.unit, *_no_rows(), conditions, areas, 1.0, -1.0 / float(areas.sum()))
@@ -225,7 +225,7 @@ class GapAt(_OfContact):
 
     place: tuple[float, ...]
 
-    def prepared(self, probe: Probe) -> Functional:
+    def prepared(self, probe: Any) -> Functional:
         """See :class:`Output`."""
         conditions, problem = probe.conditions(self), probe.problem
         nearest = conditions[probe.at_place(self, probe.base.contact_points[conditions])[0]]
@@ -257,7 +257,7 @@ class DisplacementAt(_Output):
         if not is_whole(self.component, 0) or self.component > 2:
             raise SceneError(f"output '{self.name}': the component {self.component!r} must be 0, 1 or 2")
 
-    def prepared(self, probe: Probe) -> Functional:
+    def prepared(self, probe: Any) -> Functional:
         """See :class:`Output`."""
         problem, dim = probe.problem, probe.dimension
         if self.component >= dim:
@@ -301,7 +301,7 @@ class VonMises(_Output):
                 raise SceneError(f"output '{self.name}': where = {self.where!r} must be two corners, (lower, upper)")
             object.__setattr__(self, "where", tuple(box))
 
-    def prepared(self, probe: Probe) -> Functional:
+    def prepared(self, probe: Any) -> Functional:
         """See :class:`Output`."""
         return probe.mises(self)
 
@@ -313,7 +313,7 @@ class ElasticEnergy(_Output):
     A reduced model has it with the errors of its forces and displacement.
     """
 
-    def prepared(self, probe: Probe) -> Functional:
+    def prepared(self, probe: Any) -> Functional:
         """See :class:`Output`."""
         return probe.energy(self)
 
@@ -335,7 +335,7 @@ class LinearForm(_Output):
         if not callable(self.form):
             raise SceneError(f"output '{self.name}': the form {self.form!r} must be a function of an Assembler")
 
-    def prepared(self, probe: Probe) -> Functional:
+    def prepared(self, probe: Any) -> Functional:
         """See :class:`Output`."""
         vector = probe.assembler.vector(self.form(probe.assembler))
         return Linear.of(self.name, self.unit, row=csr_matrix(vector[None]))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.snapshots.records import SnapshotSet
+    from hhr_dolfinx.models.answer import History
 
 FORCE_FLOOR = 1e-3
 """Fraction of the largest training force below which a relative dual error means nothing."""
@@ -23,7 +24,44 @@ ROUND_OFF = 1e-14
 """Relative error of a sum of products K_ij u_j; 50 units in the last place, for rows of some dozen entries."""
 
 
-def force_floor(problem: ContactProblem, training: SnapshotSet) -> float:
+class Solutions(Protocol):
+    """Answers of a full model, of training or held out; see :class:`hhr_dolfinx.snapshots.records.SnapshotSet`.
+
+    Attributes:
+        points: parameters, (S, P).
+        displacements: U0, (N, S).
+        forces: Λ, (N_lambda, S).
+        active: statuses, (N_lambda, S) bool.
+        histories: where bodies flow, those of which all of these are steps.
+        flowed: whether anything flowed in any of them.
+    """
+
+    @property
+    def points(self) -> np.ndarray: ...  # noqa: D102
+
+    @property
+    def displacements(self) -> np.ndarray: ...  # noqa: D102
+
+    @property
+    def forces(self) -> np.ndarray: ...  # noqa: D102
+
+    @property
+    def active(self) -> np.ndarray: ...  # noqa: D102
+
+    @property
+    def histories(self) -> Sequence[History]: ...  # noqa: D102
+
+    @property
+    def flowed(self) -> bool: ...  # noqa: D102
+
+    def take(self, rows: np.ndarray) -> Solutions:
+        """Some of them, by number."""
+
+    def any_contact(self, problem: ContactProblem) -> bool:
+        """Whether any condition bears a force in any of them."""
+
+
+def force_floor(problem: ContactProblem, training: Solutions) -> float:
     """Force norm below which a relative dual error means nothing."""
     floor = FORCE_FLOOR * float(np.linalg.norm(training.forces, axis=0).max())
     return floor if training.histories else max(floor, round_off_force(problem, training))
@@ -47,7 +85,7 @@ def least_sizes(full: Any, forces: np.ndarray | None) -> np.ndarray:
     return FORCE_FLOOR * np.array(largest)
 
 
-def round_off_force(problem: ContactProblem, solutions: SnapshotSet) -> float:
+def round_off_force(problem: ContactProblem, solutions: Solutions) -> float:
     """Force norm that is round-off beside the internal forces K U of some solutions.
 
     Of whole displacements: loads F - K lift hold the reaction to a rigid motion, against which all contact would count

@@ -20,8 +20,7 @@ from hhr_dolfinx.certify.accuracy import FORCE_FLOOR, least_sizes
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import BoundError
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.models.contact_response import FieldResponse, ResponseBound
-from hhr_dolfinx.models.error_bound import ErrorBound
+from hhr_dolfinx.models.error_bound import ErrorBound, FieldResponse, ResponseBound
 from hhr_dolfinx.models.floating_bound import FloatingBound, FloatingResponse, definite
 from hhr_dolfinx.models.functionals import Functional
 from hhr_dolfinx.models.output_bound import UNKNOWN, OutputBound, is_read_nearer

@@ -9,28 +9,22 @@ import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hhr_dolfinx.certify.accuracy import (
     Residuals,
+    Solutions,
     contact_residuals,
-    force_floor,
     norm,
     relative_error,
     slack_residuals,
 )
-from hhr_dolfinx.certify.trust import OF_A_RID, TrustLimits, check_comparison, check_door
 from hhr_dolfinx.errors import HHRError, SmallStrainWarning
-from hhr_dolfinx.models.answer import Answer, GaussState, History, Model, Path
-from hhr_dolfinx.models.equilibrium import told_once
-from hhr_dolfinx.models.path import MarchSettings
-from hhr_dolfinx.trained import Known, Signs, TrainedPaths
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.snapshots.records import SnapshotSet
-
+from hhr_dolfinx.models.answer import Answer, GaussState, History, Model
+from hhr_dolfinx.models.equilibrium import MarchSettings, told_once
+from hhr_dolfinx.trained import Signs
 
 ONE_ANSWER = 1e-6
 """Relative difference of forces from two starts above which a parameter has two answers."""
@@ -67,7 +61,7 @@ class Comparison:
         return cls(list(labels), *(np.array(column) for column in errors))
 
 
-def compare_points(full: Any, model: Model, solutions: SnapshotSet, floor: float) -> Comparison:
+def compare_points(full: Any, model: Model, solutions: Solutions, floor: float) -> Comparison:
     """Errors of fields and forces everywhere at known solutions.
 
     A point that fails has infinite errors, and so has the force where two starts lead to two answers. ``floor`` is
@@ -173,59 +167,9 @@ def residuals_of(full: Any, answer: Answer) -> Residuals:
     return Residuals(imbalance, *slack_residuals(problem, homogeneous, forces, theta))
 
 
-def largest_motion(full: Any, training: SnapshotSet) -> float:
+def largest_motion(full: Any, training: Solutions) -> float:
     """Largest gap or relative motion of contact surfaces in training."""
     problem = full.problem
     gaps = problem.amplitudes.sum_columns(problem.gaps, training.points)
     motion = problem.contact @ training.displacements
     return max(float(np.abs(gaps).max()), float(np.abs(motion).max()))
-
-
-PARTS = 8
-"""Of first steps, in which bodies begin to touch and to flow: states that a finer path along a trained one goes through
-have estimates up to nine times those of the steps of training."""
-
-
-def checked_histories(
-    full: Any,
-    model: Model,
-    snapshots: SnapshotSet,
-    held_out: SnapshotSet | None,
-    limits: TrustLimits | None,
-    remedy: str = OF_A_RID,
-) -> tuple[Comparison | None, TrainedPaths | None]:
-    """What users get beside known histories, and what the model was trained on; None without limits, or any history.
-
-    Raises:
-        UnstableModelError: for errors beyond the limits.
-
-    Warns:
-        StabilityWarning: for errors, or a door, that are doubtful.
-    """
-    kept = () if held_out is None else held_out.histories
-    trained_ones = {f"trained history {k}": history for k, history in enumerate(snapshots.histories)}
-    histories = trained_ones | {f"held-out history {k}": history for k, history in enumerate(kept)}
-    comparison, shown = compare_histories(full, model, histories, force_floor(full.problem, snapshots))
-    if limits is not None:
-        check_comparison(comparison, limits, remedy)
-    # what is held out is no training: unlike it, its errors would open the door to all like them
-    signs = [shown[label] for label in trained_ones if label in shown]
-    if not signs:  # without limits all of them may have failed
-        return None, None
-    paths = [history.path for history in snapshots.histories]
-    known = Known(signs, [_onset(model, path) for path in paths], largest_motion(full, snapshots))
-    trained = TrainedPaths.of(paths, full.parameters, known, full.equilibrium.material.rated)
-    if limits is not None:
-        check_door(trained, limits)
-    return (None if limits is None else comparison), trained
-
-
-def _onset(model: Model, path: Path) -> list[Signs]:
-    """Signs along the first step of a path in small parts; none where it does not converge."""
-    (start, here), (end, there) = path[:2]
-    shares = np.arange(PARTS + 1) / PARTS
-    parts = [(start + share * (end - start), here + share * (there - here)) for share in shares]
-    try:
-        return model.march(parts, MarchSettings(outside="ignore")).signs
-    except HHRError:
-        return []

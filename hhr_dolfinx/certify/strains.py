@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import warnings
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from hhr_dolfinx.certify.accuracy import Solutions
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ReductionError, SmallStrainWarning
 from hhr_dolfinx.models.small_strains import LARGE, MOST, large_strain, spread_strain
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.snapshots.records import SnapshotSet
 
 TOGETHER = 50
 """Answers whose strains are made at once."""
 
 
-def check_small_strains(full: Any, *sets: SnapshotSet | None) -> None:
+def check_small_strains(full: Any, *sets: Solutions | None) -> None:
     """Look at the strains of answers of a full model at single parameters; those of histories were, step by step.
 
     Raises:
@@ -44,7 +42,7 @@ def check_small_strains(full: Any, *sets: SnapshotSet | None) -> None:
     warnings.warn(message, SmallStrainWarning, stacklevel=3)
 
 
-def _spread(problem: ContactProblem, strain_of: csr_matrix, solutions: SnapshotSet) -> np.ndarray:
+def _spread(problem: ContactProblem, strain_of: csr_matrix, solutions: Solutions) -> np.ndarray:
     """The strain of each answer that few cells exceed, (S,)."""
     spread = []
     for first in range(0, len(solutions.points), TOGETHER):

@@ -16,10 +16,15 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags, triu
 from scipy.spatial import cKDTree
 
-from hhr_dolfinx.certify.compare import Comparison
+from hhr_dolfinx.certify.accuracy import (
+    Solutions,
+    force_floor,
+)
+from hhr_dolfinx.certify.compare import Comparison, compare_histories, largest_motion
 from hhr_dolfinx.certify.constants import Stability
 from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem, IndexSets
 from hhr_dolfinx.errors import (
+    HHRError,
     NotSolvableError,
     ReductionError,
     StabilityWarning,
@@ -27,10 +32,12 @@ from hhr_dolfinx.errors import (
     UncheckedWarning,
     UnstableModelError,
 )
+from hhr_dolfinx.models.answer import Model, Path
+from hhr_dolfinx.models.equilibrium import MarchSettings
 from hhr_dolfinx.timing import StageLog
+from hhr_dolfinx.trained import Known, Signs, TrainedPaths
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.snapshots.records import SnapshotSet
     from hhr_dolfinx.trained import TrainedPaths
 
 EMPTY = 1.5
@@ -284,7 +291,7 @@ def check_door(trained: TrainedPaths, limits: TrustLimits) -> None:
         )
 
 
-def warn_of_training(full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> None:
+def warn_of_training(full: Any, snapshots: Solutions, held_out: Solutions | None) -> None:
     """Say beforehand what no check of the model can make good: where it is trained, and what it is compared with."""
     flows = full.equilibrium is not None
     if not flows:  # each step of an elastic history is a point like any other
@@ -305,7 +312,7 @@ def warn_of_training(full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | 
     _warn_of_held_out(held_out, flows)
 
 
-def _warn_of_held_out(held_out: SnapshotSet | None, flows: bool) -> None:
+def _warn_of_held_out(held_out: Solutions | None, flows: bool) -> None:
     """Warn that nothing, or little, was kept out of training; one history of bodies that flow counts as many points."""
     if held_out is not None and (flows or len(held_out.points) >= FEW):
         return
@@ -376,3 +383,53 @@ def _share(value):
 
 def _warn(message, category=StabilityWarning):
     warnings.warn(message, category, stacklevel=4)
+
+
+PARTS = 8
+"""Of first steps, in which bodies begin to touch and to flow: states that a finer path along a trained one goes through
+have estimates up to nine times those of the steps of training."""
+
+
+def checked_histories(
+    full: Any,
+    model: Model,
+    snapshots: Solutions,
+    held_out: Solutions | None,
+    limits: TrustLimits | None,
+    remedy: str = OF_A_RID,
+) -> tuple[Comparison | None, TrainedPaths | None]:
+    """What users get beside known histories, and what the model was trained on; None without limits, or any history.
+
+    Raises:
+        UnstableModelError: for errors beyond the limits.
+
+    Warns:
+        StabilityWarning: for errors, or a door, that are doubtful.
+    """
+    kept = () if held_out is None else held_out.histories
+    trained_ones = {f"trained history {k}": history for k, history in enumerate(snapshots.histories)}
+    histories = trained_ones | {f"held-out history {k}": history for k, history in enumerate(kept)}
+    comparison, shown = compare_histories(full, model, histories, force_floor(full.problem, snapshots))
+    if limits is not None:
+        check_comparison(comparison, limits, remedy)
+    # what is held out is no training: unlike it, its errors would open the door to all like them
+    signs = [shown[label] for label in trained_ones if label in shown]
+    if not signs:  # without limits all of them may have failed
+        return None, None
+    paths = [history.path for history in snapshots.histories]
+    known = Known(signs, [_onset(model, path) for path in paths], largest_motion(full, snapshots))
+    trained = TrainedPaths.of(paths, full.parameters, known, full.equilibrium.material.rated)
+    if limits is not None:
+        check_door(trained, limits)
+    return (None if limits is None else comparison), trained
+
+
+def _onset(model: Model, path: Path) -> list[Signs]:
+    """Signs along the first step of a path in small parts; none where it does not converge."""
+    (start, here), (end, there) = path[:2]
+    shares = np.arange(PARTS + 1) / PARTS
+    parts = [(start + share * (end - start), here + share * (there - here)) for share in shares]
+    try:
+        return model.march(parts, MarchSettings(outside="ignore")).signs
+    except HHRError:
+        return []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -12,9 +12,6 @@ from hhr_dolfinx.contact.floating import FloatingEqualities
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.elimination import CondensedContact, Floating, answer_of
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.full import FullOrderModel
 
 DIFFERENCE = 1e-5
 """Part of the box by which a mesh is moved to difference what is assembled on it: the error is its square, and below it
@@ -36,7 +33,7 @@ class FullStiffness:
         scale: what K is beside the one that is factored, on own dofs, (own dofs,); 1 where it is that one.
     """
 
-    full: FullOrderModel
+    full: Any
     problem: ContactProblem
     point: np.ndarray
     free: np.ndarray
@@ -46,7 +43,7 @@ class FullStiffness:
     scale: np.ndarray | float = 1.0
 
     @classmethod
-    def at(cls, full: FullOrderModel, point: np.ndarray) -> FullStiffness:
+    def at(cls, full: Any, point: np.ndarray) -> FullStiffness:
         """Factor the stiffness of a point, unless it is that at hand, or known from another one."""
         if full.scaled is not None:
             return cls._scaled(full, point)
@@ -65,7 +62,7 @@ class FullStiffness:
         return cls(full, problem, point, free, per_force, schur, slack)
 
     @classmethod
-    def _scaled(cls, full: FullOrderModel, point: np.ndarray) -> FullStiffness:
+    def _scaled(cls, full: Any, point: np.ndarray) -> FullStiffness:
         """From the factors in the middle of the box, see :class:`ScaledBodies`; on one rank."""
         scaled, problem = full.scaled, full.problem
         assert scaled is not None
@@ -135,7 +132,7 @@ class FullStiffness:
         return found[: unknown.size], found[unknown.size :]
 
 
-def solved_anew(full: FullOrderModel, point: np.ndarray, start: np.ndarray | None, *, gradient: bool) -> Answer:
+def solved_anew(full: Any, point: np.ndarray, start: np.ndarray | None, *, gradient: bool) -> Answer:
     """Answer of a full model at a checked point, by factors of its own stiffness."""
     if full.scaled is not None:
         contact = FullStiffness.at(full, point).contact()

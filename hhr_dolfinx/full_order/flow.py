@@ -6,7 +6,7 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
 from threading import RLock
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mpi4py import MPI
@@ -23,15 +23,13 @@ from hhr_dolfinx.materials.constants import check_law
 from hhr_dolfinx.materials.strain import ElasticPart, SparsePattern, StrainOperator
 from hhr_dolfinx.materials.update import Material, Update
 from hhr_dolfinx.models.answer import Answer, GaussState
-from hhr_dolfinx.models.equilibrium import Correction
+from hhr_dolfinx.models.equilibrium import Correction, MarchSettings
 from hhr_dolfinx.models.linearised_step import PATIENCE, PATIENCE_IN_SPACE, LinearisedStepper
-from hhr_dolfinx.models.path import MarchSettings
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.trained import Signs
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
-    from hhr_dolfinx.full_order.full import FullOrderModel
 
 
 @dataclass(frozen=True)
@@ -87,7 +85,7 @@ class FullEquilibrium:
 
     trained = None
 
-    def __init__(self, full: FullOrderModel, gauss: GaussModel):
+    def __init__(self, full: Any, gauss: GaussModel):
         problem = full.problem
         self.fields = self._full = full
         self.problem, self.operator = problem, gauss.operator
@@ -252,7 +250,7 @@ class _TangentFactors:
     13,700 dofs, nd takes 31 ms to factor and 1.1 ms to solve, qmd 53 and 1.4 ms.
     """
 
-    def __init__(self, full: FullOrderModel):
+    def __init__(self, full: Any):
         self._full = full
         self._solver: FreeCholesky | None = None
 

@@ -19,9 +19,10 @@ from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.linear.sparse import FreeCholesky, ordering_of
 from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path, found_as
+from hhr_dolfinx.models.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.model import AnsweringModel
-from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, solve_along
+from hhr_dolfinx.models.path import checked_path, solve_along
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:

@@ -7,25 +7,35 @@ Where bodies flow laws see ε - ε0 at Gauss points, so that internal forces hol
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import ufl
 from dolfinx import fem
 from petsc4py import PETSc
-from scipy.sparse import csc_matrix, csr_matrix, hstack
+from scipy.sparse import csr_matrix
+
+from hhr_dolfinx.body import Body
+from hhr_dolfinx.forms import elasticity, volume
+from hhr_dolfinx.formulas import Modulus, Scalar
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
+
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any
+
+from scipy.sparse import csc_matrix, hstack
 from ufl.core.expr import Expr
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.amplitudes import Amplitude
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.forms import elasticity, volume
 from hhr_dolfinx.forms.elasticity import volume_weight
 from hhr_dolfinx.forms.return_mapping import kelvin, strain_vector
-from hhr_dolfinx.formulas import Formula, Scalar
+from hhr_dolfinx.formulas import Formula
 from hhr_dolfinx.full_order.locking import QUADRATURE
-from hhr_dolfinx.full_order.varying import grading_of, parts_of
 from hhr_dolfinx.loads import checked_terms, first_load
 from hhr_dolfinx.materials.strain import SparsePattern, StrainOperator
 from hhr_dolfinx.materials.update import Group, Material
@@ -35,11 +45,11 @@ from hhr_dolfinx.scene import Scene
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.formulas import Modulus
-    from hhr_dolfinx.full_order.discretisation import Discretisation
+    from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
     from hhr_dolfinx.materials.strain import StrainOperator
 
 
-def strain_operator(discretisation: Discretisation) -> StrainOperator:
+def strain_operator(discretisation: DiscreteSpace) -> StrainOperator:
     """Strain at the Gauss points of all cells, for bodies that flow; serial."""
     if discretisation.comm.size > 1:
         raise SceneError(
@@ -90,7 +100,7 @@ def stiffness_parts(
     return tuple(parts), tuple(moduli)
 
 
-def add_stiffness(discretisation: Discretisation, matrix: PETSc.Mat) -> None:
+def add_stiffness(discretisation: DiscreteSpace, matrix: PETSc.Mat) -> None:
     """Add the elastic stiffness of the bodies with a mean dilatation to a matrix, each rank that of its own cells."""
     bodies = discretisation.cell_bodies()
     cells = np.flatnonzero(np.array(discretisation.mean_dilatation)[bodies])
@@ -101,7 +111,7 @@ def add_stiffness(discretisation: Discretisation, matrix: PETSc.Mat) -> None:
     matrix.setValuesLocalRCV(dofs, dofs, elements, addv=PETSc.InsertMode.ADD)
 
 
-def add_parts(discretisation: Discretisation, matrix: PETSc.Mat, moduli: dict[int, tuple[float, float]]) -> None:
+def add_parts(discretisation: DiscreteSpace, matrix: PETSc.Mat, moduli: dict[int, tuple[float, float]]) -> None:
     """Add parts of the stiffness of bodies with a mean dilatation: weights λ' and 2 μ' of each body by its place."""
     bodies = discretisation.cell_bodies()
     cells = np.flatnonzero(np.isin(bodies, list(moduli)))
@@ -119,7 +129,7 @@ def add_parts(discretisation: Discretisation, matrix: PETSc.Mat, moduli: dict[in
     matrix.setValuesLocalRCV(dofs, dofs, elements, addv=PETSc.InsertMode.ADD)
 
 
-def _gradings(discretisation: Discretisation, places: Iterable[int], cells: np.ndarray) -> np.ndarray:
+def _gradings(discretisation: DiscreteSpace, places: Iterable[int], cells: np.ndarray) -> np.ndarray:
     """What the moduli of bodies, by their places, are multiplied by at the Gauss points of cells, (cells, per_cell)."""
     mesh, bodies = discretisation.mesh, discretisation.cell_bodies()[cells]
     points, weights = compat.quadrature(mesh.topology.cell_name(), QUADRATURE)
@@ -135,7 +145,7 @@ def _gradings(discretisation: Discretisation, places: Iterable[int], cells: np.n
     return found
 
 
-def tabulated(discretisation: Discretisation, cells: np.ndarray) -> StrainOperator:
+def tabulated(discretisation: DiscreteSpace, cells: np.ndarray) -> StrainOperator:
     """Strain at the Gauss points of some cells of this rank, in its own numbers of the dofs; collective."""
     mesh, space, hypothesis = discretisation.mesh, discretisation.space, discretisation.scene.hypothesis
     cells = cells.astype(np.int32)
@@ -167,7 +177,7 @@ def _with_mean_dilatation(gradients: np.ndarray, volumes: np.ndarray) -> np.ndar
 
 
 def eigenstress(
-    discretisation: Discretisation, tag: Tag, strain: Expr, vector: Callable[[ufl.Form], np.ndarray]
+    discretisation: DiscreteSpace, tag: Tag, strain: Expr, vector: Callable[[ufl.Form], np.ndarray]
 ) -> list[tuple[Formula, np.ndarray]]:
     """Nodal forces by which a strain of a body, 3x3, strains it where nothing holds it.
 
@@ -206,7 +216,7 @@ def eigenstress(
     return found
 
 
-def eigenstrain_at(discretisation: Discretisation, place: int, point: np.ndarray) -> Expr | None:
+def eigenstrain_at(discretisation: DiscreteSpace, place: int, point: np.ndarray) -> Expr | None:
     """What stresses leave out of the graded strain of a body at a point of the parameters, (P,); None for nothing."""
     scene, total = discretisation.scene, None
     for load in scene.loads:
@@ -222,7 +232,7 @@ def eigenstrain_at(discretisation: Discretisation, place: int, point: np.ndarray
     return None if total is None else _graded(discretisation, place, total)
 
 
-def at_gauss_points(discretisation: Discretisation, problem: ContactProblem, operator: StrainOperator) -> csc_matrix:
+def at_gauss_points(discretisation: DiscreteSpace, problem: ContactProblem, operator: StrainOperator) -> csc_matrix:
     """Strains without stress at the Gauss points of bodies that flow, for each term of θ, (points * components, 1 + T).
 
     Raises:
@@ -252,7 +262,7 @@ def at_gauss_points(discretisation: Discretisation, problem: ContactProblem, ope
     return csc_matrix(hstack(blocks))
 
 
-def _tabulated(discretisation: Discretisation, load: Any, operator: StrainOperator) -> np.ndarray:
+def _tabulated(discretisation: DiscreteSpace, load: Any, operator: StrainOperator) -> np.ndarray:
     """A strain for the amplitude 1 at all Gauss points, Kelvin's notation, (points * components,)."""
     mesh, bodies = discretisation.mesh, discretisation.cell_bodies()
     points, _ = compat.quadrature(mesh.topology.cell_name(), QUADRATURE)
@@ -268,12 +278,12 @@ def _tabulated(discretisation: Discretisation, load: Any, operator: StrainOperat
     return found.ravel()
 
 
-def _graded(discretisation: Discretisation, place: int, strain: Expr) -> Expr:
+def _graded(discretisation: DiscreteSpace, place: int, strain: Expr) -> Expr:
     """A strain of a body times its grading."""
     return grading_of(discretisation, discretisation.scene.bodies[place]) * _averaged(discretisation, place, strain)
 
 
-def _averaged(discretisation: Discretisation, place: int, strain: Expr) -> Expr:
+def _averaged(discretisation: DiscreteSpace, place: int, strain: Expr) -> Expr:
     """A strain whose change of volume is the mean over each cell, where that of the body is."""
     if not discretisation.mean_dilatation[place]:
         return strain
@@ -285,3 +295,34 @@ def _value(amplitude: Amplitude | Formula, names: tuple[str, ...], point: np.nda
     if isinstance(amplitude, Amplitude):
         return amplitude.constant + sum(slope * point[names.index(name)] for name, slope in amplitude.slopes.items())
     return Scalar(amplitude.text, names).value(point)
+
+
+class Part(NamedTuple):
+    """A part of the stiffness of one body.
+
+    Attributes:
+        body: its place in the scene.
+        factor, rest: formulas, see :class:`Modulus`.
+        moduli: weights of the change of volume and of the change of shape in this part.
+    """
+
+    body: int
+    factor: str
+    rest: str
+    moduli: tuple[float, float]
+
+
+def parts_of(body: Body, place: int, hypothesis: str) -> Iterator[Part]:
+    """Parts of the stiffness of a body."""
+    factor = body.young if isinstance(body.young, str) else repr(float(body.young))
+    volume, shape = elasticity.unit_moduli(str(body.poisson), hypothesis)
+    if isinstance(body.poisson, str):
+        yield Part(place, factor, volume, (1.0, 0.0))
+        yield Part(place, factor, shape, (0.0, 1.0))
+    else:
+        yield Part(place, factor, "1", (Scalar(volume, ()).value(np.zeros(0)), Scalar(shape, ()).value(np.zeros(0))))
+
+
+def grading_of(discretisation: DiscreteSpace, body: Body) -> object:
+    """Factor of a body's modulus as a field; 1 where it is none."""
+    return 1.0 if body.grading is None else body.grading(ufl.SpatialCoordinate(discretisation.mesh))

@@ -27,9 +27,8 @@ from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.shapes import coordinate_names
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.discretisation import Discretisation
+    from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
     from hhr_dolfinx.full_order.flow import FullEquilibrium, GaussModel
-    from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.loads import Assembler
     from hhr_dolfinx.scene import Scene
 
@@ -143,7 +142,7 @@ class FullShapeFunctionals:
         SceneError: for an output of what the model does not have.
     """
 
-    def __init__(self, full: FullOrderModel):
+    def __init__(self, full: Any):
         problem = full.problem
         self.axes = np.array(problem.reshaped.axes, dtype=np.int64)
         self.parameters, self.amplitudes = problem.parameters, problem.amplitudes
@@ -163,7 +162,7 @@ class FullShapeFunctionals:
             return prepared_outputs(self._discretisation, reshaped(point), None, self._base)
 
 
-def functionals_of(full: FullOrderModel) -> Functionals | FullShapeFunctionals:
+def functionals_of(full: Any) -> Functionals | FullShapeFunctionals:
     """All outputs of a scene; on several ranks the same on each, and all of them ask together.
 
     Raises:
@@ -175,7 +174,7 @@ def functionals_of(full: FullOrderModel) -> Functionals | FullShapeFunctionals:
 
 
 def prepared_outputs(
-    discretisation: Discretisation,
+    discretisation: DiscreteSpace,
     problem: ContactProblem,
     equilibrium: FullEquilibrium | None,
     base: ContactProblem,
@@ -193,7 +192,7 @@ def prepared_outputs(
 
 def probe_of(
     output: Output,
-    discretisation: Discretisation,
+    discretisation: DiscreteSpace,
     problem: ContactProblem,
     gauss: FullEquilibrium | GaussModel | None,
     base: ContactProblem,
@@ -211,7 +210,7 @@ def probe_of(
     )
 
 
-def _cells(discretisation: Discretisation, tag: Tag) -> np.ndarray:
+def _cells(discretisation: DiscreteSpace, tag: Tag) -> np.ndarray:
     """Cells of a body on all ranks, as a mask in the order of ``cell_nodes``."""
     tags = [body.tag for body in discretisation.scene.bodies]
     if tag not in tags:
@@ -222,13 +221,13 @@ def _cells(discretisation: Discretisation, tag: Tag) -> np.ndarray:
     return np.concatenate(discretisation.comm.allgather(discretisation.cell_bodies())) == tags.index(tag)
 
 
-def _nodes(discretisation: Discretisation, problem: ContactProblem, tag: Tag) -> np.ndarray:
+def _nodes(discretisation: DiscreteSpace, problem: ContactProblem, tag: Tag) -> np.ndarray:
     """Nodes of a body."""
     return np.unique(problem.cell_nodes[_cells(discretisation, tag)])
 
 
 def _mises(
-    discretisation: Discretisation,
+    discretisation: DiscreteSpace,
     problem: ContactProblem,
     gauss: FullEquilibrium | GaussModel | None,
     output: VonMises,
@@ -282,7 +281,7 @@ def _mises(
     return MovingMises(**{item.name: getattr(found, item.name) for item in fields(found)}, cells=moving)
 
 
-def moving_cells(discretisation: Discretisation, cells: np.ndarray, *, mean_dilatation: bool) -> MovingCells:
+def moving_cells(discretisation: DiscreteSpace, cells: np.ndarray, *, mean_dilatation: bool) -> MovingCells:
     """Cells of a mesh that shapes move, as plain data; serial."""
     mesh, scene, reshaped = discretisation.mesh, discretisation.scene, discretisation.reshaped
     assert reshaped is not None
@@ -319,12 +318,12 @@ def _text(value: float | str) -> str:
     return value if isinstance(value, str) else repr(float(value))
 
 
-def _own_cells(discretisation: Discretisation) -> int:
+def _own_cells(discretisation: DiscreteSpace) -> int:
     """Number of the cells of this rank."""
     return discretisation.mesh.topology.index_map(discretisation.mesh.topology.dim).size_local
 
 
-def _tabulated(discretisation: Discretisation, cells: np.ndarray, place: int) -> tuple[np.ndarray, ...]:
+def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> tuple[np.ndarray, ...]:
     """Strain in the middles of some cells of this rank, its dofs, the factor of the modulus, and the volumes.
 
     (c, components, k), (c, k), (c,), (c,); where the body takes the mean dilatation, so does its strain.
@@ -344,7 +343,7 @@ def _tabulated(discretisation: Discretisation, cells: np.ndarray, place: int) ->
         strain[:, :3] += ((mean - strain[:, :3].sum(axis=1)) / 3)[:, None]
     grading, body = np.ones(len(cells)), discretisation.scene.bodies[place]
     if body.grading is not None:
-        from hhr_dolfinx.full_order.varying import grading_of
+        from hhr_dolfinx.full_order.gauss_points import grading_of
 
         factor = grading_of(discretisation, body) + 0 * ufl.SpatialCoordinate(mesh)[0]
         grading = fem.Expression(factor, middle).eval(mesh, cells).reshape(len(cells))
@@ -355,13 +354,13 @@ def _tabulated(discretisation: Discretisation, cells: np.ndarray, place: int) ->
     return strain, dofs, grading, volumes
 
 
-def _gathered(discretisation: Discretisation, parts: tuple[np.ndarray, ...]) -> list[np.ndarray]:
+def _gathered(discretisation: DiscreteSpace, parts: tuple[np.ndarray, ...]) -> list[np.ndarray]:
     """Arrays of the cells of all ranks, one behind another."""
     return [np.concatenate(part) for part in zip(*discretisation.comm.allgather(parts), strict=True)]
 
 
 def _energy(
-    discretisation: Discretisation,
+    discretisation: DiscreteSpace,
     problem: ContactProblem,
     gauss: FullEquilibrium | GaussModel | None,
     output: ElasticEnergy,

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
 from threading import RLock
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -18,9 +18,6 @@ from hhr_dolfinx.errors import PairingWarning, ParameterError, SceneError
 from hhr_dolfinx.formulas import box_samples
 from hhr_dolfinx.full_order.checks import FOLDED, corner_jacobians
 from hhr_dolfinx.shapes import coordinate_names
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.discretisation import Discretisation
 
 CLOSE = 1e-9
 """Part of the size of the mesh by which two maps of one node may differ."""
@@ -46,7 +43,7 @@ class Reshaped:
         SceneError: for maps that tear bodies apart or turn cells inside out somewhere in the box.
     """
 
-    def __init__(self, discretisation: Discretisation):
+    def __init__(self, discretisation: Any):
         scene = discretisation.scene
         if discretisation.comm.size > 1:
             raise SceneError(f"the shape of scene '{scene.name}' depends on parameters: build its model on one rank")

@@ -13,10 +13,10 @@ from hhr_dolfinx import compat
 from hhr_dolfinx.forms import elasticity
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.discretisation import Discretisation
+    from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 
 
-def stress_in_cells(discretisation: Discretisation, displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
+def stress_in_cells(discretisation: DiscreteSpace, displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
     """Stress of a displacement, (N,), in the middle of each cell, Kelvin's notation, (cells, 4), in space 6.
 
     Cells come in the order of ``ContactProblem.cell_nodes``. Bodies with a mean dilatation have its pressure, and loads
@@ -40,7 +40,7 @@ def stress_in_cells(discretisation: Discretisation, displacement: np.ndarray, po
 
 
 def _of_body(
-    discretisation: Discretisation, place: int, field: fem.Function, dilatation: fem.Function | None, point: np.ndarray
+    discretisation: DiscreteSpace, place: int, field: fem.Function, dilatation: fem.Function | None, point: np.ndarray
 ) -> Expr:
     """Stress of a body, by its place, in UFL."""
     scene, eigenstrain = discretisation.scene, None

@@ -6,8 +6,7 @@ and one for its change of shape, or a single one where only its modulus varies.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 import ufl
@@ -19,38 +18,13 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.body import Body
 from hhr_dolfinx.forms import elasticity, volume
 from hhr_dolfinx.formulas import Modulus, Scalar
+from hhr_dolfinx.full_order.gauss_points import Part, grading_of, parts_of
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.discretisation import Discretisation
+    from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 
 
-class Part(NamedTuple):
-    """A part of the stiffness of one body.
-
-    Attributes:
-        body: its place in the scene.
-        factor, rest: formulas, see :class:`Modulus`.
-        moduli: weights of the change of volume and of the change of shape in this part.
-    """
-
-    body: int
-    factor: str
-    rest: str
-    moduli: tuple[float, float]
-
-
-def parts_of(body: Body, place: int, hypothesis: str) -> Iterator[Part]:
-    """Parts of the stiffness of a body."""
-    factor = body.young if isinstance(body.young, str) else repr(float(body.young))
-    volume, shape = elasticity.unit_moduli(str(body.poisson), hypothesis)
-    if isinstance(body.poisson, str):
-        yield Part(place, factor, volume, (1.0, 0.0))
-        yield Part(place, factor, shape, (0.0, 1.0))
-    else:
-        yield Part(place, factor, "1", (Scalar(volume, ()).value(np.zeros(0)), Scalar(shape, ()).value(np.zeros(0))))
-
-
-def stiffness_terms(discretisation: Discretisation) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
+def stiffness_terms(discretisation: DiscreteSpace) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
     """Own rows of the parts of K, of one pattern, and their moduli."""
     scene, names = discretisation.scene, discretisation.scene.parameters.names
     parts = [part for place, body in enumerate(scene.bodies) for part in parts_of(body, place, scene.hypothesis)]
@@ -97,7 +71,7 @@ class CommonPattern:
         return tuple(found)
 
 
-def _assembled(discretisation: Discretisation, members: list) -> PETSc.Mat:
+def _assembled(discretisation: DiscreteSpace, members: list) -> PETSc.Mat:
     """Stiffness of some bodies, given as places with the weights of their parts, in the pattern of the whole mesh."""
     matrix = discretisation.empty_matrix()
     ordinary = [item for item in members if not discretisation.mean_dilatation[item[0]]]
@@ -112,7 +86,7 @@ def _assembled(discretisation: Discretisation, members: list) -> PETSc.Mat:
     return matrix
 
 
-def _form(discretisation: Discretisation, place: int, moduli: tuple[float, float]) -> ufl.Form:
+def _form(discretisation: DiscreteSpace, place: int, moduli: tuple[float, float]) -> ufl.Form:
     """Form of one body for given weights of its parts."""
     scene, body = discretisation.scene, discretisation.scene.bodies[place]
     hypothesis, dx = scene.hypothesis, discretisation.cells(body.tag)
@@ -126,13 +100,8 @@ def _form(discretisation: Discretisation, place: int, moduli: tuple[float, float
     return weight * ufl.inner(stress, measured) * dx
 
 
-def grading_of(discretisation: Discretisation, body: Body) -> object:
-    """Factor of a body's modulus as a field; 1 where it is none."""
-    return 1.0 if body.grading is None else body.grading(ufl.SpatialCoordinate(discretisation.mesh))
-
-
 def stress_of(
-    discretisation: Discretisation,
+    discretisation: DiscreteSpace,
     body: Body,
     field: fem.Function,
     dilatation: fem.Function | None,

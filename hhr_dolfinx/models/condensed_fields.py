@@ -5,20 +5,30 @@ Fields of condensed flow on the whole mesh: displacement exact up to the correct
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix, diags
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.formulas import check_over_box
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.parameters import ParameterSpace
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.formulas import Modulus
+
+from typing import TYPE_CHECKING
+
+from scipy.sparse import csc_matrix, csr_matrix, diags
+
 from hhr_dolfinx.linear.layout import lay_out
 from hhr_dolfinx.materials.strain import StrainOperator
-from hhr_dolfinx.models.answer import Answer, ModelFields
-from hhr_dolfinx.models.condensed_flow import PartFactors
+from hhr_dolfinx.models.answer import ModelFields
 from hhr_dolfinx.models.estimates import STRESS, Estimate
 from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.trained import share_of_stress
@@ -251,3 +261,51 @@ class CondensedFlowFields(ModelFields):
         given, theta = self.amplitudes(point), np.zeros(self.forced.shape[1])
         theta[given.terms] = given.values
         return theta
+
+
+SAME = 1e-9
+"""Relative difference of moduli in the middle of the box that is round-off."""
+
+
+@dataclass(frozen=True)
+class PartFactors:
+    """Young's moduli as factors of what hangs together in a scene (Q parts, one where elasticity is constant).
+
+    Attributes:
+        moduli: of each part; none where elasticity is constant.
+        middle: their values where the arrays of a model were made, (Q,).
+    """
+
+    moduli: tuple[Modulus, ...]
+    middle: Annotated[Floats, "parts"]
+
+    def faults_for(self, space: ParameterSpace) -> Iterator[str]:
+        """Moduli that are no formulas of these parameters, or have other values in the middle of their box.
+
+        Raises:
+            SceneError: for a modulus that is not positive somewhere in the box.
+        """
+        for modulus in self.moduli:
+            if modulus.names != space.names or modulus.rest != "1":
+                yield f"the modulus {modulus.factor[:60]!r} is no formula of {space.names}"
+            else:
+                remedy = "Young's modulus must be positive"
+                check_over_box(modulus.factor_scalar, space, "young", 0.0, math.inf, remedy)
+        middle = np.mean([space.lower, space.upper], axis=0)
+        values = np.array([modulus.value(middle) for modulus in self.moduli]) if self.moduli else np.ones(1)
+        if self.middle.shape != values.shape or not np.allclose(self.middle, values, rtol=SAME, atol=0.0):
+            yield f"the moduli are {values} in the middle of the box, and the arrays are made for {self.middle}"
+
+    def compliances(self, point: np.ndarray) -> np.ndarray:
+        """How much more each part gives at a point, (P,), than in the middle, (Q,)."""
+        if not self.moduli:
+            return np.ones(1)
+        return self.middle / np.array([modulus.value(point) for modulus in self.moduli])
+
+    def slopes(self, point: np.ndarray) -> np.ndarray:
+        """Derivatives of the compliances along the parameters, (Q, P)."""
+        if not self.moduli:
+            return np.zeros((1, point.size))
+        values = np.array([modulus.value(point) for modulus in self.moduli])
+        derivatives = np.array([modulus.derivative(point) for modulus in self.moduli])
+        return -(self.middle / values**2)[:, None] * derivatives

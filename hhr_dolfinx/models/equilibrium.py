@@ -8,25 +8,36 @@ Warnings of histories whose time steps are too long: one for each history, or on
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from numbers import Real
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hhr_dolfinx.errors import ParameterError
+from hhr_dolfinx.models.answer import Answer, GaussState
+from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
+from hhr_dolfinx.trained import OUTSIDE
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.materials.update import Material
+
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from math import prod
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
-
-import numpy as np
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import Statuses
 from hhr_dolfinx.errors import TimeStepWarning
-from hhr_dolfinx.models.answer import Answer, Fields, GaussState
-from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.models.answer import Fields
 from hhr_dolfinx.trained import Signs, TrainedPaths
 
 if TYPE_CHECKING:
     from hhr_dolfinx.materials.update import Material, Update
-    from hhr_dolfinx.models.path import MarchSettings
 
 
 class Correction(NamedTuple):
@@ -243,3 +254,72 @@ def _said(estimate: float) -> str:
         f"make errors of {100 * estimate:.2g} % of the largest stress by estimate, and {100 * ACCEPTED:g} % is much: "
         "take more of them where loads are put on or held, or MarchSettings(time_tolerance=0.01)"
     )
+
+
+SEARCHES = ("tangent", "frozen", "elastic")
+
+
+LEAST_TOLERANCE = 1e-5
+"""Time tolerance below which what a step leaves out of balance counts as much as its length."""
+
+
+@dataclass(frozen=True)
+class MarchSettings:
+    """How histories are solved.
+
+    Attributes:
+        search: operator of the linearisation: ``tangent``, renewed in each iteration; ``frozen``, the elastic one until
+            a step takes many iterations, then the tangent at the start of a step until another one does; ``elastic``.
+            The latter two with Anderson's acceleration.
+        relative_stress: ε_r of (6.19). In the place of R_σ (6.18), by which a prediction was wrong, stands what the
+            next one still moves, H : ε(δ).
+        floor_stress: ε_a of (6.19) as a fraction of the largest root mean square of the stress so far, without a unit.
+        relative_force: residual over the size of the forces; the stress criterion alone sees only how much
+            iterates still change.
+        iterations: most iterations of a step before it is cut.
+        cuts: how often a step that does not converge may be halved.
+        time_tolerance: estimated error of the time steps, relative to the largest stress, that is to be kept where laws
+            have rates: steps of the path are solved in as many parts as that takes, and answers handed out at their
+            ends. None solves them as they are; ``History.time_error`` says the estimate in any case.
+        outside: what happens to a step outside what a reduced model was trained on: ``warn``, ``refuse`` or ``ignore``.
+        gradient: whether each answer is to have its derivatives along the parameters, each shifted by the same at all
+            times, as a constant of the whole history is; see :mod:`hhr_dolfinx.models.history_gradient`.
+    """
+
+    search: str = "frozen"
+    relative_stress: float = 1e-5
+    floor_stress: float = 5e-3
+    relative_force: float = 1e-5
+    iterations: int = 60
+    cuts: int = 6
+    outside: str = "warn"
+    gradient: bool = False
+    time_tolerance: float | None = None
+
+    def __post_init__(self):
+        for name, choices in (("search", SEARCHES), ("outside", OUTSIDE)):
+            if getattr(self, name) not in choices:
+                raise ParameterError(f"{name} '{getattr(self, name)}' is unknown, one of {', '.join(choices)}")
+        for name in ("relative_stress", "floor_stress", "relative_force"):
+            if not (isinstance(getattr(self, name), Real) and 0 < getattr(self, name) < 1):
+                raise ParameterError(f"{name} = {getattr(self, name)} must be a fraction in (0, 1)")
+        if not isinstance(self.gradient, bool):
+            raise ParameterError(f"gradient = {self.gradient!r} must be True or False")
+        if not (is_whole(self.iterations, 1) and is_whole(self.cuts, 0)):
+            raise ParameterError(
+                f"iterations = {self.iterations} must be a whole number from 1, and cuts = {self.cuts} one from 0"
+            )
+
+        tolerance = self.time_tolerance
+        if not (tolerance is None or (is_number(tolerance) and LEAST_TOLERANCE <= tolerance < 1)):
+            raise ParameterError(
+                f"time_tolerance = {tolerance!r} must be a fraction from {LEAST_TOLERANCE:g} to 1, as 0.01 is, or None"
+            )
+        if self.gradient and tolerance is not None:
+            raise ParameterError(
+                f"steps cut by a time_tolerance of {tolerance:g} have no gradient: march along the path in more steps, "
+                "without a tolerance, until History.time_error is small enough"
+            )
+
+
+DEFAULT_MARCH = MarchSettings()

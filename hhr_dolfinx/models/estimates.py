@@ -26,7 +26,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.errors import NoBoundWarning, ParameterError
-from hhr_dolfinx.models.answer import ModelFields
 
 NO_OUTPUTS: Mapping[str, float] = {}
 """Of what has no outputs, or no bounds of them."""
@@ -189,7 +188,7 @@ ASKED = ("forces", "pressure", "displacement")
 """Errors by which a model may fall back, beside those of outputs."""
 
 
-def known_error(fields: ModelFields) -> str:
+def known_error(fields: Any) -> str:
     """Which errors answers know that are completed by some fields, or why they know none.
 
     Args:
@@ -209,14 +208,14 @@ def known_error(fields: ModelFields) -> str:
     return f"none: {fields.unbounded or 'answers of this kind estimate no errors'}"
 
 
-def _outputs(fields: ModelFields) -> tuple[list[str], list[str]]:
+def _outputs(fields: Any) -> tuple[list[str], list[str]]:
     """Names of the outputs with a bound, and of those without."""
     items, bounds = () if fields.functionals is None else fields.functionals.items, fields.output_bound
     known = [item.name for k, item in enumerate(items) if bounds is not None and bounds.knows(k, item)]
     return known, [item.name for item in items if item.name not in known]
 
 
-def warn_unbounded(fields: ModelFields) -> None:
+def warn_unbounded(fields: Any) -> None:
     """Warn where answers of a model that was asked for bounds know none: what is wrong there is silent."""
     why = fields.unbounded
     if why and why != NOT_ASKED and fields.bound is None:
@@ -228,7 +227,7 @@ def warn_unbounded(fields: ModelFields) -> None:
         )
 
 
-def check_asked(fields: ModelFields, of: Any) -> None:
+def check_asked(fields: Any, of: Any) -> None:
     """Check that an error may be asked for: None, one of :data:`ASKED`, or the name of an output with a bound.
 
     Raises:

@@ -29,8 +29,8 @@ from scipy.linalg import solve_triangular
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.floating import FloatingEqualities, floating_set
 from hhr_dolfinx.declared import Floats
-from hhr_dolfinx.models.contact_response import ContactResponse, FieldResponse, Outside
-from hhr_dolfinx.models.error_bound import ROUND_OFF, Bounded, ForceScale, factor_faults
+from hhr_dolfinx.models.contact_response import ContactResponse, Outside
+from hhr_dolfinx.models.error_bound import ROUND_OFF, Bounded, FieldResponse, ForceScale, factor_faults
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.models.gradient import Gradient
 from hhr_dolfinx.plain import Rebuilt

@@ -28,7 +28,7 @@ from hhr_dolfinx.errors import NotSolvableError, ReductionError
 from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.materials.update import Material
 from hhr_dolfinx.models.answer import Answer, History
-from hhr_dolfinx.models.condensed_flow import PartFactors
+from hhr_dolfinx.models.condensed_fields import PartFactors
 from hhr_dolfinx.plain import Rebuilt
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Protocol
+from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from scipy.sparse import csr_matrix, vstack
@@ -20,9 +20,6 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import HHRError, NotOfferedError, ParameterError, SceneError
 from hhr_dolfinx.parameters import ParameterSpace
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.answer import Answer
 
 DIFFERENCE = 1e-4
 """Part of the box by which shapes are moved to either side for derivatives: their error is its square."""
@@ -79,10 +76,10 @@ class MeasuredFields(Protocol):
     def functionals(self) -> Functionals | None:
         """Outputs of the scene; None where it has none."""
 
-    def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
+    def measured(self, answer: Any, theta: np.ndarray) -> np.ndarray:
         """Rows of the outputs times the displacement, (K,), for amplitudes (1 + T,)."""
 
-    def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def measured_changes(self, answer: Any, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all contact forces, (N_lambda, P), and of these products, (K, P).
 
         ``changes`` are those of the amplitudes, (1 + T, P); the answer has a gradient. Where no output depends on
@@ -116,10 +113,10 @@ class ShapedFields(Protocol):
     def functionals(self) -> ShapeFunctionals | None:
         """Outputs of the scene; None where it has none."""
 
-    def coordinates(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
+    def coordinates(self, answer: Any, theta: np.ndarray) -> np.ndarray:
         """What the rows of the outputs act on, (s,): the displacement, or what it is made of."""
 
-    def coordinate_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def coordinate_changes(self, answer: Any, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all contact forces, (N_lambda, P), and of these coordinates, (s, P)."""
 
 
@@ -281,7 +278,7 @@ class Functionals:
                 raise SceneError(f"output '{item.name}' has arrays of sizes that do not fit: {error}") from None
 
 
-def outputs_of(answer: Answer) -> Outputs:
+def outputs_of(answer: Any) -> Outputs:
     """Outputs at an answer, with derivatives if the answer has any.
 
     Raises:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Protocol
 
 import numpy as np
 from scipy.sparse import csc_matrix
@@ -21,6 +21,7 @@ from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ParameterError
 from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.models.answer import Answer, ElasticFields, SeveralAnswers, unanswered
 from hhr_dolfinx.models.elimination import CondensedContact, Elimination
+from hhr_dolfinx.models.error_bound import Bound
 from hhr_dolfinx.models.interpolation import Interpolant
 from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 
@@ -29,9 +30,9 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.block_elimination import BlockElimination
     from hhr_dolfinx.models.estimates import Estimate
     from hhr_dolfinx.models.functionals import Functionals
+    from hhr_dolfinx.models.projected import ReducedProblem
     from hhr_dolfinx.models.shaped import ReshapedElimination
     from hhr_dolfinx.models.shaped_functionals import ReshapedFunctionals
-    from hhr_dolfinx.models.varying_bound import VaryingBound
 
 
 @dataclass(frozen=True)
@@ -309,6 +310,13 @@ class Compliances(Elimination):
         return self.gaps if self.reshaped is None else self.reshaped.value(point).reshape(self.gaps.shape)
 
 
+class FieldBound(Bound, Protocol):
+    """A bound that knows the reduced problem whose solution a field is."""
+
+    def problem_at(self, point: np.ndarray) -> ReducedProblem:
+        """The problem at a point, (P,), of constant stiffness."""
+
+
 @dataclass(frozen=True)
 class InterpolatedFields(Rebuilt, ElasticFields):
     """What completes answers of interpolated condensation, see :class:`hhr_dolfinx.models.answer.Fields`.
@@ -336,7 +344,7 @@ class InterpolatedFields(Rebuilt, ElasticFields):
     dimension: int
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
     functionals: Functionals | ReshapedFunctionals | None = None
-    bound: VaryingBound | None = None
+    bound: FieldBound | None = None
     unbounded: str = ""
 
     def estimate(self, answer: Answer) -> Estimate | None:

@@ -16,8 +16,7 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.linear.anderson import Anderson
 from hhr_dolfinx.models.answer import Answer, GaussState, found_as
-from hhr_dolfinx.models.equilibrium import Diverged, Equilibrium, Goal, Linearisation, extrapolated
-from hhr_dolfinx.models.path import MarchSettings
+from hhr_dolfinx.models.equilibrium import Diverged, Equilibrium, Goal, Linearisation, MarchSettings, extrapolated
 from hhr_dolfinx.models.small_strains import SmallStrains
 from hhr_dolfinx.trained import Signs
 

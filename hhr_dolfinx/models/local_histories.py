@@ -20,9 +20,8 @@ import numpy as np
 from hhr_dolfinx.errors import ParameterError, ReductionError
 from hhr_dolfinx.materials.update import Material, State
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Path
-from hhr_dolfinx.models.equilibrium import Diverged, Goal, Stepper
+from hhr_dolfinx.models.equilibrium import DEFAULT_MARCH, Diverged, Goal, MarchSettings, Stepper
 from hhr_dolfinx.models.local import SeveralModels
-from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs, TrainedPaths

@@ -21,8 +21,17 @@ from threadpoolctl import threadpool_limits
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, LawWarning
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Path
-from hhr_dolfinx.models.equilibrium import Diverged, Goal, Marching, Stepper, Stepping, complain
-from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, check_elasticity, check_settings
+from hhr_dolfinx.models.equilibrium import (
+    DEFAULT_MARCH,
+    Diverged,
+    Goal,
+    Marching,
+    MarchSettings,
+    Stepper,
+    Stepping,
+    complain,
+)
+from hhr_dolfinx.models.path import check_elasticity, check_settings
 from hhr_dolfinx.models.time_error import TimeError, in_parts
 from hhr_dolfinx.trained import Watch
 

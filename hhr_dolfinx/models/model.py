@@ -16,7 +16,8 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, OutsideTrainingError, ParameterError
 from hhr_dolfinx.models.answer import Answer, History, Path, SeveralAnswers, one_by_one, outcome, unanswered
-from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path, one_step, refuse_gradient, solve_along
+from hhr_dolfinx.models.equilibrium import DEFAULT_MARCH, MarchSettings
+from hhr_dolfinx.models.path import checked_path, one_step, refuse_gradient, solve_along
 from hhr_dolfinx.plain import rebuilt
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange, check_outside
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,7 +14,6 @@ from hhr_dolfinx.linear.layout import lay_out
 if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Amplitudes
     from hhr_dolfinx.formulas import Modulus
-    from hhr_dolfinx.models.shaped import RidAssembly
 
 
 @dataclass(frozen=True)
@@ -75,7 +74,7 @@ class ReducedProblem:
     gaps: Annotated[Floats, "conditions", "terms"]
     pairs: Annotated[Integers, "conditions"]
     terms: ReducedTerms | None = None
-    reshaped: RidAssembly | None = None
+    reshaped: Callable[[np.ndarray], ReducedProblem] | None = None
     motions: int = 0
 
     def __post_init__(self) -> None:

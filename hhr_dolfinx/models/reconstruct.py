@@ -25,7 +25,7 @@ from hhr_dolfinx.plain import CODE, OF_THE_MESH, Rebuilt
 from hhr_dolfinx.trained import share_of_stress
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.contact_response import FieldResponse
+    from hhr_dolfinx.models.error_bound import FieldResponse
     from hhr_dolfinx.models.functionals import Functionals
     from hhr_dolfinx.models.interpolation import Interpolant
     from hhr_dolfinx.models.many import ManyAnswers

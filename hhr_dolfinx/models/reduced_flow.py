@@ -30,9 +30,8 @@ from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.materials.strain import ElasticPart, StrainOperator
 from hhr_dolfinx.materials.update import Material, Update
 from hhr_dolfinx.models.answer import Answer, GaussState
-from hhr_dolfinx.models.equilibrium import Correction
+from hhr_dolfinx.models.equilibrium import Correction, MarchSettings
 from hhr_dolfinx.models.linearised_step import LinearisedStepper
-from hhr_dolfinx.models.path import MarchSettings
 from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.parameters import ParameterSpace

@@ -353,7 +353,7 @@ def _compared(shared: _Offline, model: ReducedModel) -> tuple[Comparison | None,
         shared.log.skip("comparison", "trained on parts of histories: only models of all parts together answer one")
         return None, None
     if model.equilibrium is not None:
-        from hhr_dolfinx.certify.compare import checked_histories
+        from hhr_dolfinx.certify.trust import checked_histories
 
         return checked_histories(full, model, snapshots, held_out, limits)
     if limits is None:

@@ -29,7 +29,7 @@ from hhr_dolfinx.timing import StageLog
 
 if TYPE_CHECKING:
     from hhr_dolfinx.certify.bounds import MadeOfForces
-    from hhr_dolfinx.models.contact_response import FieldResponse
+    from hhr_dolfinx.models.error_bound import FieldResponse
     from hhr_dolfinx.models.reduced_flow import CubatureFlow, ReducedFlow
 
 

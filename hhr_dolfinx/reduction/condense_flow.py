@@ -21,19 +21,20 @@ import numpy as np
 from scipy import linalg
 from scipy.sparse import csc_matrix
 
-from hhr_dolfinx.certify.compare import Comparison, checked_histories
-from hhr_dolfinx.certify.trust import TrustLimits, warn_of_training
+from hhr_dolfinx.certify.compare import Comparison
+from hhr_dolfinx.certify.trust import TrustLimits, checked_histories, warn_of_training
 from hhr_dolfinx.contact.active_set import active_set
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import HHRError, ReductionError, UnstableModelError
 from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.materials.update import Group
 from hhr_dolfinx.models.condensed_fields import CondensedFlowFields, PlasticFields
-from hhr_dolfinx.models.condensed_flow import CondensedFlow, CondensedFlowModel, PartFactors
-from hhr_dolfinx.models.path import MarchSettings
+from hhr_dolfinx.models.condensed_flow import CondensedFlow, CondensedFlowModel
+from hhr_dolfinx.models.equilibrium import MarchSettings
 from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.parameters import is_number, is_whole
 from hhr_dolfinx.reduction.cubature import Cubature, compressed, fitted
+from hhr_dolfinx.reduction.elastic_response import ElasticResponse, elastic_response
 from hhr_dolfinx.reduction.modes import correction_modes, state_modes
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import StageLog
@@ -41,64 +42,6 @@ from hhr_dolfinx.timing import StageLog
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.flow import FullEquilibrium
     from hhr_dolfinx.models.answer import Answer
-
-
-@dataclass(frozen=True)
-class ElasticResponse:
-    """Elastic response in the middle of the box: columns of K^-1 F and of imposed displacements, parts of the dofs."""
-
-    forced: np.ndarray
-    given: np.ndarray
-    per_force: np.ndarray
-    parts: np.ndarray
-    factors: PartFactors
-
-    def correction(self, problem: ContactProblem, answer: Answer) -> np.ndarray:
-        """u_p of a full answer, (N,)."""
-        theta, scale = problem.amplitudes(answer.parameter), self.factors.compliances(answer.parameter)[self.parts]
-        elastic = scale * (self.forced @ theta - self.per_force @ answer.multipliers)
-        return answer.unknown - elastic - (self.given @ theta - problem.lifts @ theta)
-
-
-def elastic_response(full: Any) -> ElasticResponse:
-    """Solve for what is elastic, in blocks, with the factors that the full model has."""
-    problem: ContactProblem = full.problem
-    parts, factors = parts_of(problem)
-    solver = full.factors
-    # strains without stress move bodies alike, however stiff they are
-    strained = csc_matrix(problem.loads - problem.external + _eigenforces(full))
-    with solver.lock:
-        solver.refactor(problem.own_stiffness)
-        forced, imposed = solver.solve_columns(problem.external), solver.solve_columns(strained)
-    return ElasticResponse(forced, imposed + problem.lifts.toarray(), full.per_force, parts, factors)
-
-
-def _eigenforces(full: Any) -> csc_matrix:
-    """Forces on free dofs of strains without stress in the middle of the box, sparse, (N, 1 + T)."""
-    equilibrium, problem = full.equilibrium, full.problem
-    elastic = equilibrium.material.moduli_at(problem.middle).elastic
-    forces = np.zeros(problem.loads.shape)
-    for term in np.flatnonzero(np.diff(equilibrium.eigenstrains.indptr)):
-        strain = equilibrium.eigenstrains[:, [term]].toarray().reshape(len(elastic), -1)
-        forces[:, term] = equilibrium.operator.internal(np.einsum("nij,nj->ni", elastic, strain))[0] * problem.free
-    return csc_matrix(forces)
-
-
-def parts_of(problem: ContactProblem) -> tuple[np.ndarray, PartFactors]:
-    """Part of the stiffness that holds each dof, (N,), and the moduli of the parts.
-
-    Raises:
-        ReductionError: where parts with moduli of their own hang together.
-    """
-    if not problem.moduli:
-        return np.zeros(problem.free.size, dtype=np.int64), PartFactors((), np.ones(1))
-    acting = np.array([np.asarray(abs(part).sum(axis=1)).ravel() > 0 for part in problem.stiffness_terms])
-    if (acting.sum(axis=0) > 1).any():
-        raise ReductionError(
-            "bodies that hang together have Young's moduli that vary by themselves, so that K^-1 is no factor times a "
-            "constant: give them one formula, or take the hyper-reduced model"
-        )
-    return acting.argmax(axis=0), PartFactors(tuple(problem.moduli), problem.weights(problem.middle))
 
 
 ROWS = 1500

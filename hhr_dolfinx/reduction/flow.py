@@ -17,7 +17,7 @@ from hhr_dolfinx.errors import ReductionError, UnstableModelError
 from hhr_dolfinx.models.force_correction import ForceCorrection
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.models.reduced_flow import ReducedFlow
-from hhr_dolfinx.reduction.condense_flow import elastic_response
+from hhr_dolfinx.reduction.elastic_response import elastic_response
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.flow import FullEquilibrium

@@ -17,7 +17,7 @@ from scipy import linalg
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.reduction.condense_flow import ElasticResponse
+from hhr_dolfinx.reduction.elastic_response import ElasticResponse
 
 
 def pod(snapshots: np.ndarray, tolerance: float, gram: Any = None) -> tuple[np.ndarray, np.ndarray]:

@@ -541,8 +541,7 @@ class Greedy:
 
 
 def _marched(model: Any, path: Any) -> Any:
-    from hhr_dolfinx.models.equilibrium import told_once
-    from hhr_dolfinx.models.path import MarchSettings
+    from hhr_dolfinx.models.equilibrium import MarchSettings, told_once
 
     try:
         with told_once():

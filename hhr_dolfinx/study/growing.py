@@ -16,14 +16,13 @@ from hhr_dolfinx.timing import timed
 
 if TYPE_CHECKING:
     from hhr_dolfinx.reduction.recipe import Recipe
-    from hhr_dolfinx.study.training import Training
 
 ALLOWED = 0.01
 """Relative error up to which a study lets reduced answers pass."""
 
 
 def safe_model(
-    training: Training,
+    training: Any,
     tolerance: float,
     grow: int | None,
     recipe: Recipe | None,
@@ -32,7 +31,6 @@ def safe_model(
     checked: bool,
 ) -> FallbackModel:
     """See :meth:`hhr_dolfinx.study.training.Training.safe_model`."""
-
     # before a model is built, which takes long
     check_allowance(tolerance, 1 if grow is None else grow, "grow")
     functionals = training.full_order.functionals

@@ -17,8 +17,7 @@ from hhr_dolfinx.certify.compare import largest_errors, residuals_of
 from hhr_dolfinx.errors import HHRError, ReductionError, UnstableModelError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import History, Model, Path
-from hhr_dolfinx.models.equilibrium import told_once
-from hhr_dolfinx.models.path import SEARCHES, MarchSettings
+from hhr_dolfinx.models.equilibrium import SEARCHES, MarchSettings, told_once
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.snapshots.records import Lost
 from hhr_dolfinx.study.measure import Errors, Measurement, Row, answer_errors, conditions_inside

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhr_dolfinx.certify.compare import Comparison, checked_histories
-from hhr_dolfinx.certify.trust import check_stability, first_trusted, warn_of_training
+from hhr_dolfinx.certify.compare import Comparison
+from hhr_dolfinx.certify.trust import check_stability, checked_histories, first_trusted, warn_of_training
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.full_order.full import FullOrderModel
@@ -31,7 +31,7 @@ from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import StageLog
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.study.training import Training
+    from hhr_dolfinx.study.training_answers import TrainingAnswers
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class LocalHistoryRecord:
 
 
 def local_histories(
-    training: Training,
+    training: TrainingAnswers,
     labels: Sequence[Any],
     recipe: Recipe | None = None,
     *,

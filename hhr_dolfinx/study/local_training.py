@@ -34,7 +34,7 @@ from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedRange
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.study.training import Training
+    from hhr_dolfinx.study.training_answers import TrainingAnswers
 
 Progress = Callable[[Iterable], Iterable]
 DRAWN = 200
@@ -121,7 +121,7 @@ class Clusters:
         if not isinstance(self.others, tuple | list) or not all(isinstance(item, Recipe) for item in self.others):
             raise StudyError(f"others = {self.others!r} must be a list of recipes: (Recipe(...),)")
 
-    def models(self, training: Training, recipe: Recipe, progress: Progress) -> LocalModels:
+    def models(self, training: TrainingAnswers, recipe: Recipe, progress: Progress) -> LocalModels:
         """Local models of a training; see the class."""
         full, snapshots, record = training.full_order, training.snapshots, LocalRecord()
         space, points = full.parameters, training.snapshots.points
@@ -247,7 +247,7 @@ def _drawn_in(choice: Choice, number: int, space: ParameterSpace, seed: int) -> 
     return low + rng.random(low.shape) * (high - low)
 
 
-def _held_out_of(training: Training, choice: Choice, number: int) -> SnapshotSet | None:
+def _held_out_of(training: TrainingAnswers, choice: Choice, number: int) -> SnapshotSet | None:
     """Answers kept out of training that lie in a region; None without any."""
     if training.held_out is None:
         return None

@@ -27,7 +27,6 @@ from hhr_dolfinx.study.view import View
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed_flow import CondensedFlowModel
-    from hhr_dolfinx.study.study import Study
 
 
 with extra("pictures", "pictures and fields for ParaView"):
@@ -260,7 +259,7 @@ Curves = dict[str, tuple[Any, Any]]
 """Positions and values of curves by name."""
 
 
-def draw_study(study: Study, view: View, folder: Path) -> None:
+def draw_study(study: Any, view: View, folder: Path) -> None:
     """Pictures of a study.
 
     Error against run time; contact pressures; RID, displacement and stress, and plastic strain where bodies flow, also

@@ -17,7 +17,7 @@ from hhr_dolfinx.body import Body
 from hhr_dolfinx.geometries.mesh_file import MeshFile
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.study.scene_check import NOTE, OK, SceneCheck
+from hhr_dolfinx.study.scene_findings import NOTE, OK, SceneCheck
 
 BAD_CELL = 0.1
 """Scaled Jacobian of a cell below which it is told of."""

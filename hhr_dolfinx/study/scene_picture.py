@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,8 +18,6 @@ with extra("pictures", "pictures of a scene"):
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-if TYPE_CHECKING:
-    from hhr_dolfinx.study.scene_check import SceneCheck
 
 AROUND = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
 """Corners of a face in the order in which they go round, of triangles and tensor-ordered quadrilaterals."""
@@ -31,7 +29,7 @@ HELD = "^sDvp*h"
 """Marks of surfaces with imposed displacements, one after another."""
 
 
-def draw_scene(found: SceneCheck, path: Path) -> None:
+def draw_scene(found: Any, path: Path) -> None:
     """Draw a scene in the plane or in space."""
     assert found.discretisation is not None
     figure = Figure(figsize=(9, 6.5), layout="constrained")
@@ -44,7 +42,7 @@ def draw_scene(found: SceneCheck, path: Path) -> None:
     figure.savefig(path, dpi=150)
 
 
-def _plane(found: SceneCheck, axes: Any) -> None:
+def _plane(found: Any, axes: Any) -> None:
     discretisation: Any = found.discretisation
     points, cells, owner = discretisation._points(), discretisation._cell_nodes(), discretisation.cell_bodies()
     for place, body in enumerate(found.scene.bodies):
@@ -64,7 +62,7 @@ def _plane(found: SceneCheck, axes: Any) -> None:
     axes.autoscale_view()
 
 
-def _marks(found: SceneCheck, axes: Any, size: float) -> None:
+def _marks(found: Any, axes: Any, size: float) -> None:
     """Marks on the nodes that are held or moved, and on those under a load, in the plane or in space."""
     items = found.scene.displacements
     for place, tag in enumerate(dict.fromkeys(item.tag for item in items)):
@@ -75,7 +73,7 @@ def _marks(found: SceneCheck, axes: Any, size: float) -> None:
     _arrows(found, axes)
 
 
-def _arrows(found: SceneCheck, axes: Any) -> None:
+def _arrows(found: Any, axes: Any) -> None:
     """Loads as arrows along their nodal forces at the parameter looked at, each in a colour of its own."""
     discretisation: Any = found.discretisation
     points = discretisation._points()
@@ -99,13 +97,13 @@ def _arrows(found: SceneCheck, axes: Any) -> None:
             axes.update_datalim(starts)
 
 
-def _nodes(found: SceneCheck, tag: Any) -> np.ndarray:
+def _nodes(found: Any, tag: Any) -> np.ndarray:
     """Coordinates of the nodes of a surface, which may lie inside, (n, dim)."""
     discretisation: Any = found.discretisation
     return discretisation._points()[discretisation._tagged_dofs(tag, 0) // discretisation.mesh.geometry.dim]
 
 
-def _space(found: SceneCheck, axes: Any) -> None:
+def _space(found: Any, axes: Any) -> None:
     from hhr_dolfinx.geometries.cells import FACES, TENSOR
 
     discretisation: Any = found.discretisation

@@ -29,7 +29,7 @@ from hhr_dolfinx.study.local_training import (
 )
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.study.training import Training
+    from hhr_dolfinx.study.training_answers import TrainingAnswers
 
 LEAST = 8
 """Snapshots in a part below which the full model is asked for more."""
@@ -89,7 +89,7 @@ class Splitting:
             if not (is_number(value) and 0 <= value < 1) or (name == "forces" and value == 0):
                 raise StudyError(f"{name} = {value!r} must be a part of 1, such as {getattr(type(self), name)}")
 
-    def models(self, training: Training, recipe: Recipe, progress: Progress) -> LocalModels:
+    def models(self, training: TrainingAnswers, recipe: Recipe, progress: Progress) -> LocalModels:
         """Local models of a training; see the class."""
         return _Run(self, training, recipe).grown(progress)
 
@@ -114,7 +114,7 @@ class _Part(NamedTuple):
 class _Run:
     """One run of :class:`Splitting`."""
 
-    def __init__(self, settings: Splitting, training: Training, recipe: Recipe):
+    def __init__(self, settings: Splitting, training: TrainingAnswers, recipe: Recipe):
         self.settings, self.recipe = settings, recipe
         self.full, self.snapshots = training.full_order, training.snapshots
         self.space = self.full.parameters

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,8 @@ from hhr_dolfinx import ranks
 from hhr_dolfinx.certify.strains import check_small_strains
 from hhr_dolfinx.errors import ParameterError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.models.path import DEFAULT_MARCH, MarchSettings, checked_path
+from hhr_dolfinx.models.equilibrium import DEFAULT_MARCH, MarchSettings
+from hhr_dolfinx.models.path import checked_path
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.build import build, usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
@@ -23,6 +23,7 @@ from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, held_out_points, spread_snapshots
 from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.study.console import check_counts
+from hhr_dolfinx.study.training_answers import TrainingAnswers
 from hhr_dolfinx.timing import StageLog
 
 if TYPE_CHECKING:
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.force_correction import ForceCorrection
     from hhr_dolfinx.models.local import LocalModels
     from hhr_dolfinx.models.local_histories import LocalHistories
-    from hhr_dolfinx.study.greedy import Choice
 
 Progress = Callable[[str], Callable[[Iterable], Iterable]]
 """Maps a label to a wrapper of iterations, for progress bars."""
@@ -43,25 +43,8 @@ def silent(label: str) -> Callable[[Iterable], Iterable]:
     return iter
 
 
-@dataclass(frozen=True)
-class Training:
-    """A full model with the answers to train and to check reduced models.
-
-    Attributes:
-        full_order: the full model, on one rank.
-        snapshots: training answers.
-        held_out: answers for the trust check, or None.
-        log: seconds of each stage.
-        choice: what a greedy training chose, and what its models were worth on the way; None of another training.
-        read: number of answers that were read from files, which ``log`` has no seconds of.
-    """
-
-    full_order: FullOrderModel
-    snapshots: SnapshotSet
-    held_out: SnapshotSet | None
-    log: StageLog
-    choice: Choice | None = None
-    read: int = 0
+class Training(TrainingAnswers):
+    """A full model with answers, and the models that are made of them."""
 
     def build(self, recipe: Recipe | None = None, *, checked: bool = True) -> ReducedModel:
         """A reduced model; unchecked it is built as it is, to be measured: no warning, no growth of its RID.

@@ -1,0 +1,213 @@
+"""Functions on the mesh of a scene: measures, tags, surfaces, assembly; no physics of contact."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.sparse import csr_matrix
+from ufl.algorithms import compute_form_data
+from ufl.algorithms.check_arities import ArityMismatch
+from ufl.core.expr import Expr
+
+from hhr_dolfinx import compat, ranks
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.forms import contact, elasticity
+from hhr_dolfinx.full_order.checks import (
+    build_geometry,
+    check_outer,
+    check_present,
+    tagged,
+)
+from hhr_dolfinx.full_order.locking import QUADRATURE, mean_dilatation, stiffness_degree
+from hhr_dolfinx.loads import Assembler
+from hhr_dolfinx.pairings.surface import Surface, make_surface
+from hhr_dolfinx.parameters import Tag
+from hhr_dolfinx.scene import Scene
+
+if TYPE_CHECKING:
+    pass
+
+
+class DiscreteSpace(ABC):
+    """P1 or Q1 functions on the mesh of a scene, on a communicator, and what is measured and assembled there.
+
+    Attributes:
+        scene: the scene.
+        comm: MPI communicator.
+        mesh: DOLFINx mesh.
+        names: what the mesh calls its bodies and surfaces.
+        space: vector Lagrange space of degree 1.
+        rows: range of the dofs this rank owns.
+        size: N, number of dofs on all ranks.
+        mean_dilatation: whether each body takes the mean dilatation of its cells, see ``locking``.
+        common_pattern: of the parts of K where it depends on parameters, once it has been assembled.
+        reshaped: moves the mesh where its shape depends on parameters, else None; it lies as in the middle of the box.
+
+    Raises:
+        SceneError: for a mesh that does not suit the scene, or missing tags.
+    """
+
+    def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
+        compat.require_dolfinx()
+        self.scene, self.comm = scene, comm
+        with ranks.together(comm, f"the geometry of scene '{scene.name}'"):
+            self.mesh, self._cell_tags, self._facet_tags, self.names = build_geometry(scene, comm)
+        dim = self.mesh.geometry.dim
+        self.space = fem.functionspace(self.mesh, ("Lagrange", 1, (dim,)))
+        nodes = self.space.dofmap.index_map
+        self.rows = slice(*(dim * n for n in nodes.local_range))
+        self.size = dim * nodes.size_global
+        self._dx = ufl.Measure("dx", domain=self.mesh, subdomain_data=self._cell_tags)
+        self._ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=self._facet_tags)
+        self.mean_dilatation = mean_dilatation(scene, self.mesh.topology.cell_name())
+        self._trial, self._test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
+        self.common_pattern: Any = None
+        self.reshaped: Any = None
+
+    @abstractmethod
+    def assembler(self, load: Any) -> Assembler:
+        """What a load, or an output, may ask for."""
+
+    @property
+    def arguments(self) -> tuple[ufl.Argument, ufl.Argument]:
+        """Trial and test function."""
+        return self._trial, self._test
+
+    def cells_of(self, tag: Tag) -> np.ndarray:
+        """Numbers of the cells of a body on this rank."""
+        return tagged(self._cell_tags, self.names.cell(tag))
+
+    def cells(self, tag: Tag) -> ufl.Measure:
+        """Measure of the cells of a body for its stiffness; if shapes vary, by a rule that reduced models know too."""
+        if self.reshaped is None:
+            return self._dx(self.names.cell(tag))
+        return self._dx(
+            self.names.cell(tag), degree=stiffness_degree(self.mesh.topology.cell_name(), self.scene.hypothesis)
+        )
+
+    def empty_matrix(self) -> PETSc.Mat:
+        """A matrix that couples the dofs of all cells."""
+        return fem_petsc.create_matrix(self._mass_form)
+
+    @cached_property
+    def _mass_form(self):
+        return fem.form(elasticity.mass(self._trial, self._test, self.scene.hypothesis, self._dx))
+
+    def own_rows(self, matrix: PETSc.Mat) -> csr_matrix:
+        """Rows of a matrix that this rank owns, (own dofs, N)."""
+        indptr, indices, data = matrix.getValuesCSR()
+        return csr_matrix((data, indices, indptr), shape=(self.rows.stop - self.rows.start, self.size))
+
+    def cell_bodies(self) -> np.ndarray:
+        """Body of each cell of this rank as its place in the scene, (cells,)."""
+        bodies = np.full(self.mesh.topology.index_map(self.mesh.topology.dim).size_local, -1)
+        for place, body in enumerate(self.scene.bodies):
+            cells = self.cells_of(body.tag)
+            bodies[cells[cells < bodies.size]] = place
+        return bodies
+
+    def cell_means(self, field: Expr) -> fem.Function:
+        """Mean of a UFL scalar over each cell's volume, by the rule of the stiffness; on the cells of this rank."""
+        means = fem.Function(fem.functionspace(self.mesh, ("Discontinuous Lagrange", 0)))
+        dx = ufl.dx(self.mesh, metadata={"quadrature_degree": QUADRATURE})
+        volume = elasticity.volume_weight(self.mesh, self.scene.hypothesis) * ufl.TestFunction(means.function_space)
+        change, size = (fem.assemble_vector(fem.form(form * dx)).array for form in (field * volume, volume))
+        own = means.function_space.dofmap.index_map.size_local
+        means.x.array[:own] = change[:own] / size[:own]
+        return means
+
+    def _outer_facets(self, load: str, tag: Tag) -> ufl.Measure:
+        """Measure of the facets with a tag, under a load of this class."""
+        check_outer(load, tag, self.mesh, self._facet_tags, self.names, self.comm)
+        return self._ds(self.names.facet(tag))
+
+    def _cells(self, tag: Tag) -> ufl.Measure:
+        """Measure of the cells with a tag."""
+        self.check_cells(tag)
+        return self._dx(self.names.cell(tag))
+
+    def check_cells(self, tag: Tag) -> None:
+        """Raise SceneError if no cell has a tag."""
+        check_present("cell", self._cell_tags, [tag], self.names, self.comm)
+
+    def _tagged_dofs(self, tag, component):
+        fdim = self.mesh.topology.dim - 1
+        if not 0 <= component < self.mesh.geometry.dim:
+            raise SceneError(
+                f"component {component} of the displacement on tag {tag} does not exist: the mesh of scene "
+                f"'{self.scene.name}' has {self.mesh.geometry.dim} dimensions, take a component below that, counted "
+                "from 0"
+            )
+        local = fem.locate_dofs_topological(
+            self.space.sub(component), fdim, tagged(self._facet_tags, self.names.facet(tag))
+        )
+        dim = self.mesh.geometry.dim
+        owned = local[local < dim * self.space.dofmap.index_map.size_local]
+        return np.concatenate(self.comm.allgather(owned + self.rows.start))
+
+    def _load_vector(self, load: Any, form: ufl.Form) -> np.ndarray:
+        """Assemble a form that is linear in v, (N,)."""
+        arguments = form.arguments() if isinstance(form, ufl.Form) else ()
+        try:
+            linear = arguments == (self._test,) and compute_form_data(form)
+        except ArityMismatch:
+            linear = False
+        if not linear:
+            raise SceneError(f"the form of {load!r} must be linear in v and integrated over ds or dx, and is {form!r}")
+        return self._assemble_vector(form)
+
+    def surface(self, tag: Tag) -> Surface:
+        """The facets with a tag on the mesh as it lies."""
+        dim, points = self.mesh.geometry.dim, self._points()
+        ds = self._ds(self.names.facet(tag))
+        area = self._assemble_vector(contact.tributary_area(self._test, self.scene.hypothesis, ds))[::dim]
+        facets, inner = self._facets(tag)
+        weights = elasticity.weight_at(points[:, 0], self.scene.hypothesis)
+        return make_surface(tag, facets, inner, points, weights, area)
+
+    def _facets(self, tag):
+        """Nodes of the tagged facets and the middle of what lies opposite in their cells, gathered from all ranks."""
+        topology, dofmap = self.mesh.topology, self.space.dofmap
+        tdim, dim = topology.dim, self.mesh.geometry.dim
+        topology.create_connectivity(tdim - 1, tdim)
+        topology.create_connectivity(tdim, tdim - 1)
+        to_cell, to_facets = topology.connectivity(tdim - 1, tdim), topology.connectivity(tdim, tdim - 1)
+        corners = [dofmap.dof_layout.entity_closure_dofs(tdim - 1, k) for k in range(len(to_facets.links(0)))]
+        coordinates = self.space.tabulate_dof_coordinates()[:, :dim]
+        nodes, inner = [], []
+        for facet in tagged(self._facet_tags, self.names.facet(tag)):
+            cell = to_cell.links(facet)[0]
+            # each rank has the facets of the cells it owns
+            if cell < topology.index_map(tdim).size_local:
+                local = int(np.flatnonzero(to_facets.links(cell) == facet)[0])
+                cell_nodes = dofmap.cell_dofs(cell)
+                nodes.append(cell_nodes[corners[local]])
+                inner.append(coordinates[np.delete(cell_nodes, corners[local])].mean(axis=0))
+        count = len(corners[0])
+        local_nodes = np.array(nodes, dtype=np.int32).reshape(-1, count)
+        numbers = dofmap.index_map.local_to_global(local_nodes.ravel()).reshape(-1, count)
+        gathered = self.comm.allgather((numbers, np.array(inner).reshape(-1, dim)))
+        return tuple(np.concatenate(part) for part in zip(*gathered, strict=True))
+
+    def _points(self):
+        local = self.space.tabulate_dof_coordinates()[: self.space.dofmap.index_map.size_local]
+        return np.concatenate(self.comm.allgather(local))[:, : self.mesh.geometry.dim]
+
+    def _cell_nodes(self):
+        owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
+        local = self.space.dofmap.list[:owned]
+        numbers = self.space.dofmap.index_map.local_to_global(local.ravel().astype(np.int32))
+        return np.concatenate(self.comm.allgather(numbers.reshape(local.shape)))
+
+    def _assemble_vector(self, form):
+        vector = fem_petsc.assemble_vector(fem.form(form))
+        vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        return np.concatenate(self.comm.allgather(vector.array))

@@ -1,0 +1,74 @@
+"""What of bodies that flow is elastic: solved for once, in the middle of the box, scaled elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.sparse import csc_matrix
+
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.models.condensed_fields import PartFactors
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import Answer
+
+
+@dataclass(frozen=True)
+class ElasticResponse:
+    """Elastic response in the middle of the box: columns of K^-1 F and of imposed displacements, parts of the dofs."""
+
+    forced: np.ndarray
+    given: np.ndarray
+    per_force: np.ndarray
+    parts: np.ndarray
+    factors: PartFactors
+
+    def correction(self, problem: ContactProblem, answer: Answer) -> np.ndarray:
+        """u_p of a full answer, (N,)."""
+        theta, scale = problem.amplitudes(answer.parameter), self.factors.compliances(answer.parameter)[self.parts]
+        elastic = scale * (self.forced @ theta - self.per_force @ answer.multipliers)
+        return answer.unknown - elastic - (self.given @ theta - problem.lifts @ theta)
+
+
+def elastic_response(full: Any) -> ElasticResponse:
+    """Solve for what is elastic, in blocks, with the factors that the full model has."""
+    problem: ContactProblem = full.problem
+    parts, factors = parts_of(problem)
+    solver = full.factors
+    # strains without stress move bodies alike, however stiff they are
+    strained = csc_matrix(problem.loads - problem.external + _eigenforces(full))
+    with solver.lock:
+        solver.refactor(problem.own_stiffness)
+        forced, imposed = solver.solve_columns(problem.external), solver.solve_columns(strained)
+    return ElasticResponse(forced, imposed + problem.lifts.toarray(), full.per_force, parts, factors)
+
+
+def _eigenforces(full: Any) -> csc_matrix:
+    """Forces on free dofs of strains without stress in the middle of the box, sparse, (N, 1 + T)."""
+    equilibrium, problem = full.equilibrium, full.problem
+    elastic = equilibrium.material.moduli_at(problem.middle).elastic
+    forces = np.zeros(problem.loads.shape)
+    for term in np.flatnonzero(np.diff(equilibrium.eigenstrains.indptr)):
+        strain = equilibrium.eigenstrains[:, [term]].toarray().reshape(len(elastic), -1)
+        forces[:, term] = equilibrium.operator.internal(np.einsum("nij,nj->ni", elastic, strain))[0] * problem.free
+    return csc_matrix(forces)
+
+
+def parts_of(problem: ContactProblem) -> tuple[np.ndarray, PartFactors]:
+    """Part of the stiffness that holds each dof, (N,), and the moduli of the parts.
+
+    Raises:
+        ReductionError: where parts with moduli of their own hang together.
+    """
+    if not problem.moduli:
+        return np.zeros(problem.free.size, dtype=np.int64), PartFactors((), np.ones(1))
+    acting = np.array([np.asarray(abs(part).sum(axis=1)).ravel() > 0 for part in problem.stiffness_terms])
+    if (acting.sum(axis=0) > 1).any():
+        raise ReductionError(
+            "bodies that hang together have Young's moduli that vary by themselves, so that K^-1 is no factor times a "
+            "constant: give them one formula, or take the hyper-reduced model"
+        )
+    return acting.argmax(axis=0), PartFactors(tuple(problem.moduli), problem.weights(problem.middle))

@@ -1,0 +1,31 @@
+"""What a training leaves: a full model, its answers, and how long they took."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.snapshots.records import SnapshotSet
+from hhr_dolfinx.timing import StageLog
+
+
+@dataclass(frozen=True)
+class TrainingAnswers:
+    """A full model with the answers to train and to check reduced models.
+
+    Attributes:
+        full_order: the full model, on one rank.
+        snapshots: training answers.
+        held_out: answers for the trust check, or None.
+        log: seconds of each stage.
+        choice: what a greedy training chose, and what its models were worth on the way; None of another training.
+        read: number of answers that were read from files, which ``log`` has no seconds of.
+    """
+
+    full_order: FullOrderModel
+    snapshots: SnapshotSet
+    held_out: SnapshotSet | None
+    log: StageLog
+    choice: Any = None
+    read: int = 0
