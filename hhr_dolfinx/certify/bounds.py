@@ -1,11 +1,4 @@
-"""Bounds of errors, offline: what :class:`hhr_dolfinx.models.error_bound.ErrorBound` needs, once per reduced model.
-
-Bounds for bodies that contact alone holds, offline: what :mod:`hhr_dolfinx.models.floating_bound` needs.
-
-The displacement of loads and contact forces, offline: what :class:`hhr_dolfinx.models.contact_response` needs.
-
-Bounds of the errors of outputs, offline: what :class:`hhr_dolfinx.models.output_bound.OutputBound` needs.
-"""
+"""Bounds of errors, offline: what :class:`hhr_dolfinx.models.error_bound.ErrorBound` needs, once per reduced model."""
 
 from __future__ import annotations
 
@@ -14,16 +7,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy import linalg
 from scipy.linalg import solve_triangular, svd
-from scipy.sparse import csc_matrix, csr_matrix, vstack
+from scipy.sparse import csc_matrix, csr_matrix
 
-from hhr_dolfinx.certify.accuracy import FORCE_FLOOR, least_sizes
-from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.certify.accuracy import least_sizes
 from hhr_dolfinx.errors import BoundError
-from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.error_bound import ErrorBound, FieldResponse, ResponseBound
-from hhr_dolfinx.models.floating_bound import FloatingBound, FloatingResponse, definite
-from hhr_dolfinx.models.functionals import Functional
-from hhr_dolfinx.models.output_bound import UNKNOWN, OutputBound, is_read_nearer
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.floating_bound import FloatingBound
@@ -159,53 +147,6 @@ def energy_directions(stiffness: csr_matrix, columns: np.ndarray, least: np.ndar
     return directions[:, :rank], coordinates[:rank]
 
 
-def floating_bound(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
-    """The displacement as loads, contact forces and motions make it, and its bounds, see :func:`field_response`.
-
-    Args:
-        full: a full model on one rank, of constant stiffness, some of whose bodies nothing but contact holds.
-        forces: of training, (m, S).
-        most: columns at most, those of the motions besides.
-
-    Raises:
-        BoundError: with the hypothesis that fails.
-    """
-    check_hypotheses(full, floating=True)
-    problem, per_force, taken = full.problem, full.per_force, full.rigid_taken
-    if problem.varies:
-        raise BoundError("contact alone holds bodies, and their stiffness depends on parameters")
-    schur = (full.schur + full.schur.T) / 2
-    try:
-        lower = linalg.cholesky(definite(schur, taken), lower=True)
-    except linalg.LinAlgError:
-        raise BoundError("rows of B are dependent, so that forces are not unique: there is no bound on them") from None
-    columns, own, onto = per_force, np.zeros((len(lower), 0)), None
-    if len(lower) > most:
-        own = leading(lower.T @ forces, lower, most)
-        columns = per_force @ solve_triangular(lower, own, lower=True, trans="T")
-        onto = np.asfortranarray(own.T @ lower.T)
-    # energies are those of the part of forces that balances itself, see FloatingBound.pressed
-    along = np.linalg.qr(taken)[0]
-    least = least_sizes(full, forces)
-    least[0] = least_sizes(full, forces - along @ (along.T @ forces))[0]
-    given = full.per_load + problem.lifts.toarray()
-    pulled = problem.stiffness @ given
-    bound = FloatingBound(
-        free_slack=np.asfortranarray(problem.gaps - problem.contact @ full.per_load),
-        schur=schur,
-        lower=np.asfortranarray(lower),
-        taken=np.ascontiguousarray(taken),
-        driving=np.asfortranarray(full.rigid_loads),
-        basis=np.asfortranarray(own),
-        work=np.asfortranarray(given.T @ pulled),
-        cross=np.asfortranarray(pulled.T @ per_force),
-        areas=problem.contact_areas,
-        least=least,
-    )
-    response = FloatingResponse(*load_response(full), onto)
-    return MadeOfForces(response, np.asfortranarray(np.hstack([columns, problem.rigid])), bound)
-
-
 class MadeOfForces(NamedTuple):
     """The map, its columns C, (N, c), and the bounds of what it makes."""
 
@@ -270,68 +211,3 @@ def leading(columns: np.ndarray, lower: np.ndarray, count: int) -> np.ndarray:
     own = directions[:, values > ROUND_OFF * values.max(initial=0.0)][:, :count]
     rest = lower.T - own @ (own.T @ lower.T)
     return np.hstack([own, svd(rest)[0][:, : count - own.shape[1]]])
-
-
-MOST_READ = 50
-"""Training answers of which outputs are read."""
-
-
-def output_bound(full: Any, bound: ErrorBound, basis: np.ndarray, training: Any = None) -> OutputBound:
-    """Bounds of the outputs of answers with a basis, (N, ell), of a full model with outputs that has a bound.
-
-    ``training`` are snapshots, whose outputs say what is large.
-    """
-    problem, items = full.problem, full.functionals.items
-    size, m = problem.free.size, len(bound.lower)
-    per_condition = solve_triangular(bound.lower, np.eye(m), lower=True).T
-    nearer = [item.matrix(size) for item in items if is_read_nearer(item, m)]
-    rows = csr_matrix(vstack([csr_matrix((0, size)), *nearer]))
-    loads = full.per_load
-    free, pressed = rows @ loads + (rows @ problem.lifts).toarray(), rows @ full.per_force
-    steepness, first, directions = np.full((len(items), 2), UNKNOWN), 0, None
-    for number, item in enumerate(items):
-        if is_read_nearer(item, m):
-            own = -pressed[first : first + item.count] @ per_condition
-            first += item.count
-            if not item.affine:
-                steepness[number, 1] = _known(item.steepness(own.__getitem__, per_condition))
-            continue
-        if directions is None:
-            # all errors of displacements are combinations of these columns
-            columns = np.hstack([full.per_force, loads, basis])
-            lengths = energies(problem.stiffness, columns)
-            directions = energy_directions(problem.stiffness, columns, ROUND_OFF * lengths)[0]
-        steepness[number] = _along_both(item, item.matrix(size), directions, per_condition)
-    return OutputBound(steepness, np.asfortranarray(free), np.asfortranarray(pressed), _least(full, training))
-
-
-def _least(full: Any, training: Any) -> np.ndarray:
-    """A thousandth of the largest absolute value of each output in some training answers; zero without any, (n,)."""
-    if training is None:
-        return np.zeros(len(full.functionals.items))
-    answers = []
-    for k in np.unique(np.linspace(0, len(training.points) - 1, MOST_READ).astype(int)):
-        forces = training.forces[:, k]
-        how = forces, forces > 0, 0, Status.CONVERGED, False, full
-        answers.append(Answer(training.points[k], training.displacements[:, k], *how).outputs().values)
-    return FORCE_FLOOR * np.abs([list(values.values()) for values in answers]).max(axis=0)
-
-
-def _along_both(
-    item: Functional, rows: csr_matrix, directions: np.ndarray, per_condition: np.ndarray
-) -> tuple[float, float]:
-    """Lipschitz constants of an output along displacements and along forces; both are there, or none."""
-    none = np.zeros((len(per_condition), directions.shape[1]))
-
-    def still(place: slice) -> np.ndarray:
-        return np.zeros((len(range(*place.indices(item.count))), per_condition.shape[1]))
-
-    def moving(place: slice) -> np.ndarray:
-        return rows[place] @ directions
-
-    found = _known(item.steepness(moving, none)), _known(item.steepness(still, per_condition))
-    return found if UNKNOWN not in found else (UNKNOWN, UNKNOWN)
-
-
-def _known(constant: float | None) -> float:
-    return UNKNOWN if constant is None else float(constant)

@@ -1,7 +1,4 @@
-"""What users would get from a model beside answers that are known: at single parameters, or along histories.
-
-A model of bodies that flow beside all histories that are known: its errors, and what it shows there.
-"""
+"""A model beside known answers of the full order: at single parameters, or along histories."""
 
 from __future__ import annotations
 

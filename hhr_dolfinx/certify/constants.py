@@ -4,32 +4,21 @@ An inf-sup constant inf_q sup_v b(v, q) / (|v| |q|) over v = Phi gamma and q is 
 value of L_q^-1 B~ L_v^-T, where the Gram matrices of the two norms are L_v L_v^T and L_q L_q^T. Two pairs
 of norms are used: the thesis' Euclidean norms of nodal values (section 2.6.1), and the energy norm
 (v^T K v)^1/2 with the L2 norm of the contact pressure, which do not depend on the mesh.
-
-What interpolation of an inverse stiffness between parameters leaves, as far as it can be proved.
-
-Let K(ν) = a(ν) K_a + b(ν) K_b with K_a, K_b positive semi-definite and a, b positive. Both are diagonal in the same
-basis, so that K^-1 is a sum of functions f_κ(ν) = 1 / (κ a(ν) + (1 - κ) b(ν)), 0 <= κ <= 1, of dyads that do not depend
-on ν. Interpolation is linear: that of K^-1 is off by -ε K^-1 <= Δ <= ε K^-1, in the order of energies, where ε is the
-largest relative error of the interpolation of any f_κ: a question of one variable, whatever the mesh.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from functools import cached_property
 from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy import linalg
-from scipy.interpolate import BarycentricInterpolator
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem, IndexSets
 from hhr_dolfinx.errors import NotSolvableError
-from hhr_dolfinx.formulas import Modulus, Scalar
-from hhr_dolfinx.models.interpolation import MOST_LEVELS, leja_points
 from hhr_dolfinx.models.projected import ReducedProblem
 
 
@@ -248,79 +237,3 @@ def _whiten(matrix: np.ndarray, gram: np.ndarray | None) -> np.ndarray:
     if gram.ndim == 1:
         return matrix / np.sqrt(gram)[:, None]
     return linalg.solve_triangular(linalg.cholesky(gram, lower=True), matrix, lower=True)
-
-
-SMALLEST, SHARES, PLACES = 1e-9, 81, 1001
-"""Smallest κ, and numbers of κ and of ν, at which the error is looked at: it oscillates once between nodes."""
-BETWEEN = 1.2
-"""By how much the error may be larger between these."""
-OF_VOLUME = 0.6
-"""Largest κ where K_a is λ tr(ε)^2 and K_b is 2 μ ε:ε of one body: ε:ε is a third of tr(ε)^2 at least."""
-
-
-@dataclass(frozen=True)
-class PartStiffness:
-    """How the stiffness of a part of a scene depends on one parameter.
-
-    Attributes:
-        moduli: of its parts, one or two.
-        factor: what these share and an interpolation leaves out; None for nothing.
-        axis: place of the parameter.
-        lower, upper: its ends.
-        middle: a point of the box, (P,), whose other parameters do not count.
-        of_volume: whether the two parts are the changes of volume and of shape of one body.
-    """
-
-    moduli: list[Modulus]
-    factor: Scalar | None
-    axis: int
-    lower: float
-    upper: float
-    middle: np.ndarray
-    of_volume: bool
-
-    def error(self, levels: int) -> float:
-        """ε of the interpolation on the first so many Leja points; infinite where it is none."""
-        (places, exact), (nodes, known) = self._everywhere, self._at_nodes
-        if not (np.isfinite(exact).all() and (exact > 0).all()):
-            return math.inf
-        # the polynomials of nodes are the same for all κ
-        weights = BarycentricInterpolator(nodes[:levels], np.eye(levels))(places)
-        return float(BETWEEN * np.abs(weights @ known[:levels] / exact - 1).max())
-
-    def levels(self, wished: float) -> tuple[int, float]:
-        """Nodes that make ε as small as is wished, or the most there are, and this ε."""
-        low, high = 2, MOST_LEVELS
-        while low < high:
-            middle = (low + high) // 2
-            low, high = (low, middle) if self.error(middle) <= wished else (middle + 1, high)
-        return high, self.error(high)
-
-    @cached_property
-    def _everywhere(self) -> tuple[np.ndarray, np.ndarray]:
-        """Places at which the error is looked at, and f_κ there; some of no pattern, lest a formula repeats itself."""
-        places = np.linspace(self.lower, self.upper, PLACES)
-        places = np.append(places, np.random.default_rng(0).uniform(self.lower, self.upper, PLACES // 4))
-        return places, self._inverses(places)
-
-    @cached_property
-    def _at_nodes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes, and f_κ there."""
-        nodes = self.lower + (np.array(leja_points()) + 1) / 2 * (self.upper - self.lower)
-        return nodes, self._inverses(nodes)
-
-    def _inverses(self, places: np.ndarray) -> np.ndarray:
-        """f_κ at values of the parameter, (n, κ)."""
-        points = np.repeat(self.middle[None], len(places), axis=0)
-        points[:, self.axis] = places
-        weights = np.array([[modulus.value(point) for modulus in self.moduli] for point in points])
-        if self.factor is not None:
-            weights /= np.array([[self.factor.value(point)] for point in points])
-        if len(self.moduli) == 1:
-            return 1 / weights
-        # it may be largest at a κ that is small, where K_a is stiff, or near 1, where K_b is
-        small = np.geomspace(SMALLEST, 0.5, SHARES)
-        part = np.concatenate([[0.0], small, 1 - small[::-1], [1.0]])
-        if self.of_volume:
-            part = np.append(part[part <= OF_VOLUME], OF_VOLUME)
-        return 1 / (weights[:, :1] * part + weights[:, 1:] * (1 - part))

@@ -1,6 +1,4 @@
-"""One answer in rows of numbers, with their units where the scene says them.
-
-The commands of ``hhr``.
+"""The commands of ``hhr``.
 
 Exit codes: 0 all is well; 1 something has no answer, or a check found mistakes; 2 wrong words; 3 a scene, a model or a
 file is refused; 130 interrupted.

@@ -11,7 +11,7 @@ A set on the way may be singular although the problem has a solution, since S of
 neither symmetric nor definite by construction. Then the least-index rule starts from no contact, which
 is never singular, and passes over statuses that would make the set singular.
 
-Alg. 1.1 for many free slacks at once: those with the same statuses share factors, and are solved by products.
+``settled`` runs Alg. 1.1 for many free slacks at once: those with the same statuses share factors.
 """
 
 from __future__ import annotations

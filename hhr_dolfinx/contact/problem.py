@@ -1,12 +1,11 @@
-"""Where only the moduli of whole bodies vary: K(mu) is block diagonal, and each block is a number times a fixed matrix.
-
-Bodies touch only through contact, so that each connected component of K is a block K_c of its own. Where all of it has
-one factor, K_c(mu) is s_c(mu) times K_c in the middle of the box, K^-1(mu) is K_c^-1 / s_c, and S(mu) the sum of
-S_c / s_c: nothing is factored anew.
-
-The algebraic contact problem (1.21): matrices, index sets and connectivity, no mesh and no physics.
+"""The algebraic contact problem (1.21): matrices, index sets and connectivity, no mesh and no physics.
 
 What reduces and answers (basis, RID, reduced model, stability, reconstruction) sees only this.
+
+Where only the moduli of whole bodies vary, K(mu) is block diagonal (:class:`ScaledBodies`): bodies touch only through
+contact, so that each connected component of K is a block K_c of its own. Where all of it has one factor, K_c(mu) is
+s_c(mu) times K_c in the middle of the box, K^-1(mu) is K_c^-1 / s_c, and S(mu) the sum of S_c / s_c: nothing is
+factored anew.
 """
 
 from __future__ import annotations

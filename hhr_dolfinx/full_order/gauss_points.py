@@ -1,8 +1,8 @@
 """From UFL to arrays at Gauss points: the strain, tabulated once, of bodies that flow or are nearly incompressible.
 
-Strains without stress, such as thermal ones: σ = C (ε - ε0), and F is ∫ C ε0 : ε(v), and stresses leave ε0 out.
-
-Where bodies flow laws see ε - ε0 at Gauss points, so that internal forces hold what elsewhere is part of F.
+Strains without stress ε0, such as thermal ones, are taken from the strain, σ = C (ε - ε0): F is ∫ C ε0 : ε(v), and
+stresses leave ε0 out. Where bodies flow, laws see ε - ε0 at Gauss points, so that internal forces hold what elsewhere
+is part of F.
 """
 
 from __future__ import annotations

@@ -3,9 +3,8 @@
 K is singular along them. Those that contact resists join the unknowns of the active set, see ``contact.floating``. What
 neither contact resists nor a load drives, such as the turning of a round body without friction, is left at rest.
 
-Lifts that do not strain: a body whose imposed motions are those of a rigid one is lifted as a whole.
-
-The lift of the thesis lives on the imposed dofs alone (section 2.6), and K lift is a load. Where K depends on
+A body whose imposed motions are those of a rigid one is lifted as a whole, so that its lift does not strain. The lift
+of the thesis lives on the imposed dofs alone (section 2.6), and K lift is a load. Where K depends on
 parameters so does that load, and it is far larger than any force that the body bears: what is interpolated of it
 between parameters cancels, and so do the energies that bounds are made of. Where the imposed values are those of a
 rigid motion, as of a block that is pressed down by its top, that motion of the whole body fits them too, and K is zero

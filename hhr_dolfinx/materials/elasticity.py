@@ -1,7 +1,4 @@
-"""Constants of isotropic elasticity.
-
-Elastic constants of common materials by name, with their sources; for anything else give numbers.
-"""
+"""Constants of isotropic elasticity, and those of common materials by name, with their sources."""
 
 from __future__ import annotations
 

@@ -1,11 +1,8 @@
-"""Stiffness of cells of degree 1 from their corners, in NumPy: what a reduced model assembles on its own.
+"""Cells of degree 1 in NumPy: their stiffness and strain from their corners, without a mesh library.
 
 Cells are triangles, quadrilaterals, tetrahedra and hexahedra, their nodes in the order of DOLFINx (tensor order where
-there is a choice).
-
-Strain in the middles of cells whose nodes are moved by shapes, without a mesh: cells of degree 1 in NumPy.
-
-Interpolated instead, strain would suffer from cancellation: it is a small difference of displacements that are large.
+there is a choice). Where shapes move the nodes, the strain in the middle of a cell is computed anew: interpolated it
+would suffer from cancellation, as a small difference of large displacements.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""Stress and plastic strain everywhere, from a displacement and the plastic strain at few Gauss points.
+"""Fields of condensed flow on the whole mesh.
 
-Fields of condensed flow on the whole mesh: displacement exact up to the correction, stress of its strain.
+The displacement is exact up to the plastic correction. Stress and plastic strain follow from it and from the plastic
+strain at few Gauss points.
 """
 
 from __future__ import annotations

@@ -5,15 +5,12 @@ Where elasticity is constant along a history the displacement of the full order 
     u = u_F θ - X λ + u_p,      X = K^-1 B^T,      u_p = K^-1 ∫ G^T C ε_p,
 
 and only the last part is not known beforehand. Its training states have few modes V, orthonormal in energy: u_p = V g
-with g = ∫ (G V)^T C ε_p, an integral that few Gauss points Z with weights of their own carry out. Unknown are g and λ;
-laws see the strain ε = ε_F θ + E_p g - E_X^T λ on Z. Kin in the literature, without contact: transformation field
-analysis with non-uniform modes (Michel and Suquet 2003) and empirical cubature (Hernandez, Caicedo and Ferrer 2017).
+with g = ∫ (G V)^T C ε_p, an integral that few Gauss points Z with weights of their own carry out. The unknowns are g
+and λ; laws see the strain ε = ε_F θ + E_p g - E_X^T λ on Z. Kin in the literature, without contact: transformation
+field analysis with non-uniform modes (Michel and Suquet 2003) and empirical cubature (Hernandez, Caicedo and Ferrer
+2017).
 
 Needs neither DOLFINx nor PETSc.
-
-Steps of a history of condensed flow: from the path to the compiled loop and back.
-
-The model of condensed flow: histories with all contact conditions and a reduced plastic correction.
 """
 
 from __future__ import annotations

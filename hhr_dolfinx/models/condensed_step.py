@@ -1,12 +1,4 @@
-"""Arrays of a compiled step of condensed flow, see :mod:`hhr_dolfinx.models.condensed_step`.
-
-Contact forces within a compiled step of condensed flow: the statuses for one correction, all loops in one place.
-
-What a compiled step of condensed flow does at its points, see :mod:`hhr_dolfinx.models.condensed_step`.
-
-Arguments are arrays of :mod:`models.condensed_step` by their names there, few of them: each takes time to compile.
-
-One step of condensed flow, compiled: plastic correction g and all contact forces λ, by Newton's method.
+"""One step of condensed flow, compiled: plastic correction g and all contact forces λ, by Newton's method.
 
 With the elastic response eliminated exactly (see :mod:`hhr_dolfinx.models.condensed_flow`), a step is
 
@@ -30,6 +22,9 @@ Laws are evaluated between :func:`prepare` and :func:`judge`, those of the packa
 user in Python. The first step of an installation waits for the compiler: whatever a function calls is optimised once
 more with it, so that calls are few and shallow, and loops are written out, which compile ten times as fast as
 expressions of whole arrays.
+
+The sections of this file: arrays of a step and their names (few arguments, since each takes time to compile), contact
+forces for one correction, sums over the points, and Newton's method.
 """
 
 from __future__ import annotations

@@ -3,7 +3,8 @@
 A scene in which nothing flows is one whose linearisation never changes: its models solve with that one and need no
 more of the contract.
 
-Warnings of histories whose time steps are too long: one for each history, or one for all of a training.
+The settings of a history stand here too, and warnings of time steps that are too long: one for each history, or one
+for all of a training.
 """
 
 from __future__ import annotations

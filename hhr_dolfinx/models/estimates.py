@@ -10,9 +10,8 @@ Norms, with σ = λ / area the nodal pressure, zero of a condition without an ar
 A relative error of forces and pressures is the error over the exact size, or over a thousandth of the largest one of
 training where the exact size is less: where contact is nearly lost a relative error means nothing.
 
-Which errors the answers of a model know, in one line; and the one that a user asks for, as a number.
-
-One place for all kinds of models: all is read off what completes their answers.
+``known_error`` says in one line which errors the answers of a model know, ``relative_error`` the one that is asked for.
+Both read what completes the answers, so that they serve all kinds of models.
 """
 
 from __future__ import annotations

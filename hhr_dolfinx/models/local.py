@@ -1,13 +1,11 @@
-"""Which of several models answers a parameter: cuts through the box, followed from one to the next.
-
-A region where one model answers is made of boxes. Partitions of a grid, decision trees and boxes that were split one
-after another are all of this kind, and a query follows some five cuts, in a microsecond or two.
-
-Local models, thesis chapter 4: several small models, each trained on a part of the box, used like one.
+"""Local models, thesis chapter 4: several small models, each trained on a part of the box, used like one.
 
 Solutions whose contact moves far lie on a curved manifold, and one basis for all of them grows. Where each model knows
-a part of it only, models stay small; a query asks the one of its part. By a border two models know the solution, and
+a part of it only, models stay small; a query asks the one of its part. Near a border two models know the solution, and
 the answer with the smaller estimate of its error is taken.
+
+The parts are regions of a binary tree of cuts through the box. Partitions of a grid, decision trees and boxes that were
+split repeatedly are all of this kind; a query follows some five cuts, in a microsecond or two.
 """
 
 from __future__ import annotations

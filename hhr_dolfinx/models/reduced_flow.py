@@ -1,8 +1,6 @@
-"""Equilibrium of bodies that flow on a RID, thesis (6.17), Alg. 6.2: laws on the Gauss points of the RID only.
+"""Equilibrium of bodies that flow on a RID, thesis (6.17), Alg. 6.2: on all of its Gauss points, or few with weights.
 
-Equilibrium of bodies that flow on few weighted Gauss points, in the place of all those of a RID.
-
-Internal forces are V[A]^T f = ∫ (G V[A])^T σ by a cubature that was fitted to training states
+On few points internal forces are V[A]^T f = ∫ (G V[A])^T σ by a cubature that was fitted to training states
 (:mod:`hhr_dolfinx.reduction.cubature`), tangents the same sum with their moduli, the elastic one too: where the
 cells of A are the whole mesh, test functions are the modes themselves, and with weights that are not negative a tangent
 is as definite as the moduli of the laws (Farhat, Chapman and Avery, 2015, doi 10.1002/nme.4820). A cubature of the

@@ -1,11 +1,8 @@
-"""Reduced problems on bodies whose shape depends on parameters: made anew for each query, then eliminated.
-
-Contact conditions of a reduced domain for a shape: pairings see the parts of surfaces around the conditions.
-
-Reduced problems of scenes whose shape depends on parameters: assembled for each query, on the RID only.
+"""Reduced problems of scenes whose shape depends on parameters: assembled for each query, on the RID only.
 
 The projection of (5.23) does not commute with a change of shape. What it needs of the mesh are the cells of the RID and
 the parts of the contact surfaces around its conditions; they are kept as arrays, and moved and integrated anew.
+Pairings see only these parts of the surfaces. Where the whole basis is small its arrays are interpolated instead.
 """
 
 from __future__ import annotations

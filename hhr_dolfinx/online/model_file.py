@@ -58,7 +58,8 @@ MODULES = {
     "models.reconstruct": "FlowFields GappyField Reconstruction",
     "models.reduced": "ReducedModel",
     "models.reduced_flow": "CubatureFlow ReducedFlow",
-    "models.shaped": "ContactPatch FixedCells InterpolatedProblem ReshapedElimination RidAssembly RidBody RidShape",
+    "models.shaped": "ContactPatch FixedCells InterpolatedProblem ReshapedElimination RidAssembly "
+    "RidBody RidShape SurfacePatch",
     "models.shaped_functionals": "ReshapedFunctionals Zone",
     "models.starts": "KnownStatuses LinearStarts",
     "models.varying_bound": "PartEnergy VaryingBound",

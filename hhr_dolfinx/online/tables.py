@@ -2,8 +2,6 @@
 
 A long table is answered block by block into a folder beside the target, each block a file that is whole or not there;
 whoever is killed goes on with the blocks that are missing. At the end the blocks become one file.
-
-Tables of parameters and answers as Parquet, by pyarrow.
 """
 
 from __future__ import annotations

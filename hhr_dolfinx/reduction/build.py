@@ -239,7 +239,7 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
         if recipe.indicator is not None:
             fields = replace(fields, indicator=recipe.indicator.prepared(problem, basis, sets))
     if isinstance(bound, ErrorBound) and full.functionals is not None:
-        from hhr_dolfinx.certify.bounds import output_bound
+        from hhr_dolfinx.certify.output_bounds import output_bound
 
         with log.stage("bound"):
             # C lies among the columns of K^-1 B^T, which are there anyway

@@ -3,7 +3,7 @@
 On a regular grid its cells are put together, by the spaces of the snapshots at their corners; a snapshot at a border
 then belongs to both sides. Without a grid snapshots are put together themselves.
 
-Cuts through the box that keep labelled points apart: which local model answers a parameter, thesis section 4.2.2.
+Cuts through the box then separate the labelled points: they choose which local model answers, section 4.2.2.
 """
 
 from __future__ import annotations

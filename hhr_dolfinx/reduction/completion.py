@@ -1,7 +1,4 @@
-"""What a reduced model needs to answer with whole fields, thesis section 1.4.6.
-
-Bounds that a reduced model gets, with the map of the displacement that they are of.
-"""
+"""What a reduced model needs to answer with whole fields, thesis section 1.4.6, and the bounds of their errors."""
 
 from __future__ import annotations
 
@@ -196,6 +193,6 @@ def _made_of_forces(full: Any) -> Callable[[Any, np.ndarray, int], MadeOfForces]
         from hhr_dolfinx.certify.bounds import field_response
 
         return field_response
-    from hhr_dolfinx.certify.bounds import floating_bound
+    from hhr_dolfinx.certify.floating_bound import floating_bound
 
     return floating_bound

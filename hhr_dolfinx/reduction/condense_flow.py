@@ -1,8 +1,4 @@
-"""What of bodies that flow is elastic: solved for once, in the middle of the box, scaled elsewhere.
-
-Gauss points where training flowed, and a cubature on few of them for the stress of the plastic correction.
-
-Condensed flow, offline: the elastic response, modes of the plastic correction, a cubature for it, and a check.
+"""Condensed flow, offline: the elastic response, modes of the plastic correction, a cubature for it, and a check.
 
 Weights of the cubature are fitted to two kinds of integrals: the stress of the correction at training states, see
 :mod:`hhr_dolfinx.models.condensed_step`, and loosely the energies ∫ (G V)^T C G V of the modes where anything flowed.

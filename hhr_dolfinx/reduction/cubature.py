@@ -1,22 +1,21 @@
 """Cubature: few points with non-negative weights that integrate what training showed.
 
-Sought are weights w >= 0, most of them zero, with |A w - A 1| <= tolerance |A 1|, where a column of A holds what a
+Find weights w >= 0, most of them zero, with |A w - A 1| <= tolerance |A 1|, where a column of A holds what a
 point of integration contributes to each integral. As in energy-conserving sampling and weighting (Farhat, Avery,
 Chapman and Cortial, 2014, doi 10.1002/nme.4668) that is non-negative least squares, stopped as soon as the misfit is
 small; as in empirical cubature (Hernandez, Caicedo and Ferrer, 2017, doi 10.1016/j.cma.2016.10.022) the next point is
 the one whose column, scaled to length one, is the most parallel to the misfit, and a factorisation follows the points.
 
 The iteration is that of Lawson and Hanson (Solving Least Squares Problems, chapter 23) with a QR factor of the chosen
-columns that gains and loses single columns: normal equations would lose half of the digits. What is dear is to compare
-all candidates with the misfit; so good ones from all over are copied to a short list, and points are taken from there
-as long as it holds some.
+columns that gains and loses single columns: normal equations would lose half of the digits. Comparing all
+candidates with the misfit is the expensive step; so good ones from all over are copied to a short list, and points are
+taken from there as long as it holds some.
 
-Weighted Gauss points for the internal forces of a reduced model of bodies that flow, fitted to training states.
-
-What is integrated are the forces of the whole stress, not of its plastic part alone, and beside them the stiffness of
-each mode under the tangents of training. On the pellet (31 modes, tolerance 1e-3) forces of trained histories were then
-0.1 % off with 147 points, the margin of the tangents 0.8; by the plastic part alone 45 % or 2 % with as many points, a
-margin of 0.2 or below 0, and without the stiffness of modes tangents that were singular.
+For the internal forces of a reduced model the integrals are the forces of the whole stress, not of its plastic part
+alone, and the stiffness of each mode under the tangents of training. On the pellet (31 modes, tolerance 1e-3) forces
+of trained histories were then 0.1 % off with 147 points, the margin of the tangents 0.8; by the plastic part alone 45
+% or 2 % with as many points, a margin of 0.2 or below 0, and without the stiffness of modes tangents that were
+singular.
 """
 
 from __future__ import annotations

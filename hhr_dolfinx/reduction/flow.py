@@ -1,7 +1,4 @@
-"""What the reduction of bodies that flow needs besides: Gauss points of the RID, tangents at training states.
-
-What corrects contact forces of histories, from the full model.
-"""
+"""What the reduction of bodies that flow needs besides: Gauss points of the RID, tangents, correction of forces."""
 
 from __future__ import annotations
 

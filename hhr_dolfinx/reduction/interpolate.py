@@ -1,8 +1,7 @@
 """What interpolated condensation of a full and of a reduced problem share: grids, axes, the cut into arrays.
 
-Moduli are numbers: whether a grid resolves their formulas is asked at thousands of points, for nothing but numbers.
-
-The compliance of a part whose stiffness is sum w_q(μ) K_q is made of functions f_κ(μ) = 1 / sum κ_q w_q(μ), with
+Whether a grid resolves the formulas of moduli is tested at thousands of points, since it takes nothing but numbers. The
+compliance of a part whose stiffness is sum w_q(μ) K_q is made of functions f_κ(μ) = 1 / sum κ_q w_q(μ), with
 shares κ >= 0 of energies: exactly so where there are two parts, see :mod:`hhr_dolfinx.certify.constants`. What the
 polynomials of a grid leave of these they leave of the compliance.
 """

@@ -1,23 +1,22 @@
-"""Proper orthogonal decomposition of snapshots, thesis (1.49)-(1.54).
+"""Modes of snapshots: proper orthogonal decomposition, thesis (1.49)-(1.54), and empirical interpolation, Alg. 1.2.
 
-POD in energy of plastic corrections.
-
-Modes of states of histories, stress and cumulated plastic strain, in which small states count like large ones.
-
-Discrete empirical interpolation, thesis Alg. 1.2.
+Plastic corrections are decomposed in energy, and states of histories (stress, cumulated plastic strain) so that small
+states count like large ones.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import linalg
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.reduction.elastic_response import ElasticResponse
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.reduction.elastic_response import ElasticResponse
 
 
 def pod(snapshots: np.ndarray, tolerance: float, gram: Any = None) -> tuple[np.ndarray, np.ndarray]:

@@ -1,6 +1,5 @@
-"""Petrov-Galerkin projection of the contact problem on a RID, thesis (1.61), (5.23).
-
-Reduced integration domain (RID) and its index sets, thesis sections 1.4.3 and 5.2.3.
+"""The reduced integration domain (RID) with its index sets, thesis sections 1.4.3 and 5.2.3, and the Petrov-Galerkin
+projection of the contact problem on it, (1.61) and (5.23).
 
 A RID is *closed* if every contact condition that acts on a dof of A belongs to A_lambda. Only then do the equations
 tested on A hold all the forces that the full model has there; one multiplier missing makes answers useless (errors

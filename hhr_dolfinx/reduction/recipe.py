@@ -2,8 +2,6 @@
 
 A basis of your own is an object with ``modes(problem, snapshots)``, a choice of nodes one with ``nodes(problem,
 snapshots, basis)``, an indicator one with ``prepared(problem, basis, sets)``; each is listed where the ones below are.
-
-What a recipe chooses before anything is projected: modes, and the nodes that make the RID.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""Builds what assembles a reduced problem for any shape, from a full model, a basis and a RID.
+"""Reduced problems and outputs of bodies whose shape depends on parameters, offline.
 
-Outputs of bodies whose shape depends on parameters, offline: prepared on few shapes, interpolated between them.
+From a full model, a basis and a RID: what assembles the reduced problem of any shape, and outputs that are prepared on
+few shapes and interpolated between them.
 """
 
 from __future__ import annotations

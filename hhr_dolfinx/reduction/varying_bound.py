@@ -12,7 +12,7 @@ from scipy.sparse import csc_matrix, csr_matrix, hstack
 
 from hhr_dolfinx.certify.accuracy import least_sizes
 from hhr_dolfinx.certify.bounds import check_hypotheses
-from hhr_dolfinx.certify.constants import PartStiffness
+from hhr_dolfinx.certify.interpolation import PartStiffness
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError
 from hhr_dolfinx.models.interpolated import Compliance, Compliances

@@ -1,8 +1,7 @@
-"""Queries of the full model that have no answer, beyond a limit load for example, beside others that have one.
+"""Snapshots: full-order answers at training parameters or along training paths, thesis sections 1.4.2 and 6.2.3.
 
-Where a reduced model is held against the full order: at random, and where contact grazes.
-
-Snapshots: full-order answers at training parameters or along training paths, thesis sections 1.4.2 and 6.2.3.
+Queries without an answer, beyond a limit load for example, are set aside and told. Held-out answers, against which a
+reduced model is checked, are taken at random and where contact grazes.
 """
 
 from __future__ import annotations

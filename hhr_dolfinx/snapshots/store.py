@@ -1,6 +1,4 @@
-"""Digests of arrays and of settings by their values: what is equal to the last bit has one digest in every run.
-
-Snapshots on disk: one plain file per answer, at a parameter or a step of a history, so that nothing is solved twice.
+"""Snapshots on disk: one plain file per answer, at a parameter or a step of a history, so that nothing is solved twice.
 
 A file is named by a fingerprint of the problem and of the question, and says both inside; a run that was killed leaves
 only whole files. Files of another problem are never read. A step of a history is asked for by the whole path up to it

@@ -1,7 +1,4 @@
-"""Where a study speaks: with bars on a terminal; in whole lines where its output is kept, a pipe or a log file.
-
-Whole numbers that studies and trainings are told.
-"""
+"""Where a study speaks: with bars on a terminal; in whole lines where its output is kept, a pipe or a log file."""
 
 from __future__ import annotations
 

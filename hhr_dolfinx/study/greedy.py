@@ -1,13 +1,11 @@
-"""How wrong the answers of a reduced model are, for a greedy training: no full answer is asked for.
+"""Greedy training, thesis Alg. 1.3: answers are added where a reduced model of those before is worst.
+
+An error indicator picks the worst candidate; it needs no full-order answer. The box in which points are chosen is that
+of the scene or, where bodies flow, that of a family of paths.
 
 An indicator of your own is an object with ``prepared(full)``, which returns what maps a reduced model, the answers it
 was built from and some of its own answers (histories, where bodies flow) to one number for each of them, or to one
 vector whose norm counts: then it is known too which of them are wrong in the same way.
-
-Greedy training, thesis Alg. 1.3: answers are added where a reduced model of those before is worst.
-
-What is worst an indicator says, which needs no full answer: see :mod:`hhr_dolfinx.study.greedy`. The box in
-which points are chosen is that of the scene or, where bodies flow, that of a family of paths.
 """
 
 from __future__ import annotations

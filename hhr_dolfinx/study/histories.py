@@ -1,7 +1,4 @@
-"""Histories of several models on the same paths: solved in turns, timed, and their errors beside the full order.
-
-Error against run time of histories: full and small ones in turns, on the same paths in the same process.
-"""
+"""Error against run time of histories: full and small models in turns, on the same paths in the same process."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""What a study measures of a model, at single points or along histories: one kind of errors, one of measurements.
-
-Errors of any approximation against the full order at many points; no point is dropped.
-"""
+"""What a study measures of a model, at single points or along histories: errors beside the full order, and times."""
 
 from __future__ import annotations
 

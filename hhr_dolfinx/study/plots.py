@@ -1,8 +1,7 @@
-"""Pictures of fields on meshes: models beside each other, their difference, and bodies as they were.
+"""Pictures of a study, and fields for ParaView. Imported only where a picture is made.
 
-Error against run time of all methods of a study, as a picture.
-
-Pictures of a study, and fields for ParaView. Imported only where a picture is made.
+Fields of models beside each other with their difference, bodies as they were, and error against run time of all
+methods.
 """
 
 from __future__ import annotations

@@ -1,0 +1,64 @@
+"""Bounds for bodies that contact alone holds, offline: what :mod:`hhr_dolfinx.models.floating_bound` needs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy import linalg
+from scipy.linalg import solve_triangular
+
+from hhr_dolfinx.certify.accuracy import least_sizes
+from hhr_dolfinx.certify.bounds import MadeOfForces, check_hypotheses, leading, load_response
+from hhr_dolfinx.errors import BoundError
+from hhr_dolfinx.models.floating_bound import FloatingBound, FloatingResponse, definite
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.floating_bound import FloatingBound
+
+
+def floating_bound(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
+    """The displacement as loads, contact forces and motions make it, and its bounds, see :func:`field_response`.
+
+    Args:
+        full: a full model on one rank, of constant stiffness, some of whose bodies nothing but contact holds.
+        forces: of training, (m, S).
+        most: columns at most, those of the motions besides.
+
+    Raises:
+        BoundError: with the hypothesis that fails.
+    """
+    check_hypotheses(full, floating=True)
+    problem, per_force, taken = full.problem, full.per_force, full.rigid_taken
+    if problem.varies:
+        raise BoundError("contact alone holds bodies, and their stiffness depends on parameters")
+    schur = (full.schur + full.schur.T) / 2
+    try:
+        lower = linalg.cholesky(definite(schur, taken), lower=True)
+    except linalg.LinAlgError:
+        raise BoundError("rows of B are dependent, so that forces are not unique: there is no bound on them") from None
+    columns, own, onto = per_force, np.zeros((len(lower), 0)), None
+    if len(lower) > most:
+        own = leading(lower.T @ forces, lower, most)
+        columns = per_force @ solve_triangular(lower, own, lower=True, trans="T")
+        onto = np.asfortranarray(own.T @ lower.T)
+    # energies are those of the part of forces that balances itself, see FloatingBound.pressed
+    along = np.linalg.qr(taken)[0]
+    least = least_sizes(full, forces)
+    least[0] = least_sizes(full, forces - along @ (along.T @ forces))[0]
+    given = full.per_load + problem.lifts.toarray()
+    pulled = problem.stiffness @ given
+    bound = FloatingBound(
+        free_slack=np.asfortranarray(problem.gaps - problem.contact @ full.per_load),
+        schur=schur,
+        lower=np.asfortranarray(lower),
+        taken=np.ascontiguousarray(taken),
+        driving=np.asfortranarray(full.rigid_loads),
+        basis=np.asfortranarray(own),
+        work=np.asfortranarray(given.T @ pulled),
+        cross=np.asfortranarray(pulled.T @ per_force),
+        areas=problem.contact_areas,
+        least=least,
+    )
+    response = FloatingResponse(*load_response(full), onto)
+    return MadeOfForces(response, np.asfortranarray(np.hstack([columns, problem.rigid])), bound)
