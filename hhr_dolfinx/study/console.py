@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sized
 
 from hhr_dolfinx.compat import extra
-from hhr_dolfinx.errors import StudyError
-from hhr_dolfinx.parameters import is_whole
 
 with extra("study", "the console of a study"):
     from rich.console import Console
@@ -59,10 +57,3 @@ def _is_watched(console: Console) -> bool:
 
 MOST = 2**32
 """Seeds and counts lie below."""
-
-
-def check_counts(**given: tuple[object, int]) -> None:
-    """Raise StudyError for a value that is no integer of at least its least value; both are given by name."""
-    for name, (value, least) in given.items():
-        if not is_whole(value, least) or int(value) >= MOST:  # type: ignore[call-overload]
-            raise StudyError(f"{name} = {value!r} must be an integer of at least {least}, below 2^32")

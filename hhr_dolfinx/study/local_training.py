@@ -29,7 +29,7 @@ from hhr_dolfinx.parameters import ParameterSpace, is_number
 from hhr_dolfinx.reduction.build import build, sizes
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet
-from hhr_dolfinx.study.console import check_counts
+from hhr_dolfinx.study.counts import check_counts
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedRange
 

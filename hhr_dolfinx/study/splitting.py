@@ -14,7 +14,7 @@ from hhr_dolfinx.parameters import is_number
 from hhr_dolfinx.reduction.build import sizes
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
-from hhr_dolfinx.study.console import check_counts
+from hhr_dolfinx.study.counts import check_counts
 from hhr_dolfinx.study.local_training import (
     LocalRecord,
     Member,

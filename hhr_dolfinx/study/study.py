@@ -19,7 +19,8 @@ from hhr_dolfinx.models.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.study.console import Console, check_counts, make_console
+from hhr_dolfinx.study.console import Console, make_console
+from hhr_dolfinx.study.counts import check_counts
 from hhr_dolfinx.study.measure import Measurement
 from hhr_dolfinx.study.report import make_report, model_report, print_report, write_report
 from hhr_dolfinx.study.training import (

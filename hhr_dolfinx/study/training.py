@@ -22,7 +22,7 @@ from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, held_out_points, spread_snapshots
 from hhr_dolfinx.snapshots.store import SnapshotStore
-from hhr_dolfinx.study.console import check_counts
+from hhr_dolfinx.study.counts import check_counts
 from hhr_dolfinx.study.training_answers import TrainingAnswers
 from hhr_dolfinx.timing import StageLog
 
