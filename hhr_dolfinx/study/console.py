@@ -53,7 +53,3 @@ def _is_watched(console: Console) -> bool:
     """Whether a window shows it: a terminal that can move its cursor, or a notebook."""
     isatty = getattr(console.file, "isatty", lambda: False)
     return console.is_jupyter or (isatty() and console.is_terminal and not console.is_dumb_terminal)
-
-
-MOST = 2**32
-"""Seeds and counts lie below."""

@@ -11,3 +11,7 @@ def check_counts(**given: tuple[object, int]) -> None:
     for name, (value, least) in given.items():
         if not is_whole(value, least) or int(value) >= MOST:  # type: ignore[call-overload]
             raise StudyError(f"{name} = {value!r} must be an integer of at least {least}, below 2^32")
+
+
+MOST = 2**32
+"""Seeds and counts lie below."""
