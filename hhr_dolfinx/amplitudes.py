@@ -112,7 +112,8 @@ class Theta:
     __array_ufunc__ = None  # lets ndarray @ Theta come here; sparse matrices leave to it what they do not know
 
     def __init__(self, terms: slice | np.ndarray, values: np.ndarray):
-        self.terms, self.values = terms, values
+        self.terms = terms
+        self.values = values
 
     def __rmatmul__(self, matrix: np.ndarray | csc_matrix) -> np.ndarray:
         """Sum the columns of ``matrix``, (n, 1 + T) -> (n,)."""
@@ -121,7 +122,8 @@ class Theta:
         if isinstance(self.terms, slice):
             return matrix @ self.values
         matrix = matrix.tocsc()
-        total, starts = np.zeros(matrix.shape[0]), matrix.indptr
+        total = np.zeros(matrix.shape[0])
+        starts = matrix.indptr
         for term, value in zip(self.terms.tolist(), self.values.tolist(), strict=True):
             entries = slice(starts[term], starts[term + 1])
             # the rows of one column are distinct
@@ -160,7 +162,8 @@ def checked_count(amplitude: Any, space: ParameterSpace, owner: object) -> int:
         columns, values = amplitude(np.mean([space.lower, space.upper], axis=0))
         fits = len(columns) == len(values) == len(set(columns)) and all(is_number(value) for value in values)
     except (TypeError, ValueError):
-        fits, columns = False, ()
+        fits = False
+        columns = ()
     if not fits or not all(is_whole(column, 0) and column < count for column in columns):
         raise SceneError(
             f"{amplitude!r} of {owner!r} must return columns, each once and below its count {count}, and as many values"
@@ -213,7 +216,8 @@ class Coverage:
     slopes: Annotated[Floats, "P"]
 
     def __post_init__(self) -> None:
-        line, slopes = self.positions, self.slopes
+        line = self.positions
+        slopes = self.slopes
         if line.ndim != 1 or line.size < 2 or not (line[:-1] < line[1:]).all():
             raise SceneError("positions of a partial pressure must be at least two and increase")
         if slopes.ndim != 1 or not 0 <= self.extent < slopes.size:
@@ -228,7 +232,8 @@ class Coverage:
 
     def __call__(self, point: np.ndarray) -> tuple[list[int], list[float]]:
         """Numbers and amplitudes of the three columns that act at a point."""
-        positions, edges = self.positions, len(self.positions) - 1
+        positions = self.positions
+        edges = len(self.positions) - 1
         edge = min(max(int(positions.searchsorted(point[self.extent])) - 1, 0), edges - 1)
         length = positions[edge + 1] - positions[edge]
         s = min(max((point[self.extent] - positions[edge]) / length, 0.0), 1.0)
@@ -238,7 +243,8 @@ class Coverage:
 
     def rows(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same at many points, (n, P): numbers and amplitudes, (n, 3) each."""
-        positions, edges = self.positions, len(self.positions) - 1
+        positions = self.positions
+        edges = len(self.positions) - 1
         edge = np.clip(positions.searchsorted(points[:, self.extent]) - 1, 0, edges - 1)
         lengths = np.diff(positions)[edge]
         s = np.clip((points[:, self.extent] - positions[edge]) / lengths, 0.0, 1.0)
@@ -307,7 +313,8 @@ class Amplitudes:
         affine = self.constant + self.slopes @ point
         if not self.nonaffine:
             return Theta(slice(None), affine)
-        terms, values = list(range(affine.size)), affine.tolist()
+        terms = list(range(affine.size))
+        values = affine.tolist()
         for first, amplitude in zip(self.firsts, self.nonaffine):  # noqa: B905 (hot path; the last is their end)
             columns, weights = amplitude(point)
             if len(columns) != len(weights) or not all(0 <= column < amplitude.count for column in columns):
@@ -327,7 +334,8 @@ class Amplitudes:
         """Terms that act at a checked point, and the derivatives of their amplitudes along the parameters, (k, P)."""
         if not self.nonaffine:
             return slice(None), self.slopes
-        terms, values = list(range(len(self.slopes))), [self.slopes]
+        terms = list(range(len(self.slopes)))
+        values = [self.slopes]
         for first, amplitude in zip(self.firsts, self.nonaffine):  # noqa: B905 (the last is their end)
             columns, _ = amplitude(point)
             terms.extend([first + column for column in columns])

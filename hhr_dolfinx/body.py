@@ -69,7 +69,8 @@ class Body:
             raise SceneError(f"body {self.tag}: the grading {self.grading!r} must be a function of the coordinates")
         if self.law is not None and (isinstance(self.law, type) or not callable(getattr(self.law, "flow", None))):
             raise SceneError(f"body {self.tag}: the law {self.law!r} must be an object with a method flow")
-        young, poisson = self.young, self.poisson
+        young = self.young
+        poisson = self.poisson
         fits = isinstance(young, str) or (is_number(young) and young > 0)
         if not fits or not (isinstance(poisson, str) or -1 < poisson < 0.5):
             raise SceneError(

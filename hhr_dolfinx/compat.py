@@ -47,7 +47,8 @@ class _Loaded(Loader):
     """
 
     def __init__(self, module: ModuleType):
-        self._module, self._own = module, module.__spec__
+        self._module = module
+        self._own = module.__spec__
         module.__spec__ = None
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
@@ -288,7 +289,8 @@ def _private_cache() -> Iterator[None]:
 
     if not hasattr(os, "getuid"):
         raise RuntimeError("no folder is known to be the user's alone")
-    folder, given = Path(tempfile.gettempdir()) / f"hhr_dolfinx-{os.getuid()}", config.CACHE_DIR
+    folder = Path(tempfile.gettempdir()) / f"hhr_dolfinx-{os.getuid()}"
+    given = config.CACHE_DIR
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
         found = folder.lstat()

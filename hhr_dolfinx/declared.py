@@ -112,7 +112,8 @@ def _fits(value: object, node: ast.expr, kinds: Mapping[str, type]) -> bool:
     if isinstance(node, ast.Constant):
         return value is None if node.value is None else True
     if isinstance(node, ast.Subscript):
-        name, items = _name(node.value), _items(node)
+        name = _name(node.value)
+        items = _items(node)
         if name == "Annotated":
             return fits(value, items[0], kinds)
         return name != "tuple" or (isinstance(value, tuple) and _tuple_fits(value, items, kinds))
@@ -159,7 +160,8 @@ class Sizes:
         """Those of a part: of a model, ``whole``, what is shared is the same; of other values nothing is."""
         part = Sizes(self._whole)
         if self._whole:
-            part.shared, part._waiting = self.shared, self._waiting
+            part.shared = self.shared
+            part._waiting = self._waiting
         return part
 
     def claim(self, path: str, declared: DeclaredArray, value: Any) -> None:
@@ -199,7 +201,8 @@ class Sizes:
         Raises:
             FileContentError: names the array whose indices lie outside, or whose size is another one.
         """
-        waiting, self._waiting[:] = list(self._waiting), []
+        waiting = list(self._waiting)
+        self._waiting[:] = []
         for sizes, path, label, found in waiting:
             size = sizes._value(label)
             if size is None:

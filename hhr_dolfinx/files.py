@@ -190,7 +190,8 @@ def check_layout(
         FileContentError: names the array that is missing, unknown, or of another kind or shape.
     """
     if arrays.keys() != layout.keys():
-        missing, unknown = sorted(layout.keys() - arrays.keys()), sorted(arrays.keys() - layout.keys())
+        missing = sorted(layout.keys() - arrays.keys())
+        unknown = sorted(arrays.keys() - layout.keys())
         raise FileContentError(f"arrays {missing} are missing and {unknown} are unknown")
     found = dict(sizes)
     for name, (kind, *dimensions) in layout.items():
@@ -313,11 +314,13 @@ def _descriptors_left() -> bool:
 
 def _members(path: Path, mapped: int) -> dict[str, np.ndarray]:
     """Arrays of an uncompressed archive by name, those of so many bytes and more left on the disk."""
-    arrays, whole = {}, None
+    arrays = {}
+    whole = None
     with _Pieces(path) as file, zipfile.ZipFile(file) as archive:
         if not _descriptors_left():
             mapped = MOST_BYTES + 1
-        size, infos = os.fstat(file.fileno()).st_size, archive.infolist()
+        size = os.fstat(file.fileno()).st_size
+        infos = archive.infolist()
         if size > MOST_BYTES:
             raise _Damage(f"its {size} bytes are more than {MOST_BYTES}")
         for info in infos:

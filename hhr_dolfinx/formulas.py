@@ -58,7 +58,8 @@ def _power(a: Any, b: Any) -> Any:
     complex numbers by their angle, which says nothing of a derivative beside a negative real part.
     """
     if np.iscomplexobj(a) and not np.any(np.imag(b)):
-        base, exponent = np.asarray(np.real(a)), np.real(b)
+        base = np.asarray(np.real(a))
+        exponent = np.real(b)
         with np.errstate(all="ignore"):
             slope = np.where(exponent == 0, 0.0, exponent * base ** (exponent - 1))
             return base**exponent + 1j * slope * np.imag(a)
@@ -212,7 +213,8 @@ class Scalar(Rebuilt):
 
     def derivative(self, point: np.ndarray) -> np.ndarray:
         """Its derivatives along the parameters at a point, exact to round-off, (P,)."""
-        found, values = np.zeros(len(self.names)), {name: complex(point[place]) for name, place in self._places}
+        found = np.zeros(len(self.names))
+        values = {name: complex(point[place]) for name, place in self._places}
         for name, place in self._places:
             changed = self.formula(values | {name: values[name] + 1j * STEP})
             found[place] = np.imag(changed) / STEP
@@ -307,7 +309,8 @@ def _doubtful(scalar: Scalar, space: ParameterSpace, low: float, high: float) ->
 
 def _depth(tree: ast.expr) -> int:
     """Levels of a tree, counted up to what is too deep anyway."""
-    level, nodes = 0, [tree]
+    level = 0
+    nodes = [tree]
     while nodes and level <= DEEPEST:
         level, nodes = level + 1, [child for node in nodes for child in ast.iter_child_nodes(node)
                                    if isinstance(child, ast.expr)]  # fmt: skip
@@ -330,7 +333,8 @@ def _compiled(node: ast.expr, names: dict[str, None], text: str) -> _Evaluate:
         return (lambda values: -inner(values)) if isinstance(node.op, ast.USub) else inner
     if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
         operator = _OPERATORS[type(node.op)]
-        left, right = _compiled(node.left, names, text), _compiled(node.right, names, text)
+        left = _compiled(node.left, names, text)
+        right = _compiled(node.right, names, text)
         return lambda values: operator(left(values), right(values))
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
         return _called(node.func.id, node.args, names, text)
@@ -365,14 +369,16 @@ def _table(inner: list[_Evaluate], text: str) -> _Evaluate:
             numbers = [float(item({})) for item in inner[1:]]
     except (KeyError, ArithmeticError):
         raise SceneError(f"the table of the formula {text[:80]!r} must hold numbers behind its variable") from None
-    at, values = np.array(numbers[::2]), np.array(numbers[1::2])
+    at = np.array(numbers[::2])
+    values = np.array(numbers[1::2])
     finite = np.isfinite(numbers).all()
     if len(at) < 2 or len(at) != len(values) or not finite or not (np.diff(at) > 0).all():
         raise SceneError(
             f"the table of the formula {text[:80]!r} must be table(x, x0, y0, x1, y1, ...) with two points or more, "
             "x0 < x1 < ..., all of them finite"
         )
-    variable, slopes = inner[0], np.diff(values) / np.diff(at)
+    variable = inner[0]
+    slopes = np.diff(values) / np.diff(at)
 
     def evaluate(given: Values) -> Any:
         x = np.asarray(variable(given))

@@ -156,10 +156,12 @@ class PartialPressure:
 
     def terms(self, assembler: Assembler) -> list[Term]:
         """Columns as :class:`~hhr_dolfinx.amplitudes.Coverage` counts them."""
-        whole, line = _unit_pressure(assembler, self.tag), assembler.surface(self.tag)
+        whole = _unit_pressure(assembler, self.tag)
+        line = assembler.surface(self.tag)
         self._check_line(line.points, assembler.hypothesis)
         order = np.argsort(line.points[:, self.axis])
-        nodes, positions = line.nodes[order], line.points[order, self.axis]
+        nodes = line.nodes[order]
+        positions = line.points[order, self.axis]
         lengths = np.diff(positions)
         nodal = (np.append(lengths, 0.0) + np.append(0.0, lengths)) / 2
         whole = whole.reshape(-1, 2)[nodes]
@@ -175,7 +177,8 @@ class PartialPressure:
         at_nodes = csc_matrix(entries, shape=(assembler.size, nodes.size))
         edges = (at_nodes[:, :-1] + at_nodes[:, 1:]).multiply(lengths / 2)
         before = edges @ csc_matrix(np.triu(np.ones((lengths.size,) * 2), 1))
-        space, amplitude = assembler.parameters, self.amplitude
+        space = assembler.parameters
+        amplitude = self.amplitude
         extent = space.names.index(self.extent)
         coverage = Coverage(positions, extent, amplitude.constant, amplitude.row(space))
         return [Term(coverage, hstack([before, at_nodes]))]
@@ -238,7 +241,8 @@ def placed(terms: Sequence[Term], first: int, shape: tuple[int, int]) -> csc_mat
 
 def _checked_columns(load, term, assembler) -> csc_matrix:
     """Columns of a term whose amplitude and sizes are as they must be."""
-    amplitude, columns = term.amplitude, term.columns
+    amplitude = term.amplitude
+    columns = term.columns
     count = 1 if isinstance(amplitude, Amplitude) else checked_count(amplitude, assembler.parameters, load)
     if isinstance(columns, np.ndarray) and columns.ndim == 1:
         columns = columns[:, None]

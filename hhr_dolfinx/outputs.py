@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
     from hhr_dolfinx.loads import Assembler
 
-_NOWHERE, _NOTHING = np.zeros(0, dtype=np.int64), np.zeros(0)
+_NOWHERE = np.zeros(0, dtype=np.int64)
+_NOTHING = np.zeros(0)
 
 
 class Output(Protocol):
@@ -172,7 +173,8 @@ class Torque(_OfContact):
 
     def prepared(self, probe: Any) -> Functional:
         """See :class:`Output`."""
-        conditions, dim = probe.conditions(self), probe.dimension
+        conditions = probe.conditions(self)
+        dim = probe.dimension
         points = probe.problem.contact_points[conditions]
         if probe.scene.hypothesis == "axisymmetric":
             _no_axis(self)
@@ -227,7 +229,8 @@ class GapAt(_OfContact):
 
     def prepared(self, probe: Any) -> Functional:
         """See :class:`Output`."""
-        conditions, problem = probe.conditions(self), probe.problem
+        conditions = probe.conditions(self)
+        problem = probe.problem
         nearest = conditions[probe.at_place(self, probe.base.contact_points[conditions])[0]]
         row = problem.contact[[nearest]]
         # gaps are those that lifts leave, and the row reads them in the displacement too where bodies are lifted whole
@@ -259,7 +262,8 @@ class DisplacementAt(_Output):
 
     def prepared(self, probe: Any) -> Functional:
         """See :class:`Output`."""
-        problem, dim = probe.problem, probe.dimension
+        problem = probe.problem
+        dim = probe.dimension
         if self.component >= dim:
             raise SceneError(f"output '{self.name}': the mesh has {dim} components, none is {self.component}")
         nodes = np.arange(len(problem.points)) if self.tag is None else probe.nodes(self.tag)

@@ -85,7 +85,8 @@ class ParameterSpace:
         bounds = np.array([self.lower, self.upper], dtype=float)
         if not (bounds[0] < bounds[1]).all():
             place = int((~(bounds[0] < bounds[1])).argmax())
-            name, (low, high) = self.names[place], bounds[:, place].tolist()
+            name = self.names[place]
+            low, high = bounds[:, place].tolist()
             remedy = "swap them" if low > high else "one that does not vary is a number where it is used, no parameter"
             raise SceneError(
                 f"bounds {self.lower} .. {self.upper} of {self.names} must be increasing, and those of '{name}' are "
@@ -116,7 +117,8 @@ class ParameterSpace:
         """
         columns = []
         for place in range(point.size) if axes is None else axes:
-            low, high = self.lower[place], self.upper[place]
+            low = self.lower[place]
+            high = self.upper[place]
             ends = []
             for shift in (-part, part):
                 moved = point.copy()

@@ -165,7 +165,9 @@ class PathFamily:
         with _said_of(self._title):
             values = self.own.point(point)
         start, *ends = self._corners(values)
-        time, here, pairs = 0.0, start.target, [(0.0, start.target)]
+        time = 0.0
+        here = start.target
+        pairs = [(0.0, start.target)]
         for end in ends:
             shares = np.arange(1, end.steps + 1) / end.steps
             times = time + end.seconds * shares
@@ -177,7 +179,8 @@ class PathFamily:
             # what does not change stays the same to the last bit, and each leg ends where the next begins
             targets = [here + (end.target - here) * share for share in shares[:-1]] + [end.target]
             pairs += zip(times.tolist(), targets, strict=True)
-            time, here = float(times[-1]), end.target
+            time = float(times[-1])
+            here = end.target
         return NamedPath(pairs, self._called(values), dict(zip(self.own.names, values.tolist(), strict=True)))
 
     def paths(self, drawn: Sampling | np.ndarray) -> list[NamedPath]:

@@ -72,7 +72,8 @@ def as_plain(value: object) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     if not _is_kind(type(value)):
         raise FileContentError(f"{_shown(value)} cannot be kept: {_REMEDY}")
     writer = _Writer()
-    tree, kinds = writer.tree(value, "", 0), dict(writer.kinds)
+    tree = writer.tree(value, "", 0)
+    kinds = dict(writer.kinds)
     again = _Writer()
     if again.tree(_Reader(writer.arrays, kinds).whole(tree), "", 0) != tree or not _same(again.arrays, writer.arrays):
         raise FileContentError(
@@ -193,7 +194,8 @@ class _Reader:
     """Puts values together from a tree, arrays and the classes that may come out."""
 
     def __init__(self, arrays: Mapping[str, np.ndarray], kinds: Mapping[str, type]):
-        self.arrays, self.kinds = arrays, kinds
+        self.arrays = arrays
+        self.kinds = kinds
         self._made: dict[str, np.ndarray] = {}
         self._used: set[str] = set()
 
@@ -232,7 +234,8 @@ class _Reader:
         own = Sizes(whole=True) if whole else sizes.of_part()
         declared = annotations_of(kind)
         if given.keys() != declared.keys():
-            missing, unknown = sorted(declared.keys() - given.keys()), sorted(map(str, given.keys() - declared.keys()))
+            missing = sorted(declared.keys() - given.keys())
+            unknown = sorted(map(str, given.keys() - declared.keys()))
             why = f"{missing} are missing and {unknown[:5]} are unknown"
             raise FileContentError(f"a {name} has the fields {list(declared)}: {why}")
         fields = {}
@@ -284,7 +287,8 @@ class _Reader:
 
     def _with_zeros(self, key: Any, shape: Any, order: Any) -> np.ndarray:
         """An array of which a file keeps what is not zero; the same one wherever it is named again."""
-        places, values = self._array(f"{key}.places"), self._array(f"{key}.values")
+        places = self._array(f"{key}.places")
+        values = self._array(f"{key}.values")
         whole = isinstance(shape, list | tuple) and all(type(n) is int and n >= 0 for n in shape)
         if not whole or order not in ("C", "F") or math.prod(shape) > 2**40:
             raise FileContentError(f"{key} has no shape: {_shown(shape)}")
@@ -303,7 +307,8 @@ class _Reader:
 
     def _sparse(self, data: Mapping, path: str, depth: int) -> Any:
         parts = [self.value(data[name], f"{path}.{name}", Sizes(), depth + 1) for name in _PARTS]
-        shape, form = data["shape"], data["sparse"]
+        shape = data["shape"]
+        form = data["sparse"]
         two = isinstance(shape, list | tuple) and len(shape) == 2 and all(type(n) is int and n >= 0 for n in shape)
         kinds = "".join(part.dtype.kind for part in parts if isinstance(part, np.ndarray))
         if not two or form not in SPARSE or kinds != "fii":

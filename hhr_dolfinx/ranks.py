@@ -94,7 +94,8 @@ def together(comm: Comm, task: str) -> Iterator[None]:
 
 def _all_arrive(votes: Comm) -> bool:
     """Whether every rank comes here within :data:`PATIENCE`."""
-    arrival, pause = votes.Ibarrier(), Event()
+    arrival = votes.Ibarrier()
+    pause = Event()
     for _ in range(int(PATIENCE / _POLL)):
         if arrival.Test():
             return True

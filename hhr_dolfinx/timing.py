@@ -96,7 +96,8 @@ def time_queries(models: dict[str, Callable[[np.ndarray], Any]], points: np.ndar
     """
     if len(points) <= WARM_UP:
         raise StudyError(f"{len(points)} points cannot be timed: {WARM_UP} are a warm-up, give more")
-    warm_up, measured = points[:WARM_UP], points[WARM_UP:]
+    warm_up = points[:WARM_UP]
+    measured = points[WARM_UP:]
     times: dict[str, list[float]] = {name: [] for name in models}
     with threadpool_limits(1), _settled_memory():
         for solve in models.values():

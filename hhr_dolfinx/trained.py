@@ -86,7 +86,8 @@ class TrainedRange:
     @classmethod
     def of(cls, points: np.ndarray, space: ParameterSpace) -> TrainedRange:
         """The range of training points, (S, P); round-off of the box counts as inside."""
-        lower, upper = points.min(axis=0), points.max(axis=0)
+        lower = points.min(axis=0)
+        upper = points.max(axis=0)
         margin = MARGIN * (upper - lower) + 1e-9 * (np.array(space.upper) - np.array(space.lower))
         return cls(tuple(space.names), lower - margin, upper + margin)
 
@@ -255,11 +256,15 @@ class TrainedPaths:
         place = self.parameters.complaint(before) or self.parameters.complaint(after)
         if place:
             return place
-        change, (low, high, noise) = after - before, self._paces
+        change = after - before
+        low, high, noise = self._paces
         if self.rated:
-            rate, noise, per = change / step, noise / step, "second"
+            rate = change / step
+            noise = noise / step
+            per = "second"
         else:
-            rate, per = _direction(change, self.parameters), "whole range of what changes most"
+            rate = _direction(change, self.parameters)
+            per = "whole range of what changes most"
             if not rate.any():  # nothing changes, and nothing flows
                 return ""
         wrong = (rate < low - noise) | (rate > high + noise)
@@ -299,7 +304,8 @@ class Watch:
 
     def __init__(self, trained: TrainedPaths | None, outside: str):
         check_outside(outside)
-        self._trained, self._outside = trained, outside
+        self._trained = trained
+        self._outside = outside
         self._said: set[str] = set()
         self._largest = 0.0
 

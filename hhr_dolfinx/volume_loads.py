@@ -86,7 +86,8 @@ class Centrifugal:
 
     def _axis(self, assembler: Assembler) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """A point of the axis and its unit vector within the mesh, (dim,) each."""
-        what, hypothesis = f"the centrifugal force on tag {self.tag}", assembler.hypothesis
+        what = f"the centrifugal force on tag {self.tag}"
+        hypothesis = assembler.hypothesis
         point = (0.0,) * assembler.test.ufl_shape[0] if self.axis_point is None else self.axis_point
         _check_length(f"axis_point of {what}", point, assembler)
         if hypothesis == "solid":

@@ -54,7 +54,8 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
         schur=full.schur,
     )
     outputs: Any = full.functionals  # of one mesh: a scene with shapes was refused above
-    floats, size = problem.rigid is not None, problem.block_size
+    floats = problem.rigid is not None
+    size = problem.block_size
     fields = ExactFields(
         problem.amplitudes, problem.lifts, full.per_force, free, size, floats, full.stress_of, functionals=outputs
     )
@@ -70,6 +71,7 @@ def _floating(
     """The same with rigid motions, (N, r), that nothing but contact holds."""
     from hhr_dolfinx.models.floating import FloatingElimination
 
-    taken, driving = problem.contact @ rigid, rigid.T @ problem.loads
+    taken = problem.contact @ rigid
+    driving = rigid.T @ problem.loads
     left = FloatingElimination(responses, taken, driving, rigid, problem.amplitudes)
     return CondensedModel(problem.parameters, left, known, fields, problem.contact_pairs)

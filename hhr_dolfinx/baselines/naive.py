@@ -37,7 +37,8 @@ class NaiveFullOrder(AnsweringModel):
                 "the full model"
             )
         self._full = full_order
-        self.parameters, self.fields = full_order.parameters, full_order
+        self.parameters = full_order.parameters
+        self.fields = full_order
         self.advice = FULL_ORDER_ADVICE
 
     @property
@@ -49,13 +50,16 @@ class NaiveFullOrder(AnsweringModel):
         """Everything assembled and factored for this point."""
         if gradient:
             raise NotOfferedError("the naive baseline has no gradient: ask the full model")
-        varies, problem = self._full.problem.varies, self._full.problem.at(point)
+        varies = self._full.problem.varies
+        problem = self._full.problem.at(point)
         theta = problem.amplitudes(point)
         free = np.flatnonzero(problem.free)
         stiffness = (problem.stiffness if varies else self._assembled())[free][:, free]
         # rows and forces scaled to the size of K: without it LU loses digits where E is large or small
         scale = stiffness.diagonal().mean()
-        loads, gaps, contact = problem.loads[free] @ theta, problem.gaps @ theta, problem.contact[:, free]
+        loads = problem.loads[free] @ theta
+        gaps = problem.gaps @ theta
+        contact = problem.contact[:, free]
         last = {"free": np.zeros(free.size)}
 
         def saddle_point(active, _):

@@ -119,7 +119,8 @@ class Residuals:
 
 def contact_residuals(problem: ContactProblem, displacement: np.ndarray, forces: np.ndarray, theta: Theta) -> Residuals:
     """Residuals of (1.21) for a displacement, lift included, (N,), and forces, (N_lambda,), handed out to a user."""
-    homogeneous, load = displacement - problem.lifts @ theta, problem.loads @ theta
+    homogeneous = displacement - problem.lifts @ theta
+    load = problem.loads @ theta
     pushed = problem.contact.T @ forces
     residual = problem.stiffness @ homogeneous + pushed - load
     if problem.resting is not None:  # what facets of round surfaces leave along a turn is spread over the body
@@ -132,9 +133,11 @@ def contact_residuals(problem: ContactProblem, displacement: np.ndarray, forces:
 
 def slack_residuals(problem: ContactProblem, homogeneous: np.ndarray, forces: np.ndarray, theta: Theta) -> tuple:
     """``(penetration, sign)`` of :class:`Residuals` for a displacement less its lift, (N,)."""
-    gaps, motion = problem.gaps @ theta, problem.contact @ homogeneous
+    gaps = problem.gaps @ theta
+    motion = problem.contact @ homogeneous
     # a closed pair does not move: beside its own round-off everything would be deep
-    least, penetration = 1e-3 * np.abs(homogeneous).max(), 0.0
+    least = 1e-3 * np.abs(homogeneous).max()
+    penetration = 0.0
     for pair in np.unique(problem.contact_pairs):
         inside = problem.contact_pairs == pair
         length = max(np.abs(gaps[inside]).max(), np.abs(motion[inside]).max(), least)
@@ -149,7 +152,8 @@ def relative_error(approximation: np.ndarray, reference: np.ndarray, gram: Any =
 
     Where the reference and the floor are zero the error is 0 for an exact answer and infinite otherwise.
     """
-    error, size = norm(approximation - reference, gram), max(norm(reference, gram), floor)
+    error = norm(approximation - reference, gram)
+    size = max(norm(reference, gram), floor)
     if size == 0:
         return 0.0 if error == 0 else np.inf
     return error / size

@@ -73,7 +73,8 @@ def check_hypotheses(full: Any, *, floating: bool = False) -> None:
             "contact alone holds bodies, and K, whose inverse is in the bounds, is singular along their motions: "
             + problem.loose
         )
-    skew, size = abs(problem.stiffness - problem.stiffness.T).max(), abs(problem.stiffness).max()
+    skew = abs(problem.stiffness - problem.stiffness.T).max()
+    size = abs(problem.stiffness).max()
     if skew > SYMMETRIC * size:
         raise BoundError(f"K is not symmetric, by {skew / size:.1e} of its entries: it has no energy")
 
@@ -89,9 +90,12 @@ def unit_energy(
     lifts = problem.lifts.toarray()
     lifted = np.flatnonzero(lifts.any(axis=0))
     kept = per_force.T @ problem.stiffness if lifted.size else None
-    every, along, left = [basis, loads, lifts[:, lifted]], [], []
+    every = [basis, loads, lifts[:, lifted]]
+    along = []
+    left = []
     for columns, onto in zip(every, (problem.contact, problem.contact, kept), strict=True):
-        own, rest = np.zeros((len(lower), columns.shape[1])), columns
+        own = np.zeros((len(lower), columns.shape[1]))
+        rest = columns
         for _ in range(2 if columns.size else 0):
             more = solve_triangular(lower, onto @ rest, lower=True)
             own += more
@@ -126,13 +130,15 @@ def energy_directions(stiffness: csr_matrix, columns: np.ndarray, least: np.ndar
         least: energy norm up to which what is left of each column is round-off, (k,).
     """
     directions, pushed = (np.empty(columns.shape, order="F") for _ in range(2))
-    coordinates, rank = np.zeros((columns.shape[1],) * 2, order="F"), 0
+    coordinates = np.zeros((columns.shape[1],) * 2, order="F")
+    rank = 0
     for first in range(0, columns.shape[1], PANEL):
         # once against all directions before the panel, by products of matrices
         block = slice(first, first + PANEL)
         along = pushed[:, :rank].T @ columns[:, block]
         coordinates[:rank, block] = along
-        panel, before = columns[:, block] - directions[:, :rank] @ along, rank
+        panel = columns[:, block] - directions[:, :rank] @ along
+        before = rank
         for k, left in enumerate(panel.T, start=first):
             for start in (before, 0):
                 along = pushed[:, start:rank].T @ left
@@ -141,7 +147,8 @@ def energy_directions(stiffness: csr_matrix, columns: np.ndarray, least: np.ndar
             push = stiffness @ left
             length = float(np.sqrt(max(left @ push, 0.0)))
             if length > least[k]:
-                directions[:, rank], pushed[:, rank] = left / length, push / length
+                directions[:, rank] = left / length
+                pushed[:, rank] = push / length
                 coordinates[rank, k] = length
                 rank += 1
     return directions[:, :rank], coordinates[:rank]
@@ -171,8 +178,11 @@ def field_response(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
         BoundError: with the hypothesis that fails.
     """
     arrays = constant_response(full, forces)
-    lower, per_force = arrays["lower"], full.per_force
-    columns, own, onto = per_force, np.zeros((len(lower), 0)), None
+    lower = arrays["lower"]
+    per_force = full.per_force
+    columns = per_force
+    own = np.zeros((len(lower), 0))
+    onto = None
     if len(lower) > most:
         own = leading(lower.T @ forces, lower, most)
         columns = per_force @ solve_triangular(lower, own, lower=True, trans="T")
@@ -190,7 +200,8 @@ def load_response(full: Any) -> tuple[np.ndarray, csc_matrix]:
     where a pressure reaches up to a height that is a parameter.
     """
     loads = csc_matrix(full.problem.loads)
-    terms, dofs = np.flatnonzero(np.diff(loads.indptr)), np.unique(loads.indices)
+    terms = np.flatnonzero(np.diff(loads.indptr))
+    dofs = np.unique(loads.indices)
     if dofs.size < terms.size:
         units = csc_matrix((np.ones(dofs.size), (dofs, np.arange(dofs.size))), shape=(loads.shape[0], dofs.size))
         return np.asfortranarray(full.solved_columns(units)), csc_matrix(loads[dofs])

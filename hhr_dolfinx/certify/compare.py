@@ -67,10 +67,12 @@ def compare_points(full: Any, model: Model, solutions: Solutions, floor: float) 
     problem = full.problem
     rows: list[Row] = []
     for point, homogeneous, forces in zip(solutions.points, solutions.displacements.T, solutions.forces.T, strict=True):
-        label, theta = problem.parameters.described(point), problem.amplitudes(point)
+        label = problem.parameters.described(point)
+        theta = problem.amplitudes(point)
         try:
             answer = model.solve(point, outside="ignore")
-            displacement, found = answer.displacement(), answer.forces()
+            displacement = answer.displacement()
+            found = answer.forces()
             unaided = model.solve(point, start=None, outside="ignore").multipliers
         except HHRError:
             rows.append((label, math.inf, math.inf))
@@ -89,7 +91,8 @@ def compare_on_s(model: Any) -> Comparison:
     """
     points = model.parameters.random(ON_S, seed=ON_S)
     many = model.solve_many(points, outside="ignore", raise_on_failure=False)
-    known, rows = many.estimates(), list[Row]()
+    known = many.estimates()
+    rows = list[Row]()
     for k, (point, answered) in enumerate(zip(points, many.converged, strict=True)):
         errors = (math.inf, math.inf)
         if answered and known is not None:
@@ -127,7 +130,8 @@ def compare_histories(
 
 def largest_errors(full: Any, found: History, exact: History, floor: float) -> tuple[float, float]:
     """Largest errors of the displacement (L2) and of the forces everywhere over their largest size in the history."""
-    mass, pairs = full.problem.mass, list(zip(found.answers, exact.answers, strict=True))
+    mass = full.problem.mass
+    pairs = list(zip(found.answers, exact.answers, strict=True))
     fields = [there.displacement() for _, there in pairs]
     wrong = [here.displacement() - field for (here, _), field in zip(pairs, fields, strict=True)]
     forces = [np.linalg.norm(here.forces() - there.forces()) for here, there in pairs]
@@ -141,9 +145,11 @@ def largest_errors(full: Any, found: History, exact: History, floor: float) -> t
 
 def _state_errors(found: History, exact: History) -> tuple[float, float]:
     """Largest errors of stress and cumulated plastic strain everywhere over their largest size in the history."""
-    wrong, sizes = np.zeros((2, len(exact.answers))), np.zeros((2, len(exact.answers)))
+    wrong = np.zeros((2, len(exact.answers)))
+    sizes = np.zeros((2, len(exact.answers)))
     for k, (here, there) in enumerate(zip(found.answers, exact.answers, strict=True)):
-        stress, plastic = there.stress(), there.plastic_strain()
+        stress = there.stress()
+        plastic = there.plastic_strain()
         wrong[:, k] = np.linalg.norm(here.stress() - stress), np.linalg.norm(here.plastic_strain() - plastic)
         sizes[:, k] = np.linalg.norm(stress), np.linalg.norm(plastic)
     largest = sizes.max(axis=1)
@@ -153,8 +159,10 @@ def _state_errors(found: History, exact: History) -> tuple[float, float]:
 
 def residuals_of(full: Any, answer: Answer) -> Residuals:
     """Residuals of what is handed out: equilibrium, where bodies flow that of the stress everywhere, gaps, signs."""
-    problem, equilibrium = full.problem, full.equilibrium
-    theta, forces = problem.amplitudes(answer.parameter), answer.forces()
+    problem = full.problem
+    equilibrium = full.equilibrium
+    theta = problem.amplitudes(answer.parameter)
+    forces = answer.forces()
     if answer.gauss is None:
         return contact_residuals(problem.at(answer.parameter), answer.displacement(), forces, theta)
     left, sizes = equilibrium.residual(answer.unknown, GaussState(answer.stress(), answer.gauss.state), theta)

@@ -99,7 +99,8 @@ class FullConstants:
         B is sparse and as large as the mesh: SLEPc finds its smallest singular value. S is dense: LAPACK.
         """
         if full not in _KNOWN:
-            problem, root = full.problem, np.sqrt(full.problem.contact_areas)
+            problem = full.problem
+            root = np.sqrt(full.problem.contact_areas)
             whole = root[:, None] * full.schur * root
             energy = math.sqrt(max(float(linalg.eigvalsh(whole)[0]), 0.0))
             _KNOWN[full] = cls(smallest_singular_value(problem.contact), energy)
@@ -177,7 +178,8 @@ def assess(
     low, high = singular_range(reduced.stiffness)
     whole = basis.T @ (problem.stiffness @ basis)
     whole_low, whole_high = singular_range(whole)
-    test, pressure = basis[sets.A], 1.0 / problem.contact_areas[sets.A_lambda]
+    test = basis[sets.A]
+    pressure = 1.0 / problem.contact_areas[sets.A_lambda]
     energies = test.T @ (problem.stiffness[sets.A][:, sets.A] @ test), whole
     return Stability(
         kappa_B=kappas[0],

@@ -29,7 +29,9 @@ def floating_bound(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
         BoundError: with the hypothesis that fails.
     """
     check_hypotheses(full, floating=True)
-    problem, per_force, taken = full.problem, full.per_force, full.rigid_taken
+    problem = full.problem
+    per_force = full.per_force
+    taken = full.rigid_taken
     if problem.varies:
         raise BoundError("contact alone holds bodies, and their stiffness depends on parameters")
     schur = (full.schur + full.schur.T) / 2
@@ -37,7 +39,9 @@ def floating_bound(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
         lower = linalg.cholesky(definite(schur, taken), lower=True)
     except linalg.LinAlgError:
         raise BoundError("rows of B are dependent, so that forces are not unique: there is no bound on them") from None
-    columns, own, onto = per_force, np.zeros((len(lower), 0)), None
+    columns = per_force
+    own = np.zeros((len(lower), 0))
+    onto = None
     if len(lower) > most:
         own = leading(lower.T @ forces, lower, most)
         columns = per_force @ solve_triangular(lower, own, lower=True, trans="T")

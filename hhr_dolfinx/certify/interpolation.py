@@ -18,7 +18,9 @@ from scipy.interpolate import BarycentricInterpolator
 from hhr_dolfinx.formulas import Modulus, Scalar
 from hhr_dolfinx.models.interpolation import MOST_LEVELS, leja_points
 
-SMALLEST, SHARES, PLACES = 1e-9, 81, 1001
+SMALLEST = 1e-9
+SHARES = 81
+PLACES = 1001
 """Smallest κ, and numbers of κ and of ν, at which the error is looked at: it oscillates once between nodes."""
 
 
@@ -53,7 +55,8 @@ class PartStiffness:
 
     def error(self, levels: int) -> float:
         """ε of the interpolation on the first so many Leja points; infinite where it is none."""
-        (places, exact), (nodes, known) = self._everywhere, self._at_nodes
+        places, exact = self._everywhere
+        nodes, known = self._at_nodes
         if not (np.isfinite(exact).all() and (exact > 0).all()):
             return math.inf
         # the polynomials of nodes are the same for all κ
@@ -62,7 +65,8 @@ class PartStiffness:
 
     def levels(self, wished: float) -> tuple[int, float]:
         """Nodes that make ε as small as is wished, or the most there are, and this ε."""
-        low, high = 2, MOST_LEVELS
+        low = 2
+        high = MOST_LEVELS
         while low < high:
             middle = (low + high) // 2
             low, high = (low, middle) if self.error(middle) <= wished else (middle + 1, high)

@@ -29,14 +29,19 @@ def output_bound(full: Any, bound: ErrorBound, basis: np.ndarray, training: Any 
 
     ``training`` are snapshots, whose outputs say what is large.
     """
-    problem, items = full.problem, full.functionals.items
-    size, m = problem.free.size, len(bound.lower)
+    problem = full.problem
+    items = full.functionals.items
+    size = problem.free.size
+    m = len(bound.lower)
     per_condition = solve_triangular(bound.lower, np.eye(m), lower=True).T
     nearer = [item.matrix(size) for item in items if is_read_nearer(item, m)]
     rows = csr_matrix(vstack([csr_matrix((0, size)), *nearer]))
     loads = full.per_load
-    free, pressed = rows @ loads + (rows @ problem.lifts).toarray(), rows @ full.per_force
-    steepness, first, directions = np.full((len(items), 2), UNKNOWN), 0, None
+    free = rows @ loads + (rows @ problem.lifts).toarray()
+    pressed = rows @ full.per_force
+    steepness = np.full((len(items), 2), UNKNOWN)
+    first = 0
+    directions = None
     for number, item in enumerate(items):
         if is_read_nearer(item, m):
             own = -pressed[first : first + item.count] @ per_condition

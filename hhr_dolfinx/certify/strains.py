@@ -56,7 +56,8 @@ def _spread(problem: ContactProblem, strain_of: csr_matrix, solutions: Solutions
 
 def _strains(problem: ContactProblem, axisymmetric: bool) -> csr_matrix:
     """Maps displacements, (N,), to the strain in each cell, by the linear field nearest to it, (cells * k, N)."""
-    nodes, dim = problem.cell_nodes, problem.points.shape[1]
+    nodes = problem.cell_nodes
+    dim = problem.points.shape[1]
     places = problem.points[nodes]
     gradients = np.linalg.pinv(places - places.mean(axis=1, keepdims=True))  # (cells, dim, nodes of a cell)
     pairs = [(i, j) for i in range(dim) for j in range(i, dim)]

@@ -46,7 +46,8 @@ EMPTY_SHARE = 0.1
 """Part of the box that may be empty; points drawn at random leave some per cent."""
 ALIKE = 1e-10
 """One less the cosine of two normals of a node below which they are the same."""
-UNSEEN, UNSEEN_LEAST = 0.5, 0.05
+UNSEEN = 0.5
+UNSEEN_LEAST = 0.05
 """How far a modulus may go beyond those of the training, on a logarithmic scale: part of their range, and at least."""
 FEW = 20
 """Solutions held out below which a region of a twentieth of the box is likely missed."""
@@ -107,7 +108,8 @@ class TrustLimits:
                     "math.inf for no limit"
                 )
         for name in ("cond_K", "primal", "dual"):
-            warn, refuse = getattr(self, f"warn_{name}"), getattr(self, f"refuse_{name}")
+            warn = getattr(self, f"warn_{name}")
+            refuse = getattr(self, f"refuse_{name}")
             if refuse < warn < math.inf:
                 raise ReductionError(
                     f"warn_{name} = {warn:g} of TrustLimits lies beyond refuse_{name} = {refuse:g}: a model would be "
@@ -201,7 +203,8 @@ def _twins(problem: ContactProblem, sets: IndexSets) -> str:
     one, other = (sets.A_lambda[ends] for ends in np.nonzero(np.triu(alike, k=1)))
     if not one.size:
         return ""
-    pairs, place = problem.contact_pairs[[one[0], other[0]]], np.round(problem.contact_points[one[0]], 6).tolist()
+    pairs = problem.contact_pairs[[one[0], other[0]]]
+    place = np.round(problem.contact_points[one[0]], 6).tolist()
     return (
         f"contacts {pairs[0]} and {pairs[1]} hold the same node along the same normal, at {place} and {one.size} "
         "places in all: more modes seldom tell their forces apart. Leave out the one that never closes, or take a "
@@ -267,7 +270,8 @@ def check_comparison(comparison: Comparison, limits: TrustLimits, remedy: str | 
         if values is None:
             continue
         # an order statistic, so that failed points do not turn it into NaN
-        high, worst = float(np.percentile(values, 95, method="higher")), int(values.argmax())
+        high = float(np.percentile(values, 95, method="higher"))
+        worst = int(values.argmax())
         reached = "there is no one answer" if math.isinf(values[worst]) else f"it is {values[worst]:.0%}"
         message = (
             f"the {name} error, on the whole mesh, is {_share(high)} at 95 % of {values.size} solutions compared; "

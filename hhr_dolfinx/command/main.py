@@ -35,7 +35,8 @@ def largest_values(answer: Answer, dimension: int, scene: Scene | None, pairs: n
     units = None if scene is None else scene.units
     per_depth = scene is not None and scene.hypothesis.startswith("plane")
     length, force = ("", "") if units is None else (units.length, units.force + f"/{units.length}" * per_depth)
-    displacement, forces = answer.displacement().reshape(-1, dimension), answer.forces()
+    displacement = answer.displacement().reshape(-1, dimension)
+    forces = answer.forces()
     rows = {_with_unit("largest displacement", length): float(np.linalg.norm(displacement, axis=1).max())}
     several = pairs is not None and np.unique(pairs).size > 1
     if pairs is None or scene is None:
@@ -57,7 +58,9 @@ with extra("study", "the command hhr"):
     import click
 
 NO_ANSWER = 1
-FIELDS, TABLES, DECKS = (".vtkhdf", ".vtu"), (".csv", ".parquet"), (".inp",)
+FIELDS = (".vtkhdf", ".vtu")
+TABLES = (".csv", ".parquet")
+DECKS = (".inp",)
 PICTURES = (".png", ".pdf", ".svg")
 
 
@@ -153,7 +156,8 @@ def train(scene: str, out: Path | None, kind: str, **how: Any) -> None:
     for item in training.log.skipped:
         if item["stage"] == "snapshots":  # what was there already
             console.print(item["why"], highlight=False)
-    model, target = getattr(training, KINDS[kind])(), folder / f"{'model' if kind == 'hhr' else kind}.npz"
+    model = getattr(training, KINDS[kind])()
+    target = folder / f"{'model' if kind == 'hhr' else kind}.npz"
     save_model(target, model)
     problem = training.full_order.problem
     console.print(f"{made.name}: {problem.free.size} dofs and {len(problem.gaps)} contacts -> {_described(model)}")
@@ -234,7 +238,8 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
         from hhr_dolfinx.full_order.full import FullOrderModel
 
         model = FullOrderModel(scene_of(what))
-    point, step = point_of(words, model.parameters), {}
+    point = point_of(words, model.parameters)
+    step = {}
     if model.flows:
         step = {"duration": 1.0 if duration is None else duration}
     elif duration is not None:
@@ -276,7 +281,8 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
     from hhr_dolfinx.study.view import View
 
     console, progress = spoken()
-    made, settings = scene_of(scene), _settings_of(scene)
+    made = scene_of(scene)
+    settings = _settings_of(scene)
     given = _training_of(how, settings)
     settings = replace(settings or StudySettings(given), training=given, seed=seed, queries=queries)
     if not any(body.law is not None for body in made.bodies):

@@ -15,7 +15,8 @@ from hhr_dolfinx.errors import HHRError
 with extra("study", "the command hhr"):
     import click
 
-REFUSED, INTERRUPTED = 3, 130
+REFUSED = 3
+INTERRUPTED = 130
 _GOES_ON = ": answers that were done are kept, and the same command goes on from there"
 KEPT = dict.fromkeys(("train", "study", "answer"), _GOES_ON)
 """What is left of commands that are interrupted, by name."""

@@ -254,7 +254,8 @@ class SchurEqualities:
     most_bytes = 64 * 2**20
 
     def __init__(self, columns: Callable[[np.ndarray], np.ndarray], size: int, factorise: Factorise = dense_factors):
-        self._columns, self._factorise = columns, factorise
+        self._columns = columns
+        self._factorise = factorise
         self._entries: dict[bytes, _Entry] = {}  # the oldest first
         self._prepared: dict[bytes, _Entry] = {}
         self._kept: list[list[bytes]] = [[] for _ in range(size + 1)]
@@ -373,9 +374,11 @@ def settled(
         The forces, (n, m); equality problems solved for each point, (n,); and the points that have not settled:
         round-off and singular sets are left to the search of a single point.
     """
-    forces, iterations = np.zeros_like(free_slack), np.zeros(len(active), dtype=int)
+    forces = np.zeros_like(free_slack)
+    iterations = np.zeros(len(active), dtype=int)
     factors = KeptFactors(schur, factorise)
-    pending, left = np.arange(len(active)), []
+    pending = np.arange(len(active))
+    left = []
     for _ in range(ROUNDS):
         groups: dict[bytes, list[int]] = {}
         for k in pending.tolist():
@@ -412,7 +415,9 @@ class KeptFactors:
     most_bytes = 64 * 2**20
 
     def __init__(self, schur: np.ndarray, factorise: Factorise = LapackLU):
-        self._schur, self._factorise, self.kept_bytes = schur, factorise, 0
+        self._schur = schur
+        self._factorise = factorise
+        self.kept_bytes = 0
         self._factors: dict[bytes, Factor] = {}  # the one asked for longest ago first
 
     def of(self, index: np.ndarray, key: bytes) -> Factor:

@@ -45,7 +45,8 @@ class FloatingEqualities:
     """
 
     def __init__(self, schur: np.ndarray, taken: np.ndarray):
-        self.schur, self.taken = schur, taken
+        self.schur = schur
+        self.taken = taken
         count = taken.shape[1]
         # each motion in a unit that makes its column as large as those of S: turns of what is almost round do little
         self._size = float(np.abs(np.diag(schur)).mean() or 1.0)
@@ -134,7 +135,9 @@ def floating_set(
     taken = equalities.taken
     # forces that close nothing but round-off of the gaps: without loads there are no others to compare with
     nothing = NOTHING * np.abs(free_slack).max() / (np.abs(np.diag(equalities.schur)).mean() or 1.0)
-    ends, spent, active = np.zeros(driving.size), 0, start
+    ends = np.zeros(driving.size)
+    spent = 0
+    active = start
     for compliance, sprung in (spring for spring in equalities.springs for _ in range(MOST_STEPS)):
         offset = ends + compliance * driving
         found = active_set(sprung, free_slack - taken @ offset, active, pairs=pairs)
@@ -142,7 +145,8 @@ def floating_set(
         if found.status is not Status.CONVERGED:
             return found._replace(iterations=spent, cycled=True), ends
         left = driving - found.forces @ taken
-        ends, active = ends + compliance * left, found.active
+        ends = ends + compliance * left
+        active = found.active
         largest = (np.abs(driving) + found.forces @ np.abs(taken)).max()
         close = np.abs(left) <= BALANCED * largest + nothing
         if (close & equalities.balanced(found.forces, driving, nothing)).all():

@@ -38,7 +38,8 @@ def dependence(
 
     ``others`` are places of parameters that count in any case.
     """
-    factor, rests = None, [scalar for modulus in moduli for scalar in (modulus.factor_scalar, modulus.rest_scalar)]
+    factor = None
+    rests = [scalar for modulus in moduli for scalar in (modulus.factor_scalar, modulus.rest_scalar)]
     if len({modulus.factor for modulus in moduli}) == 1:
         rests = [modulus.rest_scalar for modulus in moduli]
         factor = moduli[0].factor_scalar if moduli[0].factor_scalar.formula.variables else None
@@ -159,7 +160,8 @@ def masked(matrix: csc_matrix, rows: np.ndarray) -> csc_matrix:
 
 def strained(stiffness: csr_matrix, lifts: csc_matrix) -> csc_matrix:
     """Rows of K, or of a part of it, times lifts, (N, 1 + T), without the round-off that rigid motions leave."""
-    forces, sizes = csr_matrix(stiffness @ lifts), csr_matrix(abs(stiffness) @ abs(lifts))
+    forces = csr_matrix(stiffness @ lifts)
+    sizes = csr_matrix(abs(stiffness) @ abs(lifts))
     return csc_matrix(forces.multiply(abs(forces) > ROUND_OFF_OF_MOTIONS * sizes))
 
 
@@ -251,7 +253,8 @@ class ContactProblem:
         problem = self if self.reshaped is None else self.reshaped(point)
         if not problem.moduli:
             return problem
-        weights, middle = problem.weights(point), problem.weights(problem.middle)
+        weights = problem.weights(point)
+        middle = problem.weights(problem.middle)
         loads = problem.loads
         for change, term in zip(middle - weights, problem.lift_terms, strict=True):
             loads = loads + change * term
@@ -275,7 +278,8 @@ class ContactProblem:
         """
         if self.reshaped is None:
             return self
-        ends, total = np.array([self.parameters.lower, self.parameters.upper], dtype=float), abs(self.contact)
+        ends = np.array([self.parameters.lower, self.parameters.upper], dtype=float)
+        total = abs(self.contact)
         for place in itertools.product((0, 1), repeat=len(self.reshaped.axes)):
             point = self.middle
             point[list(self.reshaped.axes)] = ends[list(place), list(self.reshaped.axes)]

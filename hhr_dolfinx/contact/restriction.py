@@ -38,7 +38,8 @@ class Restriction:
         Args:
             values: U0 of another model on the dofs of the restriction, (n,); those of A do not count.
         """
-        problem, imposed = self.problem, np.where(self.problem.free, 0.0, values)
+        problem = self.problem
+        imposed = np.where(self.problem.free, 0.0, values)
         gaps = problem.gaps.copy()
         gaps[:, 0] += self.gap_of @ imposed
         loads, lifts = (
@@ -55,7 +56,8 @@ def restricted(problem: ContactProblem, sets: IndexSets) -> Restriction:
         problem: the whole problem.
         sets: index sets of a closed RID: no condition outside A_lambda acts on A.
     """
-    stiffness, size = problem.stiffness, problem.block_size
+    stiffness = problem.stiffness
+    size = problem.block_size
     nodes = np.union1d(problem.cell_nodes[sets.cells].ravel(), sets.A_c_tilde // size)
     dofs = (nodes[:, None] * size + np.arange(size)).ravel()
     free = np.zeros(problem.free.size, dtype=bool)

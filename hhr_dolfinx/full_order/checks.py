@@ -82,7 +82,9 @@ def _parameters_of_law(body: Body) -> set[str]:
 
 def _check_mesh(scene, mesh, comm):
     """Raise SceneError for a mesh of another dimension, of other cells, or on another communicator."""
-    tdim, gdim, kind = mesh.topology.dim, mesh.geometry.dim, mesh.topology.cell_name()
+    tdim = mesh.topology.dim
+    gdim = mesh.geometry.dim
+    kind = mesh.topology.cell_name()
     if mesh.comm.size != comm.size:
         raise SceneError(
             f"the mesh of scene '{scene.name}' is spread over {mesh.comm.size} ranks and was asked for on {comm.size}: "
@@ -113,7 +115,8 @@ def _check_mesh(scene, mesh, comm):
 
 def _check_cells(mesh, comm):
     """Raise SceneError for cells that are folded or without volume: K takes the absolute value of their Jacobians."""
-    dim, count = mesh.topology.dim, CORNERS[mesh.topology.cell_name()]
+    dim = mesh.topology.dim
+    count = CORNERS[mesh.topology.cell_name()]
     nodes = compat.geometry_dofmap(mesh)[: mesh.topology.index_map(dim).size_local]
     if nodes.shape[1] > count:
         raise SceneError(
@@ -123,7 +126,8 @@ def _check_cells(mesh, comm):
     corners = mesh.geometry.x[nodes][:, :, :dim]
     finite = np.isfinite(corners).all(axis=(1, 2))
     jacobians = corner_jacobians(np.where(finite[:, None, None], corners, 0.0))
-    mean, largest = jacobians.mean(axis=1), np.abs(jacobians).max(axis=1)
+    mean = jacobians.mean(axis=1)
+    largest = np.abs(jacobians).max(axis=1)
     empty = finite & ~(np.abs(mean) > NO_VOLUME * np.ptp(corners, axis=1).max(axis=1) ** corners.shape[2])
     folded = (jacobians * np.sign(mean)[:, None]).min(axis=1) < -FOLDED * largest
     for bad, why in (
@@ -145,14 +149,17 @@ def _overlapping_neighbours(mesh):
     """Middles of the facets whose two cells lie on the same side, (found, dim): simplices have no other sign of it."""
     dim = mesh.topology.dim
     mesh.topology.create_connectivity(dim - 1, dim)
-    owned, both = mesh.topology.index_map(dim - 1).size_local, mesh.topology.connectivity(dim - 1, dim)
+    owned = mesh.topology.index_map(dim - 1).size_local
+    both = mesh.topology.connectivity(dim - 1, dim)
     inner = np.flatnonzero(np.diff(both.offsets[: owned + 1]) == 2)
     nodes = compat.geometry_dofmap(mesh)[both.array[both.offsets[inner][:, None] + [0, 1]]]
     same = nodes[:, 0, :, None] == nodes[:, 1, None, :]
     # cells with more than a facet in common have shown themselves as folded or empty
     count = dim if nodes.shape[2] == dim + 1 else 2 ** (dim - 1)
     whole = same.sum(axis=(1, 2)) == count
-    nodes, common, other = nodes[whole], same[whole].any(axis=2), same[whole].any(axis=1)
+    nodes = nodes[whole]
+    common = same[whole].any(axis=2)
+    other = same[whole].any(axis=1)
     points = mesh.geometry.x[:, :dim]
     facet = points[nodes[:, 0][common].reshape(-1, count)]
     far = [points[nodes[:, k][~mask].reshape(-1, nodes.shape[2] - count)] for k, mask in enumerate((common, other))]
@@ -245,7 +252,8 @@ def check_outer(
     check_present("facet", facet_tags, [tag], names, comm)
     fdim = mesh.topology.dim - 1
     mesh.topology.create_connectivity(fdim, fdim + 1)
-    outer, owned = dmesh.exterior_facet_indices(mesh.topology), mesh.topology.index_map(fdim).size_local
+    outer = dmesh.exterior_facet_indices(mesh.topology)
+    owned = mesh.topology.index_map(fdim).size_local
     facets = tagged(facet_tags, names.facet(tag))
     inner = np.setdiff1d(facets[facets < owned], outer)
     _refuse(
@@ -285,9 +293,11 @@ def conditions_with_unknowns(
             f"scene '{scene.name}' on nodes of the surfaces {tags}"
         )
     count = amplitudes.constant.size
-    space, imposed = scene.parameters, np.flatnonzero(~unknown & ~gaps[:, count:].any(axis=1))
+    space = scene.parameters
+    imposed = np.flatnonzero(~unknown & ~gaps[:, count:].any(axis=1))
     affine = gaps[imposed, :count]
-    start, slopes = affine @ amplitudes.constant, affine @ amplitudes.slopes
+    start = affine @ amplitudes.constant
+    slopes = affine @ amplitudes.slopes
     # an affine function is smallest at a corner of the box
     corner = np.where(slopes > 0, space.lower, space.upper)
     least = start + np.einsum("mp,mp->m", slopes, corner)

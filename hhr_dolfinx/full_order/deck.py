@@ -63,7 +63,8 @@ def _check(discretisation: Discretisation, point: np.ndarray) -> None:
 
 def _mesh(discretisation: Discretisation) -> Iterator[str]:
     """Nodes, elements by body, and nodes of what is held, moved or loaded."""
-    points, cells = discretisation._points(), _cells(discretisation)
+    points = discretisation._points()
+    cells = _cells(discretisation)
     kind = _ELEMENTS[discretisation.scene.hypothesis][discretisation.mesh.topology.cell_name()]
     yield "*NODE, NSET=NALL"
     for number, place in enumerate(points, start=1):
@@ -73,7 +74,8 @@ def _mesh(discretisation: Discretisation) -> Iterator[str]:
         yield f"*ELEMENT, TYPE={kind}, ELSET={_word(body.tag)}"
         for number in np.flatnonzero(owner == place).tolist():
             yield ", ".join(str(n) for n in (number + 1, *(cells[number] + 1)))
-    scene, dim = discretisation.scene, points.shape[1]
+    scene = discretisation.scene
+    dim = points.shape[1]
     tags = [item.tag for item in scene.displacements] + [getattr(load, "tag", None) for load in scene.loads]
     bodies = {body.tag for body in scene.bodies}
     for tag in dict.fromkeys(tag for tag in tags if tag is not None and tag not in bodies):
@@ -84,11 +86,13 @@ def _mesh(discretisation: Discretisation) -> Iterator[str]:
 
 def _cells(discretisation: Discretisation) -> np.ndarray:
     """Nodes of the cells as Abaqus lists them, which in the plane turn to the left."""
-    cells, kind = discretisation._cell_nodes(), discretisation.mesh.topology.cell_name()
+    cells = discretisation._cell_nodes()
+    kind = discretisation.mesh.topology.cell_name()
     cells = cells[:, TENSOR[kind]] if kind in TENSOR else cells.copy()
     points = discretisation._points()[cells]
     if points.shape[2] == 2:
-        first, last = points[:, 1] - points[:, 0], points[:, -1] - points[:, 0]
+        first = points[:, 1] - points[:, 0]
+        last = points[:, -1] - points[:, 0]
         left = first[:, 0] * last[:, 1] - first[:, 1] * last[:, 0] > 0
         cells[~left] = cells[~left][:, ::-1]
         return cells
@@ -132,7 +136,8 @@ def _number(value: float | str, discretisation: Discretisation, point: np.ndarra
 
 def _contacts(discretisation: Discretisation, point: np.ndarray) -> Iterator[str]:
     """Surfaces by faces of elements, and pairs of them."""
-    cells, kind = _cells(discretisation), discretisation.mesh.topology.cell_name()
+    cells = _cells(discretisation)
+    kind = discretisation.mesh.topology.cell_name()
     corners = np.array(FACES[kind])
     faces = {tuple(sorted(face)): (cell + 1, k + 1)
              for cell, nodes in enumerate(cells) for k, face in enumerate(nodes[corners].tolist())}  # fmt: skip
@@ -155,7 +160,8 @@ def _contacts(discretisation: Discretisation, point: np.ndarray) -> Iterator[str
 
 def _step(discretisation: Discretisation, problem: ContactProblem, point: np.ndarray) -> Iterator[str]:
     """Imposed displacements, nodal forces, and what is printed."""
-    theta, dim = problem.amplitudes(point), problem.block_size
+    theta = problem.amplitudes(point)
+    dim = problem.block_size
     yield from ("*STEP, INC=200", "*STATIC", "0.1, 1.0, 1e-6, 0.2", "*BOUNDARY")
     moved = np.asarray(problem.lifts @ theta)
     for dof in np.flatnonzero(~problem.free):

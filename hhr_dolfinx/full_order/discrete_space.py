@@ -57,7 +57,8 @@ class DiscreteSpace(ABC):
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
         compat.require_dolfinx()
-        self.scene, self.comm = scene, comm
+        self.scene = scene
+        self.comm = comm
         with ranks.together(comm, f"the geometry of scene '{scene.name}'"):
             self.mesh, self._cell_tags, self._facet_tags, self.names = build_geometry(scene, comm)
         dim = self.mesh.geometry.dim
@@ -68,7 +69,8 @@ class DiscreteSpace(ABC):
         self._dx = ufl.Measure("dx", domain=self.mesh, subdomain_data=self._cell_tags)
         self._ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=self._facet_tags)
         self.mean_dilatation = mean_dilatation(scene, self.mesh.topology.cell_name())
-        self._trial, self._test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
+        self._trial = ufl.TrialFunction(self.space)
+        self._test = ufl.TestFunction(self.space)
         self.common_pattern: Any = None
         self.reshaped: Any = None
 
@@ -166,7 +168,8 @@ class DiscreteSpace(ABC):
 
     def surface(self, tag: Tag) -> Surface:
         """The facets with a tag on the mesh as it lies."""
-        dim, points = self.mesh.geometry.dim, self._points()
+        dim = self.mesh.geometry.dim
+        points = self._points()
         ds = self._ds(self.names.facet(tag))
         area = self._assemble_vector(contact.tributary_area(self._test, self.scene.hypothesis, ds))[::dim]
         facets, inner = self._facets(tag)
@@ -175,14 +178,18 @@ class DiscreteSpace(ABC):
 
     def _facets(self, tag):
         """Nodes of the tagged facets and the middle of what lies opposite in their cells, gathered from all ranks."""
-        topology, dofmap = self.mesh.topology, self.space.dofmap
-        tdim, dim = topology.dim, self.mesh.geometry.dim
+        topology = self.mesh.topology
+        dofmap = self.space.dofmap
+        tdim = topology.dim
+        dim = self.mesh.geometry.dim
         topology.create_connectivity(tdim - 1, tdim)
         topology.create_connectivity(tdim, tdim - 1)
-        to_cell, to_facets = topology.connectivity(tdim - 1, tdim), topology.connectivity(tdim, tdim - 1)
+        to_cell = topology.connectivity(tdim - 1, tdim)
+        to_facets = topology.connectivity(tdim, tdim - 1)
         corners = [dofmap.dof_layout.entity_closure_dofs(tdim - 1, k) for k in range(len(to_facets.links(0)))]
         coordinates = self.space.tabulate_dof_coordinates()[:, :dim]
-        nodes, inner = [], []
+        nodes = []
+        inner = []
         for facet in tagged(self._facet_tags, self.names.facet(tag)):
             cell = to_cell.links(facet)[0]
             # each rank has the facets of the cells it owns

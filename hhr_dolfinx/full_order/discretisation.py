@@ -79,7 +79,8 @@ class Discretisation(DiscreteSpace):
     @cached_property
     def _stiffness_form(self):
         """Of the bodies under full integration; compiled where it is used: bodies that flow assemble elsewhere."""
-        scene, functions = self.scene, (self._trial, self._test)
+        scene = self.scene
+        functions = (self._trial, self._test)
         parts = []
         for body, mean in zip(scene.bodies, self.mean_dilatation, strict=True):
             dx = self.cells(body.tag)
@@ -110,7 +111,9 @@ class Discretisation(DiscreteSpace):
         for k, item in enumerate(scene.openings, start=1 + len(straight)):
             gaps[pairs == item.contact, k] += 1.0
         kept = conditions_with_unknowns(scene, rows, gaps, amplitudes, free)
-        rows, pairs, gaps = rows.take(kept), pairs[kept], gaps[kept]
+        rows = rows.take(kept)
+        pairs = pairs[kept]
+        gaps = gaps[kept]
         pulled = [strained(term, lifts) if moduli else term @ lifts for term in stiffness]
         lifted = [masked(csc_matrix(vstack(self.comm.allgather(part))), free) for part in pulled]
         middle = np.mean([scene.parameters.lower, scene.parameters.upper], axis=0)
@@ -156,7 +159,8 @@ class Discretisation(DiscreteSpace):
 
     def _displacements(self) -> tuple[list[Term], np.ndarray]:
         """Lifts of the displacements that move, and the dofs that none holds or moves, (N,)."""
-        terms, owner = [], np.full(self.size, -1)
+        terms = []
+        owner = np.full(self.size, -1)
         for number, item in enumerate(self.scene.displacements):
             dofs = self._tagged_dofs(item.tag, item.component)
             clash = dofs[owner[dofs] >= 0]
@@ -173,7 +177,8 @@ class Discretisation(DiscreteSpace):
 
     def _refuse_clash(self, number: int, other: int, dof: int) -> NoReturn:
         """Raise SceneError for two displacements, by their places in the scene, that differ at a dof."""
-        dim, items = self.mesh.geometry.dim, self.scene.displacements
+        dim = self.mesh.geometry.dim
+        items = self.scene.displacements
         raise SceneError(
             f"displacements {other} on tag {items[other].tag} and {number} on tag {items[number].tag} impose different "
             f"values on one node, of component {dof % dim} at {self._points()[dof // dim].tolist()}: leave one of them "

@@ -48,14 +48,16 @@ class FullStiffness:
         if full.scaled is not None:
             return cls._scaled(full, point)
         problem = full.problem.at(point)
-        rows, solver = problem.rows, full.factors
+        rows = problem.rows
+        solver = full.factors
         contact = problem.contact[:, rows]
         if full.problem.varies:
             solver.refactor(problem.own_stiffness)
             per_force = full.solved_columns(contact.T)
             schur = full.comm.allreduce(contact @ per_force)
         else:
-            per_force, schur = full.per_force, full.schur
+            per_force = full.per_force
+            schur = full.schur
         theta = problem.amplitudes(point)
         free = full.solve_stiffness(problem.loads[rows] @ theta)
         slack = problem.gaps @ theta - full.comm.allreduce(contact @ free)
@@ -64,10 +66,12 @@ class FullStiffness:
     @classmethod
     def _scaled(cls, full: Any, point: np.ndarray) -> FullStiffness:
         """From the factors in the middle of the box, see :class:`ScaledBodies`; on one rank."""
-        scaled, problem = full.scaled, full.problem
+        scaled = full.scaled
+        problem = full.problem
         assert scaled is not None
         scales = scaled.at(point)
-        scale, theta = scaled.on_dofs(scales), problem.amplitudes(point)
+        scale = scaled.on_dofs(scales)
+        theta = problem.amplitudes(point)
         free = full.solve_stiffness(problem.loads_at(point, theta) / scale)
         schur = np.tensordot(1 / scales, full.schur_parts, 1)
         slack = problem.gaps @ theta - problem.contact @ free
@@ -99,15 +103,19 @@ class FullStiffness:
         if rigid is None:
             return None
         # of lifts there is no part, since a rigid motion does not strain
-        loads, varies = self.full.rigid_loads, self.full.problem.varies
+        loads = self.full.rigid_loads
+        varies = self.full.problem.varies
         equalities = FloatingEqualities(self.schur, self.full.rigid_taken) if varies else self.full.floating
         acting, slopes = self.problem.amplitudes.slopes_at(self.point)
-        driving, changes = loads @ self.problem.amplitudes(self.point), loads[:, acting] @ slopes
+        driving = loads @ self.problem.amplitudes(self.point)
+        changes = loads[:, acting] @ slopes
         return Floating(equalities, driving, rigid, lambda *_: changes)
 
     def _explicit(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of the residual on own dofs and of the slack, while unknown and forces stay."""
-        problem, point, rows = self.full.problem, self.point, self.problem.rows
+        problem = self.full.problem
+        point = self.point
+        rows = self.problem.rows
         if problem.reshaped is not None:
             return self._differenced(forces, unknown)
         acting, slopes = problem.amplitudes.slopes_at(point)

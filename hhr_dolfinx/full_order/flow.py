@@ -66,8 +66,10 @@ class GaussModel:
         for body in scene.bodies:
             check_law(body.law, scene.parameters, f"body {body.tag} of scene '{scene.name}'")
         discretisation = Discretisation(scene, comm)
-        operator, bodies = strain_operator(discretisation), discretisation.cell_bodies()
-        material, pattern = material_at(scene, bodies, operator), operator.pattern()
+        operator = strain_operator(discretisation)
+        bodies = discretisation.cell_bodies()
+        material = material_at(scene, bodies, operator)
+        pattern = operator.pattern()
         return cls(discretisation, operator, material, bodies, pattern, *stiffness_parts(material, operator, pattern))
 
 
@@ -88,16 +90,22 @@ class FullEquilibrium:
     def __init__(self, full: Any, gauss: GaussModel):
         problem = full.problem
         self.fields = self._full = full
-        self.problem, self.operator = problem, gauss.operator
-        self.amplitudes, self.parameters = problem.amplitudes, problem.parameters
-        self.size, self.conditions = problem.free.size, problem.contact.shape[0]
-        self.points, self.per_cell = np.arange(self.operator.gauss_points), self.operator.per_cell
-        self._pattern, self._pairs = gauss.pattern, Pairs.of(problem.contact_pairs)
+        self.problem = problem
+        self.operator = gauss.operator
+        self.amplitudes = problem.amplitudes
+        self.parameters = problem.parameters
+        self.size = problem.free.size
+        self.conditions = problem.contact.shape[0]
+        self.points = np.arange(self.operator.gauss_points)
+        self.per_cell = self.operator.per_cell
+        self._pattern = gauss.pattern
+        self._pairs = Pairs.of(problem.contact_pairs)
         self._tangent_factors = _TangentFactors(full)
         self.lock = RLock()
         self._body = np.zeros(self.size, dtype=int)
         self._body[self.operator.dofs] = gauss.bodies[:, None]
-        self._transposed, self._lifted = problem.contact.T.tocsr(), bool(problem.lifts.nnz)
+        self._transposed = problem.contact.T.tocsr()
+        self._lifted = bool(problem.lifts.nnz)
         self.eigenstrains = csc_matrix((self.points.size * self.operator.components, problem.amplitudes.firsts[-1]))
         if any(hasattr(load, "eigenstrain_of") for load in full.scene.loads):
             from hhr_dolfinx.full_order.gauss_points import at_gauss_points
@@ -107,7 +115,8 @@ class FullEquilibrium:
         linear = (problem.own_stiffness, full._solver), full._equalities, self._pushed
         self.elastic = self._linearisation(*linear, self._unchanged.tangents)
         self.material = gauss.material
-        self._middle, self._only_part = self, _only_part(problem)
+        self._middle = self
+        self._only_part = _only_part(problem)
         self._last: tuple[np.ndarray, FullEquilibrium] | None = None
 
     def at(self, point: np.ndarray) -> FullEquilibrium:
@@ -120,10 +129,12 @@ class FullEquilibrium:
         Raises:
             SceneError: for a modulus that is impossible there.
         """
-        middle, problem = self._middle, self.problem
+        middle = self._middle
+        problem = self.problem
         if not problem.moduli:
             return self
-        weights, last = problem.weights(point), middle._last
+        weights = problem.weights(point)
+        last = middle._last
         if last is not None and np.array_equal(last[0], weights):
             return last[1]
         found = copy(middle)
@@ -143,7 +154,8 @@ class FullEquilibrium:
 
     def _elastic_of(self, weights: np.ndarray, stiffness: csr_matrix, moduli: np.ndarray) -> _SparseLinearisation:
         """The elastic linearisation of a stiffness and its weights, with elastic tangents, from that of the middle."""
-        problem, full = self.problem, self._full
+        problem = self.problem
+        full = self._full
         if self._only_part is None:
             columns = _LazyColumns(full._solver, problem.contact)
             equalities = SchurEqualities(columns.images, self.conditions)
@@ -190,7 +202,8 @@ class FullEquilibrium:
 
     def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """Loads less internal forces on free dofs, and the norm of what they are made of in each body."""
-        loads, (internal, size) = self.problem.external @ theta, self.operator.internal(gauss.stress)
+        loads = self.problem.external @ theta
+        internal, size = self.operator.internal(gauss.stress)
         free = self.problem.free
         return loads - internal * free, self.norms(np.abs(loads) + size * free)
 
@@ -272,7 +285,9 @@ class _ScaledSolver:
     """
 
     def __init__(self, solver: FreeCholesky, scale: np.ndarray):
-        self._solver, self._scale, self.lock = solver, scale, solver.lock
+        self._solver = solver
+        self._scale = scale
+        self.lock = solver.lock
 
     def refactor(self, stiffness: csr_matrix) -> None:
         """Take the values of the other stiffness; no work if its factors are those at hand."""
@@ -306,7 +321,8 @@ class _SparseLinearisation:
 
     def correct(self, residual: np.ndarray, x: np.ndarray, theta: Theta, active: np.ndarray) -> Correction:
         """Solve K δ + B^T λ = residual, B (x + δ) <= gaps."""
-        problem, (stiffness, solver) = self.problem, self.factors
+        problem = self.problem
+        stiffness, solver = self.factors
         # one solver serves all linearisations: columns of S are solved for within the active set
         with solver.lock:
             solver.refactor(stiffness)
@@ -329,7 +345,8 @@ class _LazyColumns:
     """K^-1 B^T and S = B K^-1 B^T by columns, solved for when their conditions first become active, all at once."""
 
     def __init__(self, solver: FreeCholesky, contact: csr_matrix):
-        self._solver, self._contact = solver, contact
+        self._solver = solver
+        self._contact = contact
         self._columns: dict[int, np.ndarray] = {}
         self._images: dict[int, np.ndarray] = {}
 
@@ -340,7 +357,8 @@ class _LazyColumns:
             columns = self._solver.solve_columns(self._contact[new].T)
             images = self._contact @ columns
             for place, k in enumerate(new):
-                self._columns[k], self._images[k] = columns[:, place], images[:, place]
+                self._columns[k] = columns[:, place]
+                self._images[k] = images[:, place]
         return np.array([self._images[k] for k in index.tolist()]).reshape(index.size, self._contact.shape[0])
 
     def push(self, forces: np.ndarray) -> np.ndarray:

@@ -65,12 +65,15 @@ class FullOrderModel(AnsweringModel, ModelFields):
         NotSolvableError: for bodies that can move freely.
     """
 
+    of_full_order = True
+
     trained = None
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
         if not isinstance(scene, Scene):
             raise SceneError(f"{scene!r} is no scene: give a Scene")
-        self.scene, self.comm = scene, comm
+        self.scene = scene
+        self.comm = comm
         self.equilibrium: FullEquilibrium | None = None
         with ranks.together(comm, f"building the full model of scene '{scene.name}'"):
             if any(body.law is not None for body in scene.bodies):
@@ -110,7 +113,8 @@ class FullOrderModel(AnsweringModel, ModelFields):
             problem if discretisation.reshaped is None else discretisation.reshaped.attached(problem)
         )
         self.problem = problem = discretisation.checked(problem)
-        self.parameters, self._own = problem.parameters, problem.rows
+        self.parameters = problem.parameters
+        self._own = problem.rows
         # a stiffness factored for each query, with a solve for each condition: at 14,140 dofs and 162 conditions MUMPS
         # takes 24 + 138 ms, nd 45 + 272 ms, qmd 70 + 308 ms; that of bodies that flow serves whole histories
         anew = problem.varies and all(body.law is None for body in self.scene.bodies) and self.scaled is None
@@ -120,7 +124,8 @@ class FullOrderModel(AnsweringModel, ModelFields):
         self._own_loads = problem.loads[self._own]
         self.per_force = self.solved_columns(contact.T)
         self.schur = self.comm.allreduce(contact @ self.per_force)
-        self._contact, self._pairs = contact, Pairs.of(problem.contact_pairs)
+        self._contact = contact
+        self._pairs = Pairs.of(problem.contact_pairs)
         self._equalities = SchurEqualities.of(self.schur)
         adrift = f"hold it by a displacement, or push it: {problem.loose}"
         self.advice = {**FULL_ORDER_ADVICE, Status.ADRIFT: adrift}
@@ -271,7 +276,8 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
     def solved_columns(self, columns: spmatrix) -> np.ndarray:
         """K^-1 times the columns of a sparse matrix, (own dofs, k), each rank with its own rows."""
-        found, resting = self._solver.solve_columns(columns), self.problem.resting
+        found = self._solver.solve_columns(columns)
+        resting = self.problem.resting
         if resting is None or not resting.shape[1]:
             return found
         own = resting[self._own]

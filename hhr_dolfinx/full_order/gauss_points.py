@@ -85,9 +85,11 @@ def stiffness_parts(
         return (operator.stiffness(material.elastic, pattern),), ()
     from hhr_dolfinx.formulas import Modulus
 
-    parts, moduli = [], []
+    parts = []
+    moduli = []
     for text in (*formulas, None):
-        elastic, acting = np.zeros((material.gauss_points, material.components, material.components)), False
+        elastic = np.zeros((material.gauss_points, material.components, material.components))
+        acting = False
         for group in material.groups:
             if group.young == text or (text is None and not isinstance(group.young, str)):
                 young = 1.0 if text is not None else float(group.young)
@@ -116,7 +118,8 @@ def add_parts(discretisation: DiscreteSpace, matrix: PETSc.Mat, moduli: dict[int
     bodies = discretisation.cell_bodies()
     cells = np.flatnonzero(np.isin(bodies, list(moduli)))
     operator = tabulated(discretisation, cells)
-    unit, identity = np.zeros(operator.components), np.eye(operator.components)
+    unit = np.zeros(operator.components)
+    identity = np.eye(operator.components)
     unit[:3] = 1.0
     tangents = {
         place: volume * np.outer(unit, unit) + 2 * shape * identity for place, (volume, shape) in moduli.items()
@@ -131,11 +134,13 @@ def add_parts(discretisation: DiscreteSpace, matrix: PETSc.Mat, moduli: dict[int
 
 def _gradings(discretisation: DiscreteSpace, places: Iterable[int], cells: np.ndarray) -> np.ndarray:
     """What the moduli of bodies, by their places, are multiplied by at the Gauss points of cells, (cells, per_cell)."""
-    mesh, bodies = discretisation.mesh, discretisation.cell_bodies()[cells]
+    mesh = discretisation.mesh
+    bodies = discretisation.cell_bodies()[cells]
     points, weights = compat.quadrature(mesh.topology.cell_name(), QUADRATURE)
     found = np.ones((len(cells), len(weights)))
     for place in places:
-        grading, own = discretisation.scene.bodies[place].grading, np.flatnonzero(bodies == place)
+        grading = discretisation.scene.bodies[place].grading
+        own = np.flatnonzero(bodies == place)
         if grading is not None:
             # a grading that is a number has no mesh of its own
             plain = abs(ufl.JacobianDeterminant(mesh))
@@ -147,15 +152,19 @@ def _gradings(discretisation: DiscreteSpace, places: Iterable[int], cells: np.nd
 
 def tabulated(discretisation: DiscreteSpace, cells: np.ndarray) -> StrainOperator:
     """Strain at the Gauss points of some cells of this rank, in its own numbers of the dofs; collective."""
-    mesh, space, hypothesis = discretisation.mesh, discretisation.space, discretisation.scene.hypothesis
+    mesh = discretisation.mesh
+    space = discretisation.space
+    hypothesis = discretisation.scene.hypothesis
     cells = cells.astype(np.int32)
     points, weights = compat.quadrature(mesh.topology.cell_name(), QUADRATURE)
     table = fem.Expression(strain_vector(ufl.TrialFunction(space), hypothesis), points).eval(mesh, cells)
     measure = volume_weight(mesh, hypothesis) * abs(ufl.JacobianDeterminant(mesh))
     volumes = weights * fem.Expression(measure, points).eval(mesh, cells).reshape(len(cells), len(weights))
-    dim, blocks = mesh.geometry.dim, space.dofmap.list[cells]
+    dim = mesh.geometry.dim
+    blocks = space.dofmap.list[cells]
     # lengths are given, none left to be found: a rank may have no such cell
-    of_cell, components = dim * blocks.shape[1], 6 if hypothesis == "solid" else 4
+    of_cell = dim * blocks.shape[1]
+    components = 6 if hypothesis == "solid" else 4
     dofs = (dim * blocks[:, :, None] + np.arange(dim)).reshape(len(cells), of_cell).astype(np.int64)
     gradients = np.ascontiguousarray(table.reshape(len(cells), len(weights), components, of_cell))
     mean = np.flatnonzero(np.array(discretisation.mean_dilatation)[discretisation.cell_bodies()[cells]])
@@ -198,7 +207,9 @@ def eigenstress(
         raise SceneError(f"body {tag!r} has a stress of its own, and a load that is a strain of it is not built in")
     if any(body.law is not None for body in scene.bodies):
         return [(Formula("1"), np.zeros(discretisation.size))]
-    body, hypothesis, mean = scene.bodies[places[0]], scene.hypothesis, discretisation.mean_dilatation[places[0]]
+    body = scene.bodies[places[0]]
+    hypothesis = scene.hypothesis
+    mean = discretisation.mean_dilatation[places[0]]
     # bodies with a mean dilatation meet the strain at the points where they meet their own
     dx = discretisation.cells(tag)(degree=QUADRATURE) if mean else discretisation.cells(tag)
     measured = elasticity.in_plane(elasticity.strain(discretisation.arguments[1], hypothesis), hypothesis)
@@ -218,7 +229,8 @@ def eigenstress(
 
 def eigenstrain_at(discretisation: DiscreteSpace, place: int, point: np.ndarray) -> Expr | None:
     """What stresses leave out of the graded strain of a body at a point of the parameters, (P,); None for nothing."""
-    scene, total = discretisation.scene, None
+    scene = discretisation.scene
+    total = None
     for load in scene.loads:
         found = (
             load.eigenstrain_of(scene.bodies[place].tag, discretisation.mesh)
@@ -239,13 +251,16 @@ def at_gauss_points(discretisation: DiscreteSpace, problem: ContactProblem, oper
         SceneError: for a load of a user's own with an ``eigenstrain_of`` that does not have one term for it, as that
             which ``eigenstress`` of the assembler leads to.
     """
-    loads, points = discretisation.scene.loads, operator.gauss_points * operator.components
-    first, terms = first_load(discretisation.scene), problem.amplitudes.firsts[-1]
+    loads = discretisation.scene.loads
+    points = operator.gauss_points * operator.components
+    first = first_load(discretisation.scene)
+    terms = problem.amplitudes.firsts[-1]
     pairs = [(load, term) for load in loads for term in checked_terms(load, discretisation.assembler(load))]
     # in the order of Discretisation.load_terms
     pairs.sort(key=lambda pair: not isinstance(pair[1].amplitude, Amplitude))
     widths = [term.columns.shape[1] for _, term in pairs]
-    blocks, seen = [csc_matrix((points, first))], []
+    blocks = [csc_matrix((points, first))]
+    seen = []
     for (load, term), width in zip(pairs, widths, strict=True):
         if hasattr(load, "eigenstrain_of") and csc_matrix(term.columns).nnz == 0 and width == 1:
             seen.append(load)
@@ -264,11 +279,13 @@ def at_gauss_points(discretisation: DiscreteSpace, problem: ContactProblem, oper
 
 def _tabulated(discretisation: DiscreteSpace, load: Any, operator: StrainOperator) -> np.ndarray:
     """A strain for the amplitude 1 at all Gauss points, Kelvin's notation, (points * components,)."""
-    mesh, bodies = discretisation.mesh, discretisation.cell_bodies()
+    mesh = discretisation.mesh
+    bodies = discretisation.cell_bodies()
     points, _ = compat.quadrature(mesh.topology.cell_name(), QUADRATURE)
     found = np.zeros((bodies.size, operator.per_cell, operator.components))
     for place, body in enumerate(discretisation.scene.bodies):
-        given, cells = load.eigenstrain_of(body.tag, mesh), np.flatnonzero(bodies == place)
+        given = load.eigenstrain_of(body.tag, mesh)
+        cells = np.flatnonzero(bodies == place)
         if given is not None:
             # a constant strain has no mesh of its own
             one = fem.Constant(mesh, 1.0)

@@ -71,7 +71,8 @@ def free_bodies(
     """
     count, dim = points.shape
     part = hanging_together(count, cell_nodes)
-    imposed, found = ~free.reshape(count, dim), []
+    imposed = ~free.reshape(count, dim)
+    found = []
     for number in np.unique(part[cell_nodes[:, 0]]):
         nodes = np.flatnonzero(part == number)
         motions = rigid_motions(points[nodes], scene.hypothesis)
@@ -102,7 +103,8 @@ def rigid_motions(points: np.ndarray, hypothesis: str) -> np.ndarray:
     away = (points - points.mean(axis=0)) / (np.ptp(points, axis=0).max() or 1.0)
     for first, second in ((0, 1),) if dim == 2 else ((1, 2), (2, 0), (0, 1)):
         turn = np.zeros((count, dim))
-        turn[:, first], turn[:, second] = -away[:, second], away[:, first]
+        turn[:, first] = -away[:, second]
+        turn[:, second] = away[:, first]
         motions.append(turn)
     return np.array(motions)
 
@@ -145,7 +147,8 @@ def with_motions(scene: Scene, problem: ContactProblem, bodies: np.ndarray) -> C
     rigid = motions @ _by_body(effect, ways[idle], owner)
     round_ = _round_turns(found, problem, rigid)
     if round_.any():
-        resting, rigid = np.hstack([resting, rigid[:, round_]]), rigid[:, ~round_]
+        resting = np.hstack([resting, rigid[:, round_]])
+        rigid = rigid[:, ~round_]
     loose = "; ".join(f"{body.name} {described(body, body.left)}" for body in found)
     return replace(problem, rigid=rigid if rigid.shape[1] else None, resting=resting, loose=loose, pins=np.sort(pins))
 
@@ -156,7 +159,8 @@ def _round_turns(found: Sequence[FreeBody], problem: ContactProblem, rigid: np.n
     Turned far enough they open every gap, as no round body does. Where no load drives them they are left at rest, and
     the moment that the facets' normals leave is spread over the body.
     """
-    effects, driven = np.linalg.norm(problem.contact @ rigid, axis=0), _driven(problem, rigid)
+    effects = np.linalg.norm(problem.contact @ rigid, axis=0)
+    driven = _driven(problem, rigid)
     found_round = np.zeros(rigid.shape[1], dtype=bool)
     for body in found:
         fields = rigid.reshape(len(problem.points), problem.block_size, rigid.shape[1])[body.nodes]
@@ -275,13 +279,17 @@ def rigid_lifts(
     """
     if scene.shapes or any(body.law is not None for body in scene.bodies):
         return lifts
-    part, found = hanging_together(len(points), cell_nodes), lifts.tolil()
-    imposed, dim = ~free.reshape(points.shape), points.shape[1]
+    part = hanging_together(len(points), cell_nodes)
+    found = lifts.tolil()
+    imposed = ~free.reshape(points.shape)
+    dim = points.shape[1]
     for term in np.flatnonzero(np.diff(lifts.indptr)):
         values = lifts[:, [term]].toarray().reshape(points.shape)
         for number in np.unique(part[np.any(values, axis=1)]):
             nodes = np.flatnonzero(part == number)
-            motions, held, wanted = rigid_motions(points[nodes], scene.hypothesis), imposed[nodes], values[nodes]
+            motions = rigid_motions(points[nodes], scene.hypothesis)
+            held = imposed[nodes]
+            wanted = values[nodes]
             ways = np.linalg.lstsq(motions[:, held].T, wanted[held], rcond=ALIKE)[0]
             moved = np.tensordot(ways, motions, 1)
             if np.abs(moved - wanted)[held].max() > ALIKE * np.abs(wanted).max():

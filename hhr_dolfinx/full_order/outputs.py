@@ -91,7 +91,8 @@ class Probe:
         Raises:
             SceneError: for a place farther from all of them than a cell is long.
         """
-        dim, place = self.dimension, np.array(output.place, dtype=float)
+        dim = self.dimension
+        place = np.array(output.place, dtype=float)
         if place.size != dim:
             raise SceneError(f"output '{output.name}': the place {output.place} must have {dim} coordinates")
         distances = np.linalg.norm(points - place, axis=1)
@@ -106,7 +107,8 @@ class Probe:
 
     def _cell_size(self, point: np.ndarray) -> float:
         """Length of the largest cell at the node nearest to a point."""
-        cells, nodes = self.base.cell_nodes, self.base.points
+        cells = self.base.cell_nodes
+        nodes = self.base.points
         nearest = np.linalg.norm(nodes - point, axis=1).argmin()
         at_node = cells[(cells == nearest).any(axis=1)]
         return float(np.linalg.norm(np.ptp(nodes[at_node], axis=1), axis=1).max(initial=0.0))
@@ -145,8 +147,10 @@ class FullShapeFunctionals:
     def __init__(self, full: Any):
         problem = full.problem
         self.axes = np.array(problem.reshaped.axes, dtype=np.int64)
-        self.parameters, self.amplitudes = problem.parameters, problem.amplitudes
-        self._discretisation, self._base = full.discretisation, problem
+        self.parameters = problem.parameters
+        self.amplitudes = problem.amplitudes
+        self._discretisation = full.discretisation
+        self._base = problem
         self._prepared = lru_cache(maxsize=SHAPES)(self._made)
         self.items = self.at(problem.middle).items
 
@@ -156,7 +160,8 @@ class FullShapeFunctionals:
 
     def _made(self, key: bytes) -> Functionals:
         """At values of the parameters of the shape; the other parameters change no array of an output."""
-        point, reshaped = self._base.middle, self._base.reshaped
+        point = self._base.middle
+        reshaped = self._base.reshaped
         point[self.axes] = np.frombuffer(key)
         with reshaped.at(point):
             return prepared_outputs(self._discretisation, reshaped(point), None, self._base)
@@ -245,13 +250,15 @@ def _mises(
             )
         within = (middles >= np.array(output.where[0])) & (middles <= np.array(output.where[1]))
         if not (inside & within.all(axis=1)).any():
-            low, high = middles[inside].min(axis=0).tolist(), middles[inside].max(axis=0).tolist()
+            low = middles[inside].min(axis=0).tolist()
+            high = middles[inside].max(axis=0).tolist()
             raise SceneError(
                 f"output '{output.name}': no cell of body {output.tag} has its middle in {output.where}; they lie "
                 f"between {low} and {high}: enlarge the box"
             )
         inside &= within.all(axis=1)
-    mean, cells = output.kind == "mean", np.flatnonzero(inside)
+    mean = output.kind == "mean"
+    cells = np.flatnonzero(inside)
     nothing = 0, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0)
     if gauss is not None:
         points = gauss.operator.points_of(cells)
@@ -269,10 +276,12 @@ def _mises(
     columns = np.broadcast_to(dofs[:, None], strain.shape)
     used = strain != 0
     matrix = count * components, rows[used].astype(np.int64), columns[used].astype(np.int64), strain[used]
-    body, scene = discretisation.scene.bodies[place], discretisation.scene
+    body = discretisation.scene.bodies[place]
+    scene = discretisation.scene
     volume, shape = elasticity.unit_moduli(_text(body.poisson), scene.hypothesis)
     moduli = f"({_text(body.young)}) * ({volume})", f"({_text(body.young)}) * ({shape})"
-    flat, shares = scene.hypothesis == "plane_stress", volumes / volumes.sum() if mean else np.zeros(0)
+    flat = scene.hypothesis == "plane_stress"
+    shares = volumes / volumes.sum() if mean else np.zeros(0)
     names = scene.parameters.names
     found = Mises(output.name, output.unit, *matrix, names, *moduli, flat, factors, shares)
     if discretisation.reshaped is None:
@@ -283,9 +292,12 @@ def _mises(
 
 def moving_cells(discretisation: DiscreteSpace, cells: np.ndarray, *, mean_dilatation: bool) -> MovingCells:
     """Cells of a mesh that shapes move, as plain data; serial."""
-    mesh, scene, reshaped = discretisation.mesh, discretisation.scene, discretisation.reshaped
+    mesh = discretisation.mesh
+    scene = discretisation.scene
+    reshaped = discretisation.reshaped
     assert reshaped is not None
-    kind, space = mesh.topology.cell_name(), discretisation.space
+    kind = mesh.topology.cell_name()
+    space = discretisation.space
     middle = compat.interpolation_points(fem.functionspace(mesh, ("Discontinuous Lagrange", 0)).element)
     points, weights = compat.quadrature(kind, QUADRATURE)
     # functions of the displacement are those of the geometry: both are of degree 1
@@ -328,10 +340,13 @@ def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> 
 
     (c, components, k), (c, k), (c,), (c,); where the body takes the mean dilatation, so does its strain.
     """
-    mesh, space, hypothesis = discretisation.mesh, discretisation.space, discretisation.scene.hypothesis
+    mesh = discretisation.mesh
+    space = discretisation.space
+    hypothesis = discretisation.scene.hypothesis
     constants = fem.functionspace(mesh, ("Discontinuous Lagrange", 0))
     middle = compat.interpolation_points(constants.element)
-    dim, components = mesh.geometry.dim, 6 if hypothesis == "solid" else 4
+    dim = mesh.geometry.dim
+    components = 6 if hypothesis == "solid" else 4
     blocks = space.dofmap.list[cells]
     table = fem.Expression(strain_vector(ufl.TrialFunction(space), hypothesis), middle).eval(mesh, cells)
     strain = table.reshape(len(cells), components, dim * blocks.shape[1])
@@ -341,7 +356,8 @@ def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> 
         # at each Gauss point the trace is its mean over the cell already
         mean = tabulated(discretisation, cells).gradients[:, 0, :3].sum(axis=1)
         strain[:, :3] += ((mean - strain[:, :3].sum(axis=1)) / 3)[:, None]
-    grading, body = np.ones(len(cells)), discretisation.scene.bodies[place]
+    grading = np.ones(len(cells))
+    body = discretisation.scene.bodies[place]
     if body.grading is not None:
         from hhr_dolfinx.full_order.gauss_points import grading_of
 

@@ -47,7 +47,8 @@ class Reshaped:
         scene = discretisation.scene
         if discretisation.comm.size > 1:
             raise SceneError(f"the shape of scene '{scene.name}' depends on parameters: build its model on one rank")
-        self._owner, self._lock = discretisation, RLock()
+        self._owner = discretisation
+        self._lock = RLock()
         names = scene.parameters.names
         used = set().union(*(shape.variables for shape in scene.shapes))
         self.axes = tuple(place for place, name in enumerate(names) if name in used)
@@ -65,10 +66,13 @@ class Reshaped:
 
     def coordinates(self, point: np.ndarray) -> np.ndarray:
         """Coordinates of the nodes of the geometry at a point, (nodes, 3)."""
-        scene, moved = self._owner.scene, self.reference.copy()
-        names, dim = coordinate_names(scene.hypothesis), self._owner.mesh.geometry.dim
+        scene = self._owner.scene
+        moved = self.reference.copy()
+        names = coordinate_names(scene.hypothesis)
+        dim = self._owner.mesh.geometry.dim
         values = dict(zip(scene.parameters.names, point.tolist(), strict=True))
-        size, seen = np.ptp(self.reference, axis=0).max(), np.zeros(len(moved), dtype=bool)
+        size = np.ptp(self.reference, axis=0).max()
+        seen = np.zeros(len(moved), dtype=bool)
         for shape, nodes in zip(scene.shapes, self.nodes, strict=True):
             there = shape.moved(self.reference[nodes, :dim], names, values)
             both = seen[nodes] & (np.abs(moved[nodes, :dim] - there).max(axis=1) > CLOSE * size)
@@ -170,8 +174,10 @@ class Reshaped:
 
     def _complaint(self, moved: np.ndarray, point: np.ndarray) -> str:
         """What is wrong with the cells whose nodes lie at some coordinates at a point; empty if nothing."""
-        scene, dim = self._owner.scene, self._owner.mesh.geometry.dim
-        corners, where = moved[self._cells][:, :, :dim], scene.parameters.described(point)
+        scene = self._owner.scene
+        dim = self._owner.mesh.geometry.dim
+        corners = moved[self._cells][:, :, :dim]
+        where = scene.parameters.described(point)
         if not np.isfinite(corners).all():
             return f"a shape of scene '{scene.name}' is not finite at {where}: check its formulas"
         sign = np.sign(corner_jacobians(self.reference[self._cells][:, :, :dim]).mean(axis=1))[:, None]

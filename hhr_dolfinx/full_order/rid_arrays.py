@@ -65,7 +65,8 @@ class ShapedArrays:
     """
 
     def __init__(self, discretisation: Discretisation, problem: ContactProblem):
-        scene, reshaped = discretisation.scene, discretisation.reshaped
+        scene = discretisation.scene
+        reshaped = discretisation.reshaped
         if reshaped is None:
             raise SceneError(f"the shape of scene '{scene.name}' does not depend on parameters")
         graded = [body.tag for body in scene.bodies if body.grading is not None]
@@ -75,8 +76,11 @@ class ShapedArrays:
                 "model cannot evaluate their grading where cells have moved. Divide a body into several, or take an "
                 "interpolated condensation"
             )
-        self._owner, self._problem, self._reshaped = discretisation, problem, reshaped
-        self.hypothesis, self.names = scene.hypothesis, scene.parameters.names
+        self._owner = discretisation
+        self._problem = problem
+        self._reshaped = reshaped
+        self.hypothesis = scene.hypothesis
+        self.names = scene.parameters.names
         self.axes = np.array(reshaped.axes, dtype=np.int64)
         self._order = self._geometry_nodes()
         self.reference = self._dof_order(reshaped.reference)
@@ -138,9 +142,11 @@ class ShapedArrays:
 
     def _whole(self, tag: Tag) -> SurfacePatch:
         """A whole surface, with the nodes behind its facets."""
-        surface, cells = self._owner.surface(tag), self._problem.cell_nodes
+        surface = self._owner.surface(tag)
+        cells = self._problem.cell_nodes
         facets = surface.nodes[surface.facets]
-        count, nodes = facets.shape[1], len(self._problem.points)
+        count = facets.shape[1]
+        nodes = len(self._problem.points)
         near = np.zeros(nodes, dtype=bool)
         near[facets] = True
         tried = cells[near[cells].sum(axis=1) >= count]

@@ -22,7 +22,9 @@ def stress_in_cells(discretisation: DiscreteSpace, displacement: np.ndarray, poi
     Cells come in the order of ``ContactProblem.cell_nodes``. Bodies with a mean dilatation have its pressure, and loads
     that are strains give no stress. What depends on parameters is that of a point, (P,); the mesh is taken as it lies.
     """
-    scene, mesh, averaged = discretisation.scene, discretisation.mesh, discretisation.mean_dilatation
+    scene = discretisation.scene
+    mesh = discretisation.mesh
+    averaged = discretisation.mean_dilatation
     field = fem.Function(discretisation.space)
     field.x.petsc_vec.array[:] = displacement[discretisation.rows]
     field.x.scatter_forward()
@@ -43,7 +45,8 @@ def _of_body(
     discretisation: DiscreteSpace, place: int, field: fem.Function, dilatation: fem.Function | None, point: np.ndarray
 ) -> Expr:
     """Stress of a body, by its place, in UFL."""
-    scene, eigenstrain = discretisation.scene, None
+    scene = discretisation.scene
+    eigenstrain = None
     body = scene.bodies[place]
     if any(hasattr(load, "eigenstrain_of") for load in scene.loads):
         from hhr_dolfinx.full_order.gauss_points import eigenstrain_at

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 def stiffness_terms(discretisation: DiscreteSpace) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
     """Own rows of the parts of K, of one pattern, and their moduli."""
-    scene, names = discretisation.scene, discretisation.scene.parameters.names
+    scene = discretisation.scene
+    names = discretisation.scene.parameters.names
     parts = [part for place, body in enumerate(scene.bodies) for part in parts_of(body, place, scene.hypothesis)]
     constant = [part for part in parts if not scene.bodies[part.body].varies]
     varying = [part for part in parts if scene.bodies[part.body].varies]
@@ -36,7 +37,8 @@ def stiffness_terms(discretisation: DiscreteSpace) -> tuple[tuple[csr_matrix, ..
             (part.body, (float(part.factor) * part.moduli[0], float(part.factor) * part.moduli[1])) for part in constant
         ]
         groups.append((Part(-1, "1", "1", (0.0, 0.0)), scaled))
-    matrices, moduli = [], []
+    matrices = []
+    moduli = []
     for part, members in groups:
         matrices.append(discretisation.own_rows(_assembled(discretisation, members)))
         moduli.append(Modulus(part.factor, part.rest, names))
@@ -88,8 +90,10 @@ def _assembled(discretisation: DiscreteSpace, members: list) -> PETSc.Mat:
 
 def _form(discretisation: DiscreteSpace, place: int, moduli: tuple[float, float]) -> ufl.Form:
     """Form of one body for given weights of its parts."""
-    scene, body = discretisation.scene, discretisation.scene.bodies[place]
-    hypothesis, dx = scene.hypothesis, discretisation.cells(body.tag)
+    scene = discretisation.scene
+    body = discretisation.scene.bodies[place]
+    hypothesis = scene.hypothesis
+    dx = discretisation.cells(body.tag)
     trial, test = discretisation.arguments
     volume, shape = elasticity.isotropic_parts(elasticity.strain(trial, hypothesis), hypothesis)
     # constants of the form: their values are not compiled in
@@ -112,7 +116,8 @@ def stress_of(
 
     The graded strain gives way to what an ``eigenstrain``, graded too, leaves of it.
     """
-    names, hypothesis = discretisation.scene.parameters.names, discretisation.scene.hypothesis
+    names = discretisation.scene.parameters.names
+    hypothesis = discretisation.scene.hypothesis
     formulas = (str(body.young), str(body.poisson))
     young, poisson = (fem.Constant(discretisation.mesh, Scalar(text, names).value(point)) for text in formulas)
     strain = elasticity.strain(field, hypothesis, poisson)

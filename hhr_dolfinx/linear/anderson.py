@@ -18,7 +18,8 @@ class Anderson:
 
     def __call__(self, x: np.ndarray, change: np.ndarray) -> np.ndarray:
         """The next iterate."""
-        last, self._last = self._last, (x, change)
+        last = self._last
+        self._last = (x, change)
         following = x + change
         if last is None:
             return following

@@ -106,7 +106,8 @@ class PetscLU:
         if PETSc.Options(_PREFIX).getAll():
             self._ksp.setOptionsPrefix(_PREFIX)
             self._ksp.setFromOptions()
-        self._rhs, self._solution = np.zeros(n), np.zeros(n)
+        self._rhs = np.zeros(n)
+        self._solution = np.zeros(n)
         self._b, self._x = (
             PETSc.Vec().createWithArray(array, comm=PETSc.COMM_SELF) for array in (self._rhs, self._solution)
         )

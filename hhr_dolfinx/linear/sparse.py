@@ -61,7 +61,9 @@ class FreeCholesky:
     """
 
     def __init__(self, stiffness: csr_matrix, free: np.ndarray, rows: slice, scene: str, ordering: str, comm: Comm):
-        self._free, self._own, self._scene = np.flatnonzero(free[rows]), rows.stop - rows.start, scene
+        self._free = np.flatnonzero(free[rows])
+        self._own = rows.stop - rows.start
+        self._scene = scene
         columns = np.flatnonzero(free)
         self._inside = stiffness[self._free][:, columns]
         # place of each kept entry in the data of the whole matrix
@@ -86,7 +88,8 @@ class FreeCholesky:
         if not factorised(self._ksp):
             raise NotSolvableError(singular_stiffness(scene))
         self._rhs, self._x = self._matrix.createVecs()
-        self._factored, self.lock = stiffness, RLock()
+        self._factored = stiffness
+        self.lock = RLock()
 
     def refactor(self, stiffness: csr_matrix) -> None:
         """Take the values of another matrix with the same pattern; no work if its factors are those at hand."""
@@ -119,7 +122,8 @@ class FreeCholesky:
         """Solutions for the columns of a sparse matrix of own rows, zero on imposed dofs, (own dofs, m); collective."""
         columns = columns.tocsr()[self._free].tocsc()
         own, count = columns.shape
-        found, solutions = np.zeros((self._own, count), order="F"), np.empty((own, count), order="F")
+        found = np.zeros((self._own, count), order="F")
+        solutions = np.empty((own, count), order="F")
         with self.lock:
             for first in range(0, count, BLOCK):
                 part = slice(first, min(first + BLOCK, count))

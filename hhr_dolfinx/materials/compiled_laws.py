@@ -14,7 +14,9 @@ from hhr_dolfinx.compat import compiled
 
 ITERATIONS = 60
 """Most iterations of Newton's method for (6.28), which takes up to 12 over forty decades of stress and m up to 1e5."""
-ELASTIC, PLASTICITY, NORTON = 0, 1, 2
+ELASTIC = 0
+PLASTICITY = 1
+NORTON = 2
 
 
 @compiled()
@@ -39,7 +41,8 @@ def flows_at(
     dt: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Flow and slope at many points, (n,) each."""
-    amount, slope = np.empty(trial.size), np.empty(trial.size)
+    amount = np.empty(trial.size)
+    slope = np.empty(trial.size)
     for k in range(trial.size):
         amount[k], slope[k] = flow_at(kind, constants[0], constants[1], trial[k], cumulated[k], shear, dt)
     return amount, slope
@@ -87,7 +90,9 @@ def power(base: float, exponent: float) -> float:
     """base**exponent, by products where the exponent is a small integer: ten times as fast."""
     if exponent != np.floor(exponent) or exponent > 32:
         return base**exponent
-    result, square, rest = 1.0, base, int(exponent)
+    result = 1.0
+    square = base
+    rest = int(exponent)
     while rest:
         if rest & 1:
             result *= square

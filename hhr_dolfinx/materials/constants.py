@@ -70,7 +70,8 @@ class LawOfParameters:
                 "or add the parameter to the ParameterSpace"
             )
         self.formulas = formulas_of(law)
-        self._law, self._names = law, tuple(names)
+        self._law = law
+        self._names = tuple(names)
         if self.formulas:
             # here, since most laws have none, and then nothing of formulas is loaded
             from hhr_dolfinx.formulas import Scalar

@@ -188,7 +188,8 @@ class Material:
         elastic = self.moduli_at(point)
         if not self._laws:
             return elastic
-        key, last = point.tobytes(), self._last
+        key = point.tobytes()
+        last = self._last
         if last is not None and last[0] == key:
             return last[1]
         found = copy(elastic)
@@ -212,7 +213,8 @@ class Material:
         """
         if self._moduli is None:
             return self
-        values, last = self._moduli.values(point), self._last_moduli
+        values = self._moduli.values(point)
+        last = self._last_moduli
         if last is not None and last[0] == values:
             return last[1]
         found = copy(self)

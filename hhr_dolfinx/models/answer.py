@@ -347,7 +347,7 @@ class Model(Protocol):
         *,
         start: Any = "nearest",
         raise_on_failure: bool = True,
-        outside: str = "warn",
+        outside: str | None = None,
         gradient: bool = False,
     ) -> Answer:
         """Answer one parameter.
@@ -357,7 +357,7 @@ class Model(Protocol):
             start: statuses to start from, one bool for each condition of the model; ``nearest`` for those of the
                 nearest known parameter, None for those of the free slack.
             raise_on_failure: raise instead of returning an answer with NaN and a status.
-            outside: what happens to a parameter of the box that lies outside what was trained: ``warn``, ``refuse`` or
+            outside: what happens to a parameter of the box that lies outside what was trained: ``warn``, the usual, ``refuse`` or
                 ``ignore``; nothing is outside what a full model can answer.
             gradient: whether derivatives along the parameters are wanted, see :class:`~models.gradient.Gradient`.
 

@@ -71,8 +71,12 @@ class BlockElimination(Rebuilt, Elimination):
             SingularError: if K~ is singular there.
         """
         weights, loads = self._weights_and_loads(point)
-        slack, m = self._gaps @ self.amplitudes(point), len(self.problem.gaps)
-        schur, free, factors, per_force = np.zeros((m, m)), np.empty(loads.size), [], []
+        slack = self._gaps @ self.amplitudes(point)
+        m = len(self.problem.gaps)
+        schur = np.zeros((m, m))
+        free = np.empty(loads.size)
+        factors = []
+        per_force = []
         for block in self.blocks:
             factor = _factored(block, weights[block.parts])
             solved = dgetrs(*factor, np.column_stack([loads[block.modes], block.test]))[0]
@@ -81,7 +85,8 @@ class BlockElimination(Rebuilt, Elimination):
             schur += block.trial @ solved[:, 1:]
             factors.append(factor)
             per_force.append(solved[:, 1:])
-        pushed, changes = partial(self._pushed, per_force), partial(self._changes, point, weights, factors)
+        pushed = partial(self._pushed, per_force)
+        changes = partial(self._changes, point, weights, factors)
         return CondensedContact(schur, slack, free, pushed, changes)
 
     def under(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
@@ -93,7 +98,8 @@ class BlockElimination(Rebuilt, Elimination):
         weights, loads = self._weights_and_loads(point)
         found = np.empty(loads.size)
         for block, diagonal in zip(self.blocks, self._diagonal, strict=True):
-            right, own = loads[block.modes] - block.test @ forces, weights[block.parts]
+            right = loads[block.modes] - block.test @ forces
+            own = weights[block.parts]
             solved = dgetrs(*_factored(block, own), right)[0] if diagonal is None else diagonal.solved(own, right)
             found[block.modes] = solved
         return found
@@ -122,7 +128,8 @@ class BlockElimination(Rebuilt, Elimination):
 
     def _weights_and_loads(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Weights of the parts of K~, (Q,), and loads on gamma, (ell,), at a point, (P,)."""
-        theta, weights = self.amplitudes(point), self._terms.weights(point)
+        theta = self.amplitudes(point)
+        weights = self._terms.weights(point)
         loads = self._forces @ theta
         if self._lifts is not None:
             loads = loads - weights @ np.stack([lift @ theta for lift in self._lifts])

@@ -161,7 +161,8 @@ class CellStrain(NamedTuple):
 
     def __matmul__(self, field: np.ndarray) -> np.ndarray:
         """Kelvin's notation, cell by cell, (c components, ...), of values node by node, (n dim, ...)."""
-        dim, columns = self.gradients.shape[1], field.shape[1:]
+        dim = self.gradients.shape[1]
+        columns = field.shape[1:]
         at_corners = field.reshape(-1, dim * int(np.prod(columns)))[self.cells]
         slopes = np.matmul(self.gradients, at_corners)
         slopes = slopes.reshape(len(self.cells), dim, dim, -1)  # derivative along, component of the field, column
@@ -220,7 +221,8 @@ class MovingCells:
 
     def __call__(self, point: np.ndarray) -> CellStrain:
         """The strain at a point, (P,)."""
-        values, points = dict(zip(self.parameters, point.tolist(), strict=True)), self.points.copy()
+        values = dict(zip(self.parameters, point.tolist(), strict=True))
+        points = self.points.copy()
         for shape, moved in zip(self.shapes, self.moved, strict=True):
             points[moved] = shape.moved(self.points[moved], self.coordinates, values)
         corners = points[self.cells]
@@ -230,7 +232,8 @@ class MovingCells:
 
     def _dilatation(self, corners: np.ndarray) -> np.ndarray:
         """Mean over the volume of each cell of what the trace of the strain takes of each dof, (c, k, dim)."""
-        total, volume = np.zeros_like(corners), np.zeros(len(corners))
+        total = np.zeros_like(corners)
+        volume = np.zeros(len(corners))
         for weight, values, slopes in zip(self.weights, self.gauss_values, self.gauss_slopes, strict=True):
             gradients, size = _moved_gradients(corners, slopes)
             if self.axisymmetric:
@@ -244,12 +247,14 @@ class MovingCells:
 
 def _moved_gradients(corners: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Gradients of the shape functions, (c, dim, k), and sizes of the map, (c,), from slopes on the reference cell."""
-    count, dim = len(corners), slopes.shape[1]
+    count = len(corners)
+    dim = slopes.shape[1]
     # one product for all cells and an inverse by hand: a quarter of the time of numpy's own for thousands of matrices
     jacobians = np.ascontiguousarray(corners.transpose(0, 2, 1)).reshape(-1, len(slopes)) @ slopes
     columns = np.ascontiguousarray(jacobians.reshape(count, dim, dim).transpose(2, 0, 1))
     if len(columns) == 2:
-        (first, second), (third, fourth) = columns[0].T, columns[1].T
+        first, second = columns[0].T
+        third, fourth = columns[1].T
         rows = np.stack([np.column_stack([fourth, -third]), np.column_stack([-second, first])], axis=1)
     else:
         rows = np.stack([np.cross(columns[k - 2], columns[k - 1]) for k in range(3)], axis=1)

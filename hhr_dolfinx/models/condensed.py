@@ -21,7 +21,7 @@ from hhr_dolfinx.models.elimination import Elimination, answer_of, differentiate
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.trained import TrainedRange, check_outside
+from hhr_dolfinx.trained import TrainedRange
 
 
 class CondensedModel(KeptModel):
@@ -52,11 +52,17 @@ class CondensedModel(KeptModel):
         trained: TrainedRange | None = None,
         advice: Mapping[Status, str] = MappingProxyType({}),
     ):
-        self.parameters, self.eliminated, self.known, self.fields = parameters, eliminated, known, fields
-        self.trained, self.advice, self.pairs = trained, dict(advice), pairs
+        self.parameters = parameters
+        self.eliminated = eliminated
+        self.known = known
+        self.fields = fields
+        self.trained = trained
+        self.advice = dict(advice)
+        self.pairs = pairs
         # where the whole box was trained, its own check is enough
         self._range = None if trained is None or trained.covers(parameters) else trained
-        self._pairs, self._m = Pairs.of(pairs), known.active.shape[1]
+        self._pairs = Pairs.of(pairs)
+        self._m = known.active.shape[1]
         self._regions = eliminated.table_of(known)
 
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
@@ -68,7 +74,7 @@ class CondensedModel(KeptModel):
             start = self.known.start(point)
         return answer_of(self.eliminated(point), point, start, self._pairs, self.fields, gradient=gradient)
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> SeveralAnswers:
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str | None = None) -> SeveralAnswers:
         """Answer many parameters, (n, P), at once; as :meth:`solve` does, to round-off, and quicker the more there are.
 
         Args:
@@ -79,7 +85,7 @@ class CondensedModel(KeptModel):
         from hhr_dolfinx.models.many import checked_points
 
         checked = checked_points(self.parameters, points)
-        check_outside(outside)
+        outside = self._checked_outside(outside)
         if self._range is not None:
             inside = ((checked >= self._range.lower) & (checked <= self._range.upper)).all(axis=1)
             for point in checked[~inside]:

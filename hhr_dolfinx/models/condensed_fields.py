@@ -82,7 +82,8 @@ class PlasticFields:
             yield "the points that flowed must increase, those where laws are evaluated among them"
         if not (self.moduli[:, 1] > 0).all() or not (3 * self.moduli[:, 0] + self.moduli[:, 1] > 0).all():
             yield "moduli of a Gauss point are not positive"
-        components, count = self.strain.components, self.plastic.modes.shape[1]
+        components = self.strain.components
+        count = self.plastic.modes.shape[1]
         found = (*self.plastic.modes.shape, *self.plastic.fit.shape, self.cumulated.modes.shape[0])
         wanted = (self.flowed.size * components, count, count, self.points.size * components, self.flowed.size)
         if found != wanted or self.moved.shape[1] != count or self.cumulated.fit.shape[1] != self.points.size:
@@ -139,7 +140,8 @@ class PlasticFields:
     @cached_property
     def _without(self) -> np.ndarray:
         """2 μ (I - H_ii)^-1 of each point, (n, components, components); where next to nothing is open, as of LEAST."""
-        count, components = self.points.size, self.strain.components
+        count = self.points.size
+        components = self.strain.components
         shown = self._shown.reshape(count, components, -1)
         own = np.einsum("nik,knj->nij", shown, self.plastic.fit.reshape(-1, count, components))
         open_, ways = np.linalg.eigh(np.eye(components) - (own + own.swapaxes(1, 2)) / 2)
@@ -198,7 +200,8 @@ class CondensedFlowFields(ModelFields):
 
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress at all Gauss points, Kelvin's notation, (Gauss points, components)."""
-        theta, plastic = self._dense(answer.parameter), answer.state().state.plastic
+        theta = self._dense(answer.parameter)
+        plastic = answer.state().state.plastic
         return self.flow.stress(self._elastic(answer), theta, plastic) / self._giving(answer.parameter)
 
     def plastic_strain(self, answer: Answer) -> np.ndarray:
@@ -213,7 +216,8 @@ class CondensedFlowFields(ModelFields):
 
     def unexplained(self, answer: Answer) -> tuple[float, float]:
         """Stress of the plastic strain where laws are evaluated that the others do not foretell, and |σ| there."""
-        gauss, inside = answer.state(), self.flow.points
+        gauss = answer.state()
+        inside = self.flow.points
         left = self.flow.unforeseen(gauss.state.plastic) / self._giving(answer.parameter, inside)
         return float(np.linalg.norm(left)), float(np.linalg.norm(gauss.stress))
 
@@ -250,7 +254,8 @@ class CondensedFlowFields(ModelFields):
         """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
         assert answer.gradient is not None
         per_mode, given, per_force, forced = self._measures
-        theta, compliances = self._dense(answer.parameter), self.factors.compliances(answer.parameter)
+        theta = self._dense(answer.parameter)
+        compliances = self.factors.compliances(answer.parameter)
         forces = answer.gradient.multipliers
         elastic = forced @ theta - per_force @ answer.multipliers
         found = given @ changes + per_mode @ answer.gradient.unknown[: per_mode.shape[1]]
@@ -259,7 +264,8 @@ class CondensedFlowFields(ModelFields):
 
     def _dense(self, point: np.ndarray) -> np.ndarray:
         """θ as an array, (1 + T,)."""
-        given, theta = self.amplitudes(point), np.zeros(self.forced.shape[1])
+        given = self.amplitudes(point)
+        theta = np.zeros(self.forced.shape[1])
         theta[given.terms] = given.values
         return theta
 

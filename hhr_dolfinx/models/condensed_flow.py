@@ -138,11 +138,16 @@ class CondensedEquilibrium:
         parameters: ParameterSpace,
         fields: CondensedFlowFields,
     ):
-        self.flow, self.amplitudes, self.parameters, self.fields = flow, amplitudes, parameters, fields
+        self.flow = flow
+        self.amplitudes = amplitudes
+        self.parameters = parameters
+        self.fields = fields
         self.lock = nullcontext()  # histories share nothing that is written to
         self.material = Material(flow.groups, flow.components, parameters.names)
-        self.points, self.per_cell = flow.points, flow.per_cell
-        self.modes, self.conditions = len(flow.per_mode), len(flow.gaps)
+        self.points = flow.points
+        self.per_cell = flow.per_cell
+        self.modes = len(flow.per_mode)
+        self.conditions = len(flow.gaps)
         self.size = self.modes + self.conditions
         self._middle = self
         self._last: tuple[np.ndarray, CondensedEquilibrium] | None = None
@@ -163,7 +168,8 @@ class CondensedEquilibrium:
         middle = self._middle
         if not middle.flow.factors.moduli:
             return self
-        compliances, last = middle.flow.factors.compliances(point), middle._last
+        compliances = middle.flow.factors.compliances(point)
+        last = middle._last
         if last is not None and np.array_equal(last[0], compliances):
             return last[1]
         found = copy(middle)
@@ -208,7 +214,8 @@ class CondensedEquilibrium:
 
     def residual(self, x: np.ndarray, gauss: Any, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """R for the plastic strain of ``gauss.state``, see :mod:`models.condensed_step`, and the size of g, (1,)."""
-        correction, flow = x[: self.modes], self.flow
+        correction = x[: self.modes]
+        flow = self.flow
         found = flow.tested @ gauss.state.plastic.T.ravel() - flow.modal @ correction
         found -= self._coupled @ (x[self.modes :] - self.elastic_forces(theta))
         return found, np.array([np.linalg.norm(correction)])
@@ -253,7 +260,8 @@ class CondensedEquilibrium:
         scale = self._scale if (self._scale != 1.0).any() else np.zeros(0)
         elastic = scale, self._schur, flow.moved, flow.modal, self._coupled
         arrays = [np.ascontiguousarray(item) for item in (flow.per_mode, flow.tested, flow.per_force, *elastic)]
-        shear, weight = self.shear(self.material.groups), float(np.linalg.norm(flow.tested))
+        shear = self.shear(self.material.groups)
+        weight = float(np.linalg.norm(flow.tested))
         per_mode, tested, per_force, scale, schur, moved, modal, coupled = arrays
         bodies = flow.ends, shear, weight, per_mode.astype(np.float32)
         return StepModel(per_mode, tested, per_force, scale, schur, moved, modal, coupled, *bodies)
@@ -268,7 +276,8 @@ class _CondensedLinearisation:
     """
 
     def __init__(self, model: CondensedEquilibrium, tangents: np.ndarray):
-        flow, self._model = model.flow, model
+        flow = model.flow
+        self._model = model
         shape = (model.modes, flow.components, model.points.size)
         # C - C_t over 2 μ is the derivative of the plastic strain
         shear = np.repeat(model.shear(model.material.groups), np.diff([0, *flow.ends]))
@@ -287,8 +296,10 @@ class _CondensedLinearisation:
         per_force = (self._tested * model._scale) @ model.flow.per_force[on].T + model._coupled[:, on]
         size = model.modes
         matrix = np.zeros((size + on.size, size + on.size))
-        matrix[:size, :size], matrix[:size, size:] = self._plain, per_force
-        matrix[size:, :size], matrix[size:, size:] = model.flow.moved[on], -model._schur[np.ix_(on, on)]
+        matrix[:size, :size] = self._plain
+        matrix[:size, size:] = per_force
+        matrix[size:, :size] = model.flow.moved[on]
+        matrix[size:, size:] = -model._schur[np.ix_(on, on)]
         try:
             found = np.linalg.solve(matrix, np.concatenate([residual, gaps[on]]))
         except np.linalg.LinAlgError as error:
@@ -316,15 +327,20 @@ class CondensedStepper:
     """
 
     def __init__(self, model: CondensedEquilibrium, settings: MarchSettings):
-        self._model, self._settings, self._arrays = model, settings, model.step_model
+        self._model = model
+        self._settings = settings
+        self._arrays = model.step_model
         flow = model.flow
         sizes = model.modes, model.conditions, flow.points.size, flow.components
-        self._work, self._elastic = Work.of(*sizes), Work.of(*sizes)
-        self._said, self._strains = "", SmallStrains()
+        self._work = Work.of(*sizes)
+        self._elastic = Work.of(*sizes)
+        self._said = ""
+        self._strains = SmallStrains()
 
     def learn(self, answer: Answer) -> None:
         """Take in a step that was solved before."""
-        size, numbers = float(np.linalg.norm(answer.unknown[: self._model.modes])), self._work.numbers
+        size = float(np.linalg.norm(answer.unknown[: self._model.modes]))
+        numbers = self._work.numbers
         numbers[compiled_step.SIZE] = max(numbers[compiled_step.SIZE], size)
 
     def signs(self, answer: Answer) -> Signs:
@@ -337,9 +353,11 @@ class CondensedStepper:
         Raises:
             Diverged: with what was tried last.
         """
-        here, model = trail[-1], self._model
+        here = trail[-1]
+        model = self._model
         material = model.material.at(goal.parameter)
-        theta, before = model.amplitudes(goal.parameter), here.state().state
+        theta = model.amplitudes(goal.parameter)
+        before = here.state().state
         rest = np.ascontiguousarray(before.plastic.T), before.cumulated, goal.time - here.time
         # without a correction, so that these are the forces of the elastic bodies
         load = StepLoad(model.free_strain @ theta, self._elastic.forces, model.gaps(theta), *rest)
@@ -360,7 +378,8 @@ class CondensedStepper:
 
     def _solve(self, load: StepLoad, material: Material) -> int:
         """One attempt from the correction in the work arrays; why it ended."""
-        settings, work = self._settings, self._work
+        settings = self._settings
+        work = self._work
         self._said = ""
         kernels = [kernel for group in material.groups if (kernel := kernel_of(group.law)) is not None]
         limits = settings.relative_force, settings.iterations
@@ -405,20 +424,24 @@ class CondensedStepper:
             if group.law is None:
                 work.amount[own] = work.slope[own] = 0.0
                 continue
-            trial, cumulated = work.trial[own].copy(), load.cumulated[own].copy()
+            trial = work.trial[own].copy()
+            cumulated = load.cumulated[own].copy()
             # a law that wrote there would spoil the return, or a step before
             trial.setflags(write=False)
             cumulated.setflags(write=False)
             amount, slope = flow_of(group.law, trial, cumulated, float(shear), load.dt)
             if not amount.shape == slope.shape == trial.shape:
                 check_flow(group.law, amount, slope, trial, float(shear))
-            work.amount[own], work.slope[own] = amount, slope
+            work.amount[own] = amount
+            work.slope[own] = slope
 
     def _answer(self, goal: Goal, load: StepLoad, iterations: int) -> Answer:
         """What was found."""
-        model, work = self._model, self._work
+        model = self._model
+        work = self._work
         self._work.numbers[compiled_step.SIZE] = max(work.numbers[compiled_step.SIZE], np.linalg.norm(work.here))
-        plastic, strain = work.plastic.T.copy(), work.strain.reshape(work.plastic.shape).T
+        plastic = work.plastic.T.copy()
+        strain = work.strain.reshape(work.plastic.shape).T
         self._strains.check(strain)
         stress = np.einsum("nij,nj->ni", model.material.elastic, strain - plastic)
         gauss = GaussState(stress, State(plastic, load.cumulated + work.amount))
@@ -452,14 +475,20 @@ class CondensedFlowModel(KeptModel):
         *,
         offline: Any = None,
     ):
-        self.flow, self.parameters, self.fields, self.trained, self.offline = flow, parameters, fields, trained, offline
+        self.flow = flow
+        self.parameters = parameters
+        self.fields = fields
+        self.trained = trained
+        self.offline = offline
         self.equilibrium = CondensedEquilibrium(flow, fields.amplitudes, parameters, fields)
         self.equilibrium.trained = trained
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """See :class:`KeptModel`."""
         yield from super().faults(sizes)
-        flow, fields, space = self.flow, self.fields, self.parameters
+        flow = self.flow
+        fields = self.fields
+        space = self.parameters
         if flow.components != (4 if fields.dimension == 2 else 6):
             yield f"{flow.components} components of a strain in dimension {fields.dimension}"
         if not np.array_equal(flow.points, fields.flow.points):

@@ -140,7 +140,10 @@ class Work(NamedTuple):
     @classmethod
     def of(cls, modes: int, conditions: int, points: int, components: int) -> Work:
         """Arrays of these sizes, with nothing active."""
-        ell, m, n, c = modes, conditions, points, components
+        ell = modes
+        m = conditions
+        n = points
+        c = components
         # not by shape: two sizes may be the same
         shapes: dict[str, Any] = dict.fromkeys(("here", "there", "direction", "residual", "left"), ell)
         shapes |= dict.fromkeys(("forces", "slack"), m) | dict.fromkeys(("trial", "amount", "slope"), n)
@@ -190,7 +193,8 @@ def _search(slack, forces, schur, per_force, inverse, order, active, rows, numbe
     m = forces.size
     fewest = m + 1
     patience = PATIENCE
-    local, found = np.empty(m), np.empty(m)
+    local = np.empty(m)
+    found = np.empty(m)
     wrong = np.empty(m, dtype=np.bool_)
     anew = False
     for _ in range(100 * m + 100):
@@ -642,8 +646,10 @@ def _norm(values):
 def _learn(there, here, newton, left, residual):
     """Make the inverse of -J true of the step just taken (Broyden 1965, the first of his updates)."""
     ell = here.size
-    missed, turned = np.empty(ell), np.zeros(ell)
-    along, length = 0.0, 0.0
+    missed = np.empty(ell)
+    turned = np.zeros(ell)
+    along = 0.0
+    length = 0.0
     for i in range(ell):
         step = there[i] - here[i]
         answered = 0.0
@@ -698,7 +704,8 @@ def _nearer(work, most):
 @compiled(inner=True)
 def _try(model, free, plastic, work):
     """Strain and trial stress at ``work.there`` under the forces there."""
-    strain, count = work.strain, int(work.numbers[COUNT])
+    strain = work.strain
+    count = int(work.numbers[COUNT])
     set_strain(strain, free, work.forces, work.order, count, work.rows, model.scale, work.there, model.per_mode)
     set_trial(strain, plastic, model.ends, model.shear, work.deviator, work.trial)
 
@@ -715,8 +722,11 @@ def linearise(model: StepModel, work: Work) -> bool:
 @compiled(inner=True)
 def _linearise(model, work):
     """See :func:`linearise`."""
-    count, ell = int(work.numbers[COUNT]), work.here.size
-    moved, coupled, inverse = np.empty((count, ell)), np.empty((ell, count)), np.empty((count, count))
+    count = int(work.numbers[COUNT])
+    ell = work.here.size
+    moved = np.empty((count, ell))
+    coupled = np.empty((ell, count))
+    inverse = np.empty((count, count))
     for a in range(count):
         for j in range(ell):
             moved[a, j] = model.moved[work.order[a], j]

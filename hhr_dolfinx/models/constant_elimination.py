@@ -70,8 +70,10 @@ class ConstantElimination(Rebuilt, Elimination):
 
     def __call__(self, point: np.ndarray) -> CondensedContact:
         """What is left at a point, (P,)."""
-        schur, response = self.responses.schur, self.response @ self.amplitudes(point)
-        slack, free = response[: len(schur)], response[len(schur) :]
+        schur = self.responses.schur
+        response = self.response @ self.amplitudes(point)
+        slack = response[: len(schur)]
+        free = response[len(schur) :]
         return CondensedContact(
             schur, slack, free, self._pushed, partial(self._changes, point), factored=self.equalities
         )
@@ -106,13 +108,17 @@ class CriticalRegions:
     """
 
     def __init__(self, known: KnownStatuses, maps: list[Region]):
-        self._known, self._maps, self._m = known, maps, known.active.shape[1]
+        self._known = known
+        self._maps = maps
+        self._m = known.active.shape[1]
 
     @classmethod
     def of(cls, eliminated: ConstantElimination, known: KnownStatuses) -> CriticalRegions | None:
         """Those of a constant stiffness; None where amplitudes are not affine, or tables would be too large."""
         distinct, which = np.unique(known.active, axis=0, return_inverse=True)
-        theta, response, m = eliminated.amplitudes, eliminated.response, known.active.shape[1]
+        theta = eliminated.amplitudes
+        response = eliminated.response
+        m = known.active.shape[1]
         if theta.nonaffine or len(distinct) * (m + len(response)) * (1 + known.points.shape[1]) > ENTRIES:
             eliminated.equalities.prepare(distinct, PREPARED_BYTES)
             return None
@@ -128,7 +134,8 @@ class CriticalRegions:
         if region is None:
             return None
         constant, slopes = region
-        m, values = self._m, constant + slopes @ point
+        m = self._m
+        values = constant + slopes @ point
         # the ufunc itself: its wrapper takes as long again
         if np.minimum.reduce(values[: 2 * m]) >= 0:
             active = self._known.active[nearest]

@@ -116,7 +116,8 @@ class ContactResponse(Rebuilt):
             free: slack without forces, (n, m).
             pushed: S times the forces, (n, m).
         """
-        found, left = np.empty(forces.shape), list(range(len(forces)))
+        found = np.empty(forces.shape)
+        left = list(range(len(forces)))
         touching = self._stiffness * forces > free + pushed
         if len(forces) > 1:
             found, _, left = settled(self.schur, free, touching, LapackCholesky)

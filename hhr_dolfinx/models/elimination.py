@@ -157,7 +157,8 @@ def _floating_answer(
     """The same where rigid motions are unknowns too."""
     from hhr_dolfinx.contact.floating import floating_set
 
-    equalities, free_slack = floating.equalities, contact.free_slack
+    equalities = floating.equalities
+    free_slack = contact.free_slack
     found, motions = floating_set(equalities, free_slack, floating.driving, start, pairs)
     unknown = contact.unknown(found.forces) + floating.modes @ motions
     answer = found_as(found, point, unknown, fields)
@@ -202,5 +203,6 @@ class Responses:
             test: rows by which forces act, (m, n).
             trial: rows by which gaps are read, (m, n).
         """
-        free, per_force = solve_columns(factor, loads), solve_columns(factor, test.T)
+        free = solve_columns(factor, loads)
+        per_force = solve_columns(factor, test.T)
         return cls(free, per_force, gaps - trial @ free, trial @ per_force)

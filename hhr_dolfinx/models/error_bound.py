@@ -148,18 +148,23 @@ def bounded(
         kind: of the bounds.
         inexact: relative error of S and of the free slack, in the order of energies.
     """
-    forces, free = given.forces, given.free
+    forces = given.forces
+    free = given.free
     pushed = forces @ response.schur
     better, less, nearer = response.settled(forces, free, pushed)
-    off, pulled = forces - better, pushed - less
+    off = forces - better
+    pulled = pushed - less
     unbalanced, size, balanced = fields(better)
     # products of many rows at once: each call has an overhead
-    one, other = np.array((forces, better, off, off, better)), np.array((pushed, less, pulled, off, better))
+    one = np.array((forces, better, off, off, better))
+    other = np.array((pushed, less, pulled, off, better))
     sizes, exact, apart, apart_euclid, exact_euclid = lengths(one, other)
-    noise, primal = inexact * (sizes + exact + balanced), unbalanced + nearer
+    noise = inexact * (sizes + exact + balanced)
+    primal = unbalanced + nearer
     # row by row, so that a bound is the same in any table
     if given.slack is not None and (rows := np.flatnonzero(nearer > NOTHING * unbalanced)).size:
-        alone, left = unbalanced[rows], response.off(given.slack()[rows], better[rows])
+        alone = unbalanced[rows]
+        left = response.off(given.slack()[rows], better[rows])
         primal[rows] = np.minimum(primal[rows], (alone + np.sqrt(alone**2 + 4 * nearer[rows] * left)) / 2)
     # S and its inverse are right to a factor of 1 + ε or 1 - ε
     wider = 1 + 2 * inexact
@@ -221,6 +226,10 @@ class Bound(Protocol):
     @property
     def schur(self) -> np.ndarray:
         """S, in the middle of the box where it varies, (m, m)."""
+
+    @property
+    def free_slack(self) -> np.ndarray:
+        """Slack without contact forces: as terms of θ, (m, 1 + T), or in the middle of the box where S varies, (m,)."""
 
     def prepared(self, inside: np.ndarray) -> Any:
         """What completes forces of the conditions ``inside``."""
@@ -330,11 +339,14 @@ class ConstantThere(NamedTuple):
 
     def of(self, unknown: np.ndarray, forces: np.ndarray, slack: Callable[[], np.ndarray]) -> Estimates:
         """See :class:`BoundThere`."""
-        owner, m = self.owner, forces.shape[1]
+        owner = self.owner
+        m = forces.shape[1]
         # K^-1 B^T λ has coordinates along the first directions only, L^T λ
-        field, left = unknown @ owner.basis.T, driven(owner.loads, self.theta)
+        field = unknown @ owner.basis.T
+        left = driven(owner.loads, self.theta)
         left[:, : field.shape[1]] -= field
-        along, across = left[:, :m], lengths(left[:, m:], left[:, m:])
+        along = left[:, :m]
+        across = lengths(left[:, m:], left[:, m:])
         moved = field
         if len(owner.lifts):
             moved = driven(owner.lifts, self.theta)
@@ -385,10 +397,12 @@ class FieldResponse:
             of_forces: makes their derivatives, (m, P).
             of_theta: derivatives of θ, (1 + T, P).
         """
-        response, found = there.owner.response, settled_forces(there, forces)
+        response = there.owner.response
+        found = settled_forces(there, forces)
         if np.array_equal(found, forces):
             return self._pressed(of_forces())
-        none, free = np.zeros(0, dtype=np.int64), there.owner.free_slack @ of_theta
+        none = np.zeros(0, dtype=np.int64)
+        free = there.owner.free_slack @ of_theta
         return self._pressed(response.outside(none).changes(found, free[:0], free))
 
     def _pressed(self, forces: np.ndarray) -> np.ndarray:
@@ -426,10 +440,12 @@ class ResponseThere(ConstantThere):
         lifted = driven(owner.lifts, self.theta) if len(owner.lifts) else None
 
         def fields(better: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            pressed, lost = better @ owner.lower, np.zeros(len(better))
+            pressed = better @ owner.lower
+            lost = np.zeros(len(better))
             if owner.basis.shape[1]:
                 kept = (pressed @ owner.basis) @ owner.basis.T
-                lost, pressed = lengths(pressed - kept, pressed - kept), kept
+                lost = lengths(pressed - kept, pressed - kept)
+                pressed = kept
             field = driving.copy()
             field[:, : pressed.shape[1]] -= pressed
             moved = field

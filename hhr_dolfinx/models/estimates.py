@@ -209,7 +209,8 @@ def known_error(fields: Any) -> str:
 
 def _outputs(fields: Any) -> tuple[list[str], list[str]]:
     """Names of the outputs with a bound, and of those without."""
-    items, bounds = () if fields.functionals is None else fields.functionals.items, fields.output_bound
+    items = () if fields.functionals is None else fields.functionals.items
+    bounds = fields.output_bound
     known = [item.name for k, item in enumerate(items) if bounds is not None and bounds.knows(k, item)]
     return known, [item.name for item in items if item.name not in known]
 

@@ -59,7 +59,8 @@ class ExactFields(Rebuilt, ElasticFields):
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """K^-1 (loads - B^T λ) and the lift, (N,); a model that answers with fields has it at hand."""
-        theta, unknown = self.amplitudes(answer.parameter), answer.unknown
+        theta = self.amplitudes(answer.parameter)
+        unknown = answer.unknown
         if unknown.size == 0:
             unknown = self.per_term @ theta - self.per_force @ answer.multipliers
         return unknown + self.lifts @ theta

@@ -13,7 +13,6 @@ from hhr_dolfinx.models.answer import Answer, ListedAnswers, ModelFields, Severa
 from hhr_dolfinx.models.estimates import check_asked, known_error, relative_error, relative_errors
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
-from hhr_dolfinx.trained import check_outside
 
 _log = logging.getLogger(__name__)
 
@@ -77,6 +76,8 @@ class FallbackModel(AnsweringModel):
         ReductionError: for what is no full model, or that of another scene.
     """
 
+    usual_outside = "ignore"
+    """A bound says more than the trained range: the full model is asked where the bound is too large."""
     instead = "its full model needs the mesh. Keep the reduced one, save_model(path, safe.reduced)"
 
     def __init__(
@@ -92,12 +93,19 @@ class FallbackModel(AnsweringModel):
         check_allowance(tolerance, every, "every")
         _check_alike(reduced, full)
         check_asked(reduced.fields, of)
-        self.of, self.advice = of, full.advice
-        self.reduced, self.full, self.tolerance = reduced, full, float(tolerance)
+        self.of = of
+        self.advice = full.advice
+        self.reduced = reduced
+        self.full = full
+        self.tolerance = float(tolerance)
         self.parameters: ParameterSpace = reduced.parameters
-        self.asked, self.fallen, self.learned = 0, 0, list[Answer]()
+        self.asked = 0
+        self.fallen = 0
+        self.learned = list[Answer]()
         self.growth: list[Growth] = []
-        self._rebuild, self._every, self._known = rebuild, every, set[bytes]()
+        self._rebuild = rebuild
+        self._every = every
+        self._known = set[bytes]()
 
     @property
     def fields(self) -> Any:
@@ -125,15 +133,6 @@ class FallbackModel(AnsweringModel):
         """Whether the full model gave an answer."""
         return answer.fields is self.full
 
-    def solve(self, mu: Any, *, outside: str = "ignore", **how: Any) -> Answer:
-        """Answer one parameter, see :meth:`AnsweringModel.solve`.
-
-        A bound says more than the trained range: a point outside it is asked of the full model only if it is refused
-        there, or where its bound is too large. Where the reduced model has no answer, or its error cannot be bounded,
-        the full one answers too. ``start`` holds for the reduced model.
-        """
-        return super().solve(mu, outside=outside, **how)
-
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
         """By the reduced model if its error is small, else by the full one."""
         answer = self._reduced_answer(point, start, outside, gradient)
@@ -151,14 +150,14 @@ class FallbackModel(AnsweringModel):
         """Those of answers of the full model."""
         return self.full.sizes
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "ignore") -> SeveralAnswers:
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str | None = None) -> SeveralAnswers:
         """Answer many parameters, (n, P): the reduced model all at once, the full one those that it must.
 
         A model that grows answers one by one, since the new model answers what comes after it.
         """
         from hhr_dolfinx.models.many import PartedAnswers
 
-        check_outside(outside)
+        outside = self._checked_outside(outside)
         checked = self.parameters.points(points)
         try:
             many = self.reduced.solve_many(checked, raise_on_failure=False, outside=outside)
@@ -200,8 +199,8 @@ class FallbackModel(AnsweringModel):
     def _own_start(self, start: Any) -> Any:
         """Statuses for the reduced model: those of an answer of the full one, as along a path, may be too many."""
         sizes = np.shape(start) if isinstance(start, np.ndarray) else None
-        own = getattr(self.reduced, "own_conditions", None)
-        return "nearest" if sizes == (self.full.conditions,) and own not in (None, self.full.conditions) else start
+        too_many = sizes == (self.full.conditions,) != (self.reduced.own_conditions,)
+        return "nearest" if too_many else start
 
     def _exact(self, point: np.ndarray, raise_on_failure: bool) -> Answer:
         """The answer of the full model."""
@@ -250,7 +249,7 @@ def check_allowance(tolerance: Any, every: Any, name: str) -> None:
 
 def _remedy(full: Any) -> str:
     """Whose model is wrong, and which one is needed."""
-    name = getattr(getattr(full, "scene", None), "name", "unknown")
+    name = full.scene.name
     return f". It is of scene '{name}': give the FullOrderModel of the scene that was trained, or train this one"
 
 
@@ -261,22 +260,29 @@ def _check_alike(reduced: Any, full: Any) -> None:
         BoundError: for a reduced model whose answers have no bound.
         ReductionError: for what is no full model, or that of another scene.
     """
-    fields: ModelFields = getattr(reduced, "fields", ModelFields())
+    fields = reduced.fields if isinstance(reduced, AnsweringModel) else ModelFields()
     bound = fields.bound
     if bound is None:
         why = known_error(fields).removeprefix("none: ")
         raise BoundError(
             f"answers of this reduced model have no bound, so that nothing says when to ask the full one: {why}"
         )
-    if not (hasattr(full, "problem") and hasattr(full, "schur")):
+    if not (isinstance(full, AnsweringModel) and full.of_full_order):
         raise ReductionError(f"{full!r} is no full model, whose answers are exact: give FullOrderModel(scene)")
-    one, other = reduced.parameters, full.parameters
+    _check_same_scene(reduced, bound, full)
+
+
+def _check_same_scene(reduced: Any, bound: Any, full: Any) -> None:
+    """Raise ReductionError unless box, S and an answer of the full model are those that the reduced one knows."""
+    one = reduced.parameters
+    other = full.parameters
     if [*one.names, *one.lower, *one.upper] != [*other.names, *other.lower, *other.upper]:
         raise ReductionError(f"the reduced model has the parameters {one}, and the full one {other}")
     if bound.schur.shape != full.schur.shape or np.abs(bound.schur - full.schur).max() > ALIKE * full.schur.max():
         raise ReductionError(f"the full model is that of another scene or mesh: its stiffness differs{_remedy(full)}")
     point = one.random(1, seed=1)[0]
-    answer, problem = full.solve(point, raise_on_failure=False), full.problem.at(point)
+    answer = full.solve(point, raise_on_failure=False)
+    problem = full.problem.at(point)
     if answer.converged:
         gaps = problem.gaps @ problem.theta(point)
         found = bound.at(point[None], reduced.fields.amplitudes(point)).slack(answer.forces()[None])[0]

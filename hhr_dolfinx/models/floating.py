@@ -56,10 +56,12 @@ class FloatingElimination(Rebuilt, Elimination):
             changed: maps the unknown to derivatives of slack, unknown and balance while forces and motions stay; None
                 where the stiffness is constant.
         """
-        theta, left = self.amplitudes(point), self.responses
+        theta = self.amplitudes(point)
+        left = self.responses
         changes = partial(self._changes, point) if changed is None else changed
         motions = Floating(self.equalities, self.driving @ theta, self.modes, lambda _, unknown: changes(unknown)[2])
-        slack, free = left.free_slack @ theta, left.free_primal @ theta
+        slack = left.free_slack @ theta
+        free = left.free_primal @ theta
         pushed = partial(np.matmul, left.primal_per_force)
         return CondensedContact(
             left.schur, slack, free, pushed, lambda _, unknown: changes(unknown)[:2], floating=motions
@@ -98,7 +100,8 @@ class ReducedFloatingElimination(Elimination):
 
     def _eliminated(self, problem: ReducedProblem) -> tuple[LapackLU, FloatingElimination]:
         """Factors of K~ without the motions, and what elimination leaves, of a problem of constant stiffness."""
-        r, held = problem.motions, problem.held
+        r = problem.motions
+        held = problem.held
         factor = LapackLU(held.stiffness)
         found = Responses.eliminate(factor, held.loads, held.gaps, held.contact_test, held.contact_trial)
         taken = np.ascontiguousarray(problem.contact_trial[:, :r])

@@ -177,7 +177,8 @@ class FloatingThere(NamedTuple):
 
     def balanced(self, forces: np.ndarray) -> Balanced:
         """Forces of the contact problem on S from the statuses of given ones, (m,); infinitely off without any."""
-        owner, touching = self.owner, forces > 0
+        owner = self.owner
+        touching = forces > 0
         found, motions = floating_set(owner.equalities, self.free, self.driving, touching)
         better = np.maximum(found.forces, 0.0)
         if found.status is not Status.CONVERGED or not owner.equalities.balanced(better, self.driving).all():
@@ -187,8 +188,10 @@ class FloatingThere(NamedTuple):
 
     def of(self, unknown: np.ndarray, forces: np.ndarray, slack: Callable[[], np.ndarray]) -> Estimates:
         """See :class:`~models.error_bound.BoundThere`; of the fields that loads and these forces make."""
-        owner, (better, _, off) = self.owner, self.balanced(forces[0])
-        away, lost = forces[0] - better, 0.0
+        owner = self.owner
+        better, _, off = self.balanced(forces[0])
+        away = forces[0] - better
+        lost = 0.0
         if owner.basis.shape[1]:
             pressed = better @ owner.lower
             lost = float(np.linalg.norm(pressed - owner.basis @ (owner.basis.T @ pressed)))
@@ -196,7 +199,8 @@ class FloatingThere(NamedTuple):
         exact = owner.size(better)
         energy = loaded - 2 * float((owner.cross.T @ self.theta) @ better) + exact**2
         noise = ROUND_OFF * (owner.size(forces[0]) + exact + math.sqrt(max(loaded, 0.0)))
-        primal, further = off + lost + noise, owner.amplified * (off + noise)
+        primal = off + lost + noise
+        further = owner.amplified * (off + noise)
         apart = np.array((owner.size(away), np.linalg.norm(away), owner.scale.peak(np.abs(away))))
         found = np.array((owner.pressed(better), np.linalg.norm(better), owner.scale.peak(better)))
         least = np.maximum(found - further, owner.least)
@@ -221,7 +225,8 @@ class FloatingResponse(FieldResponse):
 
     def changes(self, there: Any, forces: np.ndarray, of_forces: Any, of_theta: np.ndarray) -> np.ndarray:
         """See :class:`FieldResponse`."""
-        owner, found = there.owner, there.balanced(forces)
+        owner = there.owner
+        found = there.balanced(forces)
         given = owner.free_slack @ of_theta, owner.driving @ of_theta
         pressing, _, motions = owner.equalities.several(found.forces > 0, *given)
         return np.vstack([self._pressed(pressing), motions])

@@ -92,17 +92,20 @@ class ForceCorrection(Rebuilt):
         return list(self._steps(history))
 
     def _steps(self, history: History) -> Iterator[CorrectedForces]:
-        state, time = self.material.at_rest(), history.start
+        state = self.material.at_rest()
+        time = history.start
         compliances = self.factors.compliances(history.parameter)  # elasticity is the same along a history
         elastic = self._elastic if not self.factors.moduli else self._elastic_at(compliances)
         for answer in history.answers:
-            displacement, forces = answer.displacement(), answer.forces()
+            displacement = answer.displacement()
+            forces = answer.forces()
             if displacement.shape != self.parts.shape or forces.shape != self.pairs.shape:
                 raise ReductionError(
                     f"answers have {displacement.size} dofs and {forces.size} conditions, the correction "
                     f"{self.parts.size} and {self.pairs.size}: give histories of the scene that it was made for"
                 )
-            theta, material = self.amplitudes(answer.parameter), self.material.at(answer.parameter)
+            theta = self.amplitudes(answer.parameter)
+            material = self.material.at(answer.parameter)
             strain = self.operator.strain(displacement)
             if self.eigenstrains.nnz:
                 strain = strain - (self.eigenstrains @ theta).reshape(strain.shape)
@@ -122,7 +125,8 @@ class ForceCorrection(Rebuilt):
             raise NotSolvableError(
                 f"the corrected contact problem at t = {answer.time:g} s has no solution: {found.status.value}"
             )
-        error, size = float(np.linalg.norm(found.forces - forces)), float(np.linalg.norm(found.forces))
+        error = float(np.linalg.norm(found.forces - forces))
+        size = float(np.linalg.norm(found.forces))
         relative = error / size if size > 0 else (np.inf if error > 0 else 0.0)
         return CorrectedForces(found.forces, error, relative)
 

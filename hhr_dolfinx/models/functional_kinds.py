@@ -23,7 +23,8 @@ LOADED = 1e-3
 model completes outside its domain are noise."""
 BLOCK = 1024
 """Cells whose stress is looked at together."""
-_NOTHING, _NOWHERE = np.zeros(0), np.zeros(0, dtype=np.int64)
+_NOTHING = np.zeros(0)
+_NOWHERE = np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,11 +58,13 @@ class Linear(Functional):
         coefficients: np.ndarray = _NOTHING,
     ) -> Linear:
         """From conditions and weights of their forces, one row of the displacement, (1, N), and amplitudes."""
-        matrix, along = (0, _NOWHERE, _NOWHERE, _NOTHING), _NOTHING
+        matrix = (0, _NOWHERE, _NOWHERE, _NOTHING)
+        along = _NOTHING
         if row is not None:
             entries = row.tocoo()
             own = entries.row.astype(np.int64), entries.col.astype(np.int64), entries.data.astype(float)
-            matrix, along = (1, *own), np.ones(1)
+            matrix = (1, *own)
+            along = np.ones(1)
         forces = conditions.astype(np.int64), np.asarray(weights, dtype=float)
         return cls(name, unit, *matrix, *forces, along, terms.astype(np.int64), np.asarray(coefficients, dtype=float))
 
@@ -217,8 +220,11 @@ class Mises(Functional):
         """
         if any(modulus.formula.variables for modulus in self._moduli):
             return None
-        nowhere, cells = np.zeros(0), self.grading.size
-        components, largest, mean = self.count // cells, 0.0, np.zeros((forces.shape[1],) * 2)
+        nowhere = np.zeros(0)
+        cells = self.grading.size
+        components = self.count // cells
+        largest = 0.0
+        mean = np.zeros((forces.shape[1],) * 2)
         for first in range(0, cells, BLOCK):
             some = slice(first, min(first + BLOCK, cells))
             rows = measured(slice(some.start * components, some.stop * components))
@@ -247,7 +253,8 @@ class Mises(Functional):
         """Through the stress."""
         stress, of_volume, of_shape, unit = self._stress(state)
         values = von_mises(stress)
-        shares, kink = self.shares, False
+        shares = self.shares
+        kink = False
         if not shares.size:
             shares = np.zeros(values.size)
             shares[values.argmax()] = 1.0
@@ -343,7 +350,8 @@ class Energy(Functional):
     def value(self, state: State) -> float:
         """Half the work."""
         weights = np.array([*(modulus.value(state.point) for modulus in self._moduli), 1.0])
-        theta, moved = state.theta, state.theta[self.lifted]
+        theta = state.theta
+        moved = state.theta[self.lifted]
         work = (theta[self.terms] * weights[self.parts]) @ (state.measured - self.own @ moved)
         work += weights[:-1] @ (self.lifts @ moved @ moved)
         return float(work - state.forces @ (self.gaps @ theta[self.gap_terms])) / 2
@@ -351,8 +359,10 @@ class Energy(Functional):
     def slopes(self, state: State) -> Slopes:
         """Product by product."""
         weights = np.array([*(modulus.value(state.point) for modulus in self._moduli), 1.0])
-        theta, moved = state.theta, state.theta[self.lifted]
-        of_theta, measured = np.zeros(theta.size), state.measured - self.own @ moved
+        theta = state.theta
+        moved = state.theta[self.lifted]
+        of_theta = np.zeros(theta.size)
+        measured = state.measured - self.own @ moved
         np.add.at(of_theta, self.terms, weights[self.parts] * measured)
         np.add.at(of_theta, self.lifted, -(theta[self.terms] * weights[self.parts]) @ self.own)
         np.add.at(of_theta, self.lifted, 2 * np.tensordot(weights[:-1], self.lifts, 1) @ moved)

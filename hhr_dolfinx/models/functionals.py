@@ -285,19 +285,21 @@ def outputs_of(answer: Any) -> Outputs:
         HHRError: for a model of a scene without outputs.
     """
     fields: Any = answer.fields
-    whole: Any = getattr(fields, "functionals", None)
+    whole: Any = fields.functionals
     if whole is None:
         raise HHRError("this model has no outputs: name them in the scene, Scene(..., outputs=(...,)), and build again")
     units = {item.name: item.unit for item in whole.items}
     if not answer.converged:
         return Outputs(dict.fromkeys(units, np.nan), units)
-    point, amplitudes = answer.parameter, whole.amplitudes
+    point = answer.parameter
+    amplitudes = whole.amplitudes
     functionals: Functionals = whole.at(point)
     given = amplitudes(point)
     theta = np.zeros(amplitudes.firsts[-1])
     theta[given.terms] = given.values
     forces = fields.forces(answer) if functionals.uses_forces else _NOTHING
-    coordinates, measured = _NOTHING, _NOTHING
+    coordinates = _NOTHING
+    measured = _NOTHING
     if functionals.places and functionals.places[-1].stop:  # outputs of forces alone need no displacement
         coordinates = fields.coordinates(answer, theta) if whole.axes.size else _NOTHING
         measured = functionals.measured(coordinates) if whole.axes.size else fields.measured(answer, theta)
@@ -314,7 +316,8 @@ def outputs_of(answer: Any) -> Outputs:
     else:
         of_forces, of_measured = fields.measured_changes(answer, changes)
     of_shape = _shape_slopes(whole, functionals, states, coordinates)
-    gradient, one_sided = _Gradient(), answer.gradient.one_sided
+    gradient = _Gradient()
+    one_sided = answer.gradient.one_sided
     for item, state, place, explicit in zip(functionals.items, states, functionals.places, of_shape, strict=True):
         if not item.differentiable:
             continue

@@ -71,9 +71,11 @@ def history_gradient(model: Stepping, history: History, directions: np.ndarray |
             f"for each time of the path, the start too, and one for each of {model.parameters.names}"
         )
     rest = model.material.at_rest()
-    state, time = rest, history.start
+    state = rest
+    time = history.start
     changes = [State(np.zeros_like(rest.plastic), np.zeros_like(rest.cumulated)) for _ in range(along.shape[2])]
-    gradients, scale = [], 0.0
+    gradients = []
+    scale = 0.0
     with model.lock:
         for number, answer in enumerate(history.answers, start=1):
             step = _Step(model.answering(answer), answer, state, answer.time - time, number)
@@ -85,7 +87,8 @@ def history_gradient(model: Stepping, history: History, directions: np.ndarray |
                 )
             )
             changes = [part[2] for part in found]
-            state, time = answer.state().state, answer.time
+            state = answer.state().state
+            time = answer.time
     return gradients
 
 
@@ -103,7 +106,10 @@ class _Step:
     """A solved step: its consistent linearisation, and what it does along directions."""
 
     def __init__(self, model: Marching, answer: Answer, before: State, dt: float, number: int):
-        self._model, self._answer, self._before, self._dt = model, answer, before, dt
+        self._model = model
+        self._answer = answer
+        self._before = before
+        self._dt = dt
         theta = model.amplitudes(answer.parameter)
         strain = model.responding_at(answer.parameter).strain(answer.unknown, theta)
         self.strain_size = float(np.abs(strain).max(initial=0.0))
@@ -128,7 +134,9 @@ class _Step:
         def loaded(place: float) -> tuple[np.ndarray, ...]:
             """Residual and gaps beside the step, at its unknown."""
             point, before = self._beside(place, direction, change)
-            there, theta, x = model.responding_at(point), model.amplitudes(point), self._answer.unknown
+            there = model.responding_at(point)
+            theta = model.amplitudes(point)
+            x = self._answer.unknown
             update = self._updated(x, point, before)
             return there.residual(x, update, theta)[0], there.gaps_at(x, theta)
 
@@ -178,7 +186,8 @@ class _Step:
 
     def _inside(self, change: np.ndarray) -> bool:
         """Whether the box holds a parameter beside that of the step."""
-        space, point = self._model.parameters, self._answer.parameter + change
+        space = self._model.parameters
+        point = self._answer.parameter + change
         return bool((point >= space.lower).all() and (point <= space.upper).all())
 
 

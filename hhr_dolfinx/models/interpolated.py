@@ -75,7 +75,8 @@ class Compliance:
     @cached_property
     def where(self) -> slice | np.ndarray:
         """Its conditions, as a slice if they are neighbours: adding there is several times as fast."""
-        first, last = self.conditions[0], self.conditions[-1]
+        first = self.conditions[0]
+        last = self.conditions[-1]
         return slice(first, last + 1) if last - first + 1 == self.conditions.size else self.conditions
 
     @cached_property
@@ -117,7 +118,8 @@ class Compliance:
         # terms that act or change, of which there may be hundreds that do neither
         used = np.flatnonzero(theta[self.terms].astype(bool) | changes[self.terms].any(axis=1))
         moved = np.moveaxis(columns[used] @ ways, 0, 2)
-        terms, forced = self.terms[used], used < self.forced.size
+        terms = self.terms[used]
+        forced = used < self.forced.size
         scales = np.where(forced, factor.compliance, -1.0)
         found = np.outer(moved[:, 0] @ (theta[terms] * forced), factor.slopes)
         found += moved[:, 0] @ (scales[:, None] * changes[terms])
@@ -143,7 +145,8 @@ def _check_places(part: Compliance, number: int, conditions: int, terms: int, pa
     for name, (places, count) in named.items():
         if places.ndim != 1 or (places.size and not 0 <= places.min() <= places.max() < count):
             raise ValueError(f"{name} of part {number} must be places from 0 to {count - 1}")
-    m, rank = part.conditions.size, len(part.interpolant.weights)
+    m = part.conditions.size
+    rank = len(part.interpolant.weights)
     if not m or (np.diff(part.conditions) <= 0).any():
         raise ValueError(f"conditions of part {number} must increase, at least one")
     if len(part.interpolant.modes) != m * m or part.columns.shape != (part.terms.size, m, rank):
@@ -209,12 +212,14 @@ class Compliances(Elimination):
         """What is left at a point, (P,), of which the stiffness may be known."""
         found = self.stiffness(point) if stiffness is None else stiffness
         theta = self.theta(point)
-        slack, free = self.gaps_at(point) @ theta, np.zeros(self.unknowns)
+        slack = self.gaps_at(point) @ theta
+        free = np.zeros(self.unknowns)
         for part, along, compliance in found.parts:
             slack[part.where] -= part.moved(part.columns, along, theta, compliance)
             if part.primal is not None:
                 free[part.primal.unknowns] = part.moved(part.primal.columns, along, theta, compliance)
-        pushed, changes = partial(self._pushed, found), partial(self._changes, point, theta, found)
+        pushed = partial(self._pushed, found)
+        changes = partial(self._changes, point, theta, found)
         return CondensedContact(
             found.schur, slack, free, pushed, changes, symmetric=self.symmetric, factored=found.equalities
         )
@@ -225,9 +230,11 @@ class Compliances(Elimination):
 
     def stiffness(self, point: np.ndarray) -> InterpolatedStiffness:
         """S and what it is made of at a point, (P,)."""
-        schur, found = np.zeros((len(self.gaps), len(self.gaps))), []
+        schur = np.zeros((len(self.gaps), len(self.gaps)))
+        found = []
         for part in self.parts:
-            along, compliance = part.interpolant.along_modes(point), part.compliance(point)
+            along = part.interpolant.along_modes(point)
+            compliance = part.compliance(point)
             schur[part.block] += part.schur(compliance * along)
             found.append((part, along, compliance))
         return InterpolatedStiffness(schur, found, self.symmetric)
@@ -253,15 +260,18 @@ class Compliances(Elimination):
         _: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of gaps, free displacement and S times forces."""
-        (size, terms), (acting, slopes) = self.gaps.shape, self.amplitudes.slopes_at(point)
+        size, terms = self.gaps.shape
+        acting, slopes = self.amplitudes.slopes_at(point)
         changes = np.zeros((terms, point.size))
         changes[acting] = slopes
-        slack, found = self.gaps_at(point) @ changes, np.zeros((self.unknowns, point.size))
+        slack = self.gaps_at(point) @ changes
+        found = np.zeros((self.unknowns, point.size))
         if self.reshaped is not None:
             for axis, column in zip(self.reshaped.axes, self.reshaped.derivative(point).T, strict=True):
                 slack[:, axis] += column.reshape(size, terms) @ theta
         for part, along, _compliance in stiffness.parts:
-            factor, own = Factored.at(part, point), forces[part.where]
+            factor = Factored.at(part, point)
+            own = forces[part.where]
             ways = np.column_stack([along, part.interpolant.slopes_along_modes(point)])
             # S_c forces of every mode, so that no derivative forms S_c
             pushed = (part.interpolant.modes.T.reshape(-1, own.size, own.size) @ own).T
@@ -290,7 +300,8 @@ class Compliances(Elimination):
         from hhr_dolfinx.models.many import ManyAnswers
 
         answers: list[Answer] = []
-        stiffness, before = None, points[0]
+        stiffness = None
+        before = points[0]
         for point in points:
             if stiffness is None or not self.same_stiffness(before, point):
                 try:
@@ -351,8 +362,10 @@ class InterpolatedFields(Rebuilt, ElasticFields):
         """The bound; None without one, or without an answer."""
         if self.bound is None or not answer.converged:
             return None
-        point, forces = answer.parameter, np.maximum(answer.multipliers, 0.0)
-        gamma, theta = self._solver.under(point, forces), self.amplitudes(point)
+        point = answer.parameter
+        forces = np.maximum(answer.multipliers, 0.0)
+        gamma = self._solver.under(point, forces)
+        theta = self.amplitudes(point)
         bound = self.bound
 
         def slack() -> np.ndarray:
@@ -432,13 +445,15 @@ class InterpolatedFields(Rebuilt, ElasticFields):
     def _mode_changes(self, answer: Answer) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all forces and of gamma, (N_lambda, P) and (ell, P)."""
         assert answer.gradient is not None
-        forces, galerkin = answer.gradient.multipliers, self._solver(answer.parameter)
+        forces = answer.gradient.multipliers
+        galerkin = self._solver(answer.parameter)
         _, fixed = galerkin.at_fixed_forces(answer.multipliers, galerkin.unknown(answer.multipliers))
         return forces, fixed - galerkin.pushed(forces)
 
 
 def _dense(amplitudes: Amplitudes, point: np.ndarray, terms: int) -> np.ndarray:
     """θ as an array, (1 + T,)."""
-    theta, found = amplitudes(point), np.zeros(terms)
+    theta = amplitudes(point)
+    found = np.zeros(terms)
     found[theta.terms] = theta.values
     return found

@@ -24,7 +24,8 @@ MOST_LEVELS = 40
 FIRST_LEVELS = 2
 """Levels along each axis that are always there: a surplus may vanish by chance, two of them hardly do."""
 
-PROBES, NEAR = 2, 10.0
+PROBES = 2
+NEAR = 10.0
 """Places at which an interpolation is held against its function in the end, and how many tolerances it may be off."""
 FAR = 30.0
 """How many tolerances it may be off at the worst of thousands of places: two of no pattern see no corner of a box."""
@@ -62,7 +63,8 @@ class Interpolant:
     weights: Annotated[Floats, "rank", "polynomials"]
 
     def __post_init__(self) -> None:
-        d, (rank, n) = self.axes.size, self.weights.shape
+        d = self.axes.size
+        rank, n = self.weights.shape
         fits = self.lower.shape == self.upper.shape == (d,) and self.levels.shape == (n, d)
         if not fits or self.modes.ndim != 2 or self.modes.shape[1] != rank or not (self.lower < self.upper).all():
             raise SceneError(f"an interpolation over {d} parameters of {n} polynomials has arrays of other sizes")
@@ -123,7 +125,8 @@ def _bases_up_to(level: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _one_dimensional(x: float, nodes: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """h_k(x) = prod_{i<k} (x - z_i) / (z_k - z_i) and their slopes, (L,) each."""
-    values, slopes = [1.0], [0.0]
+    values = [1.0]
+    slopes = [0.0]
     for node in nodes[:-1].tolist():
         slopes.append(slopes[-1] * (x - node) + values[-1])
         values.append(values[-1] * (x - node))
@@ -205,7 +208,8 @@ def grow(
             # nothing that is known says where: one more level everywhere
             growing.waiting = dict.fromkeys(growing.waiting, missed)
         last = growing.follow(chosen, budget)
-    values, order = np.stack(growing.surpluses, axis=1), growing.order
+    values = np.stack(growing.surpluses, axis=1)
+    order = growing.order
     modes, weights = _compressed(values, tolerance * 0.1) if compressed else (values, np.eye(len(order)))
     grown = Interpolant(axes, lower, upper, growing.levels, modes, weights)
     # where the budget ends it, what would come behind the last term is not known but by its own size
@@ -231,7 +235,9 @@ class _Growing:
         box: tuple[np.ndarray, np.ndarray, np.ndarray],
     ):
         axes, self._lower, self._upper = box
-        self._function, self._scale, self._nodes = function, scale, np.array(leja_points())
+        self._function = function
+        self._scale = scale
+        self._nodes = np.array(leja_points())
         self.order: list[tuple[int, ...]] = []
         self.surpluses: list[np.ndarray] = []
         self.waiting: dict[tuple[int, ...], float] = {}

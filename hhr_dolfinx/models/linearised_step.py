@@ -48,11 +48,14 @@ class LinearisedStepper:
     """
 
     def __init__(self, model: Equilibrium, settings: MarchSettings, patience: int = PATIENCE):
-        self._model, self._settings, self._memory = model, settings, _Memory(patience)
+        self._model = model
+        self._settings = settings
+        self._memory = _Memory(patience)
 
     def learn(self, answer: Answer) -> None:
         """Take in a step that was solved before, by what it left behind."""
-        gauss, memory = answer.state(), self._memory
+        gauss = answer.state()
+        memory = self._memory
         _, scale = self._model.residual(answer.unknown, gauss, self._model.amplitudes(answer.parameter))
         memory.grow(scale, _root_mean_square(gauss.stress))
 
@@ -66,7 +69,8 @@ class LinearisedStepper:
         Raises:
             Diverged: with the worst point.
         """
-        settings, memory = self._settings, self._memory
+        settings = self._settings
+        memory = self._memory
         careful = replace(settings, search="tangent") if settings.search == "frozen" else settings
         first = settings
         if settings.search == "tangent" and len(trail) > 1:
@@ -117,7 +121,8 @@ class _Memory:
 
     def grow(self, forces: np.ndarray, stress: float) -> None:
         """Take in the forces and the stress of one more step."""
-        self.forces, self.stress = np.maximum(forces, self.forces), max(self.stress, stress)
+        self.forces = np.maximum(forces, self.forces)
+        self.stress = max(self.stress, stress)
 
 
 def _root_mean_square(stress: np.ndarray) -> float:
@@ -133,15 +138,18 @@ def _step(
     start: Answer | None = None,
 ) -> Answer:
     """One step from the end of ``trail``: from ``start``, the extrapolation of its answers, or an elastic start."""
-    here, dt = trail[-1], goal.time - trail[-1].time
-    theta, material = model.amplitudes(goal.parameter), model.material.at(goal.parameter)
+    here = trail[-1]
+    dt = goal.time - trail[-1].time
+    theta = model.amplitudes(goal.parameter)
+    material = model.material.at(goal.parameter)
     if start is not None:
         x = start.unknown
     else:
         x = extrapolated(trail, goal.time) if len(trail) > 1 else _elastic_start(model, here, theta)
     flows = material.flows and settings.search != "elastic"
     mixing = Anderson() if material.flows and settings.search != "tangent" else None
-    active, noise = (here if start is None else start).active, model.round_off(x, theta)
+    active = (here if start is None else start).active
+    noise = model.round_off(x, theta)
     linear: Any = memory.linearisation if flows else model.elastic
     for iteration in range(1, settings.iterations + 1):
         renew = flows and (linear is None or settings.search == "tangent")
@@ -187,7 +195,8 @@ def _elastic_start(model, here, theta):
     Imposed displacements move the boundary alone: left where they are, the points behind it would strain and flow by
     all of the motion, even a rigid one.
     """
-    x, before = here.unknown, model.amplitudes(here.parameter)
+    x = here.unknown
+    before = model.amplitudes(here.parameter)
     change = model.strain(x, theta) - model.strain(x, before)
     if not change.any():
         return x

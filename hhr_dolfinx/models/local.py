@@ -95,11 +95,14 @@ class Choice:
         Of several borders the nearest one counts, in parts of their reach: points on both sides of it have the same
         two candidates, so that the answer does not jump there.
         """
-        nodes, (labels, reach) = self._nodes, self._plain
-        node, near = 0, []
+        nodes = self._nodes
+        labels, reach = self._plain
+        node = 0
+        near = []
         axis, cut, low, high = nodes[0]
         while axis >= 0:
-            off, width = point[axis] - cut, reach[axis]
+            off = point[axis] - cut
+            width = reach[axis]
             if -width <= off <= width:
                 near.append((abs(off) / width if width else 0.0, high if off <= 0 else low))
             node = low if off <= 0 else high
@@ -135,9 +138,11 @@ class Choice:
                 found.append((int(self.label[node]), least, most))
                 continue
             # a cut may lie outside of the box
-            below, above = most.copy(), least.copy()
+            below = most.copy()
+            above = least.copy()
             below[axis] = above[axis] = min(max(cut, least[axis]), most[axis])
-            corners[low], corners[high] = (least, below), (above, most)
+            corners[low] = (least, below)
+            corners[high] = (above, most)
         return found
 
     def reaching(self, reach: np.ndarray) -> Choice:
@@ -196,7 +201,9 @@ class LocalModels(SeveralModels):
     advice = ADVICE
 
     def __init__(self, models: Sequence[ReducedModel], choice: Choice, offline: Any = None):
-        self.models, self.choice, self.offline = tuple(models), choice, offline
+        self.models = tuple(models)
+        self.choice = choice
+        self.offline = offline
         _check_alike(self.models, choice)
         self.parameters: ParameterSpace = self.models[0].parameters
 
@@ -243,7 +250,8 @@ class LocalModels(SeveralModels):
         """
         doubts = np.zeros((3, len(points)))
         for number in np.unique(numbers):
-            rows, model = np.flatnonzero(numbers == number), self.models[number]
+            rows = np.flatnonzero(numbers == number)
+            model = self.models[number]
             many = model.solve_many(points[rows], raise_on_failure=False, outside="ignore")
             if isinstance(model.trained, TrainedRange):
                 inside = (model.trained.lower <= points[rows]) & (points[rows] <= model.trained.upper)
@@ -270,7 +278,7 @@ class LocalModels(SeveralModels):
         # what is of no model is for the model to refuse
         return "nearest" if foreign and statuses.size in sizes else start
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> PartedAnswers:
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str | None = None) -> PartedAnswers:
         """Answer many parameters, (n, P): those of one model together, see :meth:`CondensedModel.solve_many`."""
         from hhr_dolfinx.models.many import PartedAnswers, checked_points
 
@@ -307,7 +315,8 @@ def _check_alike(models: Sequence[ReducedModel], choice: Choice) -> None:
 
 def _scene_of(model: ReducedModel) -> list:
     """Box, mesh, and names of outputs of a model."""
-    space, functionals = model.parameters, model.fields.functionals
+    space = model.parameters
+    functionals = model.fields.functionals
     outputs = () if functionals is None else functionals.items
     sizes = len(model.fields.basis), model.fields.gaps.shape
     return [*space.names, *space.lower, *space.upper, *sizes, *(item.name for item in outputs)]
@@ -315,18 +324,13 @@ def _scene_of(model: ReducedModel) -> list:
 
 def _same_arrays(one: Reconstruction, two: Reconstruction, point: np.ndarray) -> bool:
     """Whether gaps, θ at a point, and where both know them S, lifts and loads, are those of one scene."""
-    there, beside = one.amplitudes(point), two.amplitudes(point)
+    there = one.amplitudes(point)
+    beside = two.amplitudes(point)
     alike = [(one.gaps, two.gaps), (there.values, beside.values)]
     if not all(np.array_equal(mine, other) for mine, other in alike):
         return False
     if one is two or one.bound is None or two.bound is None:
         # what estimates nothing and what does cannot be compared by a border
         return one.bound is two.bound
-    pairs = [(one.bound.schur, two.bound.schur), (one.lifts, two.lifts), (_loads_of(one), _loads_of(two))]
+    pairs = [(one.bound.schur, two.bound.schur), (one.lifts, two.lifts), (one.bound.free_slack, two.bound.free_slack)]
     return all(abs(mine - other).max() <= ALIKE * abs(other).max() for mine, other in pairs if other.size)
-
-
-def _loads_of(fields: Reconstruction) -> np.ndarray:
-    """What loads do to gaps, which says where they act; in the middle of the box where it depends on parameters."""
-    bound: Any = fields.bound
-    return bound.free_slack if hasattr(bound, "free_slack") else bound.compliances(bound.middle).free_slack

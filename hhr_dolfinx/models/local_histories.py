@@ -60,7 +60,9 @@ class LocalHistories(SeveralModels):
     kept = ("models", "trained")
 
     def __init__(self, models: Sequence[ReducedModel], trained: TrainedPaths | None = None, offline: Any = None):
-        self.models, self.trained, self.offline = tuple(models), trained, offline
+        self.models = tuple(models)
+        self.trained = trained
+        self.offline = offline
         _check_alike(self.models)
         self.parameters: ParameterSpace = self.models[0].parameters
         parts: Any = [model.equilibrium for model in self.models]
@@ -102,11 +104,17 @@ class LocalEquilibrium:
     """
 
     def __init__(self, parts: Sequence[Part], trained: TrainedPaths | None):
-        self.parts, self.trained = tuple(parts), trained
+        self.parts = tuple(parts)
+        self.trained = trained
         first = self.parts[0]
-        self.parameters, self.amplitudes, self.fields = first.parameters, first.amplitudes, first.fields
-        self.material, self.points, self.per_cell = first.material, first.points, first.per_cell
-        self.size, self.conditions = first.size, first.conditions
+        self.parameters = first.parameters
+        self.amplitudes = first.amplitudes
+        self.fields = first.fields
+        self.material = first.material
+        self.points = first.points
+        self.per_cell = first.per_cell
+        self.size = first.size
+        self.conditions = first.conditions
         self.lock = nullcontext()
         self._products: dict[tuple[int, int], np.ndarray] = {}
 
@@ -142,7 +150,8 @@ class LocalEquilibrium:
         source = self.number_of(answer)
         if source == number:
             return answer
-        here, there = self.parts[source].fields, self.parts[number].fields
+        here = self.parts[source].fields
+        there = self.parts[number].fields
         if (source, number) not in self._products:
             self._products[source, number] = there.basis.T @ here.basis
         found = answer._replace(unknown=self._products[source, number] @ answer.unknown, fields=there)
@@ -154,10 +163,12 @@ class LocalEquilibrium:
 
     def carried(self, answer: Answer, number: int) -> Answer:
         """An answer as another model goes on from it: with its state at the points of that model."""
-        source, found = self.number_of(answer), self.moved(answer, number)
+        source = self.number_of(answer)
+        found = self.moved(answer, number)
         if source == number or self.shares_points:
             return found
-        here, there = self.parts[source], self.parts[number]
+        here = self.parts[source]
+        there = self.parts[number]
         strain = there.strain(found.unknown, there.amplitudes(answer.parameter))
         return found._replace(gauss=_completed(answer, here.points, there.points, there.material, strain))
 
@@ -169,7 +180,8 @@ def _completed(
 
     Stress and cumulated strain are those on the whole mesh; what of the strain is no elastic one is plastic.
     """
-    stress, cumulated = answer.stress()[points], answer.plastic_strain()[points]
+    stress = answer.stress()[points]
+    cumulated = answer.plastic_strain()[points]
     elastic = material.moduli_at(answer.parameter).elastic
     plastic = strain - np.linalg.solve(elastic, stress[:, :, None])[:, :, 0]
     # flow keeps the volume
@@ -204,7 +216,8 @@ class LocalStepper:
     """
 
     def __init__(self, model: LocalEquilibrium, settings: MarchSettings):
-        self._model, self._settings = model, settings
+        self._model = model
+        self._settings = settings
         self._last: _Try | None = None
         self._hardest: _Try | None = None
         self._least = EXPLAINED
@@ -228,7 +241,8 @@ class LocalStepper:
         Raises:
             Diverged: if no model solves it: what the one that was asked first said.
         """
-        own, failure = None, None
+        own = None
+        failure = None
         if self._last is not None:
             own, failure = self._tried(self._last.number, trail, goal, self._last.stepper)
         if own is not None and own.unexplained <= GROWN * self._least:

@@ -53,7 +53,8 @@ class ManyAnswers(SeveralAnswers):
             np.array([getattr(answer, name) for answer in answers])
             for name in ("parameter", "unknown", "multipliers", "active")
         )
-        status, iterations = [answer.status for answer in answers], np.array([answer.iterations for answer in answers])
+        status = [answer.status for answer in answers]
+        iterations = np.array([answer.iterations for answer in answers])
         return cls(points, unknown, forces, active, status, iterations, fields)
 
     def take(self, rows: np.ndarray) -> ManyAnswers:
@@ -90,10 +91,12 @@ class PartedAnswers(SeveralAnswers):
     def of(cls, parts: list[tuple[np.ndarray, SeveralAnswers]], model: np.ndarray) -> PartedAnswers:
         """Of the answers of each model to its rows, one or more, and the numbers of the models by row."""
         count = len(model)
-        points, iterations = np.empty((count, parts[0][1].points.shape[1])), np.zeros(count, dtype=np.int64)
+        points = np.empty((count, parts[0][1].points.shape[1]))
+        iterations = np.zeros(count, dtype=np.int64)
         status = [Status.CONVERGED] * count
         for rows, many in parts:
-            points[rows], iterations[rows] = many.points, many.iterations
+            points[rows] = many.points
+            iterations[rows] = many.iterations
             for row, found in zip(rows, many.status, strict=True):
                 status[row] = found
         return cls(points, model, status, iterations, tuple(parts))
@@ -153,18 +156,25 @@ def answers_by_statuses(
         points: the parameters.
         how: further arguments of its ``solve``.
     """
-    schur, per_force = responses.schur, responses.primal_per_force
-    m, n = len(schur), len(points)
-    theta, active = amplitudes_at(amplitudes, points), model.known.starts(points)
+    schur = responses.schur
+    per_force = responses.primal_per_force
+    m = len(schur)
+    n = len(points)
+    theta = amplitudes_at(amplitudes, points)
+    active = model.known.starts(points)
     forces, iterations, left = settled(schur, np.asarray(theta @ response[:m].T), active)
-    unknown, status = np.empty((n, len(response) - m)), [Status.CONVERGED] * n
+    unknown = np.empty((n, len(response) - m))
+    status = [Status.CONVERGED] * n
     for first in range(0, n, BLOCK):
         block = slice(first, first + BLOCK)
         unknown[block] = theta[block] @ response[m:].T
         unknown[block] -= forces[block] @ per_force.T
     for k in left:
         answer = model.solve(points[k], start=active[k].copy(), **how)
-        unknown[k], forces[k], active[k], status[k] = answer.unknown, answer.multipliers, answer.active, answer.status
+        unknown[k] = answer.unknown
+        forces[k] = answer.multipliers
+        active[k] = answer.active
+        status[k] = answer.status
         iterations[k] += answer.iterations
     return ManyAnswers(points, unknown, forces, active, status, iterations, model.fields)
 
@@ -174,14 +184,16 @@ def amplitudes_at(amplitudes: Amplitudes, points: np.ndarray) -> np.ndarray | cs
     if not amplitudes.nonaffine:
         return amplitudes.constant + points @ amplitudes.slopes.T
     affine = amplitudes.constant + points @ amplitudes.slopes.T
-    terms, values = [np.broadcast_to(np.arange(affine.shape[1]), affine.shape)], [affine]
+    terms = [np.broadcast_to(np.arange(affine.shape[1]), affine.shape)]
+    values = [affine]
     quick = [amplitude for amplitude in amplitudes.nonaffine if isinstance(amplitude, Coverage)]
     if len(quick) == len(amplitudes.nonaffine):
         for first, amplitude in zip(amplitudes.firsts, quick, strict=False):
             columns, weights = amplitude.rows(points)
             terms.append(first + columns)
             values.append(weights)
-        columns, entries = np.hstack(terms), np.hstack(values)
+        columns = np.hstack(terms)
+        entries = np.hstack(values)
         starts = np.arange(len(points) + 1) * columns.shape[1]
     else:
         given = [amplitudes(point) for point in points]

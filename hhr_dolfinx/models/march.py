@@ -105,7 +105,8 @@ def _march(
     """Solve the steps of a checked path into a history."""
     trail: tuple[Answer, ...] = (_at_rest(model, *path[0]),)
     slopes_seen = False
-    stepper, watch = model.stepper(settings), Watch(model.trained, settings.outside)
+    stepper = model.stepper(settings)
+    watch = Watch(model.trained, settings.outside)
     error = TimeError.at_rest(model, trail[0])
     for number, (time, target) in enumerate(path[1:], start=1):
         watch.before(number, trail[-1].time, time, trail[-1].parameter, target)
@@ -118,7 +119,8 @@ def _march(
             error = error.going_on(after) if after.parts > 1 else error.after(model.answering(after), trail[-1], after)
         else:
             step = _stepped(model, stepper, trail, Goal(time, target), settings, error)
-            after, error = step.answer, step.error
+            after = step.answer
+            error = step.error
             slopes_seen = slopes_seen or _check_slopes(model.answering(after), trail[-1], after)
         signs = stepper.signs(after)
         # a step that is refused is not kept
@@ -191,7 +193,8 @@ def _check_slopes(model: Marching, before: Answer, after: Answer) -> bool:
 
 
 def _at_rest(model: Stepping, time: float, parameter: np.ndarray) -> Answer:
-    active, material = np.zeros(model.conditions, dtype=bool), model.material
+    active = np.zeros(model.conditions, dtype=bool)
+    material = model.material
     gauss = GaussState(np.zeros((material.gauss_points, material.components)), material.at_rest())
     nothing = np.zeros(model.size), np.zeros(active.size), active
     return Answer(parameter, *nothing, 0, Status.CONVERGED, False, model.fields, time, gauss)
@@ -211,9 +214,11 @@ def _advance(stepper: Stepper, trail: tuple[Answer, ...], goal: Goal, settings: 
     ``trail`` holds the last answers, at most three, the present one at the end. Returned are the answers at the ends of
     the parts; the first one has the iterations of all attempts that failed, besides its own.
     """
-    here, spent = trail[-1], 0
+    here = trail[-1]
+    spent = 0
     for parts in (2**halvings for halvings in range(settings.cuts + 1)):
-        last, found = trail, list[Answer]()
+        last = trail
+        found = list[Answer]()
         try:
             for share in np.arange(1, parts + 1) / parts:
                 time = here.time + share * (goal.time - here.time)

@@ -58,6 +58,8 @@ class AnsweringModel:
         fields: what completes the answers.
         equilibrium: what the loop over time steps asks where bodies flow; None elsewhere.
         advice: what helps against a status, for the messages.
+        usual_outside: what happens outside of what was trained unless a query says otherwise, ``warn`` or ``ignore``.
+        of_full_order: whether it is the full order of a scene, whose answers are exact.
         instead: what to keep in a file in the place of such a model.
     """
 
@@ -67,6 +69,8 @@ class AnsweringModel:
     advice: Mapping[Status, str] = MappingProxyType({})
     _range: TrainedRange | None = None
     """Points outside are told, or refused; None where all of the box was trained."""
+    usual_outside: ClassVar[str] = "warn"
+    of_full_order: ClassVar[bool] = False
     instead: ClassVar[str] = "it needs the mesh and its factors. Keep a reduced or a condensed model, training.build()"
 
     @property
@@ -107,7 +111,7 @@ class AnsweringModel:
         *,
         start: Any = NEAREST,
         raise_on_failure: bool = True,
-        outside: str = "warn",
+        outside: str | None = None,
         gradient: bool = False,
         **step: Any,
     ) -> Answer:
@@ -117,7 +121,7 @@ class AnsweringModel:
         ``duration``, see :func:`~hhr_dolfinx.models.path.one_step`.
         """
         point = self.parameters.point(mu)
-        check_outside(outside)
+        outside = self._checked_outside(outside)
         if start is not NEAREST:
             start = self._checked_start(start)
         if step and (self.equilibrium is None or step.keys() != {"duration"}):
@@ -142,12 +146,20 @@ class AnsweringModel:
         """The answer to a checked point, (P,), converged or not, from a checked start."""
         raise NotImplementedError
 
+    def _checked_outside(self, outside: str | None) -> str:
+        """What happens outside of what was trained; None takes the usual."""
+        if outside is None:
+            return self.usual_outside
+        check_outside(outside)
+        return outside
+
     def _checked_start(self, start: Any) -> Any:
         """What the search may start from."""
         return checked_start(start, self.own_conditions)
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> SeveralAnswers:
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str | None = None) -> SeveralAnswers:
         """Answer many parameters, (n, P), one by one; where bodies flow each in one step from rest."""
+        outside = self._checked_outside(outside)
         return one_by_one(self, points, {"raise_on_failure": raise_on_failure, "outside": outside})
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:

@@ -112,7 +112,8 @@ class OutputBound:
         """Whether these may be bounds of some outputs: sizes, and constants that are not negative."""
         rows = sum(item.count for item in functionals.items if is_read_nearer(item, self.pressed.shape[1]))
         known = (self.steepness >= 0) | (self.steepness == UNKNOWN)
-        count, positive = len(functionals.items), bool(known.all() and (self.least >= 0).all())
+        count = len(functionals.items)
+        positive = bool(known.all() and (self.least >= 0).all())
         return (
             self.steepness.shape == (count, 2) and self.least.shape == (count,) and positive and len(self.free) == rows
         )
@@ -138,10 +139,13 @@ class OutputBound:
         pushing = np.maximum(forces, 0.0)[None]
         free_slack = (bound.free_slack @ given)[None]
         found, _, left = bound.response.settled(pushing, free_slack, pushing @ bound.schur)
-        better, off = found[0], float(left[0])
+        better = found[0]
+        off = float(left[0])
         size = math.sqrt(max(better @ (bound.schur @ better), 0.0))
-        own, free = fields.measured(answer, theta), self.free @ theta
-        near, nothing = free - self.pressed @ better, np.zeros_like(better)
+        own = fields.measured(answer, theta)
+        free = self.free @ theta
+        near = free - self.pressed @ better
+        nothing = np.zeros_like(better)
         rows = self._rows(functionals)
 
         def state(pushed: np.ndarray, moved: np.ndarray) -> State:
@@ -158,14 +162,16 @@ class OutputBound:
                 errors[item.name] = per_energy * estimate.primal + per_force * estimate.dual
                 continue
             steep = slopes.get(k, per_force)
-            value, nearer = item.value(state(forces, own[place])), item.value(state(better, near[rows[k]]))
+            value = item.value(state(forces, own[place]))
+            nearer = item.value(state(better, near[rows[k]]))
             sizes = abs(value) + abs(nearer) + abs(item.value(state(nothing, free[rows[k]]))) + steep * size
             errors[item.name] = abs(value - nearer) + steep * off + ROUND_OFF * sizes
         return errors
 
     def _rows(self, functionals: Functionals) -> dict[int, slice]:
         """Rows of each output that is read at the nearer field, among those of all of them, by its place."""
-        rows, first = {}, 0
+        rows = {}
+        first = 0
         for k, item in enumerate(functionals.items):
             if is_read_nearer(item, self.pressed.shape[1]):
                 rows[k] = slice(first, first + item.count)

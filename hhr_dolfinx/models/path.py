@@ -124,7 +124,8 @@ def one_step(
     and the duration of the step in seconds, which counts for laws with rates.
     """
     space = model.parameters
-    target, start = space.point(mu), np.clip(0.0, space.lower, space.upper)
+    target = space.point(mu)
+    start = np.clip(0.0, space.lower, space.upper)
     axes = model.equilibrium.material.axes
     start[axes] = target[axes]  # elasticity is the same along a history
     try:

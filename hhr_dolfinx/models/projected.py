@@ -83,18 +83,21 @@ class ReducedProblem:
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Motions that are none."""
-        count, ell = self.motions, len(self.stiffness)
+        count = self.motions
+        ell = len(self.stiffness)
         if count and not (0 < count < ell and not self.stiffness[:, :count].any() and not self.stiffness[:count].any()):
             yield f"{count} of {ell} modes are no rigid motions"
 
     @property
     def held(self) -> ReducedProblem:
         """The problem without rigid motions, whose K~ is regular; itself where there are none."""
-        r, terms = self.motions, self.terms
+        r = self.motions
+        terms = self.terms
         if not r:
             return self
         if terms is not None:
-            stiffness, lifts = terms.stiffness[:, r:, r:], terms.lifts[:, r:]
+            stiffness = terms.stiffness[:, r:, r:]
+            lifts = terms.lifts[:, r:]
             terms = replace(terms, stiffness=stiffness, lifts=lifts, forces=terms.forces[r:])
         return replace(
             self,
@@ -111,7 +114,8 @@ class ReducedProblem:
     ) -> tuple[np.ndarray, np.ndarray]:
         """f' - K~' gamma, (ell, P), and derivatives of the gaps, (m, P), where parts of K~ have these weights, (Q,)."""
         assert self.terms is not None
-        theta, (acting, slopes) = amplitudes(point), amplitudes.slopes_at(point)
+        theta = amplitudes(point)
+        acting, slopes = amplitudes.slopes_at(point)
         right = self.terms.forces[:, acting] @ slopes
         parts = zip(self.terms.stiffness, self.terms.lifts, self.terms.moduli, weights, strict=True)
         for part, lift, modulus, weight in parts:

@@ -80,7 +80,8 @@ class FlowFields:
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Modes of other points."""
-        values, known = len(self.stress.modes), self.stress.fit.shape[1]
+        values = len(self.stress.modes)
+        known = self.stress.fit.shape[1]
         components = sizes.get("components", 4)
         if values != components * self.gauss_points or known != components * self.points.size:
             yield f"{values} values of the stress, {known} of them known, are not {components} for each Gauss point"
@@ -117,7 +118,8 @@ class FlowFields:
         Half of the digits are lost in the difference, so that nothing below 1e-8 of the stress is told apart.
         """
         stress = inside.ravel()
-        amplitudes, size = self.stress.fit @ stress, float(stress @ stress)
+        amplitudes = self.stress.fit @ stress
+        size = float(stress @ stress)
         return math.sqrt(max(size - float(amplitudes @ (self._products @ amplitudes)), 0.0)), math.sqrt(size)
 
     def misfit(self, inside: np.ndarray) -> float:
@@ -209,7 +211,8 @@ class Reconstruction(Rebuilt, ModelFields):
         """Gaps, (N_lambda, 1 + T), and B V, (N_lambda, ell), at a point."""
         if self.reshaped_contact is None:
             return self.gaps, self.contact_basis
-        values, size = self.reshaped_contact.value(point), self.gaps.size
+        values = self.reshaped_contact.value(point)
+        size = self.gaps.size
         return values[:size].reshape(self.gaps.shape), values[size:].reshape(self.contact_basis.shape)
 
     def _slack(self, theta: Any, unknown: np.ndarray, point: np.ndarray) -> np.ndarray:
@@ -297,7 +300,8 @@ class Reconstruction(Rebuilt, ModelFields):
         gradient = answer.gradient
         assert gradient is not None
         if self.force_snapshots is None:
-            there, own = self._bound_at(answer), answer.multipliers[None]
+            there = self._bound_at(answer)
+            own = answer.multipliers[None]
             return there.force_changes(there.completed(own, self._outside)[0], self._outside, gradient, changes)
         outside, _, penalised = self._parts
         fit = self._fitted(answer)
@@ -305,13 +309,16 @@ class Reconstruction(Rebuilt, ModelFields):
         gaps, contact = self.contact_at(answer.parameter)
         slack = gaps[outside] @ changes - contact[outside] @ gradient.unknown
         if self.reshaped_contact is not None:
-            theta, size = self.amplitudes(answer.parameter), gaps.size
+            theta = self.amplitudes(answer.parameter)
+            size = gaps.size
             derivatives = self.reshaped_contact.derivative(answer.parameter).T
             for axis, column in zip(self.reshaped_contact.axes, derivatives, strict=True):
-                opened, pushed = column[:size].reshape(gaps.shape), column[size:].reshape(contact.shape)
+                opened = column[:size].reshape(gaps.shape)
+                pushed = column[size:].reshape(contact.shape)
                 slack[:, axis] += (opened @ theta - pushed @ answer.unknown)[outside]
         opening = slack * (fit.open_gap > 0)[:, None] / self.gap_scale[outside][:, None]
-        combined, m = penalised @ fit.weights, len(self.A_lambda)
+        combined = penalised @ fit.weights
+        m = len(self.A_lambda)
         left = fit.target[m:] - fit.open_gap * combined
         orthogonal, triangle = np.linalg.qr(fit.matrix[:, used])
         right = np.vstack([gradient.multipliers, -opening * combined[:, None]])

@@ -85,8 +85,14 @@ class ReducedModel(KeptModel):
         compliances: Compliances | None = None,
     ):
         self.compliances = compliances
-        self.problem, self.parameters, self.fields, self.trained = problem, parameters, fields, trained
-        self.known, self.flow, self.offline, self.factorise = known, flow, offline, factorise
+        self.problem = problem
+        self.parameters = parameters
+        self.fields = fields
+        self.trained = trained
+        self.known = known
+        self.flow = flow
+        self.offline = offline
+        self.factorise = factorise
         self.equilibrium: ProjectedEquilibrium | None = None
         self.eliminated: CondensedModel | None = None
         try:
@@ -112,7 +118,8 @@ class ReducedModel(KeptModel):
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """See :class:`KeptModel`."""
         yield from super().faults(sizes)
-        ell, conditions = len(self.problem.stiffness), len(self.problem.gaps)
+        ell = len(self.problem.stiffness)
+        conditions = len(self.problem.gaps)
         if conditions != self.fields.A_lambda.size or conditions > ell:
             yield f"{conditions} contact conditions on {ell} modes are dependent, or not those of the RID"
         if self.flow is not None:
@@ -123,7 +130,8 @@ class ReducedModel(KeptModel):
         """Parts of the stiffness that do not make that of the middle of the box, or are not those of the bodies."""
         assert self.flow is not None
         young = {group.young for group in self.flow.material.groups if isinstance(group.young, str)}
-        terms, names = self.problem.terms, self.parameters.names
+        terms = self.problem.terms
+        names = self.parameters.names
         moduli = () if terms is None else terms.moduli
         if {item.factor for item in moduli} - {"1"} != young or any(
             item.names != names or item.rest != "1" for item in moduli
@@ -145,7 +153,7 @@ class ReducedModel(KeptModel):
         assert self.eliminated is not None
         return self.eliminated._answered(point, start, outside, gradient)
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = "warn") -> SeveralAnswers:
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str | None = None) -> SeveralAnswers:
         """Answer many parameters, (n, P), see :meth:`CondensedModel.solve_many`; where bodies flow one by one."""
         if self.eliminated is None:
             return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)

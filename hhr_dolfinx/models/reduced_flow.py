@@ -64,7 +64,8 @@ class ReducedFlow:
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Dofs of A that are there twice; cells, points and dofs that are not those of its strain."""
-        operator, points = self.operator, self.operator.weights.size
+        operator = self.operator
+        points = self.operator.weights.size
         found = len(self.modes), self.cells.size, self.material.gauss_points, self.eigenstrains.shape[0]
         wanted = operator.size, len(operator.weights), points, points * operator.components
         if found != wanted:
@@ -101,7 +102,10 @@ class ProjectedEquilibrium:
     elastic: DenseLinearisation
 
     def __init__(self, problem: ReducedProblem, material: Material, parameters: ParameterSpace, fields: Reconstruction):
-        self.problem, self.material, self.parameters, self.fields = problem, material, parameters, fields
+        self.problem = problem
+        self.material = material
+        self.parameters = parameters
+        self.fields = fields
         self.lock = nullcontext()  # histories share no factors here
         self.conditions, self.size = problem.contact_test.shape
         self.amplitudes = fields.amplitudes
@@ -114,7 +118,8 @@ class ProjectedEquilibrium:
 
     def _set_middle(self) -> None:
         """Take the elasticity of the middle of the box; the material keeps its formulas."""
-        formulas, space = self.material, self.parameters
+        formulas = self.material
+        space = self.parameters
         self._set_elasticity(formulas.moduli_at(np.mean([space.lower, space.upper], axis=0)), self.problem)
         self.material = formulas
 
@@ -130,7 +135,8 @@ class ProjectedEquilibrium:
         middle = self._middle
         if middle.problem.terms is None:
             return self
-        weights, last = middle.problem.terms.weights(point), middle._last
+        weights = middle.problem.terms.weights(point)
+        last = middle._last
         if last is not None and np.array_equal(last[0], weights):
             return last[1]
         found = copy(middle)
@@ -185,7 +191,10 @@ class ReducedEquilibrium(ProjectedEquilibrium):
 
     def __init__(self, problem: ReducedProblem, flow: ReducedFlow, parameters: ParameterSpace, fields: Reconstruction):
         super().__init__(problem, flow.material, parameters, fields)
-        self.flow, self.operator, self.points, self.per_cell = flow, flow.operator, flow.points, flow.operator.per_cell
+        self.flow = flow
+        self.operator = flow.operator
+        self.points = flow.points
+        self.per_cell = flow.operator.per_cell
         self._lifted = bool(flow.lifts.nnz)
         self._pattern = self.operator.pattern()
         self._test = np.ascontiguousarray(flow.modes[flow.inner].T)
@@ -193,7 +202,8 @@ class ReducedEquilibrium(ProjectedEquilibrium):
         self._set_middle()
 
     def _set_elasticity(self, material: Material, problem: ReducedProblem) -> None:
-        self.material, self.problem = material, problem
+        self.material = material
+        self.problem = problem
         self._sizes = abs(self.operator.stiffness(material.elastic, self._pattern))
         self.elastic = DenseLinearisation(problem, problem.stiffness, material.elastic)
         # the elastic part of K~ is known: online only what flow changes is projected
@@ -201,7 +211,8 @@ class ReducedEquilibrium(ProjectedEquilibrium):
 
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
         """Strain at the Gauss points of the RID, lift included, less that which is without stress."""
-        field, free = self.flow.modes @ x, self.flow.eigenstrains
+        field = self.flow.modes @ x
+        free = self.flow.eigenstrains
         found = self.operator.strain(field + self.flow.lifts @ theta if self._lifted else field)
         return found - (free @ theta).reshape(found.shape) if free.nnz else found
 
@@ -211,7 +222,8 @@ class ReducedEquilibrium(ProjectedEquilibrium):
 
     def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """V[A]^T of loads less internal forces, and the norm of what they are made of on A, (1,)."""
-        loads, (internal, size) = self._external @ theta, self.operator.internal(gauss.stress)
+        loads = self._external @ theta
+        internal, size = self.operator.internal(gauss.stress)
         inner = self.flow.inner
         return loads - self._test @ internal[inner], self.norms(loads) + self.norms(size[inner])
 
@@ -225,12 +237,15 @@ class ReducedEquilibrium(ProjectedEquilibrium):
         In the reduced space the residual vanishes whatever the path, and no gap of the RID is violated; on A, and
         outside, it shows what the modes cannot do.
         """
-        theta, inner = self.amplitudes(answer.parameter), self.flow.inner
-        loads, (internal, sizes) = self.flow.loads @ theta, self.operator.internal(answer.state().stress)
+        theta = self.amplitudes(answer.parameter)
+        inner = self.flow.inner
+        loads = self.flow.loads @ theta
+        internal, sizes = self.operator.internal(answer.state().stress)
         contact = self.flow.contact @ answer.multipliers
         size = np.linalg.norm(loads) + np.linalg.norm(sizes[inner]) + np.linalg.norm(contact)
         depth = (self.fields.contact_basis @ answer.unknown - self.fields.gaps @ theta).max()
-        left, flow = float(np.linalg.norm(loads - internal[inner] - contact)), self.fields.flow
+        left = float(np.linalg.norm(loads - internal[inner] - contact))
+        flow = self.fields.flow
         misfit, stress = (0.0, 0.0) if flow is None else flow.unexplained(answer.state().stress)
         return Signs(left, float(size), max(float(depth), 0.0), misfit=misfit, stress=stress)
 
@@ -248,14 +263,17 @@ class DenseLinearisation:
     """A linearisation on dense blocks, see :class:`hhr_dolfinx.models.equilibrium.Linearisation`."""
 
     def __init__(self, problem: ReducedProblem, stiffness: np.ndarray, moduli: np.ndarray):
-        self.moduli, self._problem, self._factor = moduli, problem, LapackLU(stiffness)
+        self.moduli = moduli
+        self._problem = problem
+        self._factor = LapackLU(stiffness)
         self._pairs = Pairs.of(problem.pairs)
         self._per_force = self._factor.solve(problem.contact_test.T)
         self._equalities = SchurEqualities.of(problem.contact_trial @ self._per_force, LapackLU)
 
     def correct(self, residual: np.ndarray, x: np.ndarray, theta: Theta, active: np.ndarray) -> Correction:
         """Solve K~ δ + B~1^T λ = residual, B~2 (x + δ) <= gaps."""
-        free, problem = self._factor.solve(residual), self._problem
+        free = self._factor.solve(residual)
+        problem = self._problem
         slack = problem.gaps @ theta - problem.contact_trial @ (x + free)
         found = active_set(self._equalities, slack, active, pairs=self._pairs)
         return Correction(free - self._per_force @ found.forces, found)
@@ -343,15 +361,19 @@ class CubatureEquilibrium(ProjectedEquilibrium):
 
     def __init__(self, problem: ReducedProblem, flow: CubatureFlow, parameters: ParameterSpace, fields: Reconstruction):
         super().__init__(problem, flow.material, parameters, fields)
-        self.flow, self.points, self.per_cell = flow, flow.points, flow.per_cell
+        self.flow = flow
+        self.points = flow.points
+        self.per_cell = flow.per_cell
         self._shape = flow.trial.shape[:2]
-        self._trial, self._test = flow.trial.reshape(-1, self.size), flow.test.reshape(-1, self.size)
+        self._trial = flow.trial.reshape(-1, self.size)
+        self._test = flow.test.reshape(-1, self.size)
         self._parts = np.abs(self._test)
         self._given = bool(flow.given.nnz)
         self._set_middle()
 
     def _set_elasticity(self, material: Material, problem: ReducedProblem) -> None:
-        self.material, self.problem = material, problem
+        self.material = material
+        self.problem = problem
         self._elastic = self._test.T @ self._flux(material.elastic, np.arange(len(self.points)))
         self.elastic = DenseLinearisation(problem, self._elastic, material.elastic)
         self._sizes = np.abs(self._elastic)
@@ -367,7 +389,8 @@ class CubatureEquilibrium(ProjectedEquilibrium):
 
     def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """V[A]^T of loads less internal forces, and the norm of what they are made of, (1,)."""
-        loads, flat = self.flow.loads @ theta, gauss.stress.ravel()
+        loads = self.flow.loads @ theta
+        flat = gauss.stress.ravel()
         return loads - self._test.T @ flat, self.norms(loads) + self.norms(self._parts.T @ np.abs(flat))
 
     def round_off(self, x: np.ndarray, theta: Theta) -> np.ndarray:
@@ -380,12 +403,15 @@ class CubatureEquilibrium(ProjectedEquilibrium):
         There are no dofs of A here on which forces could be out of balance; but flow that was never trained, whose
         integral the weights do not know, is no combination of the trained one.
         """
-        theta, gauss, flow = self.amplitudes(answer.parameter), answer.state(), self.fields.flow
+        theta = self.amplitudes(answer.parameter)
+        gauss = answer.state()
+        flow = self.fields.flow
         flowed = gauss.state.cumulated
         known = None if flow is None else flow.cumulated
         fitted = 0.0 if known is None else known.modes[self.points] @ (known.fit @ flowed)
         depth = (self.fields.contact_basis @ answer.unknown - self.fields.gaps @ theta).max()
-        wrong, size = float(np.linalg.norm(flowed - fitted)), float(np.linalg.norm(flowed))
+        wrong = float(np.linalg.norm(flowed - fitted))
+        size = float(np.linalg.norm(flowed))
         left = (0.0, 0.0) if flow is None else flow.unexplained(gauss.stress)
         return Signs(wrong, size, max(float(depth), 0.0), UNKNOWN, *left)
 

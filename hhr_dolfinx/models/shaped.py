@@ -60,7 +60,9 @@ class InterpolatedProblem:
 
     def __call__(self, point: np.ndarray) -> ReducedProblem:
         """The problem at a point, (P,), of constant stiffness."""
-        values, first, parts = self.interpolant.value(point), 0, []
+        values = self.interpolant.value(point)
+        first = 0
+        parts = []
         for shape in self.shapes:
             size = int(np.prod(shape))
             parts.append(values[first : first + size].reshape(shape))
@@ -102,7 +104,8 @@ class ReshapedElimination(Elimination):
         """
         problem, theta, factors = self._factored(point)
         solved = dgetrs(*factors, np.column_stack([problem.loads @ theta, problem.contact_test.T]))[0]
-        free, per_force = solved[:, 0], solved[:, 1:]
+        free = solved[:, 0]
+        per_force = solved[:, 1:]
         slack = problem.gaps @ theta - problem.contact_trial @ free
         changes = partial(self._changes, point, problem.contact_trial, factors)
         return CondensedContact(problem.contact_trial @ per_force, slack, free, partial(np.matmul, per_force), changes)
@@ -113,7 +116,8 @@ class ReshapedElimination(Elimination):
         """K~ gamma' = -R' with the residual R differenced between problems a little to either side."""
 
         def residual_and_slack(moved: np.ndarray) -> np.ndarray:
-            problem, theta = self.problem_at(moved), self.amplitudes(moved)
+            problem = self.problem_at(moved)
+            theta = self.amplitudes(moved)
             left = problem.stiffness @ unknown + problem.contact_test.T @ forces - problem.loads @ theta
             return np.append(left, problem.gaps @ theta - problem.contact_trial @ unknown)
 
@@ -128,7 +132,8 @@ class ReshapedElimination(Elimination):
         Raises:
             SingularError: if K~ is singular there.
         """
-        problem, theta = self.problem_at(point), self.amplitudes(point)
+        problem = self.problem_at(point)
+        theta = self.amplitudes(point)
         lu, pivots, info = dgetrf(problem.stiffness)
         if info:
             raise SingularError(f"K~ of {len(problem.stiffness)} modes is singular at {point.tolist()}")
@@ -215,7 +220,8 @@ class ContactPatch:
                 f"for this shape further conditions of the contact {self.pairing} act on the reduced domain than where "
                 "it was built: surfaces slide along each other. Narrow the box, or add layers to the domain"
             )
-        rows, edge = found.take(kept), np.zeros(len(points), dtype=bool)
+        rows = found.take(kept)
+        edge = np.zeros(len(points), dtype=bool)
         edge[np.concatenate([part.edge for part in self.surfaces])] = True
         if _touch(rows.matrix, np.repeat(edge, points.shape[1])):
             raise ParameterError(
@@ -258,7 +264,8 @@ def tributary_areas(facets: np.ndarray, points: np.ndarray, weights: np.ndarray)
     They are exact but for quadrilaterals that are no parallelograms, which have 2 x 2 points; weights, (n,), are linear
     along an edge and constant in space.
     """
-    corners, at_corners = points[facets], weights[facets]
+    corners = points[facets]
+    at_corners = weights[facets]
     if facets.shape[1] == 2:
         length = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)
         shares = length[:, None] * (2 * at_corners + at_corners[:, ::-1]) / 6
@@ -397,7 +404,8 @@ class RidAssembly:
 
     def coordinates(self, point: np.ndarray) -> np.ndarray:
         """Coordinates of the nodes at a point, (n, dim)."""
-        names, moved = coordinate_names(self.hypothesis), self.reference.copy()
+        names = coordinate_names(self.hypothesis)
+        moved = self.reference.copy()
         values = dict(zip(self.names, point.tolist(), strict=True))
         for part in self.shapes:
             moved[part.nodes] = part.shape.moved(self.reference[part.nodes], names, values)
@@ -416,7 +424,8 @@ class RidAssembly:
 
     def conditions(self, points: np.ndarray) -> Conditions:
         """Contact conditions with the nodes at some points, (n, dim)."""
-        count, dim = points.shape[0], points.shape[1]
+        count = points.shape[0]
+        dim = points.shape[1]
         weights = 2 * np.pi * points[:, 0] if self.hypothesis == "axisymmetric" else np.ones(count)
         tested = np.zeros(count * dim, dtype=bool)
         tested[self.tested] = True

@@ -98,7 +98,8 @@ class ReshapedFunctionals:
         """Those of the shape at a point, (P,)."""
         changed: list[dict[str, Any]] = [{} for _ in self.items]
         blocks: list[Any] = [None if zone is None else (zone.cells(point), zone.columns) for zone in self.zones]
-        values, first = self.interpolant.value(point), 0
+        values = self.interpolant.value(point)
+        first = 0
         for place, name, lengths in self.arrays:
             size = int(np.prod(lengths))
             part = values[first : first + size].reshape(lengths)

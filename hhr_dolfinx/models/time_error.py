@@ -36,7 +36,8 @@ from hhr_dolfinx.models.equilibrium import Diverged, Goal, Stepping
 
 SAFETY = 0.8
 """Part of what is allowed for which the next part of a step is meant."""
-SHRUNK, GROWN = 0.1, 4.0
+SHRUNK = 0.1
+GROWN = 4.0
 """Least and largest factor from one part of a step to the next."""
 STEPS = 20
 """Steps of a path that forget nothing in which a tolerance is used up."""
@@ -123,7 +124,8 @@ class TimeError:
             return replace(other, rate=None, largest=self.largest, before=self.estimate)
         if not self.bodies:
             return self
-        dt, stress = answer.time - before.time, answer.state().stress
+        dt = answer.time - before.time
+        stress = answer.state().stress
         try:
             parts = [self._body(k, material, before, answer, dt) for k in range(len(self.bodies))]
         except (ConvergenceError, SceneError):  # a law that answers in this step alone
@@ -152,7 +154,8 @@ class TimeError:
         """Error and rate of one body, and the squares of what the step adds, before and after D."""
         points, place, shear = self.bodies[k]
         law: Any = material.groups[place].law
-        old, new = before.state().state, answer.state().state
+        old = before.state().state
+        new = answer.state().state
         flowed = (2 * shear) * (new.plastic - old.plastic)[points]
         held = old.cumulated[points]
         trial = _equivalent(answer.state().stress[points]) + 3 * shear * (new.cumulated[points] - held)
@@ -160,7 +163,8 @@ class TimeError:
         rest = self.rate[k] if self.rate is not None else _rate(law, before, self.bodies[k], dt)
         added = (flowed - dt * rest) / 2
         damping = np.maximum(1 - (3 * shear) * slope, 0.0)[:, None]
-        error, kept = damping * (self.error[k] + added), damping * added
+        error = damping * (self.error[k] + added)
+        kept = damping * added
         return error, flowed / dt, float(np.vdot(added, added)), float(np.vdot(kept, kept))
 
 
@@ -178,8 +182,10 @@ def _equivalent(stress: np.ndarray) -> np.ndarray:
 
 def _rate(law: Any, answer: Answer, body: _Rated, dt: float) -> np.ndarray:
     """2 μ times the rate of plastic strain at a stress: the flow of a law in a moment, (n, c)."""
-    stress, moment = answer.state().stress[body.points], SUDDEN * dt
-    deviator, equivalent = _deviator(stress), _equivalent(stress)
+    stress = answer.state().stress[body.points]
+    moment = SUDDEN * dt
+    deviator = _deviator(stress)
+    equivalent = _equivalent(stress)
     amount, _ = flow_of(law, equivalent, answer.state().state.cumulated[body.points], body.shear, moment)
     along = np.divide(3 * body.shear * amount / moment, equivalent, out=np.zeros_like(amount), where=equivalent > 0)
     return along[:, None] * deviator
@@ -243,8 +249,11 @@ def in_parts(
     Raises:
         Diverged: if a part does not converge, or more parts than ``MOST_PARTS`` would be needed.
     """
-    start, done, spent = trail[-1], 0.0, 0
-    length, solved = 1.0, list[Answer]()
+    start = trail[-1]
+    done = 0.0
+    spent = 0
+    length = 1.0
+    solved = list[Answer]()
     for _ in range(MOST_PARTS):
         end = min(done + length, 1.0)
         end = 1.0 if 1 - end < 1e-9 else end
@@ -262,7 +271,9 @@ def in_parts(
         length = taken * factor
         if miss > 1:
             continue
-        solved, error, done = [*solved, *found], after, end
+        solved = [*solved, *found]
+        error = after
+        done = end
         trail = (*trail, *found)[-3:]
         if done == 1:
             return Parted(solved, error, spent)

@@ -102,6 +102,11 @@ class VaryingBound:
         return self._scale if self.reshaped_areas is None else ForceScale(self.reshaped_areas.value(point), self.least)
 
     @property
+    def free_slack(self) -> np.ndarray:
+        """Slack without contact forces in the middle of the box, (m,)."""
+        return self.compliances(self.middle).free_slack
+
+    @property
     def schur(self) -> np.ndarray:
         """S in the middle of the box."""
         return self.compliances(self.middle).schur
@@ -141,7 +146,8 @@ class VaryingBound:
         if not isinstance(self.whole, ReducedProblem) or self.whole.terms is None:
             problem = self.problem_at(point)
             return float(gamma @ problem.stiffness @ gamma), problem.loads @ theta, problem.contact_trial
-        terms, energy = self.whole.terms, 0.0
+        terms = self.whole.terms
+        energy = 0.0
         weights = terms.weights(point)
         for block in self._blocks:
             own = gamma[block.modes]
@@ -199,7 +205,9 @@ class VaryingThere(NamedTuple):
 
     def of(self, unknown: np.ndarray, forces: np.ndarray, slack: Callable[[], np.ndarray]) -> Estimates:
         """See :class:`BoundThere`."""
-        gamma, found, inexact = unknown[0], self.found, self.owner.inexact
+        gamma = unknown[0]
+        found = self.found
+        inexact = self.owner.inexact
         theta = self.owner.compliances.theta(self.point)
         own, loads, contact = self.owner.field(gamma, self.point, theta)
 
@@ -218,9 +226,13 @@ class VaryingThere(NamedTuple):
 
     def _energies(self, forces: np.ndarray, theta: np.ndarray) -> _Energies:
         """Of the field in equilibrium with forces, (m,)."""
-        found, driven, held, lifted = self.found, 0.0, 0.0, 0.0
+        found = self.found
+        driven = 0.0
+        held = 0.0
+        lifted = 0.0
         for energy, (part, along, compliance) in zip(self.owner.energies, self.stiffness.parts, strict=True):
-            count, weights = part.forced.size, theta[part.terms]
+            count = part.forced.size
+            weights = theta[part.terms]
             # of a lift L forces feel -K L, and K is as much larger as K^-1 is smaller
             weights = np.append(weights[:count] * math.sqrt(compliance), -weights[count:] / math.sqrt(compliance))
             used = np.flatnonzero(weights)
@@ -233,6 +245,7 @@ class VaryingThere(NamedTuple):
                 own = weights[count:]
                 lifted += float(own @ np.tensordot(along, energy.lifted, 1) @ own)
         closed = self.owner.compliances.gaps_at(self.point) @ theta - found.free_slack
-        pulled, pushed = float(closed @ forces), float(forces @ found.schur @ forces)
+        pulled = float(closed @ forces)
+        pushed = float(forces @ found.schur @ forces)
         moved = max(driven - 2 * pulled + pushed, 0.0)
         return _Energies(moved, max(moved + 2 * held + lifted, 0.0), driven + 2 * abs(pulled) + pushed)

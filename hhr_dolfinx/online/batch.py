@@ -163,7 +163,8 @@ class Query:
     @threadpool_limits.wrap(limits=1, user_api="blas")
     def __call__(self, points: np.ndarray) -> Answers:
         """Answers to some points, (n, P), any of which may have none."""
-        status, table = self._faults(points), self._blank(len(points))
+        status = self._faults(points)
+        table = self._blank(len(points))
         left = np.flatnonzero([text == OK for text in status])
         try:
             many = self.model.solve_many(points[left], raise_on_failure=False, outside=self.outside)
@@ -183,7 +184,8 @@ class Query:
 
     def _faults(self, points: np.ndarray) -> list[str]:
         """What is wrong with points before any is solved; ``ok`` for nothing."""
-        space, trained = self.model.parameters, getattr(self.model, "trained", None)
+        space = self.model.parameters
+        trained = getattr(self.model, "trained", None)
         bad = ~((points >= space.lower) & (points <= space.upper)).all(axis=1)
         if self.outside == "refuse" and isinstance(trained, TrainedRange):
             bad |= ~((points >= trained.lower) & (points <= trained.upper)).all(axis=1)

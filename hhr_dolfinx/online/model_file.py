@@ -28,7 +28,8 @@ from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.models.model import AnsweringModel, KeptModel
 from hhr_dolfinx.plain import add_kind, as_plain, by_name, restored
 
-FORMAT, VERSION = "hhr_dolfinx model", 1
+FORMAT = "hhr_dolfinx model"
+VERSION = 1
 
 MODULES = {
     "amplitudes": "Amplitudes Coverage",

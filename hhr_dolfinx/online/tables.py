@@ -123,7 +123,8 @@ def answer_table(
             blocks.prepare()
     with nullcontext() if comm is None else ranks.each_for_itself(comm, "answering the table"):
         _, seconds = timed(lambda: blocks.answer(range(rank, len(blocks), size), progress))
-    bad, fallen = list[tuple[int, str]](), 0
+    bad = list[tuple[int, str]]()
+    fallen = 0
     with nullcontext() if comm is None else ranks.each_for_itself(comm, "writing the answers"):
         if rank == 0:
             bad, fallen = blocks.join()
@@ -171,7 +172,8 @@ class _Blocks:
 
     def prepare(self) -> None:
         """Make the folder, and empty it if its blocks are those of another table or model."""
-        kept, digest = self.folder / "of.json", self._digest()
+        kept = self.folder / "of.json"
+        digest = self._digest()
         if self.resume is None or not kept.exists() or kept.read_text() != json.dumps(digest):
             shutil.rmtree(self.folder, ignore_errors=True)
             make_folder(self.folder)

@@ -75,17 +75,21 @@ class Mortar:
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
         """One row for each slave node whose surroundings face the master surface."""
         slave, master = surfaces
-        dim, normals = slave.points.shape[1], None
+        dim = slave.points.shape[1]
+        normals = None
         if self.normal is None:
-            directions, cosine = slave.outward, FACING
+            directions = slave.outward
+            cosine = FACING
             reach = 3.0 * cKDTree(master.points).query(slave.points)[0].max()
             pairs = near_pairs(slave.corners, master.corners, reach)
         else:
-            normal, cosine = unit(self.normal, dim), GRAZING
+            normal = unit(self.normal, dim)
+            cosine = GRAZING
             check_facing(slave, normal, along=True)
             for surface in (slave, master):
                 warn_of_tilt(surface, normal)
-            normals, directions = np.tile(normal, (len(slave.nodes), 1)), np.tile(normal, (len(slave.facets), 1))
+            normals = np.tile(normal, (len(slave.nodes), 1))
+            directions = np.tile(normal, (len(slave.facets), 1))
             # seen along the normal the surfaces are flat, and what faces each other meets
             flat = np.eye(dim) - np.outer(normal, normal)
             pairs = near_pairs(slave.corners @ flat, master.corners @ flat, 0.0)
@@ -102,7 +106,8 @@ class Mortar:
         self, slave: Surface, master: Surface, normals: np.ndarray | None, segments: Segments, dofs: int
     ) -> ContactRows:
         """Integrate over the segments and divide by the weight of each multiplier function."""
-        dual, n = self.multipliers == "dual", len(slave.nodes)
+        dual = self.multipliers == "dual"
+        n = len(slave.nodes)
         functions = _dual_functions(slave, segments) if dual else segments.slave_values
         tested = functions * segments.measures[:, None]
         by_facet = _summed(tested, segments.slave, len(slave.facets))
@@ -202,7 +207,8 @@ def _distances(slave: Surface, master: Surface, segments: Segments) -> np.ndarra
     pairs, of_point = _pairs(master, segments.slave, segments.master)
     here, there = np.divmod(pairs, len(master.facets))
     normals = slave.outward[here][:, :, None]
-    lows, highs = (slave.corners[here] @ normals)[:, :, 0], (master.corners[there] @ normals)[:, :, 0]
+    lows = (slave.corners[here] @ normals)[:, :, 0]
+    highs = (master.corners[there] @ normals)[:, :, 0]
     return (segments.master_values * highs[of_point] - segments.slave_values * lows[of_point]).sum(axis=1)
 
 
@@ -245,7 +251,8 @@ def _assemble(slave: Surface, other: Surface, segments: Segments, tested: np.nda
         (segments.slave_values, segments.slave) if other is slave else (segments.master_values, segments.master)
     )
     pairs, of_point = _pairs(other, segments.slave, there)
-    k, l = tested.shape[1], values.shape[1]
+    k = tested.shape[1]
+    l = values.shape[1]
     entries = _summed((tested[:, :, None] * values[:, None, :]).reshape(-1, k * l), of_point, len(pairs))
     rows = np.repeat(slave.facets[pairs // len(other.facets)], l, axis=1)
     columns = np.tile(other.facets[pairs % len(other.facets)], k)
@@ -255,7 +262,8 @@ def _assemble(slave: Surface, other: Surface, segments: Segments, tested: np.nda
 
 def _summed(values: np.ndarray, places: np.ndarray, count: int) -> np.ndarray:
     """Sums of the rows of values, (q, r), that have the same place, (q,): (count, r)."""
-    ones, starts = np.ones(len(places)), np.arange(len(places) + 1)
+    ones = np.ones(len(places))
+    starts = np.arange(len(places) + 1)
     return csc_matrix((ones, places, starts), shape=(count, len(places))) @ values
 
 
@@ -264,7 +272,9 @@ def _along_normals(weights: csr_matrix, nodes: np.ndarray, normals: np.ndarray, 
     coo = weights.tocoo()
     # what is left of biorthogonal functions by round-off would tie a row to more than one slave node
     keep = np.abs(coo.data) > 1e-12
-    row, node, value = coo.row[keep], nodes[coo.col[keep]], coo.data[keep]
+    row = coo.row[keep]
+    node = nodes[coo.col[keep]]
+    value = coo.data[keep]
     dim = normals.shape[1]
     columns = node[:, None] * dim + np.arange(dim)
     entries = value[:, None] * normals[row]

@@ -52,7 +52,8 @@ class NodeToNode:
 def _partners(first: Surface, second: Surface, normal: np.ndarray) -> np.ndarray:
     """For each node of the first surface the node of the second that it faces."""
     along = np.eye(normal.size) - np.outer(normal, normal)
-    here, there = first.points @ along, second.points @ along
+    here = first.points @ along
+    there = second.points @ along
     distance, partner = cKDTree(there).query(here)
     lonely = distance > 1e-4 * _spacing(here)
     if len(here) != len(there) or lonely.any() or np.unique(partner).size != partner.size:

@@ -71,7 +71,8 @@ class NodeToSurface:
             kept, closest, normals = _closest(slave, master)
         else:
             kept, closest, normals = _along(slave, master, unit(self.normal, slave.points.shape[1]))
-        nodes, weights = master.facets[closest.facets], closest.weights
+        nodes = master.facets[closest.facets]
+        weights = closest.weights
         order = kept[tangential_order(slave.points[kept], mean_normal(slave))]
         points = slave.points[order]
         master_points = np.einsum("mk,mkd->md", weights[order], master.points[nodes[order]])
@@ -117,7 +118,8 @@ class DoublePass:
         """Rows of both passes without duplicates."""
         first, second = surfaces
         back = None if self.normal is None else tuple(-np.asarray(self.normal, dtype=float))
-        passes, refusals = [], []
+        passes = []
+        refusals = []
         for pairing, pair in (
             (NodeToSurface(self.first, self.second, self.normal), (first, second)),
             (NodeToSurface(self.second, self.first, back), (second, first)),
@@ -150,7 +152,8 @@ def _along(slave: Surface, master: Surface, normal: np.ndarray) -> tuple[np.ndar
     if not facing.any():
         raise SceneError(never_facing(slave, master, f"no facet of {master.tag} looks against {normal.tolist()}"))
     along = np.outer(normal, normal)
-    flat, corners = np.eye(normal.size) - along, master.corners[facing]
+    flat = np.eye(normal.size) - along
+    corners = master.corners[facing]
     # seen along the normal the surfaces are flat, and the closest point is the one hit
     found = closest_points(slave.points @ (flat + LAYERS * along), corners @ (flat + LAYERS * along)).facets
     weights = project(slave.points @ flat, corners[found] @ flat)
@@ -165,7 +168,8 @@ def _along(slave: Surface, master: Surface, normal: np.ndarray) -> tuple[np.ndar
 def _closest(slave: Surface, master: Surface) -> tuple[np.ndarray, ClosestPoints, np.ndarray]:
     """Closest-point projection of the slave nodes; kept slave nodes, and the closest and normals of all."""
     closest = closest_points(slave.points, master.corners)
-    corner_normals, outward = master.corner_normals()[closest.facets], master.outward[closest.facets]
+    corner_normals = master.corner_normals()[closest.facets]
+    outward = master.outward[closest.facets]
     smooth = np.einsum("mk,mkd->md", closest.weights, corner_normals)
     normals = -smooth / np.linalg.norm(smooth, axis=1, keepdims=True)
     facing = np.einsum("md,md->m", slave.node_normals(), normals) > FACING
@@ -197,7 +201,8 @@ def _kept(slave: Surface, master: Surface, lost: np.ndarray) -> np.ndarray:
 def _independent(one: csr_matrix, two: csr_matrix) -> tuple[np.ndarray, float]:
     """Rows of the second pass that add conditions, and the inf-sup constant of all over the norm of B."""
     columns = np.union1d(one.indices, two.indices)
-    first, second = one[:, columns].toarray(), two[:, columns].toarray()
+    first = one[:, columns].toarray()
+    second = two[:, columns].toarray()
     basis, _ = linalg.qr(first.T, mode="economic")
     rest = second - (second @ basis) @ basis.T
     _, triangle, order = linalg.qr(rest.T, mode="economic", pivoting=True)

@@ -45,7 +45,8 @@ class Obstacle:
         normal = unit(self.normal, surface.points.shape[1])
         check_facing(surface, normal, along=True)
         order = tangential_order(surface.points, normal)
-        nodes, points = surface.nodes[order], surface.points[order]
+        nodes = surface.nodes[order]
+        points = surface.points[order]
         matrix = nodal_rows(nodes[:, None], np.tile(normal, (nodes.size, 1)), np.ones((nodes.size, 1)), dofs)
         rows = ContactRows(matrix, self.offset - points @ normal, nodes, points, surface.areas[order])
         warn_of_overlap(surface, rows)

@@ -44,7 +44,8 @@ def closest_points(points: np.ndarray, corners: np.ndarray) -> ClosestPoints:
     radius = np.linalg.norm(corners - middles[:, None], axis=2).max()
     # nothing is farther than the nearest corner or middle
     bound = cKDTree(np.concatenate([middles, corners.reshape(-1, corners.shape[2])])).query(points)[0]
-    tree, parts = cKDTree(middles), []
+    tree = cKDTree(middles)
+    parts = []
     for first in range(0, len(points), AT_ONCE):
         some = slice(first, first + AT_ONCE)
         pairs = _within(tree, points[some], (bound[some] + radius) * (1 + ROUND_OFF))
@@ -58,10 +59,12 @@ def _closest_of(
     """Closest points on the facets that each point is paired with, none of them farther than its bound, (m,)."""
     size = np.ptp(corners)
     # from afar many facets are within reach and few of their boxes near enough
-    low, high = corners.min(axis=1), corners.max(axis=1)
+    low = corners.min(axis=1)
+    high = corners.max(axis=1)
     beside = np.maximum(np.maximum(low[facet] - points[point], points[point] - high[facet]), 0.0)
     near = np.linalg.norm(beside, axis=1) <= bound[point] * (1 + ROUND_OFF) + EQUAL * size
-    point, facet = point[near], facet[near]
+    point = point[near]
+    facet = facet[near]
     weights = project(points[point], corners[facet])
     offsets = points[point] - np.einsum("mk,mkd->md", weights, corners[facet])
     distance = np.linalg.norm(offsets, axis=1)
@@ -111,7 +114,8 @@ def project(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
         on_side[:, side] = _on_segment(points, corners[:, side])
         distance = np.linalg.norm(points - np.einsum("mk,mkd->md", on_side, corners), axis=1)
         nearer = distance < best
-        weights[nearer], best[nearer] = on_side[nearer], distance[nearer]
+        weights[nearer] = on_side[nearer]
+        best[nearer] = distance[nearer]
     return weights
 
 
@@ -155,11 +159,13 @@ def local_coordinates(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 def _least_squares(tangents: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solve T T^T x = b for two tangents at each point, (m, 2, dim) and (m, 2): (m, 2)."""
-    first, second = tangents[:, 0], tangents[:, 1]
+    first = tangents[:, 0]
+    second = tangents[:, 1]
     a, b, c = (np.einsum("md,md->m", *pair) for pair in ((first, first), (first, second), (second, second)))
     # where corners coincide the tangents are dependent
     shift = 1e-14 * (a + c)
-    a, c = a + shift, c + shift
+    a = a + shift
+    c = c + shift
     determinant = a * c - b * b
     x, y = right.T
     return np.stack([c * x - b * y, a * y - b * x], axis=1) / determinant[:, None]
@@ -176,7 +182,8 @@ def _inside(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _on_segment(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    start, along = corners[:, 0], corners[:, 1] - corners[:, 0]
+    start = corners[:, 0]
+    along = corners[:, 1] - corners[:, 0]
     position = np.einsum("md,md->m", points - start, along) / np.einsum("md,md->m", along, along)
     position = np.clip(position, 0.0, 1.0)
     # a node of the master surface is met exactly, not to round-off

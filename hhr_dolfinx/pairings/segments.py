@@ -83,9 +83,14 @@ def _segments(slave: Surface, master: Surface, directions: np.ndarray, here: np.
     ends = np.stack(
         [cross(corner - start, directions[here]) / whole for corner in master.corners[there].transpose(1, 0, 2)]
     )
-    low, high = np.maximum(ends.min(axis=0), 0.0), np.minimum(ends.max(axis=0), 1.0)
+    low = np.maximum(ends.min(axis=0), 0.0)
+    high = np.minimum(ends.max(axis=0), 1.0)
     common = high - low > 1e-12
-    here, there, low, high, ends = here[common], there[common], low[common], high[common], ends[:, common]
+    here = here[common]
+    there = there[common]
+    low = low[common]
+    high = high[common]
+    ends = ends[:, common]
     nodes, weights = _on_interval(4)
     position = low[:, None] + (high - low)[:, None] * nodes
     on_master = (position - ends[0][:, None]) / (ends[1] - ends[0])[:, None]
@@ -106,7 +111,9 @@ def _polygons(slave: Surface, master: Surface, directions: np.ndarray, here: np.
     apart = [one.min(axis=1) > other.max(axis=1) - least for one, other in (flat, flat[::-1])]
     apart = apart[0] | apart[1]
     meeting = ~apart.any(axis=1)
-    here, there, flat = here[meeting], there[meeting], [corners[meeting] for corners in flat]
+    here = here[meeting]
+    there = there[meeting]
+    flat = [corners[meeting] for corners in flat]
     pair, triangles = _common_triangles(slave, master, here, there, flat)
     # areas are measured across the direction of projection
     tilt = np.einsum("pd,pd->p", slave.outward[here], directions[here])
@@ -171,15 +178,19 @@ def _within_facets(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     Jacobian is the root of the discriminant, and of one sign within a convex facet.
     """
     first = corners[:, 0]
-    a, b = corners[:, 1] - first, corners[:, 2] - first
+    a = corners[:, 1] - first
+    b = corners[:, 2] - first
     c = corners[:, 3] - first - a - b if corners.shape[1] == 4 else np.zeros_like(a)
     x, y = (points - first[:, None]).transpose(2, 0, 1)
     (ax, ay), (bx, by), (cx, cy) = (part.T[:, :, None] for part in (a, b, c))
     whole = ax * by - ay * bx
-    constant, linear, square = x * ay - y * ax, x * cy - y * cx + whole, cx * by - cy * bx
+    constant = x * ay - y * ax
+    linear = x * cy - y * cx + whole
+    square = cx * by - cy * bx
     jacobian = np.sign(whole) * np.sqrt(np.maximum(linear * linear - 4 * constant * square, 0.0))
     second = -2 * constant / (linear + jacobian)
-    along_x, along_y = ax + cx * second, ay + cy * second
+    along_x = ax + cx * second
+    along_y = ay + cy * second
     rest = (x - bx * second) * along_x + (y - by * second) * along_y
     return np.stack([rest / (along_x * along_x + along_y * along_y), second], axis=-1)
 

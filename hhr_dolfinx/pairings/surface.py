@@ -83,7 +83,8 @@ class Surface:
         for j in range(k):
             here, other = touches_of(at_node, self.facets[:, j])
             smooth = np.einsum("ij,ij->i", self.outward[here], self.outward[other]) >= CREASE
-            here, other = here[smooth], other[smooth]
+            here = here[smooth]
+            other = other[smooth]
             sums = np.zeros_like(self.outward)
             np.add.at(sums, here, self.outward[other] * self.sizes[other, None])
             normals[:, j] = normalised(sums)
@@ -100,7 +101,8 @@ class Surface:
             facets: facet of each point, (m,).
             weights: values of its shape functions at the point, (m, k).
         """
-        corners, normals = self.corners, self.corner_normals()
+        corners = self.corners
+        normals = self.corner_normals()
         heights = normals @ (corners - corners[:, :1]).transpose(0, 2, 1)
         found = np.zeros(len(facets))
         # weights sum to one: what is linear in them is a quadratic form too, without squares
@@ -128,7 +130,8 @@ class Surface:
 
 def touches_of(at_node: csc_matrix, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pairs (position in ``nodes``, facet) for all facets at each node; ``at_node`` is facets by nodes, CSC."""
-    starts, stops = at_node.indptr[nodes], at_node.indptr[nodes + 1]
+    starts = at_node.indptr[nodes]
+    stops = at_node.indptr[nodes + 1]
     counts = stops - starts
     here = np.repeat(np.arange(len(nodes)), counts)
     offsets = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -159,7 +162,9 @@ def make_surface(
     # an order of the facets that does not depend on how the mesh was distributed
     middles = points[facet_nodes].mean(axis=1)
     order = np.lexsort(np.round(middles / (np.ptp(middles, axis=0).max() or 1.0), 9).T[::-1])
-    facet_nodes, inner_points, middles = facet_nodes[order], inner_points[order], middles[order]
+    facet_nodes = facet_nodes[order]
+    inner_points = inner_points[order]
+    middles = middles[order]
     nodes, local = np.unique(facet_nodes, return_inverse=True)
     corners = points[facet_nodes]
     vectors = _area_vectors(corners)

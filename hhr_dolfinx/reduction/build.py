@@ -210,7 +210,10 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
 
 def _attempt(shared: _Offline, layers: int) -> ReducedModel:
     """One attempt with a fixed number of layers."""
-    full, recipe, log, problem = shared.full, shared.recipe, shared.log, shared.full.problem
+    full = shared.full
+    recipe = shared.recipe
+    log = shared.log
+    problem = shared.full.problem
     with log.stage("rid"):
         sets = reduced_domain(shared.touching, shared.nodes, layers)
         check_loads_seen(problem, sets, shared.snapshots.points)
@@ -230,7 +233,8 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
         if recipe.trust is not None:
             check_stability(stability, recipe.trust)
     bounding = bound_of(full, recipe, shared.snapshots, basis, log)
-    bound, response = bounding.bound, bounding.response
+    bound = bounding.bound
+    response = bounding.response
     with log.stage("reconstruction"):
         cone = recipe.cone or bound is None
         fields = shared.completion.reconstruction(problem, bounding.columns, sets, flow, cone=cone)
@@ -263,7 +267,8 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
 
 def _flow_of(shared: _Offline, basis: np.ndarray, sets: IndexSets, layers: int) -> ReducedFlow | CubatureFlow:
     """Gauss points of the RID: all of them, or few with weights."""
-    equilibrium, step = shared.full.equilibrium, shared.recipe.cubature
+    equilibrium = shared.full.equilibrium
+    step = shared.recipe.cubature
     if step is None:
         from hhr_dolfinx.reduction.flow import project_flow
 
@@ -347,7 +352,10 @@ def _compared(shared: _Offline, model: ReducedModel) -> tuple[Comparison | None,
 
     How a model of histories looks inside its training shows only when it has solved those that are known.
     """
-    full, snapshots, held_out, limits = shared.full, shared.snapshots, shared.held_out, shared.recipe.trust
+    full = shared.full
+    snapshots = shared.snapshots
+    held_out = shared.held_out
+    limits = shared.recipe.trust
     trained = model.trained
     if snapshots.columns is not None:
         shared.log.skip("comparison", "trained on parts of histories: only models of all parts together answer one")

@@ -254,7 +254,8 @@ def tree_of_cells(cells: np.ndarray, labels: np.ndarray) -> Choice:
 
     It is told the numbers of cells along each axis: a classifier does not tell narrow ones of a wide box apart.
     """
-    lines, ranks = [], []
+    lines = []
+    ranks = []
     for ends in cells[:, 1].T:
         values, rank = np.unique(ends, return_inverse=True)
         lines.append(values)
@@ -281,13 +282,16 @@ def forest_tree(points: np.ndarray, labels: np.ndarray, space: ParameterSpace, s
 
 def _unit(points: np.ndarray, space: ParameterSpace) -> np.ndarray:
     """Points of the box in the unit box."""
-    lower, upper = np.array(space.lower), np.array(space.upper)
+    lower = np.array(space.lower)
+    upper = np.array(space.upper)
     return (points - lower) / np.where(upper > lower, upper - lower, 1.0)
 
 
 def _choice(classifier: DecisionTreeClassifier, space: ParameterSpace) -> Choice:
     """A fitted tree as cuts through the box."""
-    tree, lower, upper = classifier.tree_, np.array(space.lower), np.array(space.upper)
+    tree = classifier.tree_
+    lower = np.array(space.lower)
+    upper = np.array(space.upper)
     inner = tree.feature >= 0
     axis = np.where(inner, tree.feature, LEAF)
     cut = np.where(inner, lower[axis] + tree.threshold * (upper - lower)[axis], 0.0)

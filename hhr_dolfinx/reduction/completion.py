@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.reduced_flow import CubatureFlow, ReducedFlow
 
 
-STRESS, PLASTIC_STRAIN = 1e-9, 1e-6
+STRESS = 1e-9
+PLASTIC_STRAIN = 1e-6
 """Part of the squared training fields that the modes for stress and for cumulated plastic strain leave out."""
 IN_THE_CONE = 1e-3
 """Relative distance from the cone of the other snapshots below which a force snapshot is left out: the fraction of the
@@ -96,7 +97,8 @@ class Completion:
         """How stress and cumulated plastic strain are completed from the Gauss points of the RID (section 6.2.3)."""
         if self.stress is None:
             raise ReductionError("these snapshots hold no stress: give histories of a scene whose bodies flow")
-        components, points = flow.material.components, flow.points
+        components = flow.material.components
+        points = flow.points
         values = (points[:, None] * components + np.arange(components)).ravel()
         flowed = None if self.plastic_strain is None else GappyField.fitted(self.plastic_strain, points)
         return FlowFields(points, GappyField.fitted(self.stress, values), flowed, len(self.stress) // components)
@@ -120,7 +122,8 @@ def spanning_rays(columns: np.ndarray, tolerance: float) -> np.ndarray:
     left = np.setdiff1d(left, kept)
     while left.size:
         distances = np.array([_distance(rays[:, kept], rays[:, k]) for k in left])
-        left, distances = left[distances > tolerance], distances[distances > tolerance]
+        left = left[distances > tolerance]
+        distances = distances[distances > tolerance]
         farthest = np.argsort(-distances)[: (left.size + 1) // 2]
         kept = np.append(kept, left[farthest])
         left = np.delete(left, farthest)

@@ -66,7 +66,9 @@ def interpolated_compliances(
 
     ``settings`` hold for all, unless each part has its ``own``.
     """
-    parts, grids, others = [], [], []
+    parts = []
+    grids = []
+    others = []
     for solver, how in zip(solvers, own or [settings] * len(solvers), strict=True):
         part = solver.component.part
         grid, modes = grown(solver, problem.parameters, part.axes, how, part)
@@ -91,14 +93,17 @@ class Solver:
     """
 
     def __init__(self, full: Any, component: Component):
-        self.problem, self.component, self._full = full.problem, component, full
+        self.problem = full.problem
+        self.component = component
+        self._full = full
         self._factors: FreeCholesky | None = None
 
     def __call__(self, point: np.ndarray) -> dict[str, np.ndarray]:
         """S_c, (m_c, m_c), and B K^-1 F above B K^-1 K lift, (T, m_c), for the factor 1."""
         problem, factors = self.factored(point)
         part = self.component.part
-        rows, factor = csr_matrix(problem.contact[part.conditions]), part.factor_at(point)
+        rows = csr_matrix(problem.contact[part.conditions])
+        factor = part.factor_at(point)
         per_force = factors.solve_columns(rows.T)
         schur = rows @ per_force
         # K^-1 is symmetric: no solve for the loads, of which there may be more than conditions

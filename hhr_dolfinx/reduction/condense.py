@@ -43,7 +43,9 @@ STARTS = 256
 """Points at which statuses are known beforehand: four times as many save a tenth of the iterations on the pellet."""
 FIELD_TOLERANCE = 1e-13
 """Part of the squared sum of displacements that the basis of the fields may leave out."""
-FORCE_TOLERANCE, FIELD_NODES, TINY = 1e-9, 8, 1e-300
+FORCE_TOLERANCE = 1e-9
+FIELD_NODES = 8
+TINY = 1e-300
 """Part of the squared forces that the fields of a shape may leave out, and at how many shapes they are solved for."""
 _INTERPOLATED = (
     "S is interpolated between parameters and not resolved here: raise the budget of the grid or narrow the box"
@@ -149,7 +151,8 @@ def _warn_of_budget(full: Any, grids: list[GrownGrid], settings: GridSettings) -
 
 def _no_fields(full: Any, settings: GridSettings) -> InterpolatedFields:
     """Outputs of forces, and no displacement."""
-    problem, functionals = full.problem, full.functionals
+    problem = full.problem
+    functionals = full.functionals
     basis = np.zeros((problem.free.size, 0))
     if problem.reshaped is not None and functionals is not None:
         functionals = reshaped_functionals(functionals, problem, basis, settings)
@@ -220,11 +223,13 @@ def _fields_along(compliances: Compliances, solvers: list[Solver], known: Linear
 
     What imposed displacements move is by itself, since it does not depend on a factor of the stiffness.
     """
-    forces, found = np.maximum(known.margins, 0.0), []
+    forces = np.maximum(known.margins, 0.0)
+    found = []
     for part, solver in zip(compliances.parts, solvers, strict=True):
         nodes = part.interpolant.nodes[:ALONG_NODES]
         for first, node in enumerate(nodes):
-            point, share = solver.problem.middle, slice(first, None, len(nodes))
+            point = solver.problem.middle
+            share = slice(first, None, len(nodes))
             point[part.interpolant.axes] = node
             found.append(solver.fields_under(point, known.points[share], forces[share]))
     return found

@@ -54,7 +54,8 @@ def correction_strain(
     full: Any, elastic: ElasticResponse, answer: Answer, correction: np.ndarray, strain: StrainAt
 ) -> np.ndarray:
     """Strain ε_c of the correction of a full answer, (p, c): it moves contact forces, which strain too."""
-    problem, equilibrium = full.problem, full.equilibrium.at(answer.parameter)
+    problem = full.problem
+    equilibrium = full.equilibrium.at(answer.parameter)
     theta = problem.amplitudes(answer.parameter)
     scale = elastic.factors.compliances(answer.parameter)[elastic.parts]
     free = scale * (elastic.forced @ theta) + elastic.given @ theta - problem.lifts @ theta
@@ -374,7 +375,9 @@ def _grown(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowModel:
 
 def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowModel:
     """One model."""
-    full, log, elastic = shared.full, shared.log, shared.elastic
+    full = shared.full
+    log = shared.log
+    elastic = shared.elastic
     with log.stage("modes"):
         basis, sizes = correction_modes(full.problem, shared.corrections, elastic, settings.modes, settings.most_modes)
     with log.stage("cubature"):
@@ -420,14 +423,18 @@ def _online(
     answers: Sequence[Answer],
 ) -> CondensedFlow:
     """Everything that a step needs, on the points of the cubature."""
-    equilibrium, problem = full.equilibrium, full.problem
+    equilibrium = full.equilibrium
+    problem = full.problem
     points, weights = _watched(domain, cubature, answers)
     groups, order = _by_body(equilibrium.material.groups, points)
-    points, weights = points[order], weights[order]
+    points = points[order]
+    weights = weights[order]
     components = equilibrium.operator.components
     strain = StrainAt(equilibrium.operator, points)
     everywhere = StrainAt(equilibrium.operator, domain.points)
-    per_mode, per_force, count = strain(basis), strain(elastic.per_force), max(len(elastic.factors.moduli), 1)
+    per_mode = strain(basis)
+    per_force = strain(elastic.per_force)
+    count = max(len(elastic.factors.moduli), 1)
     rows = (points * components + np.arange(components)[:, None]).ravel()
     masks = [(elastic.parts == part)[:, None] for part in range(count)]
     tested = _deviators(per_mode, components) * np.tile(weights, components)
@@ -490,7 +497,9 @@ def _symmetric(matrix: np.ndarray) -> np.ndarray:
 
 def _by_body(groups: tuple[Group, ...], points: np.ndarray) -> tuple[tuple[Group, ...], np.ndarray]:
     """Groups of some points, one behind another, and the order of the points in which they are."""
-    found, order, start = [], [], 0
+    found = []
+    order = []
+    start = 0
     for group in groups:
         own = np.flatnonzero(np.isin(points, group.indices))
         if own.size:
@@ -520,11 +529,14 @@ class _FieldModes:
     @classmethod
     def of(cls, full: Any, snapshots: SnapshotSet) -> _FieldModes:
         """Of training histories."""
-        problem, equilibrium, states = full.problem, full.equilibrium, [item.state for item in snapshots.states]
+        problem = full.problem
+        equilibrium = full.equilibrium
+        states = [item.state for item in snapshots.states]
         flowed = np.flatnonzero(np.any([state.cumulated > 0 for state in states], axis=0))
         plastic = state_modes([state.plastic[flowed].ravel() for state in states], LEFT_OUT["plastic"])
         elastic = equilibrium.material.moduli_at(problem.middle).elastic
-        forces, stress = np.empty((len(problem.free), plastic.shape[1])), np.zeros(elastic.shape[:2])
+        forces = np.empty((len(problem.free), plastic.shape[1]))
+        stress = np.zeros(elastic.shape[:2])
         for column, mode in zip(forces.T, plastic.T, strict=True):
             stress[flowed] = np.einsum("nij,nj->ni", elastic[flowed], mode.reshape(flowed.size, -1))
             column[:] = equilibrium.operator.internal(stress)[0] * problem.free
@@ -536,7 +548,8 @@ class _FieldModes:
 
     def on(self, points: np.ndarray, equilibrium: FullEquilibrium) -> PlasticFields:
         """How fields are completed from some points."""
-        rows, components = np.searchsorted(self.flowed, points), equilibrium.operator.components
+        rows = np.searchsorted(self.flowed, points)
+        components = equilibrium.operator.components
         values = (rows[:, None] * components + np.arange(components)).ravel()
         count = max(values.size // SPARE, 1)
         return PlasticFields(

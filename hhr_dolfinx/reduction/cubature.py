@@ -109,14 +109,16 @@ def fitted(rows: np.ndarray, tolerance: float, most: int | None = None, start: C
     size = float(np.linalg.norm(wanted))
     if size == 0:
         return Cubature(np.zeros(0, dtype=np.int64), np.zeros(0), 0.0)
-    search, most = _Search(rows, lengths, wanted), min(most or len(rows), len(rows))
+    search = _Search(rows, lengths, wanted)
+    most = min(most or len(rows), len(rows))
     if start is not None:
         search.begin(start, most)
     chosen = search.run(tolerance * size, most)
     order = np.argsort(chosen.points)
     points = np.array(chosen.points, dtype=np.int64)[order]
     weights = chosen.weights[order] / lengths[points]
-    points, weights = points[weights > 0], weights[weights > 0]
+    points = points[weights > 0]
+    weights = weights[weights > 0]
     return Cubature(points, weights, float(np.linalg.norm(rows[:, points] @ weights - wanted)) / size)
 
 
@@ -179,11 +181,14 @@ def _large_part(gram: np.ndarray, outside: float) -> tuple[np.ndarray | None, np
     are always the same ones; it grows by blocks until the trace says that it is large enough. Without a basis, None, it
     is everything.
     """
-    count, generator = len(gram), np.random.default_rng(0)
+    count = len(gram)
+    generator = np.random.default_rng(0)
     if count <= SKETCHED:
         return None, gram
-    basis, images = np.zeros((count, 0)), np.zeros((count, 0))
-    left, floor = float(np.trace(gram)), np.finfo(float).eps * count * float(np.trace(gram))
+    basis = np.zeros((count, 0))
+    images = np.zeros((count, 0))
+    left = float(np.trace(gram))
+    floor = np.finfo(float).eps * count * float(np.trace(gram))
     while left > max(outside, floor):
         if basis.shape[1] + BLOCK > count // 2:  # then nothing is saved
             return None, gram
@@ -192,7 +197,8 @@ def _large_part(gram: np.ndarray, outside: float) -> tuple[np.ndarray | None, np
         for _ in range(2):  # twice is enough for orthogonality to round-off
             block, _ = linalg.qr(block - basis @ (basis.T @ block), mode="economic", check_finite=False)
         image = gram @ block
-        basis, images = np.hstack([basis, block]), np.hstack([images, image])
+        basis = np.hstack([basis, block])
+        images = np.hstack([images, image])
         left -= float(np.vdot(block, image))
     return basis, basis.T @ images
 
@@ -201,7 +207,8 @@ class _Columns:
     """A matrix that gains columns at its end, in the order of LAPACK, without being copied each time."""
 
     def __init__(self, matrix: np.ndarray) -> None:
-        self._held, self._count = np.asfortranarray(matrix), matrix.shape[1]
+        self._held = np.asfortranarray(matrix)
+        self._count = matrix.shape[1]
 
     @property
     def all(self) -> np.ndarray:
@@ -236,10 +243,13 @@ class _Factor:
 
     def add(self, point: int, column: np.ndarray) -> bool:
         """Take in a column, with weight zero; False, and nothing is done, if it depends on those chosen."""
-        rest, shares, q = column, np.zeros(len(self.points)), self._q.all
+        rest = column
+        shares = np.zeros(len(self.points))
+        q = self._q.all
         for _ in range(2):  # twice is enough for orthogonality to round-off
             part = q.T @ rest
-            rest, shares = rest - q @ part, shares + part
+            rest = rest - q @ part
+            shares = shares + part
         outside = np.linalg.norm(rest)
         if outside <= DEPENDENT:
             return False
@@ -261,9 +271,11 @@ class _Factor:
         q, r, order = linalg.qr(columns, mode="economic", pivoting=True, check_finite=False)
         kept = np.abs(np.diag(r)) > DEPENDENT
         order = order[: int(kept.sum())]
-        self._q, self._r = _Columns(q[:, : order.size]), np.asfortranarray(r[: order.size, : order.size])
+        self._q = _Columns(q[:, : order.size])
+        self._r = np.asfortranarray(r[: order.size, : order.size])
         self._columns = _Columns(columns[:, order])
-        self.points, self.weights = [int(point) for point in points[order]], weights[order]
+        self.points = [int(point) for point in points[order]]
+        self.weights = weights[order]
 
     def remove(self, place: int) -> None:
         """Leave out the column at a place."""
@@ -320,23 +332,27 @@ class _Search:
     """
 
     def __init__(self, rows: np.ndarray, lengths: np.ndarray, wanted: np.ndarray) -> None:
-        self.rows, self.lengths = rows, lengths
+        self.rows = rows
+        self.lengths = lengths
         self.factor = _Factor(wanted)
         self.least = self.size = float(np.linalg.norm(wanted))
         self.tried: set[int] = set()
 
     def run(self, tolerance: float, most: int) -> _Factor:
         """Add points until the misfit is at most ``tolerance``, there are ``most``, or none is left that helps."""
-        floor, left = PARALLEL * self.size, PATIENCE * len(self.rows)
+        floor = PARALLEL * self.size
+        left = PATIENCE * len(self.rows)
 
         def open_() -> bool:
             return left > 0 and self.least > tolerance and len(self.factor.points) < most
 
         while open_():
             listed = _ShortList(self.rows, self.lengths, self.factor.misfit())
-            worth, helped = floor, False
+            worth = floor
+            helped = False
             while open_() and self._take_best(listed, worth):
-                worth, helped = max(floor, WORTH * listed.best), True
+                worth = max(floor, WORTH * listed.best)
+                helped = True
                 left -= 1
             if not helped:
                 break
@@ -383,12 +399,14 @@ class _Search:
             factor.remove(len(factor.points) - 1)
             return False
         self._settle()
-        before, self.least = self.least, float(np.linalg.norm(factor.misfit()))
+        before = self.least
+        self.least = float(np.linalg.norm(factor.misfit()))
         return self.least < before
 
     def _step_to_zero(self, free: np.ndarray) -> None:
         """Go towards weights of any sign until the first becomes zero, and leave out the points where that is so."""
-        factor, negative = self.factor, free <= 0
+        factor = self.factor
+        negative = free <= 0
         ways = np.full(free.size, np.inf)
         down = factor.weights[negative] - free[negative]
         ways[negative] = np.divide(factor.weights[negative], down, out=np.zeros_like(down), where=down > 0)
@@ -450,7 +468,8 @@ def cubature_flow(
             f"weights of {found.points.size} Gauss points leave {found.misfit:.1e} of the forces of training, "
             f"{tolerance:.1e} was asked for: allow more, or keep fewer modes"
         )
-    chosen, lifts = points[found.points], full.problem.lifts
+    chosen = points[found.points]
+    lifts = full.problem.lifts
     lifted = csc_matrix(_strain_of(full, lifts.toarray(), chosen).reshape(-1, lifts.shape[1]))
     weights = found.weights * full.operator.weights.ravel()[chosen]
     flow = CubatureFlow(
@@ -470,7 +489,8 @@ class _Rows:
 
     def __init__(self, full: FullEquilibrium, basis: np.ndarray, test: np.ndarray, points: np.ndarray):
         triangle = linalg.cholesky(basis.T @ (full.problem.stiffness @ basis))
-        self._full, self._points = full, points
+        self._full = full
+        self._points = points
         self._trial, self._test = (linalg.solve_triangular(triangle, part.T, trans="T").T for part in (basis, test))
         self._weights = full.operator.weights.ravel()[points]
 

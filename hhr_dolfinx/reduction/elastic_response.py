@@ -28,7 +28,8 @@ class ElasticResponse:
 
     def correction(self, problem: ContactProblem, answer: Answer) -> np.ndarray:
         """u_p of a full answer, (N,)."""
-        theta, scale = problem.amplitudes(answer.parameter), self.factors.compliances(answer.parameter)[self.parts]
+        theta = problem.amplitudes(answer.parameter)
+        scale = self.factors.compliances(answer.parameter)[self.parts]
         elastic = scale * (self.forced @ theta - self.per_force @ answer.multipliers)
         return answer.unknown - elastic - (self.given @ theta - problem.lifts @ theta)
 
@@ -42,13 +43,15 @@ def elastic_response(full: Any) -> ElasticResponse:
     strained = csc_matrix(problem.loads - problem.external + _eigenforces(full))
     with solver.lock:
         solver.refactor(problem.own_stiffness)
-        forced, imposed = solver.solve_columns(problem.external), solver.solve_columns(strained)
+        forced = solver.solve_columns(problem.external)
+        imposed = solver.solve_columns(strained)
     return ElasticResponse(forced, imposed + problem.lifts.toarray(), full.per_force, parts, factors)
 
 
 def _eigenforces(full: Any) -> csc_matrix:
     """Forces on free dofs of strains without stress in the middle of the box, sparse, (N, 1 + T)."""
-    equilibrium, problem = full.equilibrium, full.problem
+    equilibrium = full.equilibrium
+    problem = full.problem
     elastic = equilibrium.material.moduli_at(problem.middle).elastic
     forces = np.zeros(problem.loads.shape)
     for term in np.flatnonzero(np.diff(equilibrium.eigenstrains.indptr)):

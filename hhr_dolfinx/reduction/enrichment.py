@@ -64,18 +64,24 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
     images = rows[:, sets.A_c] @ candidates
     # B~1 and B~2; a candidate has the same image in both
     tables = [rows[:, index] @ basis[index] for index in (sets.A_c, sets.A_c_tilde)]
-    squares, weights = np.sum(candidates**2, axis=0), basis[sets.A_c].T @ candidates
+    squares = np.sum(candidates**2, axis=0)
+    weights = basis[sets.A_c].T @ candidates
     left = np.flatnonzero(squares > 0)
-    added, left_out, kappas, stalled = [], [], [_kappa_of_both(problem, tables)], False
+    added = []
+    left_out = []
+    kappas = [_kappa_of_both(problem, tables)]
+    stalled = False
     while kappas[-1] > kappa_max:
         # length of each candidate less its part in the basis
         lengths = np.sqrt(np.maximum(squares[left] - np.sum(weights[:, left] ** 2, axis=0), 0.0))
         left_out.extend(left[lengths <= DISTINCT])
-        left, lengths = left[lengths > DISTINCT], lengths[lengths > DISTINCT]
+        left = left[lengths > DISTINCT]
+        lengths = lengths[lengths > DISTINCT]
         if left.size == 0:
             break
         best = _best(problem, tables, [(images[:, left] - table @ weights[:, left]) / lengths for table in tables])
-        chosen, left = left[best], np.delete(left, best)
+        chosen = left[best]
+        left = np.delete(left, best)
         column = _outside(basis, sets.A_c, candidates[:, chosen])
         if column is None:
             left_out.append(chosen)
@@ -86,7 +92,8 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
         if kappa >= kappas[-1] and math.isfinite(kappas[-1]):
             stalled = True
             break
-        tables, basis = grown, np.column_stack([basis, column])
+        tables = grown
+        basis = np.column_stack([basis, column])
         weights = np.vstack([weights, column[sets.A_c] @ candidates])
         added.append(chosen)
         kappas.append(kappa)
@@ -210,7 +217,8 @@ def _extremes_after_update(squares, weights):
             middle = 0.5 * (low + high)
             with np.errstate(divide="ignore", invalid="ignore"):
                 above = 1 + np.sum(weights / (squares[:, None] - middle), axis=0) > 0
-            low, high = np.where(above, low, middle), np.where(above, middle, high)
+            low = np.where(above, low, middle)
+            high = np.where(above, middle, high)
         return high
 
     total = weights.sum(axis=0)

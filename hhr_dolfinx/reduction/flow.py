@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> ReducedFlow:
     """Gauss points, laws and modes, (N, ell), of the cells that act on A, (6.17)."""
-    problem, operator = full.problem, full.operator
+    problem = full.problem
+    operator = full.operator
     inside = np.zeros(problem.free.size, dtype=bool)
     inside[sets.A] = True
     # cells of the RID without a dof of A act on no test function
@@ -60,9 +61,11 @@ def training_tangents(full: FullEquilibrium, snapshots: SnapshotSet, count: int)
         places = np.unique(np.linspace(0, len(known), count + 1).astype(int)[1:])
         for step in known[places[places > 0] - 1]:
             here = history.answers[step]
-            time, state = history.start, full.material.at_rest()
+            time = history.start
+            state = full.material.at_rest()
             if step > 0:
-                time, state = history.answers[step - 1].time, history.answers[step - 1].state().state
+                time = history.answers[step - 1].time
+                state = history.answers[step - 1].state().state
             strain = full.strain(here.unknown, full.amplitudes(here.parameter))
             material = full.material.at(here.parameter)
             tangents: Any = material.update(strain, state, here.time - time, tangent=True).tangents
@@ -127,7 +130,8 @@ def force_correction(full: Any) -> ForceCorrection:
     """
     if full.equilibrium is None:
         raise ReductionError(f"nothing flows in scene '{full.scene.name}': estimates of its answers bound forces")
-    problem, equilibrium = full.problem, full.equilibrium
+    problem = full.problem
+    equilibrium = full.equilibrium
     problem.require_whole()
     elastic = elastic_response(full)
     masks = [(elastic.parts == part)[:, None] for part in range(max(len(elastic.factors.moduli), 1))]

@@ -113,11 +113,14 @@ def grown(
         ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes.values())])
         return max((float(np.linalg.norm(values[a:b])) for a, b in pairwise(ends)), default=0.0)
 
-    box, how = (axes, lower[axes], upper[axes]), (settings.tolerance, settings.budget)
+    box = (axes, lower[axes], upper[axes])
+    how = (settings.tolerance, settings.budget)
     formulas = None if part is None else FormulaGrid(part.moduli, part.factor, axes, space).error
     kept = settings.compressed
     grid = grow(joined, scale, box, *how, compressed=kept, least=settings.least, everywhere=formulas)
-    modes, first, parts = grid.interpolant.modes, 0, {}
+    modes = grid.interpolant.modes
+    first = 0
+    parts = {}
     for name, shape in shapes.items():
         size = int(np.prod(shape))
         parts[name] = sizes[name] * modes[first : first + size].reshape(*shape, modes.shape[1])
@@ -170,7 +173,8 @@ class FormulaGrid:
         if not self.moduli or not len(self._points_along):
             return 0.0
         nodes = nodes_of(levels)
-        known, exact = self._inverses(self._points(nodes)), self._exact
+        known = self._inverses(self._points(nodes))
+        exact = self._exact
         if not (np.isfinite(known).all() and np.isfinite(exact).all()):
             return np.inf
         # each polynomial vanishes at the nodes before its own
@@ -196,7 +200,8 @@ class FormulaGrid:
 
         A part may be negative, as the change of volume is for auxetic bodies; a mixture that is does not occur.
         """
-        weights, count = self._weights(self._points_along), len(self.moduli)
+        weights = self._weights(self._points_along)
+        count = len(self.moduli)
         shares = [np.ones(count) / count]
         for mixed in MIXED if count > 1 else ():
             shares += list(mixed / (count - 1) * (1 - np.eye(count)) + (1 - mixed) * np.eye(count))

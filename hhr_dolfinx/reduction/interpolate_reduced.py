@@ -37,7 +37,8 @@ def interpolated_reduction(
     problem: ReducedProblem, amplitudes: Amplitudes, space: ParameterSpace, settings: GridSettings = REDUCED_GRID
 ) -> tuple[Compliances | None, list[GrownGrid]]:
     """Interpolate what eliminates gamma; None for what should rather be factored for each query: it is not smooth."""
-    parts, grids = [], []
+    parts = []
+    grids = []
     for block in blocks_of(problem):
         if problem.terms is None or not block.modes.size:
             continue
@@ -64,7 +65,8 @@ def _part(terms: ReducedTerms, block: Block, space: ParameterSpace) -> Part:
 def _solved(terms: ReducedTerms, block: Block, part: Part, point: np.ndarray) -> dict[str, np.ndarray]:
     """What is left of a block for the factor 1, see :func:`compliance_of`."""
     weights = np.array([modulus.value(point) for modulus in terms.moduli])
-    size, factor = block.modes.size, part.factor_at(point)
+    size = block.modes.size
+    factor = part.factor_at(point)
     lu, pivots, info = dgetrf((weights[block.parts] @ block.entries).reshape(size, size).T)
     if info:
         raise SingularError(f"K~ of {size} modes is singular at {point.tolist()}")
@@ -116,7 +118,8 @@ def interpolated_shapes(
     problem: ReducedProblem, full: ContactProblem, settings: GridSettings = SHAPE_GRID
 ) -> tuple[Compliances | None, list[GrownGrid]]:
     """The same where the shape varies: the RID is assembled at few shapes; None where that is not smooth."""
-    assembly, space = problem.reshaped, full.parameters
+    assembly = problem.reshaped
+    space = full.parameters
     assert assembly is not None
     named = {name for modulus in full.moduli for scalar in (modulus.factor_scalar, modulus.rest_scalar)
              for name in scalar.formula.variables}  # fmt: skip

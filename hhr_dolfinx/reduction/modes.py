@@ -100,7 +100,8 @@ def correction_modes(
 def _energy_modes(problem: ContactProblem, columns: np.ndarray, left_out: float) -> tuple[np.ndarray, np.ndarray]:
     """POD modes in energy that leave out a given norm, and their singular values."""
     squares, weights = linalg.eigh(columns.T @ (problem.stiffness @ columns))
-    squares, weights = np.maximum(squares[::-1], 0.0), weights[:, ::-1]
+    squares = np.maximum(squares[::-1], 0.0)
+    weights = weights[:, ::-1]
     rest = np.append(np.cumsum(squares[::-1])[::-1], 0.0)
     noise = np.finfo(float).eps * len(squares) * (squares[0] if squares.size else 0.0)
     count = min(int(np.argmax(rest <= left_out**2)), int((squares > noise).sum()))
@@ -141,7 +142,8 @@ def state_modes(fields: Sequence[np.ndarray], tolerance: float) -> np.ndarray:
         return np.stack([field[part] for field in fields]) * scale[:, None]
 
     squares, ways = linalg.eigh(sum(block @ block.T for block in map(stacked, parts)))
-    squares, ways = np.maximum(squares[::-1], 0.0), ways[:, ::-1]
+    squares = np.maximum(squares[::-1], 0.0)
+    ways = ways[:, ::-1]
     rest = np.append(np.cumsum(squares[::-1])[::-1], 0.0)
     count = max(int(np.argmax(rest < max(tolerance, 1e-14) * rest[0])), 1)
     chosen = ways[:, :count] / np.sqrt(squares[:count])

@@ -61,7 +61,8 @@ def _balanced(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, reduc
     All conditions that hold the bodies are in the RID, so that none of their forces is left out; along a rigid motion K
     does no work. Cut off outside A a motion would strain cells there, and forces would balance what projection leaves.
     """
-    r, motions = reduced.motions, basis[:, : reduced.motions]
+    r = reduced.motions
+    motions = basis[:, : reduced.motions]
     acting = np.setdiff1d(holding(problem), sets.A_lambda)
     if acting.size:
         raise ReductionError(
@@ -69,13 +70,22 @@ def _balanced(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, reduc
             f"{problem.contact_points[acting[0]].tolist()}: nothing else holds it, so that all must be in it"
         )
     loads = motions.T @ problem.loads
-    stiffness, test, forces = reduced.stiffness.copy(), reduced.contact_test.copy(), reduced.loads.copy()
-    stiffness[:r], stiffness[:, :r] = 0.0, 0.0
-    test[:, :r], forces[:r] = reduced.contact_trial[:, :r], loads
+    stiffness = reduced.stiffness.copy()
+    test = reduced.contact_test.copy()
+    forces = reduced.loads.copy()
+    stiffness[:r] = 0.0
+    stiffness[:, :r] = 0.0
+    test[:, :r] = reduced.contact_trial[:, :r]
+    forces[:r] = loads
     terms = reduced.terms
     if terms is not None:
-        parts, lifts, sums = terms.stiffness.copy(), terms.lifts.copy(), terms.forces.copy()
-        parts[:, :r], parts[:, :, :r], lifts[:, :r], sums[:r] = 0.0, 0.0, 0.0, loads
+        parts = terms.stiffness.copy()
+        lifts = terms.lifts.copy()
+        sums = terms.forces.copy()
+        parts[:, :r] = 0.0
+        parts[:, :, :r] = 0.0
+        lifts[:, :r] = 0.0
+        sums[:r] = loads
         terms = replace(terms, stiffness=parts, lifts=lifts, forces=sums)
     return replace(reduced, stiffness=stiffness, contact_test=test, loads=forces, terms=terms)
 
@@ -114,7 +124,8 @@ def reduced_domain(problem: ContactProblem, nodes: np.ndarray, layers: int = 0) 
         nodes: nodes picked by DEIM and by zones of interest.
         layers: layers of cells added around the union.
     """
-    incidence, rows = _incidence(problem), _rows_by_nodes(problem)
+    incidence = _incidence(problem)
+    rows = _rows_by_nodes(problem)
     wanted = np.zeros(problem.points.shape[0], dtype=bool)
     wanted[nodes] = True
     while True:

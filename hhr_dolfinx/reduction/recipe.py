@@ -395,9 +395,11 @@ def _plain(value: Any) -> Any:
 def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
     """The basis of a step, of a user's own maybe, as the equations are written for it; rigid motions come first."""
     if problem.rigid is not None:
-        rigid, moved = problem.rigid, snapshots.displacements
+        rigid = problem.rigid
+        moved = snapshots.displacements
         snapshots = replace(snapshots, displacements=moved - rigid @ (rigid.T @ moved))
-    basis, rows = np.asarray(step.modes(problem, snapshots)), len(problem.free)
+    basis = np.asarray(step.modes(problem, snapshots))
+    rows = len(problem.free)
     if basis.ndim != 2 or len(basis) != rows or not 0 < basis.shape[1] <= rows or not np.isfinite(basis).all():
         raise ReductionError(f"modes of {step!r} have the shape {basis.shape}: finite ones ({rows}, ell) are needed")
     check_basis(problem, basis, f"the basis of {step!r}")

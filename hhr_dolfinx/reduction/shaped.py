@@ -63,7 +63,8 @@ def rid_assembly(
     Warns:
         StabilityWarning: if the loads are not as smooth as wished.
     """
-    problem, arrays = full.problem, full.rid_arrays()
+    problem = full.problem
+    arrays = full.rid_arrays()
     if open_conditions(problem, sets).size:
         raise ReductionError("the RID is not closed: build it with reduced_domain")
     inside = np.zeros(problem.free.size, dtype=bool)
@@ -123,8 +124,10 @@ def _projected(
     tested: np.ndarray,
 ) -> FixedCells:
     """What cells that do not move add to K~, by parts."""
-    moduli, ell = [], basis.shape[1]
-    stiffness, lifted = np.zeros((2 * len(bodies), ell, ell)), np.zeros((2 * len(bodies), ell, lifts.shape[1]))
+    moduli = []
+    ell = basis.shape[1]
+    stiffness = np.zeros((2 * len(bodies), ell, ell))
+    lifted = np.zeros((2 * len(bodies), ell, lifts.shape[1]))
     for place, body in enumerate(bodies):
         projection = CellProjection.of(body.cells, basis, lifts, tested, points.shape[1])
         for k, (modulus, weights) in enumerate(((body.volume, (1.0, 0.0)), (body.shape, (0.0, 1.0)))):
@@ -139,7 +142,8 @@ def _forces(
     arrays: ShapedArrays, problem: ContactProblem, test: np.ndarray, inner: np.ndarray, tolerance: float, budget: int
 ) -> Interpolant:
     """V[A]^T F[A], (ell (1 + T),), over the parameters of shapes."""
-    middle, axes = problem.middle, arrays.axes
+    middle = problem.middle
+    axes = arrays.axes
 
     def tested(place: np.ndarray) -> np.ndarray:
         point = middle.copy()
@@ -187,7 +191,8 @@ class _Known(NamedTuple):
 
 def _known(arrays: ShapedArrays, problem: ContactProblem) -> list[_Known]:
     """Conditions in the middle of the box and at two ends."""
-    space, found = problem.parameters, []
+    space = problem.parameters
+    found = []
     for point in (problem.middle, np.array(space.lower, dtype=float), np.array(space.upper, dtype=float)):
         points = arrays.coordinates(point)
         weights = 2 * np.pi * points[:, 0] if arrays.hypothesis == "axisymmetric" else np.ones(len(points))
@@ -316,7 +321,8 @@ def reshaped_functionals(
     for name, part in modes.items():
         place, own = name.split(" ", 1)
         arrays.append((int(place), own, part.shape[:-1]))
-    items, zones = [], []
+    items = []
+    zones = []
     for item in base:
         zones.append(Zone(item.cells, columns[item.cells.dofs]) if isinstance(item, MovingMises) else None)
         items.append(_without_rows(item))

@@ -34,7 +34,8 @@ def linear_starts(
     """
     found = []
     for number, point in enumerate(points):
-        contact, start = eliminated(point), None if active is None else active[number]
+        contact = eliminated(point)
+        start = None if active is None else active[number]
         answer = answer_of(contact, point, start, Pairs.of(pairs), NO_FIELDS, gradient=True)
         if answer.gradient is None:
             continue

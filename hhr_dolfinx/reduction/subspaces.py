@@ -220,7 +220,8 @@ def _from_sines(padded: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.nd
     found = [np.zeros(0)]
     step = max(1, MOST_NUMBERS // (width * size))
     for start in range(0, one.size, step):
-        first, second = padded[one[start : start + step]], padded[other[start : start + step]]
+        first = padded[one[start : start + step]]
+        second = padded[other[start : start + step]]
         beyond = second - (second @ first.transpose(0, 2, 1)) @ first
         squares = np.linalg.eigvalsh(beyond @ beyond.transpose(0, 2, 1))
         found.append(np.linalg.norm(np.arcsin(np.sqrt(np.clip(squares, 0.0, 1.0))), axis=-1))

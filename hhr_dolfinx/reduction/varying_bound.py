@@ -31,7 +31,9 @@ PROVED = 1e-5
 """ε up to which a proof is worth its name; what interpolates worse is far better than what is proved of it."""
 NOISE = 1e-9
 """Part of S, and of energies, that is round-off of soft directions."""
-OBSERVED, PLACES, LARGEST = 10.0, 3, 1e-3
+OBSERVED = 10.0
+PLACES = 3
+LARGEST = 1e-3
 """Errors over the largest seen at so many random places, where nothing is proved; and where there is no bound."""
 
 
@@ -61,7 +63,8 @@ def varying_bound(full: Any, basis: np.ndarray, forces: np.ndarray | None = None
     problem: ContactProblem = full.problem
     if full not in _KNOWN:
         _KNOWN[full] = _between(full)
-    known, sizes = _KNOWN[full], (problem.contact_areas, least_sizes(full, forces))
+    known = _KNOWN[full]
+    sizes = (problem.contact_areas, least_sizes(full, forces))
     return VaryingBound(
         *known[:2], _whole(problem, basis), known.inexact, known.proved, problem.middle, *sizes, known.areas
     )
@@ -84,7 +87,8 @@ def _between(full: Any) -> Between:
         PartEnergy(*(np.ascontiguousarray(np.moveaxis(part[name], 2, 0)) for name in ("work", "lifted")))
         for part in modes
     )
-    errors, proved = [ROUND_OFF], problem.reshaped is None
+    errors = [ROUND_OFF]
+    proved = problem.reshaped is None
     for solver, part, energy, kind in zip(solvers, compliances.parts, energies, kinds, strict=True):
         seen = _seen(solver, part, energy)
         sure = _proved(solver.component, part, kind)
@@ -126,10 +130,12 @@ def _stiffness_of(component: Component, problem: ContactProblem) -> PartStiffnes
 
     A lift moves with K, not with K^-1.
     """
-    part, moduli = component.part, component.moduli
+    part = component.part
+    moduli = component.moduli
     if problem.reshaped is not None or part.axes.size != 1 or part.lifted.size or not 0 < len(moduli) < 3:
         return None
-    axis, space = int(part.axes[0]), problem.parameters
+    axis = int(part.axes[0])
+    space = problem.parameters
     of_volume = len(moduli) == 2 and all(modulus.rest != "1" for modulus in moduli)
     ends = float(space.lower[axis]), float(space.upper[axis])
     return PartStiffness(moduli, part.factor, axis, *ends, problem.middle, of_volume)
@@ -145,13 +151,17 @@ def _proved(component: Component, part: Compliance, kind: PartStiffness | None) 
 
 def _seen(solver: EnergySolver, part: Compliance, energy: PartEnergy) -> float:
     """Largest error of a part at random places, in the order of energies."""
-    space, worst = solver.problem.parameters, 0.0
+    space = solver.problem.parameters
+    worst = 0.0
     for point in space.random(PLACES if part.interpolant.axes.size else 1, seed=PLACES):
         exact = solver(point)
-        along, scale = part.interpolant.along_modes(point), exact["schur"].diagonal().mean()
-        schur, shift = part.schur(along), NOISE * scale * np.eye(len(exact["schur"]))
+        along = part.interpolant.along_modes(point)
+        scale = exact["schur"].diagonal().mean()
+        schur = part.schur(along)
+        shift = NOISE * scale * np.eye(len(exact["schur"]))
         worst = max(worst, np.abs(eigvalsh(schur - exact["schur"], exact["schur"] + shift)).max())
-        sizes, conditions = _sizes(exact["work"]), _sizes(exact["schur"])
+        sizes = _sizes(exact["work"])
+        conditions = _sizes(exact["schur"])
         work = np.tensordot(along, energy.work, 1) - exact["work"]
         columns = part.columns @ along - exact["columns"]
         for off, first, second in ((work, sizes, sizes), (columns, sizes, conditions)):
@@ -167,7 +177,8 @@ def _sizes(energies: np.ndarray) -> np.ndarray:
 
 def _whole(problem: ContactProblem, basis: np.ndarray) -> ReducedProblem | InterpolatedProblem:
     """Galerkin's projection on the whole mesh, all conditions among its rows."""
-    every, conditions = np.flatnonzero(problem.free), np.arange(len(problem.gaps))
+    every = np.flatnonzero(problem.free)
+    conditions = np.arange(len(problem.gaps))
     cells = np.arange(len(problem.cell_nodes))
     sets = IndexSets(cells, every, conditions, every, every, np.zeros(0, dtype=np.int64))
     if problem.reshaped is None:
@@ -181,13 +192,16 @@ class EnergySolver(Solver):
     def __call__(self, point: np.ndarray) -> dict[str, np.ndarray]:
         """See :class:`Solver`, with the arrays of :class:`PartEnergy`."""
         problem, factors = self.factored(point)
-        part, body = self.component.part, self.component.body
-        rows, factor = csr_matrix(problem.contact[part.conditions]), part.factor_at(point)
+        part = self.component.part
+        body = self.component.body
+        rows = csr_matrix(problem.contact[part.conditions])
+        factor = part.factor_at(point)
         lifts = csc_matrix(problem.lifts[:, part.lifted])
         pulls = csc_matrix(problem.own_stiffness @ lifts)
         loads = csc_matrix(hstack([problem.external[:, part.forced], pulls]))
         solved = factors.solve_columns(csc_matrix(hstack([rows.T, loads])))
-        per_force, per_load = solved[:, : len(part.conditions)], solved[:, len(part.conditions) :]
+        per_force = solved[:, : len(part.conditions)]
+        per_load = solved[:, len(part.conditions) :]
         schur = rows @ per_force
         # loads move a body the more the softer it is, lifts by themselves
         scales = np.append(np.full(part.forced.size, factor**0.5), np.full(part.lifted.size, factor**-0.5))

@@ -88,7 +88,8 @@ def held_out_points(problem: ContactProblem, training: SnapshotSet, number: int,
     These lie within one step of the training points from the training solutions with the weakest forces that are no
     round-off. Without contact in training all are uniform.
     """
-    space, sizes = problem.parameters, np.linalg.norm(training.forces, axis=0)
+    space = problem.parameters
+    sizes = np.linalg.norm(training.forces, axis=0)
     touching = np.flatnonzero(sizes > force_floor(problem, training))
     aimed = int(GRAZING_SHARE * number) if touching.size else 0
     uniform = space.random(number - aimed, seed)
@@ -97,7 +98,8 @@ def held_out_points(problem: ContactProblem, training: SnapshotSet, number: int,
     weakest = touching[np.argsort(sizes[touching], kind="stable")]
     centres = training.points[weakest[: int(np.ceil(GRAZING_SHARE * touching.size))]]
     centres = centres[np.arange(aimed) % len(centres)]
-    lower, upper = np.array(space.lower), np.array(space.upper)
+    lower = np.array(space.lower)
+    upper = np.array(space.upper)
     step = (upper - lower) / np.maximum(_counts(training.points) - 1, 1)
     # a draw of its own: the uniform points of a seed stay what they are
     draw = np.random.default_rng([seed, aimed])

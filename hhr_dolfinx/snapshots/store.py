@@ -121,7 +121,8 @@ def _values_of(value: Any, what: str) -> list[Any]:
     )
 
 
-FORMAT, VERSION = "hhr_dolfinx snapshot", 6
+FORMAT = "hhr_dolfinx snapshot"
+VERSION = 6
 
 _LAYOUT: dict[str, tuple[str, ...]] = {
     "unknown": ("float", "N"),
@@ -163,7 +164,8 @@ class SnapshotStore:
         full.problem.require_whole()
         self._folder = make_folder(folder)
         clear_leftovers(self._folder)
-        self._full, self._problem = full, full.problem
+        self._full = full
+        self._problem = full.problem
         self._fingerprint = _digest_of(full)
         self._behaviours: dict[tuple, str] = {}
         conditions, dofs = self._problem.contact.shape
@@ -210,7 +212,8 @@ class SnapshotStore:
         """A digest of what each body with formulas answers with its constants at a point, and of its modulus there."""
         if self._full.equilibrium is None:
             return []
-        material, digests = self._full.equilibrium.material, []
+        material = self._full.equilibrium.material
+        digests = []
         for place, constants in enumerate(material.constants(point)):
             if constants:
                 key = place, *constants.values()
@@ -259,12 +262,14 @@ class SnapshotStore:
         return _LAYOUT if self._full.equilibrium is None else _LAYOUT | _GAUSS
 
     def _answer(self, point: np.ndarray, arrays: dict[str, np.ndarray]) -> Answer:
-        gauss, iterations = None, 0
+        gauss = None
+        iterations = 0
         steps: dict[str, Any] = {}
         if "stress" in arrays:
             state = self._full.equilibrium.material.at_rest()
             state = state._replace(plastic=arrays["plastic"], cumulated=arrays["cumulated"])
-            gauss, iterations = GaussState(arrays["stress"], state), int(arrays["iterations"])
+            gauss = GaussState(arrays["stress"], state)
+            iterations = int(arrays["iterations"])
             steps = {"time_error": float(arrays["time_error"]), "ends": tuple(arrays["ends"].tolist())}
         unknown, multipliers, active = (arrays[name] for name in _LAYOUT)
         how = iterations, Status.CONVERGED, False, self._full
@@ -305,7 +310,8 @@ class KeptSteps:
     """
 
     def __init__(self, store: SnapshotStore, path: History_path, settings: MarchSettings):
-        self._store, self._path = store, path
+        self._store = store
+        self._path = path
         how = [getattr(settings, name) for name in settings.__dataclass_fields__ if name not in ("outside", "gradient")]
         question = [item if item is None or isinstance(item, str) else float(item) for item in how]
         self._questions: list[list] = []
@@ -317,7 +323,9 @@ class KeptSteps:
 
     def load(self) -> list[Answer]:
         """Answers to the first steps, up to the first that is not there."""
-        answers, forces, equilibrium = [], 0.0, self._store._full.equilibrium
+        answers = []
+        forces = 0.0
+        equilibrium = self._store._full.equilibrium
         for (time, point), question in zip(self._path[1:], self._questions[1:], strict=True):
             answer = self._store._load(point, question, forces)
             if answer is None:
@@ -332,7 +340,8 @@ class KeptSteps:
         gauss = history.answers[-1].gauss if history.answers else None
         if gauss is None or gauss.stress.nbytes < MAPPED:
             return history
-        found, answers = self._store.found, self.load()
+        found = self._store.found
+        answers = self.load()
         self._store.found = found
         return replace(history, answers=answers) if len(answers) == len(history.answers) else history
 

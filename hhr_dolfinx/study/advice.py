@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-CONDENSED, HHR, FOM_BEST = "condensed", "hhr", "fom_best"
+CONDENSED = "condensed"
+HHR = "hhr"
+FOM_BEST = "fom_best"
 ALIKE = 1e-9
 """Relative force error below which methods are as exact as each other."""
 
@@ -37,7 +39,8 @@ def advice_exact(report: dict[str, Any]) -> Advice:
     Exact condensation has no reduction error; it is advised unless it is much slower than the reduced model
     where both give the forces on the whole contact surface.
     """
-    times, error = report["times"], report["errors"]["dual_full_floored"]
+    times = report["times"]
+    error = report["errors"]["dual_full_floored"]
     reduced = times["online_full"]["median"]
     median, high, most = (percent(error[name]) for name in ("median", "p95", "max"))
     accuracy = f"force errors {median} median, {high} at 95 %, {most} at most"
@@ -58,8 +61,10 @@ def advice_exact(report: dict[str, Any]) -> Advice:
 
 def advice_alone(report: dict[str, Any]) -> Advice:
     """Whether the hyper-reduced model is worth it where there is no condensation beside it."""
-    times, error = report["times"], report["errors"]["dual_full_floored"]
-    reduced, best = times["online_forces"]["median"], times["fom_best"]["median"]
+    times = report["times"]
+    error = report["errors"]["dual_full_floored"]
+    reduced = times["online_forces"]["median"]
+    best = times["fom_best"]["median"]
     return Advice(
         HHR if reduced < best else FOM_BEST,
         f"Use {'the hyper-reduced model' if reduced < best else 'the full order'}: forces take {in_words(reduced)} by "
@@ -73,7 +78,8 @@ def advice_varying(report: dict[str, Any]) -> Advice:
 
     The most accurate one within a factor of three of the fastest is advised: beside the full order both are fast.
     """
-    times, rows = report["times"], {row["method"]: row for row in report["work_precision"] if row["setting"] in _OWN}
+    times = report["times"]
+    rows = {row["method"]: row for row in report["work_precision"] if row["setting"] in _OWN}
     names = {"condensed": "interpolated condensation", "HHR": "the hyper-reduced model"}
     # the same product on both sides: forces on the whole surface
     seconds = {"condensed": times["condensed"]["median"], "HHR": times["online_forces"]["median"]}
@@ -81,7 +87,8 @@ def advice_varying(report: dict[str, Any]) -> Advice:
     after = {"condensed": even.get("forces, condensed"), "HHR": even.get("forces")}
 
     def told(method: str) -> str:
-        row, count = rows[method], after[method]
+        row = rows[method]
+        count = after[method]
         paid = "never pays" if count is None else f"pays after {count:.0f} queries"
         ratio = times["fom_best"]["median"] / seconds[method]
         return (
@@ -104,7 +111,8 @@ def advice_flowing(report: dict[str, Any]) -> Advice:
 
     The most accurate one within a factor of three of the fastest is advised: beside the full order both are fast.
     """
-    times, models = report["times"], report["models"]
+    times = report["times"]
+    models = report["models"]
     kinds = {
         "condensed": ("condensed", "condensed flow", "fields, condensed", "offline_condensed"),
         "hhr": ("online", "the hyper-reduced model", "fields", "offline"),
@@ -113,11 +121,13 @@ def advice_flowing(report: dict[str, Any]) -> Advice:
     seconds = {key: times[kinds[key][0]]["median"] for key in measured}
 
     def told(key: str) -> str:
-        errors, (_, name, even, stages) = measured[key]["errors"], kinds[key]
+        errors = measured[key]["errors"]
+        _, name, even, stages = kinds[key]
         count = report["break_even"].get(even)
         paid = "never pays" if count is None else f"pays after {count:.1f} histories"
         own = sum(value for stage, value in times[stages].items() if stage not in TRAINING)
-        ratio, missed = times["fom_best"]["median"] / seconds[key], measured[key]["unconverged"]
+        ratio = times["fom_best"]["median"] / seconds[key]
+        missed = measured[key]["unconverged"]
         return (
             f"{name}: {in_words(seconds[key])} for a history, {ratio:.0f} times the best full order, errors "
             f"{errors['largest_displacement']['max']:.1e} of displacement and {errors['largest_forces']['max']:.1e} of "

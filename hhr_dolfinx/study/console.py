@@ -13,7 +13,8 @@ with extra("study", "the console of a study"):
 
 __all__ = ["Column", "Console", "Table", "make_console", "progress_on"]
 
-_NO_LIMIT, _ANY_HEIGHT = 10_000, 25
+_NO_LIMIT = 10_000
+_ANY_HEIGHT = 25
 """Columns and lines of a console that no window bounds. rich takes 80 columns unless both are given."""
 
 

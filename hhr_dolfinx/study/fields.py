@@ -86,16 +86,20 @@ def grid_of(full: FullOrderModel, answer: Answer) -> pyvista.UnstructuredGrid:
     problem = full.problem.at(answer.parameter)
     # points are the nodes of the space, in the order of its dofs
     grid = pyvista.UnstructuredGrid(*vtk_mesh(full.discretisation.space))
-    theta, displacement = problem.amplitudes(answer.parameter), answer.displacement()
+    theta = problem.amplitudes(answer.parameter)
+    displacement = answer.displacement()
     vectors = displacement.reshape(grid.n_points, -1)
-    pressure, gap = np.zeros(grid.n_points), np.full(grid.n_points, np.nan)
+    pressure = np.zeros(grid.n_points)
+    gap = np.full(grid.n_points, np.nan)
     np.add.at(pressure, problem.contact_slaves, answer.forces() / problem.contact_areas)
     gap[problem.contact_slaves] = problem.gaps @ theta - problem.contact @ (displacement - problem.lifts @ theta)
     grid.point_data["displacement"] = np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
-    grid.point_data["contact_pressure"], grid.point_data["gap"] = pressure, gap
+    grid.point_data["contact_pressure"] = pressure
+    grid.point_data["gap"] = gap
     # a model from a file leaves its stress to the mesh
     found = full.stress_of(displacement, answer.parameter) if full.equilibrium is None else answer.stress()
     stress = found.reshape(grid.n_cells, -1, found.shape[-1]).mean(axis=1)
-    grid.cell_data["stress_kelvin"], grid.cell_data["von_mises"] = stress, von_mises(stress)
+    grid.cell_data["stress_kelvin"] = stress
+    grid.cell_data["von_mises"] = von_mises(stress)
     grid.cell_data["body"] = full.discretisation.cell_bodies()
     return grid

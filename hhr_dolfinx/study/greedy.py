@@ -264,10 +264,12 @@ class _Domain:
     """
 
     def __init__(self, problem: ContactProblem, sets: IndexSets):
-        self._problem, self._sets = problem, sets
+        self._problem = problem
+        self._sets = sets
         part = restricted(problem, sets)
         self.places = np.flatnonzero(~part.problem.free)
-        self.inner, self.interface = part.dofs[part.problem.free], part.dofs[self.places]
+        self.inner = part.dofs[part.problem.free]
+        self.interface = part.dofs[self.places]
         self._constant = None if problem.varies else _Inside(part)
 
     def at(self, point: np.ndarray) -> _Inside:
@@ -283,7 +285,8 @@ class _Inside:
     """
 
     def __init__(self, part: Restriction):
-        self.part, problem = part, part.problem
+        self.part = part
+        problem = part.problem
         whole = slice(0, problem.free.size)
         self._factors = FreeCholesky(problem.stiffness, problem.free, whole, "rid", "qmd", MPI.COMM_SELF)
 
@@ -296,8 +299,10 @@ class _Inside:
 
     def solved(self, interface: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """U0 on A, and the forces of the RID, for what lies on its interface, see (1.73)."""
-        problem, (per_force, equalities, pairs) = self.part.problem, self._contact
-        theta, imposed = problem.amplitudes(point), np.zeros(problem.free.size)
+        problem = self.part.problem
+        per_force, equalities, pairs = self._contact
+        theta = problem.amplitudes(point)
+        imposed = np.zeros(problem.free.size)
         imposed[~problem.free] = interface
         unloaded = self._factors.solve(problem.loads @ theta + self.part.load_of @ imposed)
         slack = problem.gaps @ theta + self.part.gap_of @ imposed - problem.contact @ unloaded
@@ -321,7 +326,8 @@ class _Inside:
 
 _log = logging.getLogger(__name__)
 
-FORMAT, VERSION = "hhr_dolfinx greedy choice", 1
+FORMAT = "hhr_dolfinx greedy choice"
+VERSION = 1
 _LAYOUT = {"points": ("float", "S", "P"), "counts": ("int", "R"), "worst": ("float", "R"), "middle": ("float", "R")}
 FINE = 1e-13
 """Tolerance of the POD of a greedy training of points."""
@@ -448,10 +454,12 @@ class Greedy:
             progress: wraps the iteration over the models.
             store: in whose folder the choice is kept too: what an earlier run chose is not looked for again.
         """
-        space, score = self.space(full.scene), self._score(full)
+        space = self.space(full.scene)
+        score = self._score(full)
         start, choices = self._samplings(full)
         candidates = space.points(choices.points(space))
-        points, rounds = space.points(start.points(space))[: self.budget], []
+        points = space.points(start.points(space))[: self.budget]
+        rounds = []
         kept = None
         if store is not None and comm.rank == 0:
             kept = KeptChoice(store.folder, store.problem_digest, self, self._recipe(full), full.parameters)
@@ -518,7 +526,8 @@ class Greedy:
     def _errors(self, full: Any, known: SnapshotSet, candidates: np.ndarray, score: Score, comm: Comm) -> np.ndarray:
         """Indicators of a model of what is known, (n, k)."""
         recipe = self._recipe(full).as_it_is()
-        mine, found = np.array_split(candidates, comm.size)[comm.rank], np.zeros((0, 1))
+        mine = np.array_split(candidates, comm.size)[comm.rank]
+        found = np.zeros((0, 1))
         with ranks.each_for_itself(comm, "choosing where to train"):
             try:
                 model = build(full, known, recipe)
@@ -568,7 +577,9 @@ def independent(errors: np.ndarray, count: int) -> np.ndarray:
         errors: of each candidate, (n, k).
         count: how many at most.
     """
-    left, chosen, least = errors.copy(), list[int](), NOTHING * np.linalg.norm(errors, axis=1).max(initial=0.0)
+    left = errors.copy()
+    chosen = list[int]()
+    least = NOTHING * np.linalg.norm(errors, axis=1).max(initial=0.0)
     while len(chosen) < count:
         sizes = np.linalg.norm(left, axis=1)
         worst = int(sizes.argmax())

@@ -56,7 +56,8 @@ def run_beside(
     runs = run_in_turns(models, path, settings, repetitions)
     if settings.time_tolerance is None:
         return runs
-    plain, times = replace(settings, time_tolerance=None), [answer.time for answer in exact.answers]
+    plain = replace(settings, time_tolerance=None)
+    times = [answer.time for answer in exact.answers]
     for name, run in runs.items():
         if run.history is not None:
             same = timed_run(models[name], exact.solved_path, plain)
@@ -118,10 +119,12 @@ def history_errors(
     What is compared in the RID too is left out of a model that has none; ``floor`` is the force norm below which a
     relative error means nothing.
     """
-    here, there = history.answers[-1], exact.answers[-1]
+    here = history.answers[-1]
+    there = exact.answers[-1]
     found, known = ((answer.displacement(), answer.forces()) for answer in (here, there))
     errors = answer_errors(full.problem, found, known, floor, conditions_inside(model))
-    stress, flowed = there.stress(), there.plastic_strain()
+    stress = there.stress()
+    flowed = there.plastic_strain()
     if isinstance(model, ReducedModel) and model.flow is not None and here.gauss is not None:
         inside = model.flow.points
         errors["stress_rr"] = relative_error(here.gauss.stress[:, 0], stress[inside, 0])
@@ -168,8 +171,10 @@ def seconds_of_parts(full_or_reduced: FullOrderModel | ReducedModel, history: Hi
     """Seconds of each part of an iteration in the last step of a history, and of a new tangent."""
     model: Any = full_or_reduced.equilibrium
     (before, _), (time, _), answer = *history.path[-2:], history.answers[-1]
-    theta, step = model.amplitudes(answer.parameter), time - before
-    gauss, material = answer.state(), model.material.at(answer.parameter)
+    theta = model.amplitudes(answer.parameter)
+    step = time - before
+    gauss = answer.state()
+    material = model.material.at(answer.parameter)
     strain = model.strain(answer.unknown, theta)
     update = material.update(strain, gauss.state, step, tangent=True)
     residual, _ = model.residual(answer.unknown, update, theta)
@@ -216,7 +221,8 @@ def measure_histories(
     known = [run.history for run in exact if run.history is not None]
 
     def beside(method: str, setting: str, other: Model) -> Row:
-        how, pairs = (settings.march, settings.repetitions), zip(paths, known, strict=True)
+        how = (settings.march, settings.repetitions)
+        pairs = zip(paths, known, strict=True)
         runs = [run_beside({"": other}, path, *how, there)[""] for path, there in pairs]
         return row_of_runs(method, setting, runs, errors_of_runs(full, other, runs, known, floor))
 
@@ -253,7 +259,8 @@ def _runs(
     """Paths that the full order solves, by label, and histories along them: of the full order, and of each model."""
     exact: list[Run] = []
     found: dict[str, list[Run]] = {name: [] for name in models}
-    lost, solved = Lost(), {}
+    lost = Lost()
+    solved = {}
     for label, path in progress("tests")(list(tests.items())):
         with lost.taken_in(str(label)):
             exact.append(run_in_full(full, path, ways))
@@ -360,7 +367,8 @@ def _described(tests: Mapping[Any, Path], measured: dict[str, _Measured], exact:
 
 def _told(item: _Measured, k: int) -> dict[str, Any]:
     """One history of a model: errors, seconds, iterations, or why there are none."""
-    run, row = item.runs[k], {**item.errors[k], "seconds": item.runs[k].seconds}
+    run = item.runs[k]
+    row = {**item.errors[k], "seconds": item.runs[k].seconds}
     if run.history is None:
         return row | {"cuts": None, "iterations": None, "failed": str(run.failure)}
     history: History = run.history

@@ -80,7 +80,8 @@ def local_histories(
         ReductionError: for a training without histories, or labels that are none of its steps.
         UnstableModelError: if the check refuses the models at the most layers of cells.
     """
-    full, snapshots = training.full_order, training.snapshots
+    full = training.full_order
+    snapshots = training.snapshots
     recipe = usual_recipe(full) if recipe is None else recipe
     recipe = recipe if checked else recipe.as_it_is()
     if full.equilibrium is None or not snapshots.histories:

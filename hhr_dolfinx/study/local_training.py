@@ -123,14 +123,19 @@ class Clusters:
 
     def models(self, training: TrainingAnswers, recipe: Recipe, progress: Progress) -> LocalModels:
         """Local models of a training; see the class."""
-        full, snapshots, record = training.full_order, training.snapshots, LocalRecord()
-        space, points = full.parameters, training.snapshots.points
+        full = training.full_order
+        snapshots = training.snapshots
+        record = LocalRecord()
+        space = full.parameters
+        points = training.snapshots.points
         width = np.array(space.upper) - space.lower
         with record.log.stage("clusters"):
             choice, members = self._on_grid(snapshots, full) or self._anywhere(snapshots, full, width)
-        labels, models = choice.many(points)[0], []
+        labels = choice.many(points)[0]
+        models = []
         for number in progress(range(self.count)):
-            own, held_out = snapshots.take(members[number]), _held_out_of(training, choice, number)
+            own = snapshots.take(members[number])
+            held_out = _held_out_of(training, choice, number)
             if len(own.points) < 2:
                 raise StudyError(
                     f"cluster {number} has {len(own.points)} solutions, and a model needs at least 2: take fewer "
@@ -149,7 +154,9 @@ class Clusters:
         self, full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | None, recipe: Recipe, points: np.ndarray
     ) -> tuple[ReducedModel, np.ndarray, list[str]]:
         """The model of a cluster, estimates of its forces at points of its region, and doubts of its check."""
-        floor, found, why = least_forces(full, snapshots), [], ""
+        floor = least_forces(full, snapshots)
+        found = []
+        why = ""
         for item in (recipe, *(self.others if recipe.trust else (other.as_it_is() for other in self.others))):
             try:
                 if self.modes is not None or self.conditions is not None:

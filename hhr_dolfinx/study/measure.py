@@ -167,7 +167,10 @@ class References:
     def errors(self, model: Model) -> Errors:
         """Errors of any model with ``solve(mu)`` on the whole mesh at every point, see :func:`answer_errors`."""
         rows: list[dict[str, float] | None] = []
-        residuals, solutions, problem, false_contact = [], self.solutions, self.problem, 0
+        residuals = []
+        solutions = self.solutions
+        problem = self.problem
+        false_contact = 0
         inside = conditions_inside(model)
         for point, homogeneous, forces in zip(
             solutions.points, solutions.displacements.T, solutions.forces.T, strict=True

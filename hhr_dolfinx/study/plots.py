@@ -215,7 +215,9 @@ def _draw(axis: Any, points: list[_Point], floor: float) -> None:
     """All points, with names beside them that do not lie on each other."""
     colours = {method: f"C{k % 10}" for k, method in enumerate(dict.fromkeys(point.method for point in points))}
     for k, point in enumerate(sorted(points, key=lambda point: point.seconds)):
-        x, y, colour = point.seconds * 1e6, max(point.median, floor), colours[point.method]
+        x = point.seconds * 1e6
+        y = max(point.median, floor)
+        colour = colours[point.method]
         if point.exact:
             y = floor
         if not math.isfinite(y):
@@ -265,7 +267,8 @@ def draw_study(study: Any, view: View, folder: Path) -> None:
     for ParaView: at the points of the view, fields at the last of them, or at the last step of the last test history.
     Besides, errors over the parameter where there is only one, or over time what a history did.
     """
-    full, model = study.training.full_order, study.model
+    full = study.training.full_order
+    model = study.model
     plot_work_precision(study.report["work_precision"], folder / "work_precision.png")
     if study.measured.drawn:
         exact, found = study.measured.drawn
@@ -295,7 +298,8 @@ def _draw_answers(
     method: str = "HHR",
 ) -> None:
     """Contact pressures of exact and reduced answers by label, and fields of the last of them."""
-    problem, units = full.problem, full.scene.units
+    problem = full.problem
+    units = full.scene.units
     view = view.of(units)
     panels = [
         _pressures_of(full, pair, pairs, view, method)
@@ -332,7 +336,9 @@ def _pressures_of(
     problem = full.problem
     own = problem.contact_pairs == pair
     where, label = view.along(problem.contact_points[own], pair, full.scene.units)
-    lines, marks, closed_forms = {}, {}, {}
+    lines = {}
+    marks = {}
+    closed_forms = {}
     for name, (exact, found) in pairs.items():
         lines[f"full order{name}"] = where, pressures(problem, pair, exact.forces())
         marks[f"{method}{name}"] = where, pressures(problem, pair, found.forces())
@@ -353,7 +359,8 @@ def _cells(model: ReducedModel | CondensedFlowModel) -> np.ndarray:
 def _draw_over_time(histories: dict[str, History], contacts: np.ndarray, folder: Path) -> None:
     """Force of each contact, largest plastic strain and iterations of the steps of histories, by method."""
     times = [answer.time for answer in next(iter(histories.values())).answers]
-    pairs, lines = np.unique(contacts), {}
+    pairs = np.unique(contacts)
+    lines = {}
     for label, history in histories.items():
         forces = np.array([answer.forces() for answer in history.answers])
         for pair in pairs:

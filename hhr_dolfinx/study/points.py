@@ -38,7 +38,9 @@ def measure_points(
     training: Training, model: ReducedModel, settings: Any, points: np.ndarray, progress: Progress
 ) -> Measurement:
     """Errors of the reduced model at test points, and its time beside that of all other models."""
-    full, space, known = training.full_order, training.full_order.parameters, training.snapshots.known_statuses()
+    full = training.full_order
+    space = training.full_order.parameters
+    known = training.snapshots.known_statuses()
     references = References.at(points, full, training.snapshots, progress("references"))
     points = references.solutions.points
     answers = [model.solve(point, raise_on_failure=False, outside="ignore") for point in points]
@@ -47,13 +49,16 @@ def measure_points(
         "online_forces": _forces(_twin(model, PetscLU)),
         "online_full": _everywhere(_twin(model, PetscLU)),
     }
-    skipped, exact, offline = [], {"fom_best": references.errors(full)}, {}
+    skipped = []
+    exact = {"fom_best": references.errors(full)}
+    offline = {}
     if full.problem.varies and full.problem.pins is not None:
         why = "contact alone holds bodies, and their elasticity depends on parameters: not built in"
         skipped.append({"stage": "condensed", "why": why})
     else:
         forces_only, condensed = _condensed(training, known)
-        models["condensed"], whole["condensed_full"] = forces_only, _everywhere(condensed)
+        models["condensed"] = forces_only
+        whole["condensed_full"] = _everywhere(condensed)
         exact["condensed"] = references.errors(condensed)
         if forces_only.offline is not None:
             offline = {"offline_condensed": dict(forces_only.offline.log.times)}
@@ -73,10 +78,7 @@ def measure_points(
         # the same statuses by another solver: what differs is round-off, which tests of the full order measure
         exact["fom_naive"] = exact["fom_best"]
     else:
-        why = "not asked for: one query takes too long to measure a hundred"
-        if full.problem.pins is not None:
-            why = "nothing but contact holds a body: without it K is singular, and the first program fails"
-        skipped.append({"stage": "fom_naive", "why": why})
+        skipped.append({"stage": "fom_naive", "why": _without_naive(full)})
     report = {
         "times": {**_summaries(warm, TIMED), "cold_start": _summaries(cold, COLD), **offline},
         "ratios": {**_ratios(warm), "cold_start": _ratios(cold)},
@@ -92,6 +94,13 @@ def measure_points(
     rows = [Row(name, how.get(name, "exact"), warm[name], exact[name]) for name in order]
     small = {name: models[name] for name in ("condensed",) if name in models}
     return Measurement(own, rows, beside, report, skipped, models=small)
+
+
+def _without_naive(full: FullOrderModel) -> str:
+    """Why the naive full order is not measured."""
+    if full.problem.pins is not None:
+        return "nothing but contact holds a body: without it K is singular, and the first program fails"
+    return "not asked for: one query takes too long to measure a hundred"
 
 
 def _searches(answers: list[Answer]) -> dict[str, Any]:

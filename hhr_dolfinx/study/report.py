@@ -69,7 +69,8 @@ def condensed_report(model: CondensedFlowModel, row: Row) -> dict[str, Any]:
     ``check`` holds the misfit of the cubature, the largest energy of a mode by it (exactly at most 1), and the largest
     errors along trained and held-out histories; ``refused_before`` what was refused on the way.
     """
-    record, known = model.offline, model.offline.comparison
+    record = model.offline
+    known = model.offline.comparison
     columns = () if known is None else (known.labels, known.primal.tolist(), known.dual.tolist())
     compared = [
         {"history": label, "displacement": primal, "forces": dual} for label, primal, dual in zip(*columns, strict=True)
@@ -121,7 +122,8 @@ def break_even(times: dict[str, Any]) -> dict[str, float | None]:
     Forces on the whole surface, or fields and all forces; of a history always the whole. All training counts, answers
     that were read from files too; forces by condensation need no training answers, see :func:`hhr_dolfinx.condense`.
     """
-    offline, found = sum(times["offline"].values()), dict[str, float | None](forces=None)
+    offline = sum(times["offline"].values())
+    found = dict[str, float | None](forces=None)
     if "condensed_full" not in times:
         found["fields"] = _pays(times, offline, "online")
         shared = sum(times["offline"].get(stage, 0.0) for stage in (*TRAINING, FROM_FILES))
@@ -146,7 +148,8 @@ def _pays(times: dict[str, Any], spent: float, kind: str) -> float | None:
 
 def frame(training: Training, model: ReducedModel | CondensedFlowModel, seed: int) -> dict[str, Any]:
     """The part of a report that needs no measurement."""
-    problem, offline = training.full_order.problem, model.offline
+    problem = training.full_order.problem
+    offline = model.offline
     report: dict[str, Any] = {
         "scene": training.full_order.scene.name,
         "seed": seed,
@@ -180,7 +183,8 @@ def frame(training: Training, model: ReducedModel | CondensedFlowModel, seed: in
 
 def _asked(scene: Scene) -> dict[str, Any]:
     """The ``parameters`` and ``materials`` parts of a report, in the units of the scene."""
-    box, units = scene.parameters, scene.units
+    box = scene.parameters
+    units = scene.units
     return {
         "parameters": [
             {"name": name, "from": low, "to": high}
@@ -272,7 +276,8 @@ def print_report(report: dict[str, Any], console: Console) -> None:
 
 def _sizes_in_words(report: dict[str, Any]) -> str:
     """The first line of what is printed: how large the full order and the model under study are."""
-    size, stability = report["sizes"], report.get("stability", {})
+    size = report["sizes"]
+    stability = report.get("stability", {})
     head = f"{report['scene']}: {size['N']} dofs, {size['N_lambda']} contacts"
     if "ell_bar" not in size:
         own = report["models"]["condensed"]["sizes"]
@@ -348,7 +353,8 @@ def _lines(name: str, row: dict[str, Any] | None) -> Iterator[str]:
 
 def _path_lines(paths: dict[str, Any]) -> Iterator[str]:
     """What a model did on paths inside and outside of its training, in words."""
-    inside, outside = paths["inside"], paths["outside"]
+    inside = paths["inside"]
+    outside = paths["outside"]
     if inside:
         told = ", ".join(f"{name} {row['max']:.1%}" for name, row in inside.items())
         yield f"paths inside what was trained, worst errors: {told}; {paths['false_alarms']} false alarms"

@@ -47,7 +47,8 @@ def check_scene(scene: Scene, point: Any = None) -> SceneCheck:
     look_at_common_nodes(found)
     if found.mistakes:
         return found
-    problem, gauss = None, None
+    problem = None
+    gauss = None
     with found.heard():
         problem, gauss = _problem(found.discretisation)
     if problem is not None:
@@ -74,7 +75,8 @@ def _problem(discretisation: Discretisation) -> tuple[ContactProblem, Any]:
 
 def _names(found: SceneCheck) -> None:
     """Surfaces of the mesh that the scene does not name."""
-    scene, discretisation = found.scene, found.discretisation
+    scene = found.scene
+    discretisation = found.discretisation
     assert discretisation is not None  # looked at by check_scene
     used: set[Any] = {item.tag for item in scene.displacements} | {tag for item in scene.contacts for tag in item.tags}
     used |= {getattr(load, "tag", None) for load in scene.loads}
@@ -100,7 +102,8 @@ def _pairs(found: SceneCheck) -> None:
 
 def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None:
     """Distances of the surfaces beside the sag of their facets."""
-    gaps, unit = problem.gaps @ problem.amplitudes(point), found.length
+    gaps = problem.gaps @ problem.amplitudes(point)
+    unit = found.length
     for place, (surfaces, _) in enumerate(found.pairs):
         rows = np.flatnonzero(problem.contact_pairs == place)
         names = " and ".join(repr(surface.tag) for surface in surfaces)
@@ -108,7 +111,8 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
             found.say(NOTE, f"contact {place} of {names}: displacements are imposed on all of its nodes, and it does "
                       "nothing. Leave it out, or hold other surfaces")  # fmt: skip
             continue
-        sag, own = max(sag_of(surface) for surface in surfaces), gaps[rows]
+        sag = max(sag_of(surface) for surface in surfaces)
+        own = gaps[rows]
         found.say(
             OK,
             f"contact {place} of {names}: {own.size} conditions, gaps from {own.min():.3g} to {own.max():.3g}{unit}, "
@@ -127,7 +131,8 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
 
 def _least_gap(problem: ContactProblem, rows: np.ndarray) -> float:
     """Smallest gap of some conditions in the box, by what of it is affine."""
-    amplitudes, space = problem.amplitudes, problem.parameters
+    amplitudes = problem.amplitudes
+    space = problem.parameters
     affine = problem.gaps[rows][:, : len(amplitudes.constant)]
     slopes = affine @ amplitudes.slopes
     ends = np.minimum(slopes * np.array(space.lower), slopes * np.array(space.upper)).sum(axis=1)
@@ -136,8 +141,10 @@ def _least_gap(problem: ContactProblem, rows: np.ndarray) -> float:
 
 def _overlap(found: SceneCheck, place: int, depth: float, sag: float, point: np.ndarray) -> None:
     """Bodies that overlap by their gaps, (m,), or as they are drawn, which pairings do not see where it is deep."""
-    scene, surfaces = found.scene, found.pairs[place][0]
-    names, why = " and ".join(repr(surface.tag) for surface in surfaces), ""
+    scene = found.scene
+    surfaces = found.pairs[place][0]
+    names = " and ".join(repr(surface.tag) for surface in surfaces)
+    why = ""
     opened = scene.opened(place, point)
     for first, second in (surfaces, surfaces[::-1]) if len(surfaces) == 2 else ():
         count, deep = depth_inside(found, first, second)
@@ -168,7 +175,8 @@ def sag_of(surface: Surface) -> float:
 
 def _supports(found: SceneCheck, problem: ContactProblem) -> None:
     """What holds each body."""
-    discretisation, scene = found.discretisation, found.scene
+    discretisation = found.discretisation
+    scene = found.scene
     assert discretisation is not None
     free = free_bodies(scene, problem.points, problem.cell_nodes, discretisation.cell_bodies(), problem.free)
     for body in free:

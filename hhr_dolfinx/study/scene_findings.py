@@ -16,7 +16,9 @@ from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.scene import Scene
 
-OK, NOTE, MISTAKE = "ok", "note", "mistake"
+OK = "ok"
+NOTE = "note"
+MISTAKE = "mistake"
 
 
 @dataclass(frozen=True)

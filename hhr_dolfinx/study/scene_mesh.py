@@ -21,9 +21,11 @@ from hhr_dolfinx.study.scene_findings import NOTE, OK, SceneCheck
 
 BAD_CELL = 0.1
 """Scaled Jacobian of a cell below which it is told of."""
-SMALL, LARGE = 1e-4, 50.0
+SMALL = 1e-4
+LARGE = 50.0
 """Extent of a mesh in m beyond which its unit may be another one than the scene says."""
-SOFT, STIFF = 1e9, 1.2e12
+SOFT = 1e9
+STIFF = 1.2e12
 """Moduli in Pa: plastics that carry something are stiffer, and nothing is stiffer than diamond."""
 APART = 1e6
 """Ratio of the moduli of two bodies from which on one may be in another unit: steel is 1e5 times as stiff as rubber."""
@@ -64,11 +66,13 @@ class MeshLook:
 
     def pieces_of(self, body: int) -> np.ndarray:
         """Piece of a body that each node belongs to, from 0, and -1 for others, (nodes,)."""
-        cells, count = self.cells[self.owner == body], len(self.points)
+        cells = self.cells[self.owner == body]
+        count = len(self.points)
         starts = np.repeat(cells[:, :1], cells.shape[1], axis=1)
         graph = csr_matrix((np.ones(cells.size), (starts.ravel(), cells.ravel())), shape=(count, count))
         part = connected_components(graph, directed=False)[1]
-        inside, pieces = self.nodes_of(body), np.full(count, -1)
+        inside = self.nodes_of(body)
+        pieces = np.full(count, -1)
         pieces[inside] = np.unique(part[inside], return_inverse=True)[1]
         return pieces
 
@@ -96,7 +100,8 @@ def look_at_mesh(found: SceneCheck) -> None:
 
 def look_at_joints(found: SceneCheck) -> None:
     """Where nodes are doubled or shared: bodies that fall apart, or are glued, without being asked to."""
-    look, tags = MeshLook.of(found), [body.tag for body in found.scene.bodies]
+    look = MeshLook.of(found)
+    tags = [body.tag for body in found.scene.bodies]
     inside = [look.nodes_of(place) for place in range(len(tags))]
     paired = _paired_bodies(found, inside)
     twins = cKDTree(look.points).query_pairs(SAME_PLACE * look.extent, output_type="ndarray")

@@ -23,7 +23,9 @@ AROUND = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
 """Corners of a face in the order in which they go round, of triangles and tensor-ordered quadrilaterals."""
 ARROWS = ("crimson", "purple", "darkorange", "teal", "olive", "navy")
 """Colours of loads, one after another."""
-LENGTH, FAINT, MOST = 0.07, 0.02, 20
+LENGTH = 0.07
+FAINT = 0.02
+MOST = 20
 """Length of arrows over that of the mesh, forces beside the largest that are not drawn, and most arrows of a load."""
 HELD = "^sDvp*h"
 """Marks of surfaces with imposed displacements, one after another."""
@@ -44,7 +46,9 @@ def draw_scene(found: Any, path: Path) -> None:
 
 def _plane(found: Any, axes: Any) -> None:
     discretisation: Any = found.discretisation
-    points, cells, owner = discretisation._points(), discretisation._cell_nodes(), discretisation.cell_bodies()
+    points = discretisation._points()
+    cells = discretisation._cell_nodes()
+    owner = discretisation.cell_bodies()
     for place, body in enumerate(found.scene.bodies):
         corners = points[cells[owner == place]][:, AROUND[cells.shape[1]]]
         axes.add_collection(
@@ -107,7 +111,9 @@ def _space(found: Any, axes: Any) -> None:
     from hhr_dolfinx.geometries.cells import FACES, TENSOR
 
     discretisation: Any = found.discretisation
-    points, cells, owner = discretisation._points(), discretisation._cell_nodes(), discretisation.cell_bodies()
+    points = discretisation._points()
+    cells = discretisation._cell_nodes()
+    owner = discretisation.cell_bodies()
     kind = discretisation.mesh.topology.cell_name()
     corners = np.array(FACES[kind])
     for place, body in enumerate(found.scene.bodies):
@@ -127,7 +133,8 @@ def _space(found: Any, axes: Any) -> None:
         faces = [face[AROUND[len(face)]] for surface in surfaces for face in surface.points[surface.facets]]
         axes.add_collection3d(Poly3DCollection(faces, facecolor=f"C{shift + place}", alpha=0.9, label=label))
     _marks(found, axes, 4)
-    low, high = points.min(axis=0), points.max(axis=0)
+    low = points.min(axis=0)
+    high = points.max(axis=0)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(high - low)
     axes.set_zlabel("z" if found.scene.units is None else f"z [{found.scene.units.length}]")

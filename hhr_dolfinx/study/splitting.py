@@ -41,7 +41,8 @@ FEW = 60
 """Snapshots of which the modes are counted at least."""
 CLUSTERED = 300
 """Snapshots of a part that decide where it is split; more say the same."""
-STUCK, SHRUNK = 3, 0.9
+STUCK = 3
+SHRUNK = 0.9
 """Cuts in a row after which a part is left as it is, if each leaves more than this part of the modes."""
 LEARNED = 30
 """Points at which the full model is asked in one round: the worst of those that were found."""
@@ -115,10 +116,13 @@ class _Run:
     """One run of :class:`Splitting`."""
 
     def __init__(self, settings: Splitting, training: TrainingAnswers, recipe: Recipe):
-        self.settings, self.recipe = settings, recipe
-        self.full, self.snapshots = training.full_order, training.snapshots
+        self.settings = settings
+        self.recipe = recipe
+        self.full = training.full_order
+        self.snapshots = training.snapshots
         self.space = self.full.parameters
-        self.lower, self.upper = np.array(self.space.lower), np.array(self.space.upper)
+        self.lower = np.array(self.space.lower)
+        self.upper = np.array(self.space.upper)
         self.rng = np.random.default_rng(settings.seed)
         self.record = LocalRecord()
         self.models: list[ReducedModel] = []
@@ -140,11 +144,13 @@ class _Run:
 
     def _settled(self, part: _Part, waiting: int) -> list[_Part]:
         """The halves of a part that is too large for one model; or none, and its model is there."""
-        room, settings = len(self.models) + waiting + 2 <= self.settings.most, self.settings
+        room = len(self.models) + waiting + 2 <= self.settings.most
+        settings = self.settings
         self._filled(part)
         added = 0
         for left in range(settings.rounds, -1, -1):
-            rows, own = self._inside(part, settings.overlap), self._inside(part, 0.0)
+            rows = self._inside(part, settings.overlap)
+            own = self._inside(part, 0.0)
             try:
                 model, doubts = self._built(rows, part, refuse=room)
             except _TooLargeError as error:
@@ -171,7 +177,8 @@ class _Run:
 
     def _missed(self, model: ReducedModel, errors: np.ndarray) -> list[str]:
         """What of a model is not as it was wished."""
-        settings, found = self.settings, []
+        settings = self.settings
+        found = []
         for size, most, what in zip(sizes_of(model), (settings.modes, settings.conditions), ("modes", "conditions"),
                                     strict=True):  # fmt: skip
             if most is not None and size > most:
@@ -216,7 +223,8 @@ class _Run:
 
     def _check_sizes(self, rows: np.ndarray) -> None:
         """Raise _TooLargeError if the model of some snapshots has too many modes, or conditions."""
-        settings, recipe = self.settings, self.recipe
+        settings = self.settings
+        recipe = self.recipe
         with self.record.log.stage("sizes"):
             if rows.size > (few := max(2 * settings.modes, FEW)):
                 # some of them alone have too many modes, which is soon known
@@ -250,12 +258,15 @@ class _Run:
             found = separating_cut(unit, medoids(distances, 2, self.settings.seed), BALANCE)
         if found is None:
             return []
-        axis, cut = found[0], float(part.lower[found[0]] + found[1] * width[found[0]])
-        low, high = len(self.nodes), len(self.nodes) + 1
+        axis = found[0]
+        cut = float(part.lower[found[0]] + found[1] * width[found[0]])
+        low = len(self.nodes)
+        high = len(self.nodes) + 1
         self.nodes[part.node][:4] = [axis, cut, low, high]
         self.nodes += [[LEAF, 0.0, 0, 0, LEAF] for _ in range(2)]
         self.record.splits.append(f"{self.space.names[axis]} = {cut:.4g}, for {error}")
-        below, above = part.upper.copy(), part.lower.copy()
+        below = part.upper.copy()
+        above = part.lower.copy()
         below[axis] = above[axis] = cut
         modes = part.modes if np.isnan(error.modes) else error.modes
         return [_Part(low, part.lower, below, modes, part.stuck), _Part(high, above, part.upper, modes, part.stuck)]

@@ -149,7 +149,8 @@ class Study:
         from hhr_dolfinx.online.model_file import save_model
         from hhr_dolfinx.study.page import write_page
 
-        console, folder = console or make_console(), checked_folder(folder)
+        console = console or make_console()
+        folder = checked_folder(folder)
         write_report(self.report, folder)
         print_report(self.report, console)
         model: Any = self.model

@@ -205,18 +205,9 @@ def train(
         with log.stage("full_order"):
             full = FullOrderModel(scene, MPI.COMM_SELF)
         store = None if folder is None else SnapshotStore(folder, full)
-    kept, choice, lost = None, None, Lost()
     with log.stage("snapshots"):
-        if _chooses(queries):
-
-            def solve(asked: Any) -> SnapshotSet:
-                return spread_snapshots(full, asked, comm, iter, store, march, lost)
-
-            snapshots, choice = queries.grown(full, solve, comm, progress("greedy"), store)
-        else:
-            snapshots = spread_snapshots(full, queries, comm, progress("snapshots"), store, march, lost)
-    count = len(queries if choice is None else choice.points)
-    lost.warn(count, (count + 1) // 2, "training queries")
+        snapshots, choice = _solved(full, queries, comm, progress, store, march)
+    kept = None
     if apart:
         with log.stage("held_out"):
             kept = _held_out(full, comm.bcast(_apart(full, snapshots, apart, seed)), comm, progress, store, march)
@@ -226,6 +217,25 @@ def train(
         asked = len(snapshots.points) + (0 if kept is None else len(kept.points))
         log.skip("snapshots", f"{found} of {asked} answers were read from {folder}: the times cover the others")
     return Training(full, snapshots, kept, log, choice, found)
+
+
+def _solved(
+    full: FullOrderModel, queries: Any, comm: MPI.Comm, progress: Progress, store: Any, march: MarchSettings
+) -> tuple[SnapshotSet, Choice | None]:
+    """Training answers, and what a greedy training chose; warns of queries without an answer."""
+    lost = Lost()
+    choice = None
+    if _chooses(queries):
+
+        def solve(asked: Any) -> SnapshotSet:
+            return spread_snapshots(full, asked, comm, iter, store, march, lost)
+
+        snapshots, choice = queries.grown(full, solve, comm, progress("greedy"), store)
+    else:
+        snapshots = spread_snapshots(full, queries, comm, progress("snapshots"), store, march, lost)
+    count = len(queries if choice is None else choice.points)
+    lost.warn(count, (count + 1) // 2, "training queries")
+    return snapshots, choice
 
 
 def _apart(full: FullOrderModel, snapshots: SnapshotSet, apart: Any, seed: int) -> Any:

@@ -109,7 +109,8 @@ def beyond(used: dict[str, Ellipticity], sharp: dict[str, Ellipticity]) -> dict[
     """Theorems whose constants from outside are none of their spaces, and why."""
     found = {}
     for name in used.keys() & sharp.keys():
-        own, known = used[name], sharp[name]
+        own = used[name]
+        known = sharp[name]
         if own.continuity < known.continuity * (1 - SLACK):
             found[name] = (
                 f"M_a = {own.continuity:.3g} is no constant of (2.7), which are {known.continuity:.3g} and more"
@@ -139,7 +140,8 @@ def check_models(full: Any, model: Any) -> None:
             f"the reduced model has {model.offline.basis.shape[0]} dofs, the full one {problem.free.size}: give both "
             "of one scene"
         )
-    skew, size = abs(problem.stiffness - problem.stiffness.T).max(), abs(problem.stiffness).max()
+    skew = abs(problem.stiffness - problem.stiffness.T).max()
+    size = abs(problem.stiffness).max()
     if skew > SYMMETRIC * size:
         raise BoundError(f"K is not symmetric, by {skew / size:.1e} of its entries: it has no energy")
     coercivity = Ellipticity.of(full).coercivity

@@ -182,6 +182,7 @@ def _moduli(body: Any) -> tuple[float, float]:
     """(2.143) and (2.144) of a body."""
     if body.grading is not None or not isinstance(body.young, Real) or not isinstance(body.poisson, Real):
         raise BoundError(f"moduli of body {body.tag} depend on parameters or on the place: (2.143) takes numbers")
-    young, poisson = float(body.young), float(body.poisson)
+    young = float(body.young)
+    poisson = float(body.poisson)
     shear = 0.5 * young / (1 + poisson)
     return 2 * (young * poisson / ((1 + poisson) * (1 - 2 * poisson)) + shear), 2 * shear

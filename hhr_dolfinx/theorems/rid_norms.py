@@ -73,7 +73,8 @@ class Domain:
         """The RID of a reduced model of a full model on one rank."""
         from petsc4py import PETSc
 
-        problem, name = full.problem, full.scene.name
+        problem = full.problem
+        name = full.scene.name
         ordering = ordering_of(problem.block_size, "qmd")  # the fastest for one right-hand side after another
 
         def factor(mask: np.ndarray) -> FreeCholesky:

@@ -114,7 +114,8 @@ class ThesisBounds:
         check_models(full, model)
         if as_printed and constants is None:
             constants = Ellipticity.of_materials(full.scene.bodies)
-        problem, record = full.problem, model.offline
+        problem = full.problem
+        record = model.offline
         norms = _norms(norm, Domain.of(full, record.sets), problem)
         spaces = Spaces.of(norms, model.problem, record.basis)
         near = spaces.test_kernel, spaces.trial_kernel
@@ -236,7 +237,8 @@ class _Pair:
     @cached_property
     def _residual(self) -> float:
         """Norm of (2.91) on functions of V^0."""
-        problem, domain = self.bounds.problem, self.bounds.norms.domain
+        problem = self.bounds.problem
+        domain = self.bounds.norms.domain
         loads = (problem.loads @ problem.theta(self.answer.parameter))[self._inside]
         inner = domain.rows @ (self.bounds.basis @ self.answer.unknown)
         return self.bounds.norms.of_residual(loads - inner - domain.acting @ self.answer.multipliers)
