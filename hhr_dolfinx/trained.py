@@ -19,6 +19,8 @@ from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import OutsideTrainingError, OutsideTrainingWarning, ParameterError
 from hhr_dolfinx.parameters import ParameterSpace
 
+USUAL = "usual"
+"""What a kind of model does outside of what was trained unless a query says otherwise."""
 OUTSIDE = ("warn", "refuse", "ignore")
 """What may happen to a query outside what was trained."""
 

@@ -164,7 +164,7 @@ def test_models_are_asked_alike(elastic, flowing):
     for model in (elastic, flowing):
         asked = inspect.signature(model.solve).parameters
         assert list(asked)[:4] == ["mu", "start", "raise_on_failure", "outside"]
-        assert [asked[name].default for name in ("start", "raise_on_failure", "outside")] == ["nearest", True, None]
+        assert [asked[name].default for name in ("start", "raise_on_failure", "outside")] == ["nearest", True, "usual"]
         assert list(inspect.signature(model.march).parameters)[:2] == ["path", "settings"]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status, Statuses
 from hhr_dolfinx.errors import ConvergenceError, HHRError, NotSolvableError
-from hhr_dolfinx.trained import Signs
+from hhr_dolfinx.trained import USUAL, Signs
 
 if TYPE_CHECKING:
     from hhr_dolfinx.materials.update import State
@@ -347,7 +347,7 @@ class Model(Protocol):
         *,
         start: Any = "nearest",
         raise_on_failure: bool = True,
-        outside: str | None = None,
+        outside: str = USUAL,
         gradient: bool = False,
     ) -> Answer:
         """Answer one parameter.
@@ -357,8 +357,8 @@ class Model(Protocol):
             start: statuses to start from, one bool for each condition of the model; ``nearest`` for those of the
                 nearest known parameter, None for those of the free slack.
             raise_on_failure: raise instead of returning an answer with NaN and a status.
-            outside: what happens to a parameter of the box that lies outside what was trained: ``warn``, the usual, ``refuse`` or
-                ``ignore``; nothing is outside what a full model can answer.
+            outside: what happens to a parameter of the box that lies outside what was trained: ``warn``, ``refuse`` or
+                ``ignore``; ``usual`` warns, but where a model falls back on the full one, which nothing is outside of.
             gradient: whether derivatives along the parameters are wanted, see :class:`~models.gradient.Gradient`.
 
         Raises:

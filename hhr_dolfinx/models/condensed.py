@@ -21,7 +21,7 @@ from hhr_dolfinx.models.elimination import Elimination, answer_of, differentiate
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.trained import TrainedRange
+from hhr_dolfinx.trained import USUAL, TrainedRange
 
 
 class CondensedModel(KeptModel):
@@ -74,7 +74,7 @@ class CondensedModel(KeptModel):
             start = self.known.start(point)
         return answer_of(self.eliminated(point), point, start, self._pairs, self.fields, gradient=gradient)
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str | None = None) -> SeveralAnswers:
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
         """Answer many parameters, (n, P), at once; as :meth:`solve` does, to round-off, and quicker the more there are.
 
         Args:

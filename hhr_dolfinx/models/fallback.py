@@ -13,6 +13,7 @@ from hhr_dolfinx.models.answer import Answer, ListedAnswers, ModelFields, Severa
 from hhr_dolfinx.models.estimates import check_asked, known_error, relative_error, relative_errors
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
+from hhr_dolfinx.trained import USUAL
 
 _log = logging.getLogger(__name__)
 
@@ -150,7 +151,7 @@ class FallbackModel(AnsweringModel):
         """Those of answers of the full model."""
         return self.full.sizes
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str | None = None) -> SeveralAnswers:
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
         """Answer many parameters, (n, P): the reduced model all at once, the full one those that it must.
 
         A model that grows answers one by one, since the new model answers what comes after it.

@@ -26,7 +26,7 @@ from hhr_dolfinx.models.model import KeptModel, checked_start
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ADVICE, ReducedModel
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.trained import TrainedRange
+from hhr_dolfinx.trained import USUAL, TrainedRange
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.many import PartedAnswers
@@ -278,7 +278,7 @@ class LocalModels(SeveralModels):
         # what is of no model is for the model to refuse
         return "nearest" if foreign and statuses.size in sizes else start
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str | None = None) -> PartedAnswers:
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> PartedAnswers:
         """Answer many parameters, (n, P): those of one model together, see :meth:`CondensedModel.solve_many`."""
         from hhr_dolfinx.models.many import PartedAnswers, checked_points
 

@@ -19,7 +19,7 @@ from hhr_dolfinx.models.answer import Answer, History, Path, SeveralAnswers, one
 from hhr_dolfinx.models.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.path import checked_path, one_step, refuse_gradient, solve_along
 from hhr_dolfinx.plain import rebuilt
-from hhr_dolfinx.trained import TrainedPaths, TrainedRange, check_outside
+from hhr_dolfinx.trained import USUAL, TrainedPaths, TrainedRange, check_outside
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals import Outputs
@@ -111,7 +111,7 @@ class AnsweringModel:
         *,
         start: Any = NEAREST,
         raise_on_failure: bool = True,
-        outside: str | None = None,
+        outside: str = USUAL,
         gradient: bool = False,
         **step: Any,
     ) -> Answer:
@@ -146,9 +146,9 @@ class AnsweringModel:
         """The answer to a checked point, (P,), converged or not, from a checked start."""
         raise NotImplementedError
 
-    def _checked_outside(self, outside: str | None) -> str:
-        """What happens outside of what was trained; None takes the usual."""
-        if outside is None:
+    def _checked_outside(self, outside: str) -> str:
+        """What happens outside of what was trained: what was asked for, or the usual of this kind."""
+        if isinstance(outside, str) and outside == USUAL:
             return self.usual_outside
         check_outside(outside)
         return outside
@@ -157,7 +157,7 @@ class AnsweringModel:
         """What the search may start from."""
         return checked_start(start, self.own_conditions)
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str | None = None) -> SeveralAnswers:
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
         """Answer many parameters, (n, P), one by one; where bodies flow each in one step from rest."""
         outside = self._checked_outside(outside)
         return one_by_one(self, points, {"raise_on_failure": raise_on_failure, "outside": outside})

@@ -24,7 +24,7 @@ from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.trained import TrainedPaths, TrainedRange
+from hhr_dolfinx.trained import USUAL, TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Amplitudes
@@ -153,7 +153,7 @@ class ReducedModel(KeptModel):
         assert self.eliminated is not None
         return self.eliminated._answered(point, start, outside, gradient)
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str | None = None) -> SeveralAnswers:
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
         """Answer many parameters, (n, P), see :meth:`CondensedModel.solve_many`; where bodies flow one by one."""
         if self.eliminated is None:
             return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)

@@ -221,7 +221,7 @@ def train(
 
 def _solved(
     full: FullOrderModel, queries: Any, comm: MPI.Comm, progress: Progress, store: Any, march: MarchSettings
-) -> tuple[SnapshotSet, Choice | None]:
+) -> tuple[SnapshotSet, Any]:
     """Training answers, and what a greedy training chose; warns of queries without an answer."""
     lost = Lost()
     choice = None
