@@ -6,7 +6,7 @@ Stages that a scene does not need are left out and listed with the reason.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.error_bound import ErrorBound
 from hhr_dolfinx.models.estimates import known_error, warn_unbounded
+from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.completion import Completion, bound_of
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
@@ -105,10 +106,26 @@ def usual_recipe(full: Any) -> Recipe:
     return Recipe() if full.equilibrium is None else Recipe.flowing()
 
 
-def build(
-    full: Any, snapshots: SnapshotSet, recipe: Recipe | None = None, held_out: SnapshotSet | None = None
-) -> ReducedModel:
+@runtime_checkable
+class Reductor(Protocol):
+    """A way to reduce of your own: what makes a model of answers of the full one."""
+
+    def reduced(self, full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> AnsweringModel:
+        """A model of the same scene.
+
+        Args:
+            full: the full model, on one rank.
+            snapshots: what to train on: answers at single parameters, or histories.
+            held_out: answers kept out of training, for a check; None where there are none.
+        """
+
+
+def build(full: Any, snapshots: SnapshotSet, recipe: Any = None, held_out: SnapshotSet | None = None) -> Any:
     """Build an HHR model that passes the trust check, thesis sections 1.4.2-1.4.6 and 6.2.3.
+
+    A :class:`Reductor` in the place of a recipe makes a model of another kind from the same answers, as
+    :class:`~hhr_dolfinx.reduction.condense.Condensation` and
+    :class:`~hhr_dolfinx.reduction.condense_flow.CorrectionSettings` do.
 
     A model that fails is built again with one more layer of cells, up to ``recipe.domain.most_layers``. Under flow a
     RID that is too small for its modes makes the projected consistent tangent indefinite: steps then fail, or converge
@@ -117,7 +134,8 @@ def build(
     Args:
         full: the full model, of which only arrays are used.
         snapshots: what to train on: answers at single parameters, or histories.
-        recipe: how to reduce; None takes the usual one, :class:`Recipe` or, where bodies flow, ``Recipe.flowing()``.
+        recipe: how to reduce, a recipe or a reductor; None takes the usual one, :class:`Recipe` or, where bodies flow,
+            ``Recipe.flowing()``.
         held_out: answers kept out of training, for the trust check; without them training answers are compared, and a
             warning says so.
 
@@ -132,6 +150,8 @@ def build(
     """
     if not hasattr(full, "equilibrium"):
         raise ReductionError(f"{full!r} is no full model: give FullOrderModel(scene)")
+    if isinstance(recipe, Reductor) and not isinstance(recipe, type):
+        return recipe.reduced(full, snapshots, held_out)
     recipe = usual_recipe(full) if recipe is None else recipe
     _check_given(full, snapshots, recipe, held_out)
     log = StageLog()

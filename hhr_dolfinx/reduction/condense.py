@@ -74,6 +74,23 @@ class CondensedRecord:
     log: StageLog
 
 
+@dataclass(frozen=True)
+class Condensation:
+    """Interpolated condensation as a way to reduce, see :func:`condense`.
+
+    Attributes:
+        settings: how far the sparse grids grow.
+        bound: whether answers have a bound of their error.
+    """
+
+    settings: GridSettings = DEFAULT_GRID
+    bound: bool = True
+
+    def reduced(self, full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | None = None) -> CondensedModel:
+        """See :func:`condense`."""
+        return condense(full, snapshots, self.settings, held_out, bound=self.bound)
+
+
 def condense(
     full: Any,
     snapshots: SnapshotSet | None,

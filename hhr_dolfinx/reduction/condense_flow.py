@@ -252,6 +252,10 @@ class CorrectionSettings:
             if not (is_whole(value, 1) or (value is None and unbounded)):
                 raise ReductionError(f"{name} = {value!r} must be a whole number from 1" + ", or None" * unbounded)
 
+    def reduced(self, full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | None = None) -> CondensedFlowModel:
+        """See :func:`condense_flow`."""
+        return condense_flow(full, snapshots, self, held_out)
+
 
 @dataclass(frozen=True)
 class CorrectionRecord:

@@ -16,7 +16,6 @@ from hhr_dolfinx.errors import ParameterError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.path import checked_path
-from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.build import build, usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.scene import Scene
@@ -46,20 +45,18 @@ def silent(label: str) -> Callable[[Iterable], Iterable]:
 class Training(TrainingAnswers):
     """A full model with answers, and the models that are made of them."""
 
-    def build(self, recipe: Recipe | None = None, *, checked: bool = True) -> ReducedModel:
+    def build(self, recipe: Any = None, *, checked: bool = True) -> Any:
         """A reduced model; unchecked it is built as it is, to be measured: no warning, no growth of its RID.
 
         Only what cannot be solved at all is refused even so: dependent contact rows, a singular K~. None takes the
-        usual recipe of the scene, or the one for which a greedy training chose.
+        usual recipe of the scene, or the one for which a greedy training chose. What is no recipe is a way to reduce of
+        its own, see :class:`~hhr_dolfinx.reduction.build.Reductor`.
         """
-        if recipe is None and self.choice is not None:
-            recipe = self.choice.recipe
-        if checked:
-            return build(self.full_order, self.snapshots, recipe, self.held_out)
-        given = usual_recipe(self.full_order) if recipe is None else recipe
-        if isinstance(given, Recipe):  # what is none build refuses
-            given = given.as_it_is()
-        return build(self.full_order, self.snapshots, given)
+        if recipe is None:
+            recipe = usual_recipe(self.full_order) if self.choice is None else self.choice.recipe
+        if not checked and isinstance(recipe, Recipe):
+            recipe = recipe.as_it_is()
+        return build(self.full_order, self.snapshots, recipe, self.held_out if checked else None)
 
     def safe_model(
         self,
