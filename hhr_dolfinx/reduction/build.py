@@ -170,21 +170,23 @@ def build(full: Any, snapshots: SnapshotSet, recipe: Any = None, held_out: Snaps
         constants = FullConstants.of(full)
     with log.stage("reconstruction"):
         completion = Completion.of(full.problem, snapshots)
-    states = []
-    if full.equilibrium is None or recipe.tangents is None:
-        log.skip(
-            "tangents",
-            "nothing flows: the elastic operator is the tangent" if full.equilibrium is None else "not asked for",
-        )
-    else:
-        from hhr_dolfinx.reduction.flow import training_tangents
-
-        with log.stage("training_tangents"):
-            states = training_tangents(full.equilibrium, snapshots, recipe.tangents.states)
+    states = _tangents(full, snapshots, recipe, log)
     if recipe.indicator is None:
         log.skip("indicator", "no estimate of the error of each answer was asked for")
     shared = _Offline(full, snapshots, held_out, recipe, basis, nodes, touching, constants, completion, states, log)
     return first_trusted(lambda layers: _attempt(shared, layers), recipe.domain.layers, recipe.domain.most_layers, log)
+
+
+def _tangents(full: Any, snapshots: SnapshotSet, recipe: Recipe, log: StageLog) -> list[tuple[np.ndarray, Any]]:
+    """Tangents at training states and the stiffness they make; none where nothing flows, or they were not asked for."""
+    if full.equilibrium is None or recipe.tangents is None:
+        why = "nothing flows: the elastic operator is the tangent" if full.equilibrium is None else "not asked for"
+        log.skip("tangents", why)
+        return []
+    from hhr_dolfinx.reduction.flow import training_tangents
+
+    with log.stage("training_tangents"):
+        return training_tangents(full.equilibrium, snapshots, recipe.tangents.states)
 
 
 def sizes(full: Any, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
