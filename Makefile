@@ -35,16 +35,16 @@ calibrate: setup
 	.venv/bin/python demos/calibrate.py
 
 certified: setup
-	.venv/bin/python demos/certified.py
+	.venv/bin/python benchmarks/certified.py
 
 local: setup
-	.venv/bin/python demos/local_models.py
+	.venv/bin/python benchmarks/local_models.py
 
 indicator: setup
-	.venv/bin/python demos/history_indicator.py
+	.venv/bin/python benchmarks/history_indicator.py
 
 greedy: setup
-	.venv/bin/python demos/greedy_training.py
+	.venv/bin/python benchmarks/greedy_training.py
 
 indent: setup
 	.venv/bin/python demos/indentation.py
@@ -56,16 +56,16 @@ held: setup
 	.venv/bin/python demos/held_by_contact.py
 
 benchmarks: setup
-	.venv/bin/python demos/benchmarks.py
+	.venv/bin/python benchmarks/benchmarks.py
 
 patch: setup
-	.venv/bin/python demos/contact_patch_test.py
+	.venv/bin/python benchmarks/contact_patch_test.py
 
 extreme: setup
-	.venv/bin/python demos/extreme_cases.py
+	.venv/bin/python benchmarks/extreme_cases.py
 
 recipes: setup
-	.venv/bin/python demos/random_recipes.py
+	.venv/bin/python benchmarks/random_recipes.py
 
 # style, formatting and types: what continuous integration asks first
 lint: setup

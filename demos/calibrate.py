@@ -4,6 +4,8 @@ The stiffness of coating and substrate are parameters. Forces measured at twelve
 order, with noise) lead back to both: by least squares with the gradients of the model, and as a posterior by a random
 walk on the model, which takes as many answers as the full order could give in hours.
 
+    min over E of  Σ_k (F(d_k; E) - F_k)² / s_k²,    dF/dE from the active set: S_AA λ' = -s' - S' λ
+
     python demos/calibrate.py [--out DIR] [--quick] [--seed N]
 """
 

@@ -6,6 +6,8 @@ modulus and Poisson's ratio of both vary, and power, pressure, the gap as built,
 Axisymmetric; half a pellet, whose middle is a plane of symmetry. The rod as a whole is free to grow in length: the
 cladding swells across it only.
 
+    ∫ C(E, ν) (ε(u) - ε_0) : ε(v) r = l(v),    ε_0 = α q (1 - r²/R²) t_0 I    heat by a parabola over the radius
+
 What to see: stiffness and thermal forces, products of moduli and temperatures, change with every query. Interpolated
 condensation solves each body at six points for contact forces right to five digits.
 

@@ -4,6 +4,9 @@ Two elastic half-discs of radius 1 m face each other across a gap of 0.1 m. Thei
 towards each other by mu in [0.15, 0.45] m (thesis sections 1.5.1, 2.6.2 and 3.5.1; after Benaceur, Ern and
 Ehrlacher 2020). The model is trained on 31 values of mu and compared with the full order on 101.
 
+    find u and λ >= 0:  ∫ σ(u) : ε(v) + Σ λ_j (B v)_j = 0 for all v,    B u <= g(μ),    λ·(B u - g) = 0    (1.21)
+    reduced, u = V γ:   K~ γ + B~^T λ = f~ θ(μ),    B~ γ <= g~ θ(μ)    on the cells around few nodes (the RID)    (1.61)
+
 What to see: eight modes and seven contact nodes, the thesis' recipe, answer what 1356 unknowns and 55 contact pairs
 did in a tenth of the time of the best full-order solver. Where they look, forces are right to one in a thousand; on the
 whole surface they are up to 22 % wrong where a single node of them touches. The default recipe takes two more layers of

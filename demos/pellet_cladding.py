@@ -4,6 +4,9 @@ A pressure P1 in [5, 200] MPa acts on the outside of a tube up to the height h1 
 on the pellet inside, across a gap of 2 micrometres (thesis sections 1.5.2 and 3.5.2; axisymmetric). The bottom of the
 pellet may lift off: it is a second contact pair. Trained on 25 x 20 parameters, compared on 200 random ones.
 
+    ∫ σ(u) : ε(v) r + λ·B v = -∫_{z < h1} P1 v_r r,    B u <= g,  λ >= 0,  λ·(B u - g) = 0
+    The load on {z < h1} is no affine function of h1: on each edge it is a quadratic one (``amplitudes.Coverage``).
+
 What to see: where contact grazes, plain snapshots give force errors of 100 %; snapshots divided by their norm,
 a RID with two more layers of cells and FE functions on the contact nodes bring them to about 1 %.
 

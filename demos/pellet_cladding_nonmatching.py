@@ -3,6 +3,8 @@
 As ``pellet_cladding.py``, with 76 instead of 100 cells along the cladding: N = 13,708, and 101 conditions on the side
 of the pellet, which is the slave surface. The reduced problem is a generalised saddle point (5.27) on a closed RID.
 
+    K~ γ + B~_1^T λ = f~,    B~_2 γ <= g~,    B~_1 = B V on A,  B~_2 = B V on A and its interface    (5.23), (5.26)
+
 What to see: the thesis' recipe on a small RID is refused, cond(K~) is 1e9 although both inf-sup constants are perfect;
 with layers of cells it answers. The default recipe is as good as on matching meshes; mortar costs the same.
 

@@ -3,6 +3,9 @@
 The pressure on the lowest 0.9 mm of the cladding grows to 450 MPa within a second, in 40 steps. The parameter is the
 initial gap in [5, 15] um. Trained on the two ends of it, compared at 10 and 12.5 um and at four random gaps.
 
+    ∫ σ : ε(v) r + λ·B v = l(v),    σ = C (ε(u) - ε_p),    dε_p/dt = f(σ)    at each Gauss point    (6.1)-(6.4)
+    pellet: σ_eq <= σ_y + H p;  cladding: dp/dt = (σ_eq / K)^n. Reduced, laws are evaluated on the RID only (6.17).
+
 What to see: constitutive laws are evaluated on a fifth of the cells, and a history takes a tenth of the time. Too small
 a RID converges to a wrong path with the smallest residuals; eigenvalues of the projected tangents tell beforehand.
 Condensed flow, which keeps all contact conditions, evaluates them on few points; the report says which of both to use.
@@ -16,31 +19,20 @@ held, unloaded and loaded again, and compares on 20 others. Their steps are cut 
 time; the report says how far the steps of the full order are from shorter ones.
 """
 
-import argparse
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from parts.paths import summarise_paths, try_path
-from parts.pellet_families import PRESSURE, SPACE, families
+from parts.pellet_families import PRESSURE, SPACE
 from pellet_cladding import QUICK_MESH, VIEW
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.models.answer import Path
-from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
-from hhr_dolfinx.study import cli, report
-from hhr_dolfinx.study.console import Table
-from hhr_dolfinx.study.study import Study
+from hhr_dolfinx.study import cli
 
-NAMES = ("primal_euclid", "dual_rid", "stress_rr", "plastic_strain")
-THESIS = {"10 um": (0.0089, 0.067, 0.046, 0.022), "12.5 um": (0.028, 0.025, 0.025, 0.0061)}
-"""Table 6.1: errors by name at two gaps."""
 HEIGHT, NOMINAL = 0.9, 10e-3
-OF_FAMILIES = ("largest_displacement", "primal_l2", "resultant", "dual_full_floored", "largest_forces")
-"""Errors that a study of a family of paths is summed up by."""
 
 
 def scene(exponent: float = 4.0, **mesh_options: Any) -> hhr.Scene:
@@ -92,63 +84,6 @@ def recipe(tolerance: float = 3e-10, layers: int = 3, cubature: bool = False) ->
     )  # fmt: skip
 
 
-def settings_of_gaps(options: argparse.Namespace, steps: int) -> hhr.StudySettings:
-    """Trained on some gaps, tested on the two of the thesis and on random ones."""
-    drawn = np.random.default_rng(options.seed).uniform(5, 15, 1 if options.quick else 4)
-    tests = [10.0, 12.5, *np.sort(drawn).round(3)]
-    return hhr.StudySettings(
-        [path(gap, steps) for gap in options.train],
-        recipe(options.pod, options.layers, options.cubature),
-        tests={gap: path(gap, steps) for gap in tests},
-        held_out=[path(8.0, steps)],
-        seed=options.seed,
-        correction=CorrectionSettings(modes=3e-4, cubature=1.5e-4),
-    )
-
-
-def settings_of_family(options: argparse.Namespace, steps: int) -> hhr.StudySettings:
-    """Trained on 12 paths of a family and tested on 20, of which few if it has to be quick."""
-    family, (trained, tested) = families(steps)["combined"], (4, 4) if options.quick else (12, 20)
-    return hhr.StudySettings(
-        family.paths(hhr.Sobol(trained)),
-        recipe(options.pod, options.layers, options.cubature),
-        tests=family.paths(hhr.Sobol(tested, seed=2)),
-        held_out=family.paths(hhr.Sobol(2, seed=3)),
-        seed=options.seed,
-        # as they are drawn, holds are up to 23 % off in the stress by their steps alone
-        march=hhr.MarchSettings(time_tolerance=0.1 if options.quick else 0.02),
-        repetitions=1,
-        # forces within a tenth at any step are what a family of such width asks for
-        correction=CorrectionSettings(modes=6e-4, cubature=3e-4, dual=0.1),
-    )
-
-
-def try_paths(study: Study, options: argparse.Namespace) -> None:
-    """What both models do on 20 random paths inside what was trained and 40 outside."""
-    from parts.pellet_cladding_paths import path_cases
-
-    full = study.training.full_order
-    floor = force_floor(full.problem, study.training.snapshots)
-    cases = options.progress("paths")(list(path_cases(history, options.seed)))
-    models = study.measured.models
-    tried = [try_path(full, models, case, floor, study.settings.march) for case in cases]
-    for name, model in models.items():
-        # figures at the top of a report are those of the model under study
-        place = study.report if model is study.model else study.report["models"][name]
-        place["paths"] = summarise_paths(row[name] for row in tried)
-
-
-def print_family(study: Study, options: argparse.Namespace) -> None:
-    """Print the 95th percentiles of errors over the paths of a family, and what was refused."""
-    table = Table("model", *OF_FAMILIES, title="95 % of the paths of the family are better than, in %")
-    for name, item in study.report["models"].items():
-        cells = [f"refused: {item['refused']}"[:160]] if "refused" in item else [
-            f"{100 * item['errors'][key]['p95']:.2g}" for key in OF_FAMILIES
-        ]  # fmt: skip
-        table.add_row(name, *cells)
-    options.console.print(table)
-
-
 def main() -> None:
     """Train, compare, time full and reduced in turns, report."""
     parser = cli.demo_parser("pellet_cladding_plastic", __doc__)
@@ -160,6 +95,8 @@ def main() -> None:
     parser.add_argument("--family", action="store_true", help="train and test on a family of paths, not on gaps")
     parser.add_argument("--cubature", action="store_true", help="few weighted Gauss points in the place of the RID's")
     options = cli.parse_on_first_rank(parser)
+    from parts.pellet_plastic_study import print_family, print_gaps, settings_of_family, settings_of_gaps, try_paths
+
     if options.family and options.paths:
         parser.error("--paths are told apart by what gaps alone train: leave out --family")
     quick_mesh = {**QUICK_MESH, "cladding_axial_cells": 15, "cladding_radial_cells": 3}
@@ -172,10 +109,7 @@ def main() -> None:
     if options.family:
         print_family(study, options)
         return
-    rows = {f"{row['value']:g} um": {name: row[name] for name in study.measured.own.errors.values}
-            for row in study.report["histories"]}  # fmt: skip
-    theirs = {label: dict(zip(NAMES, row, strict=True)) for label, row in THESIS.items()}
-    report.print_beside("errors at the last step", rows, theirs, options.console)
+    print_gaps(study, options)
 
 
 if __name__ == "__main__":

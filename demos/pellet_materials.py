@@ -4,6 +4,9 @@ The scene of ``pellet_cladding.py`` with the pressure P1, its height h1, and You
 bodies. For a new material the full order factors its stiffness anew. Two ways to answer are measured side by side: the
 hyper-reduced model, and condensation interpolated between few Poisson's ratios, of which Young's moduli are factors.
 
+    K(μ) = Σ_q w_q(E, ν) K_q,    λ solves  S(μ) λ + s(μ) >= 0,  λ >= 0,    S = B K^-1 B^T = Σ_c S_c(ν) / E_c
+    S_c is interpolated over ν alone: Young's modulus of a whole body is a factor.
+
 What to see: interpolated condensation keeps all contact conditions and is the most accurate; it pays after some
 fifteen queries. The hyper-reduced model, trained on 512 Sobol points, comes close.
 

@@ -4,6 +4,9 @@ A quarter of both, mortar contact, N = 23,000. Parameters are the interference, 
 crowning of its bore (both move the mesh), its Young's modulus, and the speed, at which the hub lifts off. Outputs are
 the torque that friction transmits, the largest von Mises stress of the hub, and the share of the surface that is open.
 
+    S(μ) = B(μ) K(μ)^-1 B(μ)^T,  shape and moduli in μ: interpolated on a sparse grid of shapes, contact solved exactly
+    Lame: p = δ / (R (1/E_h ((b²+R²)/(b²-R²) + ν_h) + 1/E_s ((R²+r²)/(R²-r²) - ν_s))) for a long ring
+
 What to see: everything that contact needs is interpolated between a few shapes, and a new shape is answered in
 milliseconds where the full order assembles, pairs and factors anew. Lame's closed form for a long ring is the measure.
 

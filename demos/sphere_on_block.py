@@ -3,6 +3,9 @@
 One quarter of a sphere of radius 10 mm is pushed by 0.05 to 0.25 mm on a block that is squeezed from the side by up
 to 200 MPa. 625 mortar conditions; contact radius and peak pressure are compared with Hertz (1882).
 
+    Hertz: a = (3 F R / (4 E*))^(1/3),    p_0 = 3 F / (2 π a²),    1/E* = (1 - ν_1²)/E_1 + (1 - ν_2²)/E_2
+    mortar: ∫ ψ_j (u_s - u_m)·n <= ∫ ψ_j g    for each function ψ_j on the slave surface
+
 What to see: mortar meets Hertz within a few per cent, node-to-surface misses the pressure at the pole by a quarter. The
 reduced model answers a thousand times faster than the full order. Exact condensation gives forces alone as fast, but
 has to solve for and keep a displacement field for each of its conditions; with fields HHR is several times faster.

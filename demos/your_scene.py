@@ -7,6 +7,8 @@ Bodies and surfaces have the names that they have in the mesh. Copy this file, n
     python demos/your_scene.py        # train, validate, save, report
     hhr answer out/your_scene/model.npz questions.csv --out answers.csv
 
+    find u and λ >= 0:  K u + B^T λ = f(μ),    B u <= g(μ),    λ·(B u - g) = 0    with μ = (travel, lowered)
+
 What to see: contact comes in two steps, first at the roller and then at the stop. The model answers in tens of
 microseconds, and each answer knows a bound of its error that no true error exceeds.
 

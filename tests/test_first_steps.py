@@ -14,7 +14,8 @@ from test_mpi import launch
 ROOT = Path(__file__).parent.parent
 LONG = "word " * 60 + "end"
 SPEAKS = f"""
-from hhr_dolfinx.study import cli, report
+from hhr_dolfinx.study import cli
+from hhr_dolfinx.study import report
 options = cli.parse(cli.demo_parser("talk", "A demo that only talks."))
 for label in ("snapshots", "held out"):
     assert list(options.progress(label)(range(3))) == [0, 1, 2]

@@ -7,6 +7,7 @@ import indentation as demo
 import numpy as np
 import pytest
 from mpi4py import MPI
+from parts import indentation_study as study
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import sphere_on_block as geometry
@@ -44,7 +45,7 @@ def test_loading_and_unloading(full):
     history = full.march(demo.path(demo.DEPTH, 100.0, 0.0), demo.MARCH)
     force = np.array([answer.outputs().values["force"] for answer in history.answers])
     assert (np.diff(force[:16]) > 0).all() and (np.diff(force[15:]) <= 0).all() and force[-1] == 0
-    deepest = demo.pressures(full, history)[15]
+    deepest = study.pressures(full, history)[15]
     assert deepest["E* a / (sy R)"] > 30 and deepest["mean pressure / sy"] == pytest.approx(2.87, rel=0.06)
     last = history.answers[-1].outputs().values
     # the imprint stays, and the surface beside it has risen
@@ -82,16 +83,16 @@ class Lines:
 
 def test_constants_are_found_again():
     model, constants = Lines(), np.array([150.0, 1200.0])
-    (exact,) = demo.curve(model, constants)
+    (exact,) = study.curve(model, constants)
     size = np.full(exact.size, 0.01 * exact.max())
     start = np.array([250.0, 300.0])
-    np.testing.assert_allclose(demo.fitted(model, exact, size, start), constants, rtol=1e-6)
-    data, size = demo.measured(model, constants, seed=0)
-    found = demo.fitted(model, data, size, start)
-    slopes = demo.curve(model, constants, gradient=True)[1] / size[:, None]
+    np.testing.assert_allclose(study.fitted(model, exact, size, start), constants, rtol=1e-6)
+    data, size = study.measured(model, constants, seed=0)
+    found = study.fitted(model, data, size, start)
+    slopes = study.curve(model, constants, gradient=True)[1] / size[:, None]
     deviations = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)))
     assert (np.abs(found - constants) < 3 * deviations).all()
-    samples = demo.posterior(model, data, size, found, 4000, seed=0)
+    samples = study.posterior(model, data, size, found, 4000, seed=0)
     # hardening is hardly seen by these lines, so that the box cuts its posterior
     assert samples.shape == (4000, 2) and np.abs(samples[:, 0].mean() - found[0]) < deviations[0]
     assert 0.3 * deviations[0] < samples[:, 0].std() < 1.5 * deviations[0]

@@ -6,9 +6,9 @@ import logging
 import numpy as np
 import pellet_cladding as pellet
 import pytest
+from local_report import local_part, near_borders, stripe
 from mpi4py import MPI
 from parted import AS_IT_IS, OUTPUTS, one_cut
-from parts.local_report import local_part, near_borders, stripe
 from scenes import pressed_pair
 
 import hhr_dolfinx as hhr

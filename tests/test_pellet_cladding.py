@@ -283,7 +283,7 @@ def test_quick_demo(tmp_path):
 
 def test_extreme_cases(tmp_path):
     """No silent wrong answer: the demo ends with 1 if there is one."""
-    command = [sys.executable, str(ROOT / "demos/extreme_cases.py"), "--quick", "--out", str(tmp_path)]
+    command = [sys.executable, str(ROOT / "benchmarks/extreme_cases.py"), "--quick", "--out", str(tmp_path)]
     run = subprocess.run(command, capture_output=True, text=True, timeout=WAIT)
     rows = json.loads((tmp_path / "extreme_cases.json").read_text())
     assert not [row for row in rows if row["outcome"] == "WRONG"]

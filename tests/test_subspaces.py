@@ -1,8 +1,8 @@
 """Angles and distances of spaces: closed forms, digits of small angles, theorem 9, what is refused."""
 
+import dissimilarity
 import numpy as np
 import pytest
-from parts import dissimilarity
 from scipy import linalg, sparse
 
 from hhr_dolfinx.errors import ReductionError

@@ -7,7 +7,7 @@ import hertz_half_discs as hertz_demo
 import numpy as np
 import pellet_cladding as pellet_demo
 import pytest
-from parts import thesis_bounds
+import thesis_bounds
 from scenes import pressed_pair
 from scipy import linalg
 from test_plastic import tube

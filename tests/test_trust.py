@@ -291,7 +291,7 @@ def test_zones(hertz):
 
 
 def test_of_random_recipes_none_is_accepted_in_silence_and_wrong():
-    """A few of the 120 of the study, on the coarse half-discs; the others are run by ``demos/random_recipes.py``."""
+    """A few of the 120 of the study, on the coarse half-discs; others by ``benchmarks/random_recipes.py``."""
     training = hhr.train(hertz_demo.scene(**COARSE), [21], held_out=60, comm=MPI.COMM_SELF)
     references = References.at(
         training.full_order.problem.parameters.random(100, 11), training.full_order, training.snapshots

@@ -7,11 +7,11 @@ import contact_patch_test as patch
 import hertz_half_discs as discs
 import numpy as np
 import pellet_cladding as demo
+from three_rings import three_rings
+from verify import Case, Known
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import pellet_cladding, two_blocks
-from parts.three_rings import three_rings
-from parts.verify import Case, Known
 
 MESH = demo.QUICK_MESH
 

@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 from dolfinx import mesh as dmesh
 from mpi4py.MPI import Comm
+from verify import Case, Known
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import two_blocks
-from parts.verify import Case, Known
 
 THICKNESS, GAP, INNER, FIT, OUTER = 0.02, 0.01, 0.5, 1.0, 1.6
 

@@ -10,7 +10,7 @@ What to see: pressures within half a per cent of Hertz where the force is given,
 the rates that are asked for. Where the approach is given instead (SSNV104) a ball is stiffer than the half-space of
 Hertz, by 4 %: its reference values belong to half-spaces.
 
-    python demos/benchmarks.py [--out DIR] [--quick] [--seed N]
+    python benchmarks/benchmarks.py [--out DIR] [--quick] [--seed N]
 """
 
 import warnings
@@ -18,8 +18,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from benchmark_meshes import half_round
 from mpi4py import MPI
-from parts.benchmark_meshes import half_round
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import PairingWarning

@@ -8,10 +8,10 @@ import numpy as np
 import pellet_cladding_nonmatching as demo
 from mpi4py.MPI import Comm
 from pellet_cladding import QUICK_MESH as MESH
+from verify import Case
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import pellet_cladding as geometry
-from parts.verify import Case
 
 
 def non_matching_cases() -> Iterator[Case]:

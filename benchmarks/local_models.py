@@ -11,7 +11,7 @@ hundredth where contact grazes. On a grid the thesis' stripe of wrong forces alo
 solutions by a border train the models of both sides. With six parameters one large model is more exact than the set,
 and slower. Clusters of few greedy solutions give models that have no answer at some points.
 
-    python demos/local_models.py [--out DIR] [--quick] [--seed N]
+    python benchmarks/local_models.py [--out DIR] [--quick] [--seed N]
 """
 
 from argparse import Namespace
@@ -20,13 +20,14 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+import _demos  # noqa: F401 (before the scenes)
+import dissimilarity
+import local_pictures as pictures
 import numpy as np
 import pellet_cladding
 import pellet_materials
+from local_report import local_part
 from mpi4py import MPI
-from parts import dissimilarity
-from parts import local_pictures as pictures
-from parts.local_report import local_part
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import summary

@@ -11,7 +11,7 @@ much of that is due to the finer basis of greedy trainings. On the pellet 150 ta
 usual basis, and not of the same grid with the finer one. With six parameters 300 are five times as exact as 512 Sobol
 points with the usual basis, half as exact as these with the finer one, and seven times as exact as 300 with it.
 
-    python demos/greedy_training.py [--out DIR] [--quick] [--seed N]
+    python benchmarks/greedy_training.py [--out DIR] [--quick] [--seed N]
 """
 
 from argparse import Namespace
@@ -20,6 +20,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+import _demos  # noqa: F401 (before the scenes)
 import numpy as np
 import pellet_cladding
 import pellet_materials

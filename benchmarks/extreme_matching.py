@@ -5,11 +5,11 @@ from collections.abc import Iterator
 
 import numpy as np
 import pellet_cladding as demo
+from verify import Case
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.reduction.projection import load_nodes
-from parts.verify import Case
 
 MESH, SIZES = demo.QUICK_MESH, {"radius": 4.1, "height": 7.0, "thickness": 0.57, "gap": 2e-3}
 BOXES = {

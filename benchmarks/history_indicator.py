@@ -8,7 +8,7 @@ loading again, holds, other paces and heights of the load.
 What to see: `answer.estimate()` ranks the steps as their errors do, whatever the model; and no path is silent whose
 error is more than three times the worst trained one. Where rates and ranges tell nothing, the signs of a step do.
 
-    python demos/history_indicator.py [--out DIR] [--quick] [--seed N]
+    python benchmarks/history_indicator.py [--out DIR] [--quick] [--seed N]
 """
 
 import warnings
@@ -16,6 +16,7 @@ from argparse import Namespace
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import _demos  # noqa: F401 (before the scenes)
 import numpy as np
 import pellet_cladding_plastic as pellet
 from mpi4py import MPI

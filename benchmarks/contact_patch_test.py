@@ -4,7 +4,7 @@ Two stacked blocks are pressed together with Poisson's ratio zero, so that the p
 passes to round-off for any pair of meshes; node-to-surface does not (R. L. Taylor and P. Papadopoulos, "On a patch test
 for contact problems in two dimensions", 1991); two passes give the right stress, but share out multipliers uselessly.
 
-    python demos/contact_patch_test.py [--out DIR] [--quick] [--seed N]
+    python benchmarks/contact_patch_test.py [--out DIR] [--quick] [--seed N]
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from parts.verify import recorded_warnings
+from verify import recorded_warnings
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import stacked_blocks as geometry

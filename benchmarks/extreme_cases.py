@@ -1,21 +1,22 @@
 """Stiff and extreme cases: solved right, or refused with the reason, and never silently wrong.
 
 Each case changes one thing about a small pellet-cladding scene, or is a small scene of its own: blocks, half-discs,
-rings, strips and tubes. What is checked against what stands in ``demos/parts/verify.py``. The exit code is 1 if
+rings, strips and tubes. What is checked against what stands in ``benchmarks/verify.py``. The exit code is 1 if
 any answer is wrong without a word.
 
-    python demos/extreme_cases.py [--out DIR] [--quick] [--seed N]
+    python benchmarks/extreme_cases.py [--out DIR] [--quick] [--seed N]
 """
 
 import sys
 
-from parts.extreme_contact import contact_cases
-from parts.extreme_flow import flow_cases
-from parts.extreme_matching import matching_cases
-from parts.extreme_nonmatching import non_matching_cases
-from parts.extreme_surfaces import surface_cases
-from parts.extreme_tubes import tube_cases
-from parts.verify import as_report, verify
+import _demos  # noqa: F401 (before the scenes)
+from extreme_contact import contact_cases
+from extreme_flow import flow_cases
+from extreme_matching import matching_cases
+from extreme_nonmatching import non_matching_cases
+from extreme_surfaces import surface_cases
+from extreme_tubes import tube_cases
+from verify import as_report, verify
 
 from hhr_dolfinx.study import cli, report
 

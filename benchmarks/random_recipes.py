@@ -8,18 +8,19 @@ at 95 % of them and to 30 % at all; the exit code is 1 if a model is not.
 What to see: how many recipes are accepted, warned of and refused, how wrong the worst of the accepted is, and how many
 warnings were needless, of models that turn out right to 3 % and 10 %. It takes a few minutes.
 
-    python demos/random_recipes.py [--out DIR] [--quick] [--seed N] [--recipes N]
+    python benchmarks/random_recipes.py [--out DIR] [--quick] [--seed N] [--recipes N]
 """
 
 import sys
 from argparse import Namespace
 from collections.abc import Iterator
 
+import _demos  # noqa: F401 (before the scenes)
 import hertz_half_discs
 import numpy as np
 import pellet_cladding
 from mpi4py import MPI
-from parts.recipes import judged, recipe, summed_up, warnings_given
+from recipes import judged, recipe, summed_up, warnings_given
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.study import cli, report

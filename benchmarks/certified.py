@@ -15,21 +15,22 @@ on the half-discs and the pellet (section 2.6). They are evaluated here too, as 
 allow. With a bound as sharp as ours a model that may ask the full one hands out no answer that is off by more than a
 hundredth.
 
-    python demos/certified.py [--out DIR] [--quick] [--seed N]
+    python benchmarks/certified.py [--out DIR] [--quick] [--seed N]
 """
 
 from argparse import Namespace
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
+import _demos  # noqa: F401 (before the scenes)
 import hertz_half_discs
 import numpy as np
 import pellet_cladding
 import pellet_materials
 import press_fit
 import sphere_on_block
+import thesis_bounds as theorems
 from mpi4py import MPI
-from parts import thesis_bounds as theorems
 from scipy.stats import spearmanr
 
 import hhr_dolfinx as hhr

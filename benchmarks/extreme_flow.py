@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 import pellet_cladding_plastic as demo
 from pellet_cladding import QUICK_MESH
+from verify import HistoryCase
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.materials.laws import Flow
 from hhr_dolfinx.models.answer import Path
-from parts.verify import HistoryCase
 
 Family = Callable[[float], Path]
 """Times and parameters for a gap in um."""

@@ -4,12 +4,12 @@ from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
+from verify import HistoryCase, Known
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.materials.laws import Flow
 from hhr_dolfinx.models.answer import History, Path
-from parts.verify import HistoryCase, Known
 
 LIMIT = 2 / np.sqrt(3) * np.log(2)
 """Limit load of a tube 1 <= r <= 2 that yields at 1 without hardening, in plane strain."""
