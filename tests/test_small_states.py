@@ -8,7 +8,7 @@ from test_door import cantilever, legs  # noqa: F401
 from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.trust import TrustLimits, check_comparison
 from hhr_dolfinx.errors import StabilityWarning, UnstableModelError
-from hhr_dolfinx.reduction import state_modes as module
+from hhr_dolfinx.reduction import modes as module
 from hhr_dolfinx.reduction.modes import state_modes
 
 
