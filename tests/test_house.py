@@ -281,3 +281,42 @@ def test_what_is_not_loaded_exists():
 def test_examples_in_docstrings(name):
     found = doctest.testmod(importlib.import_module(name), extraglobs={"np": np})
     assert found.attempted and not found.failed
+
+
+def test_values_are_assigned_one_by_one():
+    """But for swaps and what belongs together, such as the two columns of a matrix."""
+    found = [
+        (path.name, node.lineno)
+        for path in MODULES.values()
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Tuple) and isinstance(node.targets[0], ast.Tuple)
+    ]
+    assert len(found) < 20, found
+
+
+def test_models_do_not_ask_for_attributes():
+    """What fields and models may have is declared; ``hasattr`` and ``getattr`` by a fixed name say that it is not."""
+    found = [
+        (path.name, node.lineno)
+        for name, path in MODULES.items()
+        if room(name) == "models"
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Name)
+        and (node.func.id == "hasattr" or (node.func.id == "getattr" and isinstance(node.args[1], ast.Constant)))
+    ]
+    assert not found
+
+
+def test_one_solve():
+    """Points, starts, ranges and failures are looked at in one place; the other one is the contract itself."""
+    found = [
+        node.name
+        for name, path in MODULES.items()
+        if room(name) in ("models", "full_order", "baselines")
+        for node in ast.parse(path.read_text()).body
+        if isinstance(node, ast.ClassDef)
+        for item in node.body
+        if isinstance(item, ast.FunctionDef) and item.name == "solve" and "mu" in [arg.arg for arg in item.args.args]
+    ]
+    assert sorted(found) == ["AnsweringModel", "Model"]

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from scipy.sparse import csc_matrix
@@ -14,6 +13,7 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer import Answer, ElasticFields
+from hhr_dolfinx.models.displacement import LinearDisplacement, dense
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class ExactFields(Rebuilt, ElasticFields):
+class ExactFields(Rebuilt, LinearDisplacement, ElasticFields):
     """Completes answers of exact condensation, see :class:`hhr_dolfinx.models.answer.Fields`.
 
     Attributes:
@@ -78,28 +78,21 @@ class ExactFields(Rebuilt, ElasticFields):
             )
         return self.stress_of(self.displacement(answer), answer.parameter)
 
-    @cached_property
-    def _measures(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows of the outputs times the displacement of each amplitude and of each force."""
-        assert self.functionals is not None
-        rows = self.functionals.rows
-        return np.asarray(rows @ self.per_term + (rows @ self.lifts).toarray()), rows @ self.per_force
+    def _columns(self) -> np.ndarray | None:
+        return None if self.floats else self.per_force
 
-    def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
-        """Rows of the outputs times the displacement, (K,)."""
-        if self.floats:
-            assert self.functionals is not None
-            return self.functionals.rows @ self.displacement(answer)
-        per_term, per_force = self._measures
-        return per_term @ theta - per_force @ answer.multipliers
+    def _terms(self, rows: Any) -> np.ndarray:
+        lifted = dense(rows @ self.lifts)
+        return lifted if self.floats else lifted + rows @ self.per_term
 
-    def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
+    def _coordinates(self, answer: Answer) -> np.ndarray:
+        """The displacement without its lift where only it knows the motions, else less the forces."""
+        return answer.unknown if self.floats else -answer.multipliers
+
+    def _all_force_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
         assert answer.gradient is not None
-        if self.floats:
-            assert self.functionals is not None
-            moved = answer.gradient.unknown + self.lifts @ changes
-            return answer.gradient.multipliers, self.functionals.rows @ moved
-        per_term, per_force = self._measures
-        forces = answer.gradient.multipliers
-        return forces, per_term @ changes - per_force @ forces
+        return answer.gradient.multipliers
+
+    def _coordinate_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
+        assert answer.gradient is not None
+        return answer.gradient.unknown if self.floats else -answer.gradient.multipliers

@@ -20,6 +20,7 @@ from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ParameterError
 from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.models.answer import Answer, ElasticFields, SeveralAnswers, unanswered
+from hhr_dolfinx.models.displacement import LinearDisplacement, dense
 from hhr_dolfinx.models.elimination import CondensedContact, Elimination
 from hhr_dolfinx.models.error_bound import Bound
 from hhr_dolfinx.models.interpolation import Interpolant
@@ -329,7 +330,7 @@ class FieldBound(Bound, Protocol):
 
 
 @dataclass(frozen=True)
-class InterpolatedFields(Rebuilt, ElasticFields):
+class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
     """What completes answers of interpolated condensation, see :class:`hhr_dolfinx.models.answer.Fields`.
 
     Under known contact forces the displacement is a linear problem, solved by Galerkin's method on a basis: the best
@@ -378,7 +379,7 @@ class InterpolatedFields(Rebuilt, ElasticFields):
         """V gamma and the lift, (N,)."""
         if not answer.converged:
             return np.full(len(self.basis), np.nan)
-        return self.basis @ self._gamma(answer) + self.lifts @ self.amplitudes(answer.parameter)
+        return self.basis @ self._coordinates(answer) + self.lifts @ self.amplitudes(answer.parameter)
 
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress in the middle of each cell, Kelvin's notation.
@@ -390,48 +391,30 @@ class InterpolatedFields(Rebuilt, ElasticFields):
             raise NotOfferedError("this model keeps no mesh, and stress needs one: full.stress_of(displacement, mu)")
         return self.stress_of(self.displacement(answer), answer.parameter)
 
-    @cached_property
-    def _measures(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows of the outputs times the basis and the lifts."""
-        functionals: Any = self.functionals
-        rows = functionals.rows
-        return rows @ self.basis, (rows @ self.lifts).toarray()
+    def _columns(self) -> np.ndarray:
+        return self.basis
 
-    def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
-        """Rows of the outputs times the displacement, (K,)."""
-        per_mode, per_lift = self._measures
-        return per_mode @ self._gamma(answer) + per_lift @ theta
+    def _terms(self, rows: Any) -> np.ndarray:
+        return dense(rows @ self.lifts)
 
-    def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
-        per_mode, per_lift = self._measures
-        if not len(per_mode):
-            assert answer.gradient is not None
-            return answer.gradient.multipliers, np.zeros((0, answer.parameter.size))
-        forces, modes = self._mode_changes(answer)
-        return forces, per_mode @ modes + per_lift @ changes
-
-    def coordinates(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
-        """gamma and amplitudes of imposed displacements, see :class:`~models.functionals.ShapedFields`."""
-        functionals: Any = self.functionals
-        return np.concatenate([self._gamma(answer), theta[functionals.lifted]])
-
-    def coordinate_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all forces and of these coordinates."""
-        functionals: Any = self.functionals
-        if not any(item.count for item in functionals.items):
-            assert answer.gradient is not None
-            return answer.gradient.multipliers, np.zeros((0, answer.parameter.size))
-        forces, modes = self._mode_changes(answer)
-        return forces, np.vstack([modes, changes[functionals.lifted]])
-
-    def _gamma(self, answer: Answer) -> np.ndarray:
-        """The displacement in the basis under the forces of an answer, (ell,).
+    def _coordinates(self, answer: Answer) -> np.ndarray:
+        """The displacement in the basis under the forces of an answer, gamma, (ell,).
 
         Raises:
             NotOfferedError: for a model without fields.
         """
         return self._solver.under(answer.parameter, answer.multipliers)
+
+    def _all_force_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
+        assert answer.gradient is not None
+        return answer.gradient.multipliers
+
+    def _coordinate_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
+        """Derivatives of gamma, (ell, P)."""
+        assert answer.gradient is not None
+        galerkin = self._solver(answer.parameter)
+        _, fixed = galerkin.at_fixed_forces(answer.multipliers, galerkin.unknown(answer.multipliers))
+        return fixed - galerkin.pushed(answer.gradient.multipliers)
 
     @property
     def _solver(self) -> BlockElimination | ReshapedElimination:
@@ -441,14 +424,6 @@ class InterpolatedFields(Rebuilt, ElasticFields):
                 "fields=True), or hhr.train(scene, ...).condense()"
             )
         return self.galerkin
-
-    def _mode_changes(self, answer: Answer) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all forces and of gamma, (N_lambda, P) and (ell, P)."""
-        assert answer.gradient is not None
-        forces = answer.gradient.multipliers
-        galerkin = self._solver(answer.parameter)
-        _, fixed = galerkin.at_fixed_forces(answer.multipliers, galerkin.unknown(answer.multipliers))
-        return forces, fixed - galerkin.pushed(forces)
 
 
 def _dense(amplitudes: Amplitudes, point: np.ndarray, terms: int) -> np.ndarray:

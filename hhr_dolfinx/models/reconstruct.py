@@ -19,6 +19,7 @@ from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
 from hhr_dolfinx.linear.layout import lay_out
 from hhr_dolfinx.models.answer import Answer, ModelFields
+from hhr_dolfinx.models.displacement import LinearDisplacement, dense
 from hhr_dolfinx.models.error_bound import Bound, BoundThere, ErrorBound, driven
 from hhr_dolfinx.models.estimates import NUMBERS, STRESS, Estimate, Estimates
 from hhr_dolfinx.plain import CODE, OF_THE_MESH, Rebuilt
@@ -141,7 +142,7 @@ class _Fit(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Reconstruction(Rebuilt, ModelFields):
+class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
     """Fields on the whole mesh and contact forces on the whole contact surface; see :class:`models.answer.Fields`.
 
     Attributes:
@@ -291,7 +292,7 @@ class Reconstruction(Rebuilt, ModelFields):
             raise ConvergenceError(f"the forces outside the RID could not be fitted: {error}") from error
         return _Fit(weights, matrix, target, open_gap)
 
-    def _force_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
+    def _all_force_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
         """Derivatives of all forces, (N_lambda, P), while the same training forces are combined.
 
         The weights solve a least-squares problem whose matrix M changes with the open gaps: M^T M w' = M'^T (t - M w)
@@ -328,46 +329,21 @@ class Reconstruction(Rebuilt, ModelFields):
         forces[self.A_lambda] = gradient.multipliers
         return forces
 
-    @cached_property
-    def _measures(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows of the outputs times the columns of the displacement, and times what θ adds to it."""
-        functionals: Any = self.functionals
-        rows = functionals.rows
-        per_term = (rows @ self.lifts).toarray()
-        if self.response is not None:
-            per_term += (rows @ self.response.loaded) @ self.response.loading
-        return rows @ self.basis, per_term
+    def _columns(self) -> np.ndarray:
+        return self.basis
 
-    def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
-        """Rows of the outputs times the displacement, (K,)."""
-        per_column, per_term = self._measures
-        return per_column @ self._coordinates(answer) + per_term @ theta
+    def _terms(self, rows: Any) -> np.ndarray:
+        per_term = dense(rows @ self.lifts)
+        return per_term if self.response is None else per_term + (rows @ self.response.loaded) @ self.response.loading
 
-    def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
-        functionals: Any = self.functionals
+    def _coordinate_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
         assert answer.gradient is not None
-        per_column, per_term = self._measures
-        forces = self._force_changes(answer, changes) if functionals.uses_forces else np.zeros((0, 0))
-        moved = answer.gradient.unknown
-        if self.response is not None:
-            there: Any = self._bound_at(answer)
-            moved = self.response.changes(
-                there, self.forces(answer), lambda: self._force_changes(answer, changes), changes
-            )
-        return forces, per_column @ moved + per_term @ changes
-
-    def coordinates(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
-        """gamma and amplitudes of imposed displacements, see :class:`~models.functionals.ShapedFields`."""
-        functionals: Any = self.functionals
-        return np.concatenate([answer.unknown, theta[functionals.lifted]])
-
-    def coordinate_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all forces and of these coordinates."""
-        functionals: Any = self.functionals
-        assert answer.gradient is not None
-        moved = np.vstack([answer.gradient.unknown, changes[functionals.lifted]])
-        return self._force_changes(answer, changes), moved
+        if self.response is None:
+            return answer.gradient.unknown
+        there: Any = self._bound_at(answer)
+        return self.response.changes(
+            there, self.forces(answer), lambda: self._all_force_changes(answer, changes), changes
+        )
 
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress in Kelvin's notation, at Gauss points where bodies flow, else in cell middles.

@@ -1,0 +1,82 @@
+"""Displacements that are linear in few coordinates: u = C x + X θ, whatever kind of model they come from.
+
+What a model has to say are the columns C and X, its coordinates x at an answer, and how forces and coordinates change
+along the parameters. Outputs and their derivatives follow from these in one place.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.sparse import issparse
+
+from hhr_dolfinx.models.answer import Answer
+
+
+class LinearDisplacement(ABC):
+    """Fields whose displacement is linear in coordinates, see :class:`models.functionals.MeasuredFields`.
+
+    Attributes:
+        functionals: outputs of the scene; None where it has none.
+    """
+
+    functionals: Any
+
+    @abstractmethod
+    def _columns(self) -> Any:
+        """C, (N, c); None where the coordinates are the displacement without its lift."""
+
+    @abstractmethod
+    def _terms(self, rows: Any) -> np.ndarray:
+        """Rows of the outputs, (K, N), times X: (K, 1 + T)."""
+
+    @abstractmethod
+    def _coordinates(self, answer: Answer) -> np.ndarray:
+        """x at an answer, (c,)."""
+
+    @abstractmethod
+    def _all_force_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
+        """Derivatives of all contact forces, (N_lambda, P), where those of θ are ``changes``, (1 + T, P)."""
+
+    @abstractmethod
+    def _coordinate_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
+        """Derivatives of x, (c, P)."""
+
+    @cached_property
+    def _measures(self) -> tuple[Any, np.ndarray]:
+        """Rows of the outputs times C and times X."""
+        rows = self.functionals.rows
+        columns = self._columns()
+        return rows if columns is None else rows @ columns, self._terms(rows)
+
+    def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
+        """Rows of the outputs times the displacement, (K,)."""
+        per_column, per_term = self._measures
+        return per_column @ self._coordinates(answer) + per_term @ theta
+
+    def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
+        per_column, per_term = self._measures
+        forces = self._all_force_changes(answer, changes) if self.functionals.uses_forces else np.zeros((0, 0))
+        if not per_column.shape[0]:
+            return forces, np.zeros((0, answer.parameter.size))
+        return forces, per_column @ self._coordinate_changes(answer, changes) + per_term @ changes
+
+    def coordinates(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
+        """x and amplitudes of imposed displacements, see :class:`~models.functionals.ShapedFields`."""
+        return np.concatenate([self._coordinates(answer), theta[self.functionals.lifted]])
+
+    def coordinate_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of all forces and of these coordinates."""
+        forces = self._all_force_changes(answer, changes)
+        if not any(item.count for item in self.functionals.items):
+            return forces, np.zeros((0, answer.parameter.size))
+        return forces, np.vstack([self._coordinate_changes(answer, changes), changes[self.functionals.lifted]])
+
+
+def dense(matrix: Any) -> np.ndarray:
+    """A product with few rows as an array."""
+    return matrix.toarray() if issparse(matrix) else np.asarray(matrix)
