@@ -29,7 +29,8 @@ def centrifugal(v: Expr, point: Sequence[float], axis: Sequence[float], hypothes
         dx: measure.
     """
     mesh = dx.ufl_domain()
-    away, along = ufl.SpatialCoordinate(mesh) - ufl.as_vector(point), ufl.as_vector(axis)
+    away = ufl.SpatialCoordinate(mesh) - ufl.as_vector(point)
+    along = ufl.as_vector(axis)
     return volume_weight(mesh, hypothesis) * ufl.inner(away - ufl.inner(away, along) * along, v) * dx
 
 

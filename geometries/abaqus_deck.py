@@ -92,7 +92,9 @@ def _blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[st
     """Keyword, options and data lines of each block, and the line it begins at; included files in their place."""
     options: dict[str, str] = {}
     rows: list[list[str]] = []
-    keyword, start, more = "", 0, False
+    keyword = ""
+    start = 0
+    more = False
     for number, line in _lines(path):
         words = _words(line)
         if not line.startswith("*"):
@@ -105,7 +107,10 @@ def _blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[st
             continue
         if keyword:
             yield start, keyword, options, rows
-        keyword, start, rows, more = " ".join(words[0].lstrip("* ").upper().split()), number, [], False
+        keyword = " ".join(words[0].lstrip("* ").upper().split())
+        start = number
+        rows = []
+        more = False
         pairs = (word.partition("=") for word in words[1:] if word)
         options = {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
     if keyword:
@@ -236,7 +241,8 @@ def _faces(
     deck: _Deck, faces: list[tuple[str, str]], kind: str, cells: np.ndarray, row_of: dict[int, int], name: str
 ) -> np.ndarray:
     """Corners of the faces of a surface, (f, k)."""
-    corners, found = np.array(FACES[kind]), []
+    corners = np.array(FACES[kind])
+    found = []
     for given, face in faces:
         numbers = [int(given)] if given.isdigit() else deck.element_sets.get(given.upper(), [])
         rows = [row_of[n] for n in numbers if n in row_of]

@@ -76,7 +76,8 @@ def side_tags(
     dim = mesh.topology.dim
     mesh.topology.create_connectivity(dim - 1, dim)
     to_cell = mesh.topology.connectivity(dim - 1, dim)
-    found, values = [], []
+    found = []
+    values = []
     for tag, (lower, upper, *_) in boxes.items():
         size = float(np.max(np.subtract(upper, lower)))
         for axis in range(dim):

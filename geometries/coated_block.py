@@ -18,10 +18,14 @@ if TYPE_CHECKING:
 
     from hhr_dolfinx.compat import TaggedMesh
 
-SPHERE, BLOCK, COATING = FIRST, SECOND, 3
+SPHERE = FIRST
+BLOCK = SECOND
+COATING = 3
 """Cell tags of the three bodies; block and coating share nodes."""
-SPHERE_BOTTOM, SPHERE_TOP = side(SPHERE, 1, False), side(SPHERE, 1, True)
-COATING_TOP, BLOCK_BOTTOM = side(BLOCK, 1, True), side(BLOCK, 1, False)
+SPHERE_BOTTOM = side(SPHERE, 1, False)
+SPHERE_TOP = side(SPHERE, 1, True)
+COATING_TOP = side(BLOCK, 1, True)
+BLOCK_BOTTOM = side(BLOCK, 1, False)
 AXIS = side(SPHERE, 0, False), side(BLOCK, 0, False)
 """Facet tags of the axis."""
 
@@ -60,7 +64,8 @@ def coated_block(
         surface = radius - np.sqrt(radius**2 - r**2)
         return np.column_stack([r, surface + (width - surface) * _graded(points[:, 1], grading)])
 
-    upper, lower = ((0.0, 0.0), (1.0, 1.0), cells), ((0.0, -1.0), (1.0, 0.0), cells)
+    upper = ((0.0, 0.0), (1.0, 1.0), cells)
+    lower = ((0.0, -1.0), (1.0, 0.0), cells)
     mesh, tags, facets = two_blocks(comm, first=upper, second=lower, warp=warp)
     middles = mesh.geometry.x[geometry_dofmap(mesh)].mean(axis=1)
     body = np.zeros(len(middles), dtype=np.int32)

@@ -32,7 +32,8 @@ def read_exodus(path: Path) -> RawMesh:
 
 def _read(data: Any, path: Path) -> RawMesh:
     count = len(data.dimensions["num_el_blk"])
-    kinds, blocks = [], []
+    kinds = []
+    blocks = []
     for k in range(1, count + 1):
         connected = data.variables[f"connect{k}"]
         kind = _KINDS.get(str(connected.elem_type).upper()[:3])
@@ -42,7 +43,8 @@ def _read(data: Any, path: Path) -> RawMesh:
         blocks.append(np.asarray(connected[:], dtype=np.int64) - 1)
     kind = one_kind(kinds, path)
     require_first_order(kind, (len(cell) for block in blocks for cell in block), path)
-    cells, starts = np.concatenate(blocks), np.cumsum([0, *map(len, blocks)])
+    cells = np.concatenate(blocks)
+    starts = np.cumsum([0, *map(len, blocks)])
     bodies: dict[str | int, np.ndarray] = {}
     for k, (number, name) in enumerate(_labels(data, "eb", count)):
         rows = np.arange(starts[k], starts[k + 1])

@@ -91,7 +91,8 @@ def _session(options: Mapping[str, float]) -> Iterator[None]:
             gmsh.finalize()
         return
     before = {name: gmsh.option.getNumber(name) for name in options}
-    others, current = gmsh.model.list(), gmsh.model.getCurrent()
+    others = gmsh.model.list()
+    current = gmsh.model.getCurrent()
     gmsh.model.add("hhr_dolfinx")
     try:
         _set(options)

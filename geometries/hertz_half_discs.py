@@ -19,9 +19,13 @@ if TYPE_CHECKING:
 
     from hhr_dolfinx.compat import TaggedMesh
 
-LOWER, UPPER = 1, 2
+LOWER = 1
+UPPER = 2
 """Cell tags of the two bodies."""
-LOWER_ARC, UPPER_ARC, LOWER_FLAT, UPPER_FLAT = 11, 12, 21, 22
+LOWER_ARC = 11
+UPPER_ARC = 12
+LOWER_FLAT = 21
+UPPER_FLAT = 22
 """Facet tags of the arcs (contact) and of the flat edges (imposed displacement)."""
 
 _LINE, _TRIANGLE, _DELAUNAY = 1, 2, 5  # gmsh's numbers of element types and algorithm
@@ -64,8 +68,10 @@ def _mesh_lower_half(radius: float, gap: float, arc_segments: int, flat_segments
     """Mesh the lower body in the current gmsh model: two quarter arcs that meet at the pole."""
     geo = gmsh.model.geo
     y = -radius - gap / 2
-    center, pole = geo.addPoint(0, y, 0), geo.addPoint(0, y + radius, 0)
-    left, right = geo.addPoint(-radius, y, 0), geo.addPoint(radius, y, 0)
+    center = geo.addPoint(0, y, 0)
+    pole = geo.addPoint(0, y + radius, 0)
+    left = geo.addPoint(-radius, y, 0)
+    right = geo.addPoint(radius, y, 0)
     arcs = [geo.addCircleArc(right, center, pole), geo.addCircleArc(pole, center, left)]
     flat = geo.addLine(left, right)
     geo.mesh.setTransfiniteCurve(arcs[0], arc_segments // 2 + 1, "Progression", 1 / pole_ratio)

@@ -76,7 +76,8 @@ class MeshFile:
             from hhr_dolfinx.geometries.xdmf import read_xdmf
 
             return read_xdmf(path, comm, self.scale)
-        raw, error = None, None
+        raw = None
+        error = None
         if comm.rank == 0:
             try:
                 raw = self.read()
@@ -211,7 +212,8 @@ def read_by_meshio(path: Path) -> RawMesh:
     require_first_order(kind, (len(cell) for k in own for cell in mesh.cells[k].data), path)
     width = len(FACES[kind][0])
     sides = [k for k, block in enumerate(mesh.cells) if FACET_KINDS.get(block.type) == width and k not in own]
-    cells, facets = _corners(mesh, own, CORNERS[kind]), _corners(mesh, sides, width)
+    cells = _corners(mesh, own, CORNERS[kind])
+    facets = _corners(mesh, sides, width)
     groups = _physical_names(path)
     bodies = _sets(mesh, own, dim, groups)
     surfaces = {name: facets[rows] for name, rows in _sets(mesh, sides, dim - 1, groups).items()}
@@ -272,7 +274,8 @@ def _names_of_numbers(mesh: Any, dim: int, groups: Groups) -> Mapping[int, list[
 
 def _arrays(raw: RawMesh, scale: float) -> tuple[tuple[np.ndarray, ...], Any]:
     """Points, cells, tagged cells and facets, the tags of both; and the names of tags."""
-    bodies, (facets, surfaces) = Numbers.of(raw.bodies, len(raw.cells)), facets_by_number(raw)
+    bodies = Numbers.of(raw.bodies, len(raw.cells))
+    facets, surfaces = facets_by_number(raw)
     cells = raw.ordered()
     groups = [(name, (dim, numbers)) for dim, sets in ((raw.dim, bodies.sets), (raw.dim - 1, surfaces.sets))
               for name, numbers in sets.items()]  # fmt: skip

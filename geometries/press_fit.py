@@ -17,9 +17,11 @@ if TYPE_CHECKING:
 
     from hhr_dolfinx.compat import TaggedMesh
 
-HUB, SHAFT = FIRST, SECOND
+HUB = FIRST
+SHAFT = SECOND
 """Cell tags of the two bodies."""
-HUB_BORE, SHAFT_OUTSIDE = side(HUB, 0, False), side(SHAFT, 0, True)
+HUB_BORE = side(HUB, 0, False)
+SHAFT_OUTSIDE = side(SHAFT, 0, True)
 """Facet tags of the surfaces in contact."""
 PLANES = {axis: (side(HUB, place, upper), side(SHAFT, place, upper))
           for axis, (place, upper) in {0: (1, True), 1: (1, False), 2: (2, False)}.items()}  # fmt: skip
@@ -53,7 +55,8 @@ def press_fit(
         raise ValueError(f"bore = {bore} must lie in (0, {radius}), and wall, half_length and overhang be positive")
 
     def warp(points: np.ndarray, tag: int) -> np.ndarray:
-        r, angle = points[:, 0], points[:, 1] * np.pi / 2
+        r = points[:, 0]
+        angle = points[:, 1] * np.pi / 2
         return np.column_stack([r * np.cos(angle), r * np.sin(angle), points[:, 2]])
 
     hub = (radius, 0.0, 0.0), (radius + wall, 1.0, half_length), (hub_cells[0], around, hub_cells[1])

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
     from hhr_dolfinx.compat import TaggedMesh
 
-SPHERE, BLOCK = FIRST, SECOND
+SPHERE = FIRST
+BLOCK = SECOND
 """Cell tags of the two bodies."""
 SPHERE_BOTTOM, SPHERE_TOP, BLOCK_TOP, BLOCK_BOTTOM = (
     side(SPHERE, 2, False), side(SPHERE, 2, True), side(BLOCK, 2, True), side(BLOCK, 2, False),

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
     from hhr_dolfinx.compat import TaggedMesh
 
-LOWER, UPPER = FIRST, SECOND
+LOWER = FIRST
+UPPER = SECOND
 """Cell tags of the two blocks."""
 
 

@@ -25,7 +25,8 @@ Box = tuple[Sequence[float], Sequence[float], Sequence[int]]
 Warp = Callable[[np.ndarray, int], np.ndarray]
 """Maps the coordinates of all nodes of a body, (n, dim), and its tag to new ones."""
 
-FIRST, SECOND = 1, 2
+FIRST = 1
+SECOND = 2
 """Cell tags of the two bodies."""
 
 
@@ -48,11 +49,14 @@ def two_blocks(comm: Comm, *, first: Box, second: Box, simplices: bool = False, 
     for shape in shapes.values():
         block.check_box(*shape)
     parts = {tag: _grid(shape, simplices) for tag, shape in shapes.items()}
-    dim, per_cell, count = len(first[0]), parts[FIRST][1].shape[1], len(parts[FIRST][1])
+    dim = len(first[0])
+    per_cell = parts[FIRST][1].shape[1]
+    count = len(parts[FIRST][1])
     points = np.concatenate([part[0] for part in parts.values()])
     cells = np.concatenate([parts[FIRST][1], parts[SECOND][1] + len(parts[FIRST][0])])
     if comm.rank > 0:
-        points, cells = points[:0], cells[:0]
+        points = points[:0]
+        cells = cells[:0]
     kind = {(2, 3): "triangle", (2, 4): "quadrilateral", (3, 4): "tetrahedron", (3, 8): "hexahedron"}[dim, per_cell]
     mesh = linear_mesh(comm, points.reshape(-1, dim), cells.reshape(-1, per_cell), kind)
     body = np.where(np.asarray(mesh.topology.original_cell_index) < count, FIRST, SECOND).astype(np.int32)

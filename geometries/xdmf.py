@@ -30,7 +30,8 @@ def read_xdmf(path: Path, comm: Comm, scale: float) -> NamedMesh:
     meshes = [name for name, dim, tagged in grids if dim == max(item[1] for item in grids)]
     with io.XDMFFile(comm, str(path), "r") as file:
         mesh = file.read_mesh(name=meshes[0])
-        top, cells = mesh.topology.dim, geometry_dofmap(mesh)
+        top = mesh.topology.dim
+        cells = geometry_dofmap(mesh)
         require_first_order(mesh.topology.cell_name(), [cells.shape[1]] * len(cells), path)
         tags = {}
         for name, dim, tagged in grids:
