@@ -14,7 +14,7 @@ from bare import WAIT
 TESTS = Path(__file__).parent
 PROGRAM = """
 import dataclasses, json, sys
-sys.path[:0] = [{tests!r}, {demos!r}]
+sys.path[:0] = [{tests!r}, {demos!r}, {demos!r}[:-5] + "benchmarks"]
 import numpy as np
 import contact_patch_test as patch
 import hertz_half_discs as demo

@@ -423,7 +423,8 @@ def test_errors_of_the_demo_on_a_coarse_mesh(pellet, pairing):
 
 
 def run_quick(name, out, *arguments):
-    command = [sys.executable, str(ROOT / f"demos/{name}.py"), "--quick", "--out", str(out), *arguments]
+    folder = "demos" if (ROOT / f"demos/{name}.py").exists() else "benchmarks"
+    command = [sys.executable, str(ROOT / f"{folder}/{name}.py"), "--quick", "--out", str(out), *arguments]
     run = subprocess.run(command, capture_output=True, text=True, cwd=out, timeout=WAIT)
     assert run.returncode == 0, run.stderr[-3000:]
 
