@@ -159,7 +159,7 @@ def checked_count(amplitude: Any, space: ParameterSpace, owner: object) -> int:
     if not is_whole(count, 1):
         raise SceneError(f"the count {count!r} of {amplitude!r} of {owner!r} must be its number of columns")
     try:
-        columns, values = amplitude(np.mean([space.lower, space.upper], axis=0))
+        columns, values = amplitude(space.middle)
         fits = len(columns) == len(values) == len(set(columns)) and all(is_number(value) for value in values)
     except (TypeError, ValueError):
         fits = False

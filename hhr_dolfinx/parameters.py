@@ -128,6 +128,11 @@ class ParameterSpace:
             columns.append((second - first) / (after - before))
         return np.stack(columns, axis=1)
 
+    @property
+    def middle(self) -> np.ndarray:
+        """The middle of the box, (P,), for the caller to change."""
+        return np.mean([self.lower, self.upper], axis=0)
+
     def point(self, mu: Any) -> np.ndarray:
         """Turn a number, a sequence or a mapping by name into a checked point, shape (P,).
 

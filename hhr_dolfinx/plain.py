@@ -205,7 +205,6 @@ class _Reader:
             raise FileContentError(f"{_shown(tree)} must have a kind and fields")
         sizes = Sizes()
         value = self.value(tree, "", sizes, 0)
-        sizes.check_known(last=True)
         if unknown := sorted(self.arrays.keys() - self._used):
             raise FileContentError(f"arrays {unknown[:5]} are unknown")
         return value

@@ -47,7 +47,3 @@ class Units:
     def metres(self, length: float) -> float:
         """A length of the scene in metres."""
         return length * LENGTHS[self.length]
-
-    def length_of(self, metres: float) -> float:
-        """A length in metres as a number of the scene."""
-        return metres / LENGTHS[self.length]

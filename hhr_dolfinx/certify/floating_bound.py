@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy import linalg
@@ -12,9 +12,6 @@ from hhr_dolfinx.certify.accuracy import least_sizes
 from hhr_dolfinx.certify.bounds import MadeOfForces, check_hypotheses, leading, load_response
 from hhr_dolfinx.errors import BoundError
 from hhr_dolfinx.models.floating_bound import FloatingBound, FloatingResponse, definite
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.floating_bound import FloatingBound
 
 
 def floating_bound(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:

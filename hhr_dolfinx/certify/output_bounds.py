@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -15,10 +15,6 @@ from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.error_bound import ErrorBound
 from hhr_dolfinx.models.functionals import Functional
 from hhr_dolfinx.models.output_bound import UNKNOWN, OutputBound, is_read_nearer
-
-if TYPE_CHECKING:
-    pass
-
 
 MOST_READ = 50
 """Training answers of which outputs are read."""

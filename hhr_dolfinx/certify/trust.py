@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags, triu
@@ -36,9 +36,6 @@ from hhr_dolfinx.models.answer import Model, Path
 from hhr_dolfinx.models.equilibrium import MarchSettings
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import Known, Signs, TrainedPaths
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.trained import TrainedPaths
 
 EMPTY = 1.5
 """Distance from the training, over that between training points, at which a place counts as empty."""

@@ -237,7 +237,7 @@ class SchurEqualities:
     With K factored once, S = B K^-1 B^T and free_slack = D - B K^-1 F hold all there is to know
     about the contact. A set of statuses costs one dense LU of S[active, active]. The last factors of
     each size are kept: neighbouring parameters often share their statuses, and where they do not, a
-    new block is factored in the place of an old one of its size. Those of :meth:`prepared` statuses stay besides. All
+    new block is factored in the place of an old one of its size. Those of :meth:`prepare` statuses stay besides. All
     that is kept stays below ``most_bytes``; the oldest goes first. Several threads may ask; the answers are their own.
 
     Args:

@@ -289,7 +289,7 @@ class ContactProblem:
     @property
     def middle(self) -> np.ndarray:
         """The middle of the box, (P,)."""
-        return np.mean([self.parameters.lower, self.parameters.upper], axis=0)
+        return self.parameters.middle
 
     def weights(self, point: np.ndarray) -> np.ndarray:
         """Weights of the parts of K at a point, (Q,)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import ufl
@@ -31,9 +31,6 @@ from hhr_dolfinx.loads import Assembler
 from hhr_dolfinx.pairings.surface import Surface, make_surface
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
-
-if TYPE_CHECKING:
-    pass
 
 
 class DiscreteSpace(ABC):

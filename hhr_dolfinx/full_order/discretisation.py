@@ -116,7 +116,7 @@ class Discretisation(DiscreteSpace):
         gaps = gaps[kept]
         pulled = [strained(term, lifts) if moduli else term @ lifts for term in stiffness]
         lifted = [masked(csc_matrix(vstack(self.comm.allgather(part))), free) for part in pulled]
-        middle = np.mean([scene.parameters.lower, scene.parameters.upper], axis=0)
+        middle = scene.parameters.middle
         weights = [modulus.value(middle) for modulus in moduli] or [1.0]
         return ContactProblem(
             stiffness_terms=stiffness,

@@ -81,8 +81,9 @@ class FullStiffness:
         """What is left once the displacement is eliminated, on all ranks."""
         free = np.concatenate(self.full.comm.allgather(self.free))
         return CondensedContact(
-            self.schur, self.free_slack, free, self.pushed, self.at_fixed_forces, symmetric=True, floating=self.floating
-        )
+            self.schur, self.free_slack, free, self.pushed, self.at_fixed_forces, symmetric=True,
+            floating=self.floating, factored=None if self.full.problem.varies else self.full.equalities,
+        )  # fmt: skip
 
     def pushed(self, forces: np.ndarray) -> np.ndarray:
         """K^-1 B^T times forces, (m,) or (m, k), on all dofs, (N,) or (N, k)."""

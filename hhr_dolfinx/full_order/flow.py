@@ -112,7 +112,7 @@ class FullEquilibrium:
 
             self.eigenstrains = at_gauss_points(gauss.discretisation, problem, self.operator)
         self._set_elasticity(gauss.material.moduli_at(problem.middle), problem.own_stiffness)
-        linear = (problem.own_stiffness, full._solver), full._equalities, self._pushed
+        linear = (problem.own_stiffness, full._solver), full.equalities, self._pushed
         self.elastic = self._linearisation(*linear, self._unchanged.tangents)
         self.material = gauss.material
         self._middle = self

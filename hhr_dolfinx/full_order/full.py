@@ -66,6 +66,8 @@ class FullOrderModel(AnsweringModel, ModelFields):
     """
 
     of_full_order = True
+    exact = True
+    unbounded = "the full model has no reduction error"
 
     trained = None
 
@@ -126,7 +128,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         self.schur = self.comm.allreduce(contact @ self.per_force)
         self._contact = contact
         self._pairs = Pairs.of(problem.contact_pairs)
-        self._equalities = SchurEqualities.of(self.schur)
+        self.equalities = SchurEqualities.of(self.schur)
         adrift = f"hold it by a displacement, or push it: {problem.loose}"
         self.advice = {**FULL_ORDER_ADVICE, Status.ADRIFT: adrift}
 
@@ -243,7 +245,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         theta = self.problem.amplitudes(point)
         free = self.solve_stiffness(self._own_loads @ theta)
         free_slack = self.problem.gaps @ theta - self._sum(self._contact @ free)
-        found = active_set(self._equalities, free_slack, free_slack < 0 if cold else start, pairs=self._pairs)
+        found = active_set(self.equalities, free_slack, free_slack < 0 if cold else start, pairs=self._pairs)
         return found_as(found, point, self._gather(free - self.per_force @ found.forces), self)
 
     @property
@@ -312,8 +314,6 @@ class FullOrderModel(AnsweringModel, ModelFields):
     def plastic_strain(self, answer: Answer) -> np.ndarray:
         """Cumulated plastic strain at all Gauss points; empty where nothing flows."""
         return np.zeros(0) if answer.gauss is None else answer.gauss.state.cumulated.copy()
-
-    unbounded = "the full model has no reduction error"
 
     def estimate(self, answer: Answer) -> Estimate | None:
         """No error but that of the mesh, which is not estimated; None without an answer."""

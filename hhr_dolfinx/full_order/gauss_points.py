@@ -7,34 +7,24 @@ is part of F.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import ufl
 from dolfinx import fem
 from petsc4py import PETSc
-from scipy.sparse import csr_matrix
-
-from hhr_dolfinx.body import Body
-from hhr_dolfinx.forms import elasticity, volume
-from hhr_dolfinx.formulas import Modulus, Scalar
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
-
-from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any
-
-from scipy.sparse import csc_matrix, hstack
+from scipy.sparse import csc_matrix, csr_matrix, hstack
 from ufl.core.expr import Expr
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.amplitudes import Amplitude
+from hhr_dolfinx.body import Body
 from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.forms import elasticity, volume
 from hhr_dolfinx.forms.elasticity import volume_weight
 from hhr_dolfinx.forms.return_mapping import kelvin, strain_vector
-from hhr_dolfinx.formulas import Formula
+from hhr_dolfinx.formulas import Formula, Modulus, Scalar
 from hhr_dolfinx.full_order.locking import QUADRATURE
 from hhr_dolfinx.loads import checked_terms, first_load
 from hhr_dolfinx.materials.strain import SparsePattern, StrainOperator
@@ -43,10 +33,11 @@ from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.problem import ContactProblem
-    from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
-    from hhr_dolfinx.materials.strain import StrainOperator
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.contact.problem import ContactProblem
+    from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 
 
 def strain_operator(discretisation: DiscreteSpace) -> StrainOperator:

@@ -60,7 +60,7 @@ class Reshaped:
         self.reference = mesh.geometry.x.copy()
         self.nodes = [np.unique(self._cells[discretisation.cells_of(shape.tag)]) for shape in scene.shapes]
         self._check_box()
-        self._middle = np.mean([scene.parameters.lower, scene.parameters.upper], axis=0)
+        self._middle = scene.parameters.middle
         mesh.geometry.x[:] = self.coordinates(self._middle)
         self._base: ContactProblem | None = None
 

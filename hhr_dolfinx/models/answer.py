@@ -376,7 +376,7 @@ class Model(Protocol):
 
         Args:
             path: times in seconds and parameters, the first ones at rest; parameters are linear between them.
-            settings: a :class:`~hhr_dolfinx.models.path.MarchSettings`.
+            settings: a :class:`~hhr_dolfinx.models.equilibrium.MarchSettings`.
 
         Raises:
             ParameterError: if the path is none, or leaves the box.

@@ -13,26 +13,21 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from scipy.sparse import csc_matrix, csr_matrix, diags
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.formulas import check_over_box
-from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.linear.layout import lay_out
+from hhr_dolfinx.materials.strain import StrainOperator
+from hhr_dolfinx.models.answer import Answer, ModelFields
+from hhr_dolfinx.models.estimates import STRESS, Estimate
+from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.trained import share_of_stress
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
-
-from typing import TYPE_CHECKING
-
-from scipy.sparse import csc_matrix, csr_matrix, diags
-
-from hhr_dolfinx.linear.layout import lay_out
-from hhr_dolfinx.materials.strain import StrainOperator
-from hhr_dolfinx.models.answer import ModelFields
-from hhr_dolfinx.models.estimates import STRESS, Estimate
-from hhr_dolfinx.models.reconstruct import GappyField
-from hhr_dolfinx.trained import share_of_stress
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals import Functionals
@@ -298,7 +293,7 @@ class PartFactors:
             else:
                 remedy = "Young's modulus must be positive"
                 check_over_box(modulus.factor_scalar, space, "young", 0.0, math.inf, remedy)
-        middle = np.mean([space.lower, space.upper], axis=0)
+        middle = space.middle
         values = np.array([modulus.value(middle) for modulus in self.moduli]) if self.moduli else np.ones(1)
         if self.middle.shape != values.shape or not np.allclose(self.middle, values, rtol=SAME, atol=0.0):
             yield f"the moduli are {values} in the middle of the box, and the arrays are made for {self.middle}"

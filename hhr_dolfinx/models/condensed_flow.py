@@ -20,7 +20,7 @@ from contextlib import nullcontext
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.linalg import LinAlgError
@@ -40,9 +40,6 @@ from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.small_strains import SmallStrains
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs, TrainedPaths
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.condensed_fields import CondensedFlowFields
 
 
 @dataclass(frozen=True)
@@ -151,7 +148,7 @@ class CondensedEquilibrium:
         self.size = self.modes + self.conditions
         self._middle = self
         self._last: tuple[np.ndarray, CondensedEquilibrium] | None = None
-        self._set_elasticity(flow.factors.compliances(np.mean([parameters.lower, parameters.upper], axis=0)))
+        self._set_elasticity(flow.factors.compliances(parameters.middle))
 
     def _set_elasticity(self, compliances: np.ndarray) -> None:
         """Take what each part gives more than in the middle, (Q,)."""

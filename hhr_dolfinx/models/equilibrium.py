@@ -9,33 +9,26 @@ for all of a training.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
+from math import prod
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
-from hhr_dolfinx.errors import ParameterError
-from hhr_dolfinx.models.answer import Answer, GaussState
+from hhr_dolfinx.amplitudes import Theta
+from hhr_dolfinx.contact.active_set import Statuses
+from hhr_dolfinx.errors import ParameterError, TimeStepWarning
+from hhr_dolfinx.models.answer import Answer, Fields, GaussState
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
-from hhr_dolfinx.trained import OUTSIDE
+from hhr_dolfinx.trained import OUTSIDE, Signs, TrainedPaths
 
 if TYPE_CHECKING:
     from hhr_dolfinx.materials.update import Material
-
-import warnings
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
-from contextvars import ContextVar
-from math import prod
-from typing import TYPE_CHECKING, NamedTuple, Protocol
-
-from hhr_dolfinx.amplitudes import Theta
-from hhr_dolfinx.contact.active_set import Statuses
-from hhr_dolfinx.errors import TimeStepWarning
-from hhr_dolfinx.models.answer import Fields
-from hhr_dolfinx.trained import Signs, TrainedPaths
 
 if TYPE_CHECKING:
     from hhr_dolfinx.materials.update import Material, Update

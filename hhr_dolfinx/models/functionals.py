@@ -260,7 +260,7 @@ class Functionals:
     def check(self, space: ParameterSpace, conditions: int, gauss_points: int) -> None:
         """Raise SceneError for what does not fit a model; what was read from a file may be anything."""
         sizes = {"conditions": conditions, "terms": self.amplitudes.firsts[-1], "points": gauss_points}
-        point = np.mean([space.lower, space.upper], axis=0)
+        point = space.middle
         for item in self.items:
             if not isinstance(item, Functional):
                 raise SceneError(f"{item!r} is no Functional, and an output must be one")

@@ -36,7 +36,7 @@ def checked_start(start: Any, conditions: int) -> Any:
     Raises:
         ParameterError: for another word, or statuses that are not bool or not one for each condition.
     """
-    if start is None or (isinstance(start, str) and start == "nearest"):
+    if start is None or (isinstance(start, str) and start == NEAREST):
         return start
     try:
         statuses = np.array(start)  # answers may share it

@@ -1,4 +1,4 @@
-"""The path and the settings of a history, and how models in which nothing flows answer one."""
+"""The path of a history, and how models in which nothing flows answer one."""
 
 from __future__ import annotations
 

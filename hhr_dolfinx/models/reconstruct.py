@@ -83,9 +83,9 @@ class FlowFields:
         """Modes of other points."""
         values = len(self.stress.modes)
         known = self.stress.fit.shape[1]
-        components = sizes.get("components", 4)
-        if values != components * self.gauss_points or known != components * self.points.size:
-            yield f"{values} values of the stress, {known} of them known, are not {components} for each Gauss point"
+        components = values // max(self.gauss_points, 1)
+        if (values, known) != (components * self.gauss_points, components * self.points.size):
+            yield f"{values} values of the stress, {known} of them known, are not the same for each Gauss point"
         if self.cumulated is not None:
             found = len(self.cumulated.modes), self.cumulated.fit.shape[1]
             if found != (self.gauss_points, self.points.size):
@@ -248,7 +248,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return self.bound.prepared(self.A_lambda)
 
     def displacement(self, answer: Answer) -> np.ndarray:
-        """Displacement V gamma + lift, thesis (1.69), or of loads and forces, see ``field_response``, (N,)."""
+        """Displacement V gamma + lift, thesis (1.69), or of loads and forces, see ``response``, (N,)."""
         field = self.basis @ self._coordinates(answer)
         if self.response is not None:
             field += self.response.loaded @ (self.response.loading @ self.amplitudes(answer.parameter))

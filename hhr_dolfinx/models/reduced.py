@@ -138,7 +138,7 @@ class ReducedModel(KeptModel):
         ):
             yield "the parts of the stiffness are not those of the moduli of its bodies"
         elif terms is not None:
-            middle = np.mean([self.parameters.lower, self.parameters.upper], axis=0)
+            middle = self.parameters.middle
             there = np.tensordot(terms.weights(middle), terms.stiffness, 1)
             if not np.abs(there - self.problem.stiffness).max() <= SAME * np.abs(self.problem.stiffness).max():
                 yield "the parts of the stiffness do not make that of the middle of the box"

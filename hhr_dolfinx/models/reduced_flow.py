@@ -120,7 +120,7 @@ class ProjectedEquilibrium:
         """Take the elasticity of the middle of the box; the material keeps its formulas."""
         formulas = self.material
         space = self.parameters
-        self._set_elasticity(formulas.moduli_at(np.mean([space.lower, space.upper], axis=0)), self.problem)
+        self._set_elasticity(formulas.moduli_at(space.middle), self.problem)
         self.material = formulas
 
     def at(self, point: np.ndarray) -> Self:

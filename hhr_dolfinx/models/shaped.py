@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from threading import RLock
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dgetrf, dgetrs
@@ -31,10 +31,6 @@ from hhr_dolfinx.pairings.projection import shape_functions
 from hhr_dolfinx.pairings.surface import Surface, make_surface
 from hhr_dolfinx.parameters import ParameterSpace, Tag
 from hhr_dolfinx.shapes import Shape, coordinate_names
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.formulas import Modulus
-
 
 DIFFERENCE = 1e-4
 """Part of the box by which the problem is moved to either side for its derivatives: their error is its square."""

@@ -13,8 +13,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from hhr_dolfinx.errors import (
     FileContentError,
     HHRError,
@@ -179,7 +177,7 @@ def check_answers(model: KeptModel) -> None:
     Raises:
         FileContentError: with what happened.
     """
-    middle = np.mean([model.parameters.lower, model.parameters.upper], axis=0)
+    middle = model.parameters.middle
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:

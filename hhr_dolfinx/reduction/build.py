@@ -148,7 +148,8 @@ def build(full: Any, snapshots: SnapshotSet, recipe: Any = None, held_out: Snaps
         StabilityWarning: if the trust check doubts it, or no training answer has contact or flow.
         UncheckedWarning: if it was not compared with answers kept out of training.
     """
-    if not hasattr(full, "equilibrium"):
+    given: Any = full
+    if not (isinstance(given, AnsweringModel) and given.of_full_order):
         raise ReductionError(f"{full!r} is no full model: give FullOrderModel(scene)")
     if isinstance(recipe, Reductor) and not isinstance(recipe, type):
         return recipe.reduced(full, snapshots, held_out)

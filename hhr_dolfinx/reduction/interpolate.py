@@ -219,7 +219,7 @@ class FormulaGrid:
 
     @property
     def _middle(self) -> np.ndarray:
-        return np.mean([self.space.lower, self.space.upper], axis=0)
+        return self.space.middle
 
     def _points(self, scaled: np.ndarray) -> np.ndarray:
         """Points of the box, (n, P), at places of the axes in [-1, 1]^d."""

@@ -24,7 +24,6 @@ from hhr_dolfinx.timing import timed
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed_flow import CondensedFlowModel
-    from hhr_dolfinx.models.reduced import ReducedModel
 
 
 class Run(NamedTuple):

@@ -35,7 +35,7 @@ def check_scene(scene: Scene, point: Any = None) -> SceneCheck:
     """
     found = SceneCheck(scene)
     space = scene.parameters
-    middle = np.mean([space.lower, space.upper], axis=0) if point is None else space.point(point)
+    middle = space.middle if point is None else space.point(point)
     with found.heard():
         found.discretisation = Discretisation(scene, MPI.COMM_SELF)
     if found.discretisation is None:

@@ -261,7 +261,7 @@ def _checked_path(scene: Scene, path: Any) -> Any:
 
 def _chooses(training: Any) -> bool:
     """Whether a training chooses itself what it asks for, as ``Greedy`` does; whose module others do not load."""
-    return callable(getattr(training, "grown", None))
+    return callable(getattr(training, "grown", None)) and not isinstance(training, type)
 
 
 def _checked(scene: Scene, training: Any, held_out: Any, seed: Any) -> tuple[Any, Any]:
@@ -284,6 +284,8 @@ def _checked(scene: Scene, training: Any, held_out: Any, seed: Any) -> tuple[Any
 def training_points(scene: Scene, training: Any) -> np.ndarray:
     """Training points, (S, P): on a regular grid for counts along each parameter, sampled, or as they are given."""
     asked = training
+    if isinstance(training, type):
+        raise StudyError(f"{training.__name__} is a class: give what it makes, {training.__name__}(...)")
     try:
         if hasattr(training, "points"):
             training = np.asarray(training.points(scene.parameters))
