@@ -319,3 +319,21 @@ def test_one_solve():
         if isinstance(item, ast.FunctionDef) and item.name == "solve" and "mu" in [arg.arg for arg in item.args.args]
     ]
     assert sorted(found) == ["AnsweringModel", "Model"]
+
+
+def test_pages_name_what_is_there():
+    """Modules and what is in them, where a page names them: ``models.local.Choice`` or ``models/local.py``."""
+    texts = {name.removeprefix("hhr_dolfinx."): path.read_text() for name, path in MODULES.items()}
+    missing = []
+    for page in [*(ROOT / "docs").glob("*.md"), ROOT / "README.md"]:
+        for said in set(re.findall(r"`([\w./]+)`", page.read_text())):
+            parts = said.removeprefix("hhr_dolfinx.").removesuffix(".py").replace("/", ".").split(".")
+            places = [".".join(parts[:k]) for k in range(1, len(parts) + 1)]
+            folder = said.endswith("/") or len(parts) < 2
+            if folder or parts[0] not in ALLOWED or said == "models.thesis":  # the latter a key of reports
+                continue
+            known = [place for place in places if place in texts]
+            rest = parts[known[-1].count(".") + 1 :] if known else parts[1:]
+            if not known or (rest and not re.search(rf"\b{rest[0]}\b", texts[known[-1]])):
+                missing.append((page.name, said))
+    assert not missing

@@ -415,6 +415,25 @@ def test_nothing_that_flowed_in_training(models, tmp_path):
     assert stored.fields.flow.gauss_points == model.fields.flow.gauss_points
 
 
+@pytest.mark.parametrize("how", ["points of the RID", "cubature", "condensed"])
+def test_models_in_space_come_back(how, tmp_path):
+    """Of six components, not four."""
+    law = hhr.Plasticity(0.02, 0.5)
+    scene = pressed_block("solid", cells=2)
+    scene = replace(scene, bodies=(replace(scene.bodies[0], law=law),))
+    full = hhr.FullOrderModel(scene)
+    path = [(0.25 * k, [share]) for k, share in enumerate((0.0, 0.03, 0.06, 0.09, 0.04))]
+    known = hhr.SnapshotSet.of_histories([full.march(path)])
+    if how == "condensed":
+        model = condense_flow(full, known, CorrectionSettings(attempts=1, trust=None))
+    else:
+        step = hhr.CubatureStep() if how == "cubature" else None
+        model = hhr.build(full, known, hhr.Recipe.flowing(cubature=step).as_it_is())
+    hhr.save_model(tmp_path / "model.npz", model)
+    one, other = (item.march(path, QUIET) for item in (hhr.load_model(tmp_path / "model.npz"), model))
+    assert flat(one).tobytes() == flat(other).tobytes() and flat(one).any()
+
+
 def test_indices_of_four_bytes_are_widened(file):
     """Compiled loops multiply them: beyond 46341 dofs the product would turn negative."""
     path = file("flowing pellet")
