@@ -10,7 +10,7 @@ class SceneError(HHRError, ValueError):
 
 
 class StudyError(HHRError, ValueError):
-    """A training or study cannot be run: a count, a seed, a folder that is none."""
+    """A training or study cannot be run: an invalid count, seed or folder."""
 
 
 class ParameterError(HHRError, ValueError):

@@ -208,7 +208,7 @@ def _unit_pressure(assembler: Assembler, tag: Tag) -> np.ndarray:
 
 
 def checked_terms(load: Load, assembler: Assembler) -> list[Term]:
-    """Terms of a load with columns in the format csc, without zeros; raises SceneError for what is none."""
+    """Terms of a load with columns in the format csc, without zeros; raises SceneError for an invalid one."""
     terms = load.terms(assembler)
     if not isinstance(terms, Sequence) or not all(isinstance(term, Term) for term in terms):
         raise SceneError(f"the terms of {load!r} must be a list of Term, and are {terms!r}")

@@ -79,7 +79,7 @@ class Leg:
         steps: of equal length; the value of a formula is rounded, and at least one.
 
     Raises:
-        SceneError: for what is neither a number nor a formula, negative seconds, and steps that are none.
+        SceneError: for what is neither a number nor a formula, negative seconds, and invalid steps.
     """
 
     to: Targets
@@ -212,7 +212,7 @@ class PathFamily:
             seed: of what is drawn.
 
         Raises:
-            ParameterError: for a count or a seed that are none, and as :meth:`path`.
+            ParameterError: for an invalid count or seed, and as :meth:`path`.
         """
         if not is_whole(count, 1) or not is_whole(seed, 0):
             raise ParameterError(

@@ -94,7 +94,7 @@ class Lattice:
     seed: int = 1
 
     def __post_init__(self) -> None:
-        """Refuse counts that are none, with ParameterError."""
+        """Refuse invalid counts, with ParameterError."""
         levels = self.levels if isinstance(self.levels, tuple) else (self.levels,)
         if not is_whole(self.count, 1) or not is_whole(self.seed, 0) or not all(is_whole(item, 2) for item in levels):
             raise ParameterError(

@@ -1,4 +1,4 @@
-"""What a reduced model was trained on, kept with it as numbers, and the door at which a query is held against it.
+"""What a reduced model was trained on, kept with it as numbers, and the check of queries against it.
 
 Inside the box of a scene a model may still never have seen a parameter, a pace or a direction. Reduced histories were
 up to 200 % wrong on paths that were not trained, without any sign in their convergence; their imbalance tells.

@@ -408,7 +408,7 @@ def test_models_that_do_not_go_together(models, training):
             hhr.LocalModels(given_, halves)
     with pytest.raises(ReductionError, match="None is no Choice"):
         hhr.LocalModels(models, None)
-    with pytest.raises(ReductionError, match=r"a choice of 3 parameters is none of \('P1', 'h1'\)"):
+    with pytest.raises(ReductionError, match=r"a choice of 3 parameters does not suit of \('P1', 'h1'\)"):
         hhr.LocalModels(models, Choice.whole(3))
     with pytest.raises(ReductionError, match="not among 1 local ones"):
         hhr.LocalModels(models[:1], halves)

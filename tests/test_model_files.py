@@ -754,8 +754,8 @@ REFUSED = {
         ("not among 3 local ones", entry("choice.label", 1, 3)),
         ("has no model", entry("choice.label", 1, -1)),
         ("cuts axes", entry("choice.reach", 0, -1.0)),
-        ("of 1 parameters is none|of 1", array("choice.reach", lambda a: a[:1])),
-        ("of 3 parameters is none", array("choice.reach", lambda a: np.append(a, 1.0))),
+        ("of 1 parameters does not suit|of 1", array("choice.reach", lambda a: a[:1])),
+        ("of 3 parameters does not suit", array("choice.reach", lambda a: np.append(a, 1.0))),
         ("at least one", both(*(array(f"choice.{name}", lambda a: a[:0]) for name in
                                 ("axis", "cut", "low", "high", "label")))),
         ("local models are a list", put("models", [])),

@@ -65,7 +65,7 @@ def check_hypotheses(full: Any, *, floating: bool = False) -> None:
     """
     problem = full.problem
     if full.equilibrium is not None:
-        raise BoundError("bodies flow, and the bounds are those of elastic ones: histories have signs, see the door")
+        raise BoundError("bodies flow, and the bounds are those of elastic ones: histories have signs of error")
     if len(full.per_force) != problem.free.size:
         raise BoundError("ranks share the factors of K, and the bounds need whole columns: build on MPI.COMM_SELF")
     if problem.pins is not None and not floating:

@@ -405,7 +405,7 @@ def checked_histories(
         UnstableModelError: for errors beyond the limits.
 
     Warns:
-        StabilityWarning: for errors, or a door, that are doubtful.
+        StabilityWarning: for doubtful errors, or a doubtful training range.
     """
     kept = () if held_out is None else held_out.histories
     trained_ones = {f"trained history {k}": history for k, history in enumerate(snapshots.histories)}
@@ -413,7 +413,7 @@ def checked_histories(
     comparison, shown = compare_histories(full, model, histories, force_floor(full.problem, snapshots))
     if limits is not None:
         check_comparison(comparison, limits, remedy)
-    # what is held out is no training: unlike it, its errors would open the door to all like them
+    # what is held out is no training: unlike it, its errors would widen the training range to all like them
     signs = [shown[label] for label in trained_ones if label in shown]
     if not signs:  # without limits all of them may have failed
         return None, None

@@ -21,7 +21,7 @@ def scene_of(name: str) -> Scene:
     """The scene of ``file.py``, ``file.py:name`` or an entry point: a Scene, or a function that returns one.
 
     Raises:
-        SceneError: for what is none.
+        SceneError: for invalid input.
     """
     from hhr_dolfinx.scene import Scene
 

@@ -180,7 +180,7 @@ def _settings_of(scene: str) -> Any:
     """The ``SETTINGS`` beside a scene, or None.
 
     Raises:
-        SceneError: for what is none.
+        SceneError: for invalid input.
     """
     from hhr_dolfinx.command.loading import beside
     from hhr_dolfinx.errors import SceneError

@@ -55,7 +55,7 @@ def moduli_of(problem: ContactProblem, body: np.ndarray) -> list[Modulus]:
 
 @dataclass(frozen=True)
 class ScaledBodies:
-    """The factors of what hangs together.
+    """The factors of the connected components.
 
     Attributes:
         problem: whose stiffness it is, with all rows.
@@ -363,7 +363,7 @@ class ContactProblem:
 
     @cached_property
     def bodies(self) -> tuple[np.ndarray, ...]:
-        """Dofs of what hangs together through K, in their order."""
+        """Dofs of each connected component of K, in their order."""
         _, label = connected_components(self.stiffness, directed=False)
         return tuple(np.flatnonzero(label == number) for number in range(label.max() + 1))
 

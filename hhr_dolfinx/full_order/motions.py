@@ -36,7 +36,7 @@ ALMOST_NONE = 1e-9
 
 @dataclass(frozen=True)
 class FreeBody:
-    """What hangs together and can move without strain.
+    """Connected components that can move without strain.
 
     Attributes:
         name: of its bodies, for messages.
@@ -88,7 +88,7 @@ def free_bodies(
 
 
 def hanging_together(count: int, cell_nodes: np.ndarray) -> np.ndarray:
-    """Number of what each of so many nodes hangs together with through cells, (cells, n): (nodes,)."""
+    """Connected component of each of so many nodes, by cells, (cells, n): (nodes,)."""
     starts = np.repeat(cell_nodes[:, :1], cell_nodes.shape[1], axis=1)
     graph = csr_matrix((np.ones(cell_nodes.size), (starts.ravel(), cell_nodes.ravel())), shape=(count, count))
     return connected_components(graph, directed=False)[1]

@@ -68,7 +68,7 @@ class Group:
     law: Flow | None
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """Elastic constants that are impossible, and a law that is none."""
+        """Elastic constants that are impossible, and an object that is no law."""
         stiff = isinstance(self.young, str) or self.young > 0
         if not (stiff and -1 < self.poisson < 0.5):
             yield f"young = {self.young!r} and poisson = {self.poisson!r} are no constants"

@@ -362,7 +362,7 @@ class Model(Protocol):
             gradient: whether derivatives along the parameters are wanted, see :class:`~models.gradient.Gradient`.
 
         Raises:
-            ParameterError: if ``mu`` is not finite or outside the box, or ``start`` is none.
+            ParameterError: if ``mu`` is not finite or outside the box, or ``start`` is invalid.
             OutsideTrainingError: if it is outside what was trained, and that is to be refused.
             ConvergenceError: if the statuses do not settle.
             NotSolvableError: if contact rows are dependent.
@@ -379,7 +379,7 @@ class Model(Protocol):
             settings: a :class:`~hhr_dolfinx.models.equilibrium.MarchSettings`.
 
         Raises:
-            ParameterError: if the path is none, or leaves the box.
+            ParameterError: if the path is invalid, or leaves the box.
             ConvergenceError, OutsideTrainingError: with an attribute ``history`` that holds the steps before.
         """
 

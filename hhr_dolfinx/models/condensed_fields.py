@@ -271,7 +271,7 @@ SAME = 1e-9
 
 @dataclass(frozen=True)
 class PartFactors:
-    """Young's moduli as factors of what hangs together in a scene (Q parts, one where elasticity is constant).
+    """Young's moduli as factors of the connected components of a scene (Q parts, one where elasticity is constant).
 
     Attributes:
         moduli: of each part; none where elasticity is constant.

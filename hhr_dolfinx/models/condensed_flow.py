@@ -230,7 +230,7 @@ class CondensedEquilibrium:
         return found.forces
 
     def signs(self, answer: Answer) -> Signs:
-        """Stress on Z whose plastic strain is none of training; no overlap, since all conditions are kept.
+        """Stress on Z whose plastic strain is unlike that of training; no overlap, since all conditions are kept.
 
         What is out of balance says nothing here: steps balance on Z whatever flows.
         """

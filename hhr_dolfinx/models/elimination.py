@@ -132,7 +132,7 @@ def answer_of(
 
 
 def differentiated(contact: CondensedContact, answer: Answer) -> Answer:
-    """An answer with its derivatives on its statuses; as it is where it is none."""
+    """An answer with its derivatives on its statuses; as it is without an answer."""
     if not answer.converged:
         return answer
     from hhr_dolfinx.models.gradient import gradient_of

@@ -144,7 +144,7 @@ class Stepping(Protocol):
 
 
 class Marching(Stepping, Protocol):
-    """What the derivatives of a history and its door need besides of one model; ``x`` is its unknown."""
+    """What derivatives of a history and the check of its training range need besides; ``x`` is the unknown."""
 
     def at(self, point: np.ndarray) -> Marching:
         """See :class:`Stepping`."""

@@ -248,7 +248,7 @@ def factor_faults(bound: Any, schur: np.ndarray) -> Iterator[str]:
     lower = bound.lower
     off = np.abs(lower @ lower.T - schur).max() / np.abs(schur).max(initial=1e-300)
     if not (off <= ROUND_OFF and (lower.diagonal() > 0).all() and not np.triu(lower, 1).any()):
-        yield "the factor of S in its bound is none"
+        yield "the factor of S in its bound is wrong"
 
 
 @dataclass(frozen=True)
@@ -275,7 +275,7 @@ class ErrorBound:
     least: Annotated[Floats, "3"]
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """A factor of S that is none; directions of unit energy that do not go on where others end."""
+        """A wrong factor of S; directions of unit energy that are not in the order of the sets that they span."""
         yield from factor_faults(self, self.schur)
         ranks = [len(self.schur), len(self.basis), len(self.loads), *([len(self.lifts)] if len(self.lifts) else [])]
         if ranks != sorted(ranks):

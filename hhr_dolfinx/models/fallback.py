@@ -241,7 +241,7 @@ class FallbackModel(AnsweringModel):
 
 
 def check_allowance(tolerance: Any, every: Any, name: str) -> None:
-    """Raise ParameterError for a tolerance that is none, or a number of answers, called ``name``, that is none."""
+    """Raise ParameterError for an invalid tolerance, or an invalid number of answers, called ``name``."""
     if not (is_number(tolerance) and tolerance > 0):
         raise ParameterError(f"tolerance = {tolerance!r} must be a positive number, such as 0.01")
     if not is_whole(every, 1):

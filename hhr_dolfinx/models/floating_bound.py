@@ -83,7 +83,7 @@ class FloatingBound(Rebuilt):
     least: Annotated[Floats, "3"]
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """A factor of S that is none, and motions that move no condition."""
+        """A wrong factor of S, and motions that move no condition."""
         if not self.taken.any(axis=0).all():
             yield "a motion of its bound moves no condition"
         else:

@@ -1,7 +1,8 @@
 """Condensation on the contact, interpolated: S(mu) and the free slack of a scene whose stiffness depends on parameters.
 
-Bodies touch only through contact, so that S = sum of S_c over what hangs together, each smooth in the parameters of its
-own. Where all of a part has one factor E(mu), S_c = S_c(E = 1) / E, which is exact; what is left is interpolated.
+Bodies touch only through contact, so that S = sum of S_c over connected components c, each smooth in the parameters
+of its own. Where all of a part has one factor E(mu), S_c = S_c(E = 1) / E, which is exact; what is left is
+interpolated.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ class PrimalModes:
 
 @dataclass(frozen=True)
 class Compliance:
-    """What one part of a scene that hangs together leaves of itself once it is eliminated.
+    """What is left of one connected component of a scene once it is eliminated.
 
     Attributes:
         conditions: contact conditions that act on it, (m_c,), increasing.

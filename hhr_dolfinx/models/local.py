@@ -212,7 +212,7 @@ class LocalModels(SeveralModels):
         for number, model in enumerate(self.models):
             if model.fields is answer.fields:
                 return number
-        raise ReductionError("this answer is none of these local models")
+        raise ReductionError("this answer is not of these local models")
 
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
         """By the model of its part; statuses that are those of another one give way to the nearest known."""
@@ -308,7 +308,7 @@ def _check_alike(models: Sequence[ReducedModel], choice: Choice) -> None:
     if not isinstance(choice, Choice):
         raise ReductionError(f"{choice!r} is no Choice, which says what local model answers where")
     if len(choice.reach) != len(first.parameters.names):
-        raise ReductionError(f"a choice of {len(choice.reach)} parameters is none of {first.parameters.names}")
+        raise ReductionError(f"a choice of {len(choice.reach)} parameters does not suit {first.parameters.names}")
     if choice.label[choice.axis == LEAF].max() >= len(models):
         raise ReductionError(f"a region belongs to a model that is not among {len(models)} local ones")
 

@@ -130,7 +130,7 @@ class LocalEquilibrium:
         for number, part in enumerate(self.parts):
             if part.fields is answer.fields:
                 return number
-        raise ReductionError("this answer is none of these local models")
+        raise ReductionError("this answer is not of these local models")
 
     def answering(self, answer: Answer) -> Part:
         """The equilibrium in which an answer was found."""

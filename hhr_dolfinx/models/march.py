@@ -58,7 +58,7 @@ def march(
         keep: told of each answer as soon as it is there.
 
     Raises:
-        ParameterError: for settings that are none, or a path along which elasticity changes.
+        ParameterError: for invalid settings, or a path along which elasticity changes.
         OutsideTrainingError: if a step is outside what was trained, and ``settings`` say to refuse that.
         ConvergenceError: with the step, the time and the worst point.
         Whatever ends a history, an interrupt from the keyboard too, has an attribute ``history`` with the steps before.

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 MOST_ENTRIES = 4_000_000
 """Rows of an output times contact conditions up to which it is read at the field that is nearer, too: 32 MB."""
 UNKNOWN = -1.0
-"""In the place of a Lipschitz constant that is none, or that is not needed."""
+"""In the place of a Lipschitz constant that does not exist, or is not needed."""
 
 
 class OutputErrors(Mapping[str, float]):

@@ -137,7 +137,7 @@ def one_step(
 
 
 def _unanswered(model: Equilibrium, parameter: np.ndarray) -> Answer:
-    """An answer that is none."""
+    """An empty answer."""
     nothing = np.full(model.size, np.nan), np.full(model.conditions, np.nan), np.zeros(model.conditions, dtype=bool)
     stress = np.full((model.material.gauss_points, model.material.components), np.nan)
     rest = model.material.at_rest()

@@ -82,7 +82,7 @@ class ReducedProblem:
         lay_out(self)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """Motions that are none."""
+        """Modes that are no rigid motions."""
         count = self.motions
         ell = len(self.stiffness)
         if count and not (0 < count < ell and not self.stiffness[:, :count].any() and not self.stiffness[:count].any()):

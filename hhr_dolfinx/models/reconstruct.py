@@ -189,7 +189,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
     response: FieldResponse | None = None
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """Conditions of the RID that are none, and columns that are not those of what makes their coordinates."""
+        """Wrong conditions of the RID, and columns that are not those of what makes their coordinates."""
         if np.unique(self.A_lambda).size < self.A_lambda.size:
             yield "contact conditions of the RID are there twice: they are dependent"
         if not (self.gap_scale > 0).all():

@@ -81,7 +81,7 @@ class VaryingBound:
     reshaped_areas: Interpolant | None = None
 
     def __post_init__(self) -> None:
-        """Refuse an error that is none."""
+        """Refuse an impossible error."""
         if not (is_number(self.inexact) and 0 <= self.inexact < 1 and isinstance(self.proved, bool)):
             raise BoundError(
                 f"inexact = {self.inexact!r} of a bound must be a part of energies, proved = {self.proved!r}"

@@ -173,7 +173,7 @@ def medoids(dissimilarity: np.ndarray, count: int, seed: int = 1) -> np.ndarray:
         Labels 0 to K - 1, all of them used, in the order in which they first occur, (n,).
 
     Raises:
-        ReductionError: for a matrix that is no dissimilarity, more clusters than items, or a seed that is none.
+        ReductionError: for a matrix that is no dissimilarity, more clusters than items, or an invalid seed.
         MissingPackageError: without the package kmedoids.
     """
     matrix = _dissimilarity(dissimilarity)
@@ -207,7 +207,7 @@ def _chosen(matrix: np.ndarray, count: int, seed: int) -> np.ndarray:
 
 
 def _dissimilarity(given: np.ndarray) -> np.ndarray:
-    """A dissimilarity as k-medoids takes it; ReductionError for what is none."""
+    """A dissimilarity as k-medoids takes it; ReductionError for an invalid one."""
     matrix = np.ascontiguousarray(given, dtype=float)
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not matrix.size:
         raise ReductionError(f"a dissimilarity of the shape {matrix.shape} must be square, (n, n)")

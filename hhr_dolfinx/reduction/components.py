@@ -1,4 +1,4 @@
-"""What of a scene hangs together, solved for by itself: what it leaves of itself once it is eliminated."""
+"""Connected components of a scene, each eliminated by itself."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of,
 
 @dataclass(frozen=True)
 class Component:
-    """What of a scene hangs together.
+    """A connected component of a scene.
 
     Attributes:
         dofs: its dofs that are free, as a mask, (N,).
@@ -35,7 +35,7 @@ class Component:
 
 
 def components_of(problem: ContactProblem) -> list[Component]:
-    """What hangs together in a scene, as far as it touches anything."""
+    """Connected components of a scene, as far as they touch anything."""
     found = []
     shape_axes = () if problem.reshaped is None else problem.reshaped.axes
     lifts = sum(abs(term) for term in problem.lift_terms)

@@ -1,6 +1,6 @@
 """Interpolated condensation, offline: solve for S and the free slack at few parameters, and interpolate between them.
 
-Each part of a scene that hangs together is solved for by itself, at parameters that its own sparse grid asks for.
+Each connected component of a scene is solved for by itself, at parameters that its own sparse grid asks for.
 """
 
 from __future__ import annotations

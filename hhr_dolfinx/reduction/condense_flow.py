@@ -296,7 +296,7 @@ def condense_flow(
         held_out: histories kept out of training, for the check.
 
     Raises:
-        ReductionError: for a scene in which nothing flows, or whose moduli are no factors of what hangs together.
+        ReductionError: for a scene in which nothing flows, or whose moduli are no factors of connected components.
         UnstableModelError: if a model with as many modes and points as are allowed is still off.
 
     Warns:

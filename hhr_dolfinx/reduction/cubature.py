@@ -138,7 +138,7 @@ def compressed(chunks: Callable[[], Iterable[np.ndarray]], tolerance: float) -> 
         (R', P); with ``fitted`` they lead to weights for the rows themselves, but for what was left out.
 
     Raises:
-        ReductionError: for a tolerance outside (0, 1), chunks that are not finite, do not fit each other, or are none.
+        ReductionError: for a tolerance outside (0, 1), chunks that are not finite, do not fit, or are missing.
     """
     if not 0 < tolerance < 1:
         raise ReductionError(f"the tolerance {tolerance} of the compression of rows must lie in (0, 1)")

@@ -126,7 +126,7 @@ def force_correction(full: Any) -> ForceCorrection:
     """The correction of forces of any model of a scene whose bodies flow, see :mod:`models.force_correction`.
 
     Raises:
-        ReductionError: where nothing flows, and where moduli are no factors of what hangs together.
+        ReductionError: where nothing flows, and where moduli are no factors of connected components.
     """
     if full.equilibrium is None:
         raise ReductionError(f"nothing flows in scene '{full.scene.name}': estimates of its answers bound forces")

@@ -29,7 +29,7 @@ class GridSettings:
 
     Attributes:
         tolerance: wished error of S and of the free slack, relative to their size.
-        budget: most solutions for each part of a scene that hangs together.
+        budget: most solutions for each connected component of a scene.
         compressed: whether directions are left out that the tolerance does not ask for; what is proved of an
             interpolation needs them.
         least: terms that there are, whatever the error.
@@ -58,7 +58,7 @@ DEFAULT_GRID = GridSettings()
 
 @dataclass(frozen=True)
 class Part:
-    """What of a problem hangs together.
+    """A connected component of a problem.
 
     Attributes:
         conditions: contact conditions that act on it, increasing.
@@ -154,7 +154,7 @@ MIXED = (0.1, 0.5)
 
 @dataclass(frozen=True)
 class FormulaGrid:
-    """Holds polynomials of a grid against the formulas of a part that hangs together.
+    """Compares polynomials of a grid with the formulas of a connected component.
 
     Attributes:
         moduli: of the parts of its stiffness.

@@ -92,7 +92,7 @@ class Pod(_Truncated):
         relative: divide each snapshot by its norm first, so that grazing contact counts as much as strong contact; the
             thesis does not.
         norm: ``euclidean`` as in the thesis, ``energy`` or ``l2``.
-        by_body: decompose what hangs together by itself, so that each mode moves one body only. Bodies that only
+        by_body: decompose each connected component by itself, so that each mode moves one body only. Bodies that only
             contact joins then share no entries of K~: a stiffness that depends on parameters is factored in blocks.
     """
 

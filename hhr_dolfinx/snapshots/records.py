@@ -155,7 +155,7 @@ class SnapshotSet:
         """All steps of some histories.
 
         Raises:
-            ReductionError: if there is no history, or one is none or has no step.
+            ReductionError: if there is no history, or one is invalid or has no step.
         """
         if isinstance(histories, History):
             raise ReductionError("give a list of histories, [history], not a single one")
@@ -261,7 +261,7 @@ def compute_snapshots(
         lost: takes in what has no answer, so that the others are kept; None lets the first one end them all.
 
     Raises:
-        ParameterError: if a point or a path is none.
+        ParameterError: if a point or a path is invalid.
         ConvergenceError, NotSolvableError: if a query has no answer, or where those are taken in, no query has.
     """
     found = _solved(full, queries, progress, store, settings, lost)
@@ -400,7 +400,7 @@ def _with_fields(history: History, fields: Any) -> History:
 
 
 def check_of_problem(name: str, solutions: Any, problem: ContactProblem) -> None:
-    """Raise ReductionError for solutions that are none, or are those of another problem."""
+    """Raise ReductionError for invalid solutions, or those of another problem."""
     if not isinstance(solutions, SnapshotSet):
         raise ReductionError(f"{name} = {solutions!r} must be a SnapshotSet, what compute_snapshots returns")
     points = np.shape(solutions.points)

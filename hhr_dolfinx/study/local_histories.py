@@ -77,7 +77,7 @@ def local_histories(
         checked: whether what ``recipe.trust`` and ``recipe.tangents`` refuse is refused.
 
     Raises:
-        ReductionError: for a training without histories, or labels that are none of its steps.
+        ReductionError: for a training without histories, or labels that are not those of its steps.
         UnstableModelError: if the check refuses the models at the most layers of cells.
     """
     full = training.full_order

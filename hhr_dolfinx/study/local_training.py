@@ -263,7 +263,7 @@ def _held_out_of(training: TrainingAnswers, choice: Choice, number: int) -> Snap
 
 
 def together(models: list[ReducedModel], choice: Choice, snapshots: SnapshotSet, record: LocalRecord) -> LocalModels:
-    """The set of some models, whose door is that of all that was trained: where one ends another one goes on."""
+    """The set of some models. Its training range is that of all snapshots: neighbours cover each other's edges."""
     trained = TrainedRange.of(snapshots.points, models[0].parameters)
     own = [model.changed(trained=trained, fields=fields) for model, fields in zip(models, _alike(models), strict=True)]
     if record.missed:

@@ -76,7 +76,7 @@ def write_page(folder: str | Path) -> Path:
     """Write ``report.html`` beside ``report.json``, with the pictures of the folder inside.
 
     Raises:
-        FileContentError: if there is no report, or it is none.
+        FileContentError: if there is no report, or it is damaged.
         FileError: if the page cannot be written.
     """
     folder = Path(folder)

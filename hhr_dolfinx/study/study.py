@@ -187,7 +187,7 @@ def study_scene(
 
     Raises:
         StudyError: for a folder that is a file, or a training or tests that do not suit the scene.
-        ParameterError: for test points that are none.
+        ParameterError: for invalid test points.
         HHRError: if the reduced model under study is refused; where bodies flow, condensed flow too.
     """
     folder = checked_folder(folder)
@@ -262,7 +262,7 @@ def _measured(
 
 
 def _check_correction(correction: Any) -> None:
-    """StudyError for what is none; who has one has loaded its module."""
+    """StudyError for an invalid correction; whoever has one has loaded its module."""
     from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 
     if not isinstance(correction, CorrectionSettings):

@@ -81,7 +81,7 @@ class Training(TrainingAnswers):
 
         Raises:
             BoundError: where answers of the reduced model have no bound.
-            ParameterError: for a tolerance, or ``grow``, that is none, an error that is not known, or one of an output
+            ParameterError: for an invalid tolerance or ``grow``, an error that is not known, or one of an output
                 without a bound.
         """
         from hhr_dolfinx.study.growing import safe_model
@@ -103,7 +103,7 @@ class Training(TrainingAnswers):
 
         Raises:
             StudyError: for what is no way to share a training out.
-            ReductionError: for labels that are none of the steps.
+            ReductionError: for labels that are not those of the steps.
         """
         if self.full_order.equilibrium is not None:
             from hhr_dolfinx.study.local_histories import local_histories
@@ -157,7 +157,7 @@ class Training(TrainingAnswers):
         ``correction.of(history)`` has better forces of each step, and their distance from those of the model.
 
         Raises:
-            ReductionError: where nothing flows, and where moduli are no factors of what hangs together.
+            ReductionError: where nothing flows, and where moduli are no factors of connected components.
         """
         from hhr_dolfinx.reduction.flow import force_correction
 
@@ -192,7 +192,7 @@ def train(
         progress: for progress bars.
 
     Raises:
-        StudyError: for a training, a number of answers, a seed or a folder that are none, before anything is computed.
+        StudyError: for an invalid training, number of answers, seed or folder, before anything is computed.
     """
     log = StageLog()
     with ranks.each_for_itself(comm, "checking what to train on"):
