@@ -205,7 +205,7 @@ def test_models_say_which_errors_they_know(pellet, reduced, condensed, caplog):
     proved = "bound, proved: the displacement in energy; nodal contact forces, Euclidean and in energy; pressures"
     assert reduced.known_error == f"{proved}; outputs peak. None of area"
     assert condensed.known_error == proved
-    assert pellet.full_order.known_error == "none: the full model has no reduction error"
+    assert pellet.full_order.known_error == "none is made: the full model has no reduction error"
     exact = hhr.exact_condensation(pellet.full_order, pellet.snapshots.known_statuses())
     assert exact.known_error == "none is made: exact condensation has no reduction error"
     with caplog.at_level(logging.INFO, logger="hhr_dolfinx"):

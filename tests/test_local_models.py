@@ -201,7 +201,7 @@ def test_answers_are_those_of_the_model_of_the_part(local, models):
         assert bits(answer) == bits(models[number].solve(point)) and answer.gradient is not None
         assert answer.estimate() == models[number].solve(point).estimate()
     assert len(local) == 2 and local.dimension == 2
-    with pytest.raises(ReductionError, match="none of these local models"):
+    with pytest.raises(ReductionError, match="not of these local models"):
         local.model_of(hhr.LocalModels(models[:1], Choice.whole(2)).solve(LOW)._replace(fields=None))
 
 
@@ -408,7 +408,7 @@ def test_models_that_do_not_go_together(models, training):
             hhr.LocalModels(given_, halves)
     with pytest.raises(ReductionError, match="None is no Choice"):
         hhr.LocalModels(models, None)
-    with pytest.raises(ReductionError, match=r"a choice of 3 parameters does not suit of \('P1', 'h1'\)"):
+    with pytest.raises(ReductionError, match=r"a choice of 3 parameters does not suit \('P1', 'h1'\)"):
         hhr.LocalModels(models, Choice.whole(3))
     with pytest.raises(ReductionError, match="not among 1 local ones"):
         hhr.LocalModels(models[:1], halves)

@@ -9,6 +9,7 @@ from scenes import THESIS, check_contact_conditions, node_dofs, whole_domain
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.modes import deim
@@ -177,8 +178,10 @@ def renumbered(problem: ContactProblem, seed: int) -> tuple[ContactProblem, np.n
     )
 
 
-class Arrays(SimpleNamespace):
+class Arrays(SimpleNamespace, AnsweringModel):
     """In the place of a full model: all that is used of one; what is computed of it once is known by its identity."""
+
+    of_full_order = True
 
     __hash__ = object.__hash__
 
