@@ -24,7 +24,8 @@ from mpi4py import MPI
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import PairingWarning
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
-from hhr_dolfinx.study import cli, report
+from hhr_dolfinx.study import cli
+from hhr_dolfinx.study.report import report
 
 Row = dict[str, Any]
 

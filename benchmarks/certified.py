@@ -34,8 +34,9 @@ from mpi4py import MPI
 from scipy.stats import spearmanr
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.study import cli, report
-from hhr_dolfinx.study.training import Training
+from hhr_dolfinx.study import cli
+from hhr_dolfinx.study.report import report
+from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import timed
 
 TOLERANCE = 0.01

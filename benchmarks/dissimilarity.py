@@ -26,7 +26,7 @@ from scipy import linalg
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.reduction.subspaces import theorem_9
-from hhr_dolfinx.study.training import Training
+from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.theorems.ellipticity import Ellipticity
 from hhr_dolfinx.theorems.theorems import ROUND_OFF, ThesisBounds
 

@@ -18,7 +18,8 @@ from extreme_surfaces import surface_cases
 from extreme_tubes import tube_cases
 from verify import as_report, verify
 
-from hhr_dolfinx.study import cli, report
+from hhr_dolfinx.study import cli
+from hhr_dolfinx.study.report import report
 
 
 def main() -> int:

@@ -27,9 +27,10 @@ import pellet_materials
 from mpi4py import MPI
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.study import cli, report
+from hhr_dolfinx.study import cli
 from hhr_dolfinx.study.measure import References
-from hhr_dolfinx.study.training import Training
+from hhr_dolfinx.study.report import report
+from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import timed
 
 NEVER = 1e-9

@@ -7,7 +7,7 @@ import numpy as np
 import hhr_dolfinx as hhr
 from hhr_dolfinx.models.local import LocalModels
 from hhr_dolfinx.study.measure import References
-from hhr_dolfinx.study.training import Training
+from hhr_dolfinx.study.training.train import Training
 
 LABELS = ("P1 [MPa]", "h1 [mm]")
 
@@ -39,7 +39,7 @@ def _draw_regions(local: LocalModels, path: Path) -> None:
 
 def _draw_domains(training: Training, local: LocalModels, path: Path) -> None:
     """Reduced domains side by side, figures 4.4 and 4.9."""
-    from hhr_dolfinx.study.plots import field_grid, plot_fields
+    from hhr_dolfinx.study.report.plots import field_grid, plot_fields
 
     shown = local.models[:4]
     grids = [field_grid(training.full_order, model.offline.sets.cells, {}) for model in shown]
@@ -51,7 +51,7 @@ def _draw_domains(training: Training, local: LocalModels, path: Path) -> None:
 
 def _draw_maps(training: Training, models: dict, folder: Path, name: str, quick: bool) -> None:
     """Errors of forces over both parameters, figures 4.5, 4.6 and 4.10."""
-    from hhr_dolfinx.study.plots import plot_maps
+    from hhr_dolfinx.study.report.plots import plot_maps
 
     points = training.full_order.parameters.grid([12, 10] if quick else [40, 30])
     references = References.at(points, training.full_order, training.snapshots)

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.study.training import Training
+from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.theorems.ellipticity import Ellipticity
 from hhr_dolfinx.theorems.theorems import THEOREMS, ThesisBounds
 

@@ -24,7 +24,7 @@ from hhr_dolfinx.certify.compare import largest_errors
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import History, Model, Path
-from hhr_dolfinx.models.equilibrium import MarchSettings, told_once
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings, told_once
 from hhr_dolfinx.reduction.build import build
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.scene import Scene

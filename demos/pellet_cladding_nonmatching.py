@@ -21,7 +21,8 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.materials.elasticity import von_mises
-from hhr_dolfinx.study import cli, report
+from hhr_dolfinx.study import cli
+from hhr_dolfinx.study.report import report
 from hhr_dolfinx.study.study import Study
 
 POINT = (190.0, 5.2)

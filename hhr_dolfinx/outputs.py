@@ -15,8 +15,8 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.models.functional_kinds import Largest, Linear, Loaded
-from hhr_dolfinx.models.functionals import Functional
+from hhr_dolfinx.models.functionals.functional import Functional
+from hhr_dolfinx.models.functionals.kinds import Largest, Linear, Loaded
 from hhr_dolfinx.parameters import Tag, as_tuple, check_tag, is_number, is_whole
 
 if TYPE_CHECKING:

@@ -21,8 +21,8 @@ from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.linear.dense import LapackLU, PetscLU
 from hhr_dolfinx.models.answer import ElasticFields, found_as, outcome
 from hhr_dolfinx.models.condensed import CondensedModel
-from hhr_dolfinx.models.constant_elimination import ConstantElimination
-from hhr_dolfinx.models.elimination import Responses
+from hhr_dolfinx.models.eliminations.constant import ConstantElimination
+from hhr_dolfinx.models.eliminations.elimination import Responses
 from hhr_dolfinx.models.reduced import ADVICE, ReducedModel, ReducedProblem
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.parameters import ParameterSpace

@@ -19,7 +19,7 @@ pytest.importorskip("click")
 from click.testing import CliRunner
 
 from hhr_dolfinx.command.main import hhr as command
-from hhr_dolfinx.study.page import write_page
+from hhr_dolfinx.study.report.page import write_page
 
 DEMO = str(Path(__file__).parents[1] / "demos" / "your_scene.py")
 PROGRAM = ["-m", "hhr_dolfinx.command.main"]

@@ -12,7 +12,7 @@ import pytest
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import NotOfferedError, ParameterError, SingularError
-from hhr_dolfinx.models.elimination import Elimination
+from hhr_dolfinx.models.eliminations.elimination import Elimination
 from hhr_dolfinx.models.reduced import ReducedModel
 
 ROOT = Path(__file__).parent.parent

@@ -51,7 +51,7 @@ NEEDED = {
     "flow": "hhr.FullOrderModel(pressed_block('plane_strain', poisson=0.4999))",
     "study": "hhr.study_scene",
     "tables": "hhr.read_points('table.parquet', hhr.ParameterSpace(('mu',), (0.0,), (1.0,)))",
-    "pictures": "import hhr_dolfinx.study.plots",
+    "pictures": "import hhr_dolfinx.study.report.plots",
     "local": "from hhr_dolfinx.reduction.clusters import medoids; medoids([[0.0, 1.0], [1.0, 0.0]], 1)",
     "peers": "from parts.peers import nonnegative_factors; nonnegative_factors(None, 1)",
     "mortar": """

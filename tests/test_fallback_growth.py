@@ -12,7 +12,7 @@ from mpi4py import MPI
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import BoundError, ParameterError, ReductionError
 from hhr_dolfinx.models.fallback import Growth
-from hhr_dolfinx.study.console import make_console
+from hhr_dolfinx.study.report.console import make_console
 
 POOR = hhr.Recipe().as_it_is()
 OUTPUTS = (hhr.LargestPressure("peak", 0, unit="MPa"), hhr.ContactWidth("area", 0))
@@ -160,7 +160,7 @@ def test_a_batch_of_a_reduced_model_has_its_bounds(pellet):
 
 
 def test_a_study_reports_how_many_fall_back(pellet, capsys):
-    from hhr_dolfinx.study.report import print_report
+    from hhr_dolfinx.study.report.report import print_report
 
     study = hhr.run_study(pellet, hhr.StudySettings((3, 3), recipe=POOR, tests=3, queries=10, naive=False))
     row = study.report["fallback"]

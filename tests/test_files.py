@@ -28,8 +28,8 @@ from hhr_dolfinx.errors import FileContentError, FileError, ParameterError, Snap
 from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.online.batch import Answers
 from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.console import make_console
-from hhr_dolfinx.study.report import print_report, print_rows, write_report
+from hhr_dolfinx.study.report.console import make_console
+from hhr_dolfinx.study.report.report import print_report, print_rows, write_report
 
 TESTS = Path(__file__).parent
 POINT = np.array([0.25, 3.0])

@@ -15,7 +15,7 @@ ROOT = Path(__file__).parent.parent
 LONG = "word " * 60 + "end"
 SPEAKS = f"""
 from hhr_dolfinx.study import cli
-from hhr_dolfinx.study import report
+from hhr_dolfinx.study.report import report
 options = cli.parse(cli.demo_parser("talk", "A demo that only talks."))
 for label in ("snapshots", "held out"):
     assert list(options.progress(label)(range(3))) == [0, 1, 2]

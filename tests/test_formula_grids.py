@@ -10,7 +10,7 @@ from scipy.interpolate import BarycentricInterpolator
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import SceneError, StabilityWarning, TrainingWarning
 from hhr_dolfinx.formulas import Modulus, Scalar, check_over_box
-from hhr_dolfinx.models.interpolation import nodes_of
+from hhr_dolfinx.models.eliminations.interpolation import nodes_of
 from hhr_dolfinx.reduction.interpolate import FormulaGrid
 
 SPIKE = "0.25 + 0.2 * exp(-((t - 0.613) / 0.0015)**2)"

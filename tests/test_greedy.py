@@ -19,9 +19,9 @@ from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.errors import ParameterError, ReductionError, SceneWarning, StudyError
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.store import digest_of_values
-from hhr_dolfinx.study import greedy as module
-from hhr_dolfinx.study.greedy import Greedy, KeptChoice, _Domain, independent
-from hhr_dolfinx.study.training import train
+from hhr_dolfinx.study.training import greedy as module
+from hhr_dolfinx.study.training.greedy import Greedy, KeptChoice, _Domain, independent
+from hhr_dolfinx.study.training.train import train
 
 QUICK = hhr.Greedy(tolerance=1e-9, budget=30, start=hhr.Sobol(4), candidates=hhr.Lattice(100, levels=10), together=6)
 MESH = {"radial_cells": 6, "axial_cells": 12, "cladding_radial_cells": 2}
@@ -229,7 +229,7 @@ def test_a_body_held_by_contact_alone_whose_modulus_varies_is_refused_at_the_doo
 
     scene = test_floating.scene(bodies=(hhr.Body(test_floating.LOWER, "E", 0.3), hhr.Body(test_floating.UPPER, 9, 0.3)),
                                 parameters=hhr.ParameterSpace(("p", "E"), (1.0, 1e3), (10.0, 4e3)))  # fmt: skip
-    monkeypatch.setattr("hhr_dolfinx.study.training.spread_snapshots", None)
+    monkeypatch.setattr("hhr_dolfinx.study.training.train.spread_snapshots", None)
     with pytest.warns(SceneWarning, match="no contact resists"), pytest.raises(StudyError, match="--sobol 128"):
         train(scene, hhr.Greedy())
 

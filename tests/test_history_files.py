@@ -24,7 +24,7 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.errors import ConvergenceError, SnapshotFileWarning
 from hhr_dolfinx.materials.laws import Norton
 from hhr_dolfinx.materials.update import Group
-from hhr_dolfinx.models import march
+from hhr_dolfinx.models.histories import march
 from hhr_dolfinx.snapshots import store as store_of_snapshots
 from hhr_dolfinx.snapshots.store import _digest_of
 

@@ -20,7 +20,7 @@ from hhr_dolfinx.errors import OutsideTrainingError, OutsideTrainingWarning, Sta
 from hhr_dolfinx.models.estimates import STRESS, Estimate
 from hhr_dolfinx.models.reconstruct import FlowFields, GappyField
 from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
-from hhr_dolfinx.study.training import Training
+from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.trained import Known, Signs, TrainedPaths, Watch
 
 STEPS = 12

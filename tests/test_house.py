@@ -173,64 +173,99 @@ def test_one_clock():
 # numba is not among them: DOLFINx loads it by itself where it is there; tests/test_extras.py does without
 UNNEEDED = {
     "flow": [
-        "hhr_dolfinx.materials.laws", "hhr_dolfinx.materials.constants", "hhr_dolfinx.materials.update",
-        "hhr_dolfinx.models.march", "hhr_dolfinx.models.reduced_flow", "hhr_dolfinx.full_order.flow",
-        "hhr_dolfinx.full_order.gauss_points", "hhr_dolfinx.reduction.flow", "hhr_dolfinx.study.histories",
-        "hhr_dolfinx.reduction.condense_flow", "hhr_dolfinx.models.condensed_step",
-        "hhr_dolfinx.models.condensed_fields", "hhr_dolfinx.models.condensed_flow",
+        "hhr_dolfinx.materials.laws",
+        "hhr_dolfinx.materials.constants",
+        "hhr_dolfinx.materials.update",
+        "hhr_dolfinx.models.histories.march",
+        "hhr_dolfinx.models.histories.reduced_flow",
+        "hhr_dolfinx.full_order.flow",
+        "hhr_dolfinx.full_order.gauss_points",
+        "hhr_dolfinx.reduction.flow",
+        "hhr_dolfinx.study.histories",
+        "hhr_dolfinx.reduction.condense_flow",
+        "hhr_dolfinx.models.histories.condensed_step",
+        "hhr_dolfinx.models.histories.condensed_fields",
+        "hhr_dolfinx.models.histories.condensed_flow",
     ],
     "meshes that do not match": [
-        "hhr_dolfinx.pairings.node_to_surface", "hhr_dolfinx.pairings.mortar", "hhr_dolfinx.pairings.segments",
-        "hhr_dolfinx.pairings.projection", "shapely",
+        "hhr_dolfinx.pairings.node_to_surface",
+        "hhr_dolfinx.pairings.mortar",
+        "hhr_dolfinx.pairings.segments",
+        "hhr_dolfinx.pairings.projection",
+        "shapely",
     ],
     "clustering and peers": [
-        "sklearn", "kmedoids", "hhr_dolfinx.reduction.clusters", "hhr_dolfinx.reduction.subspaces",
+        "sklearn",
+        "kmedoids",
+        "hhr_dolfinx.reduction.clusters",
+        "hhr_dolfinx.reduction.subspaces",
         "hhr_dolfinx.theorems",
     ],
     "pictures": [
-        "hhr_dolfinx.study.plots", "matplotlib", "pyvista",
+        "hhr_dolfinx.study.report.plots",
+        "matplotlib",
+        "pyvista",
     ],
     "outputs": [
-        "hhr_dolfinx.outputs", "hhr_dolfinx.full_order.outputs", "hhr_dolfinx.models.functionals",
-        "hhr_dolfinx.models.functional_kinds",
+        "hhr_dolfinx.outputs",
+        "hhr_dolfinx.full_order.outputs",
+        "hhr_dolfinx.models.functionals.functional",
+        "hhr_dolfinx.models.functionals.kinds",
     ],
     "many parameters at once": [
         "hhr_dolfinx.models.many",
     ],
     "elasticity and shapes that depend on parameters": [
-        "hhr_dolfinx.formulas", "hhr_dolfinx.shapes", "hhr_dolfinx.full_order.varying",
-        "hhr_dolfinx.full_order.reshaped", "hhr_dolfinx.full_order.elimination", "hhr_dolfinx.models.shaped",
-        "hhr_dolfinx.models.block_elimination", "hhr_dolfinx.models.interpolated",
-        "hhr_dolfinx.models.interpolation", "hhr_dolfinx.reduction.condense",
-        "hhr_dolfinx.reduction.interpolate", "hhr_dolfinx.reduction.interpolate_reduced",
+        "hhr_dolfinx.formulas",
+        "hhr_dolfinx.shapes",
+        "hhr_dolfinx.full_order.varying",
+        "hhr_dolfinx.full_order.reshaped",
+        "hhr_dolfinx.full_order.elimination",
+        "hhr_dolfinx.models.eliminations.shaped",
+        "hhr_dolfinx.models.eliminations.block",
+        "hhr_dolfinx.models.eliminations.interpolated",
+        "hhr_dolfinx.models.eliminations.interpolation",
+        "hhr_dolfinx.reduction.condense",
+        "hhr_dolfinx.reduction.interpolate",
+        "hhr_dolfinx.reduction.interpolate_reduced",
         "hhr_dolfinx.reduction.starts",
     ],
     "gradients": [
-        "hhr_dolfinx.models.gradient", "hhr_dolfinx.models.history_gradient",
+        "hhr_dolfinx.models.gradient",
+        "hhr_dolfinx.models.histories.history_gradient",
     ],
     "samplings": [
         "hhr_dolfinx.sampling",
     ],
     "greedy training": [
-        "hhr_dolfinx.study.greedy",
+        "hhr_dolfinx.study.training.greedy",
     ],
     "families of paths": [
         "hhr_dolfinx.path_families",
     ],
-}  # fmt: skip
+}
 """What a study of an elastic scene on matching meshes does without; numba is not listed: DOLFINx loads it itself."""
 OF_FILES = {
-    "hhr_dolfinx.models.functional_kinds", "hhr_dolfinx.models.functionals", "hhr_dolfinx.models.shaped",
-    "hhr_dolfinx.models.interpolation", "hhr_dolfinx.shapes", "hhr_dolfinx.formulas",
-}  # fmt: skip
+    "hhr_dolfinx.models.functionals.kinds",
+    "hhr_dolfinx.models.functionals.functional",
+    "hhr_dolfinx.models.eliminations.shaped",
+    "hhr_dolfinx.models.eliminations.interpolation",
+    "hhr_dolfinx.shapes",
+    "hhr_dolfinx.formulas",
+}
 """What checks a file of condensed flow where it is written, and knows all that such files may hold."""
 UNNEEDED_BY_FLOW = {
-    **{name: [item for item in UNNEEDED[name] if item not in OF_FILES] for name in UNNEEDED
-       if name not in ("flow", "meshes that do not match")},
+    **{
+        name: [item for item in UNNEEDED[name] if item not in OF_FILES]
+        for name in UNNEEDED
+        if name not in ("flow", "meshes that do not match")
+    },
     "what only elastic scenes are compared with": [
-        "hhr_dolfinx.study.points", "hhr_dolfinx.baselines.naive",
-        "hhr_dolfinx.baselines.condensation"],
-}  # fmt: skip
+        "hhr_dolfinx.study.points",
+        "hhr_dolfinx.baselines.naive",
+        "hhr_dolfinx.baselines.condensation",
+    ],
+}
 """What a study of a scene that flows does without."""
 
 ELASTIC = """

@@ -6,8 +6,8 @@ from scenes import largest_difference, pressed_pair
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.models.block_elimination import BlockElimination, DiagonalBlock
-from hhr_dolfinx.models.shaped import ReshapedElimination
+from hhr_dolfinx.models.eliminations.block import BlockElimination, DiagonalBlock
+from hhr_dolfinx.models.eliminations.shaped import ReshapedElimination
 from hhr_dolfinx.reduction.condense import condense
 from hhr_dolfinx.reduction.interpolate import GridSettings
 from hhr_dolfinx.shapes import coordinate_names

@@ -22,7 +22,7 @@ from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.errors import ConvergenceError, ModelFileError, ParameterError, SceneError, SceneWarning
 from hhr_dolfinx.materials.constants import formulas_of, law_at
 from hhr_dolfinx.materials.update import Group, Material
-from hhr_dolfinx.models.history_gradient import history_gradient
+from hhr_dolfinx.models.histories.history_gradient import history_gradient
 from hhr_dolfinx.reduction.flow import training_tangents
 from hhr_dolfinx.study.histories import seconds_of_parts
 

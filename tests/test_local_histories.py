@@ -16,7 +16,7 @@ from hhr_dolfinx.certify.compare import compare_histories
 from hhr_dolfinx.errors import OutsideTrainingWarning, ParameterError, ReductionError, StudyError
 from hhr_dolfinx.models.local_histories import LocalHistories
 from hhr_dolfinx.reduction.flow import training_tangents
-from hhr_dolfinx.study.local_histories import local_histories
+from hhr_dolfinx.study.training.local_histories import local_histories
 
 QUIET = hhr.MarchSettings(outside="ignore")
 TIGHT = hhr.MarchSettings("tangent", 1e-9, 1e-9, 1e-9, outside="ignore")

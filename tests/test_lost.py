@@ -12,7 +12,7 @@ from hhr_dolfinx.errors import ConvergenceError, TrainingWarning
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.path_families import Leg, PathFamily
 from hhr_dolfinx.snapshots.records import compute_snapshots
-from hhr_dolfinx.study.training import train
+from hhr_dolfinx.study.training.train import train
 
 
 @pytest.fixture(scope="module")

@@ -181,7 +181,7 @@ def test_a_file_holds_whatever_class_declares():
             for field, node in annotations_of(kinds[name]).items():
                 text = str(getattr(node, "id", getattr(node, "attr", "")))
                 if text in ("ndarray", "Floats", "Integers", "Booleans", "csc_matrix", "csr_matrix"):
-                    assert module == "models.functional_kinds" and declared_array(node) is None, f"{name}.{field}"
+                    assert module == "models.functionals.kinds" and declared_array(node) is None, f"{name}.{field}"
 
 
 ALONE = """

@@ -13,8 +13,8 @@ from test_outputs import small_pellet
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ModelFileError
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.models import output_bound
-from hhr_dolfinx.models.functionals import Functional
+from hhr_dolfinx.models.bounds import output_bound
+from hhr_dolfinx.models.functionals.functional import Functional
 
 POOR = hhr.Recipe(cone=True).as_it_is()
 """Forces and displacements of training alone, so that errors are large."""
@@ -136,7 +136,7 @@ def test_constants_are_those_of_directions_that_attain_them(pellet):
 
 def state_of(full, forces, measured):
     """What an output is a function of."""
-    from hhr_dolfinx.models.functionals import State
+    from hhr_dolfinx.models.functionals.functional import State
 
     point = full.problem.middle
     return State(forces, measured, point, np.zeros(full.problem.gaps.shape[1]), lambda: np.zeros((0, 4)))

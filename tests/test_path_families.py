@@ -15,7 +15,7 @@ from scenes import pressed_block
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ParameterError, SceneError, StudyError
-from hhr_dolfinx.models.path import checked_path
+from hhr_dolfinx.models.histories.path import checked_path
 from hhr_dolfinx.path_families import Leg, NamedPath, PathFamily
 from hhr_dolfinx.plain import as_plain, by_name, restored
 

@@ -12,7 +12,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries import press_fit as geometry
-from hhr_dolfinx.models.shaped_functionals import ReshapedFunctionals
+from hhr_dolfinx.models.functionals.shaped import ReshapedFunctionals
 from hhr_dolfinx.reduction.interpolate import GridSettings
 from hhr_dolfinx.reduction.shaped import reshaped_functionals
 from hhr_dolfinx.shapes import coordinate_names

@@ -14,8 +14,8 @@ from bare import WAIT
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ParameterError, SceneError
 from hhr_dolfinx.geometries import block, two_blocks
-from hhr_dolfinx.models.cells import CellRule, element_stiffness
-from hhr_dolfinx.models.shaped import tributary_areas
+from hhr_dolfinx.models.eliminations.shaped import tributary_areas
+from hhr_dolfinx.models.functionals.cells import CellRule, element_stiffness
 from hhr_dolfinx.reduction.projection import load_nodes, project, reduced_domain
 from hhr_dolfinx.reduction.shaped import rid_assembly
 from hhr_dolfinx.shapes import Shape

@@ -12,8 +12,8 @@ from test_plastic import tube
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.strains import _strains
 from hhr_dolfinx.errors import ConvergenceError, ReductionError, SmallStrainWarning
-from hhr_dolfinx.models.equilibrium import Diverged
-from hhr_dolfinx.models.small_strains import SmallStrains
+from hhr_dolfinx.models.histories.equilibrium import Diverged
+from hhr_dolfinx.models.histories.small_strains import SmallStrains
 
 
 def strains(largest, count=1000, rest=1e-3):

@@ -18,7 +18,7 @@ from hhr_dolfinx.errors import ParameterError, TimeStepWarning
 from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.materials.update import Group, Material
 from hhr_dolfinx.models.answer import GaussState
-from hhr_dolfinx.models.time_error import TimeError
+from hhr_dolfinx.models.histories.time_error import TimeError
 
 pytestmark = pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.TimeStepWarning")
 QUIET = hhr.MarchSettings(search="elastic", iterations=200, outside="ignore")

@@ -12,7 +12,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import HHRError, ReductionError, SceneError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.condensed import CondensedModel
-from hhr_dolfinx.models.constant_elimination import ConstantElimination
+from hhr_dolfinx.models.eliminations.constant import ConstantElimination
 from hhr_dolfinx.shapes import coordinate_names
 
 OUTPUTS = hhr.LargestPressure("peak", 0), hhr.ContactForce("force", 0, (0.0, 1.0))

@@ -8,7 +8,7 @@ import numpy as np
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.declared import Floats
-from hhr_dolfinx.models.elimination import CondensedContact, Elimination
+from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination
 
 
 @dataclass(frozen=True)

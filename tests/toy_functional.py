@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from hhr_dolfinx.declared import Floats, Integers
-from hhr_dolfinx.models.functionals import Functional, Slopes
+from hhr_dolfinx.models.functionals.functional import Functional, Slopes
 
 NOWHERE = np.zeros(0, dtype=np.int64)
 

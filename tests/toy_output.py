@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hhr_dolfinx.full_order.outputs import Probe
-from hhr_dolfinx.models.functional_kinds import Linear
+from hhr_dolfinx.models.functionals.kinds import Linear
 
 
 @dataclass(frozen=True)

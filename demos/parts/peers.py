@@ -22,8 +22,8 @@ from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.linear.dense import PetscLU
 from hhr_dolfinx.models.answer import Answer, ElasticFields
 from hhr_dolfinx.models.condensed import CondensedModel
-from hhr_dolfinx.models.constant_elimination import ConstantElimination
-from hhr_dolfinx.models.elimination import Responses
+from hhr_dolfinx.models.eliminations.constant import ConstantElimination
+from hhr_dolfinx.models.eliminations.elimination import Responses
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.reduction.modes import pod
 from hhr_dolfinx.snapshots.records import SnapshotSet

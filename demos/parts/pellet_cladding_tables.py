@@ -8,10 +8,10 @@ from rich.table import Table
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import HHRError
-from hhr_dolfinx.study.console import Console
 from hhr_dolfinx.study.measure import References
-from hhr_dolfinx.study.report import write_report
-from hhr_dolfinx.study.training import Training
+from hhr_dolfinx.study.report.console import Console
+from hhr_dolfinx.study.report.report import write_report
+from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import time_queries
 
 POINTS = np.array([[170.0, 3.2], [30.0, 5.25]])

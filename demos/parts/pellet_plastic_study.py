@@ -8,8 +8,8 @@ from pellet_cladding_plastic import history, path, recipe
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
-from hhr_dolfinx.study import report
-from hhr_dolfinx.study.console import Table
+from hhr_dolfinx.study.report import report
+from hhr_dolfinx.study.report.console import Table
 from hhr_dolfinx.study.study import Study
 from parts.paths import summarise_paths, try_path
 from parts.pellet_families import families

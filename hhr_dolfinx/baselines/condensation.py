@@ -10,8 +10,8 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.condensed import CondensedModel
-from hhr_dolfinx.models.constant_elimination import ConstantElimination
-from hhr_dolfinx.models.elimination import Responses
+from hhr_dolfinx.models.eliminations.constant import ConstantElimination
+from hhr_dolfinx.models.eliminations.elimination import Responses
 from hhr_dolfinx.models.exact import ExactFields
 from hhr_dolfinx.models.starts import KnownStatuses
 
@@ -69,7 +69,7 @@ def _floating(
     problem: ContactProblem, rigid: np.ndarray, responses: Responses, known: KnownStatuses, fields: ExactFields
 ) -> CondensedModel:
     """The same with rigid motions, (N, r), that nothing but contact holds."""
-    from hhr_dolfinx.models.floating import FloatingElimination
+    from hhr_dolfinx.models.eliminations.floating import FloatingElimination
 
     taken = problem.contact @ rigid
     driving = rigid.T @ problem.loads

@@ -1,4 +1,4 @@
-"""Bounds of errors, offline: what :class:`hhr_dolfinx.models.error_bound.ErrorBound` needs, once per reduced model."""
+"""Bounds of errors, offline: what :class:`~hhr_dolfinx.models.bounds.error_bound.ErrorBound` needs."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.certify.accuracy import least_sizes
 from hhr_dolfinx.errors import BoundError
-from hhr_dolfinx.models.error_bound import ErrorBound, FieldResponse, ResponseBound
+from hhr_dolfinx.models.bounds.error_bound import ErrorBound, FieldResponse, ResponseBound
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.floating_bound import FloatingBound
+    from hhr_dolfinx.models.bounds.floating_bound import FloatingBound
 
 
 ROUND_OFF = 1e-13

@@ -20,7 +20,7 @@ from hhr_dolfinx.certify.accuracy import (
 )
 from hhr_dolfinx.errors import HHRError, SmallStrainWarning
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Model
-from hhr_dolfinx.models.equilibrium import MarchSettings, told_once
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings, told_once
 from hhr_dolfinx.trained import Signs
 
 ONE_ANSWER = 1e-6

@@ -19,7 +19,7 @@ from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem, IndexSets
 from hhr_dolfinx.errors import NotSolvableError
-from hhr_dolfinx.models.projected import ReducedProblem
+from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 
 
 @dataclass(frozen=True)

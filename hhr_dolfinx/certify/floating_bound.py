@@ -1,4 +1,4 @@
-"""Bounds for bodies that contact alone holds, offline: what :mod:`hhr_dolfinx.models.floating_bound` needs."""
+"""Bounds for bodies that contact alone holds, offline: what :mod:`hhr_dolfinx.models.bounds.floating_bound` needs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy.linalg import solve_triangular
 from hhr_dolfinx.certify.accuracy import least_sizes
 from hhr_dolfinx.certify.bounds import MadeOfForces, check_hypotheses, leading, load_response
 from hhr_dolfinx.errors import BoundError
-from hhr_dolfinx.models.floating_bound import FloatingBound, FloatingResponse, definite
+from hhr_dolfinx.models.bounds.floating_bound import FloatingBound, FloatingResponse, definite
 
 
 def floating_bound(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.interpolate import BarycentricInterpolator
 
 from hhr_dolfinx.formulas import Modulus, Scalar
-from hhr_dolfinx.models.interpolation import MOST_LEVELS, leja_points
+from hhr_dolfinx.models.eliminations.interpolation import MOST_LEVELS, leja_points
 
 SMALLEST = 1e-9
 SHARES = 81

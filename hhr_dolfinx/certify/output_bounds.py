@@ -1,4 +1,4 @@
-"""Bounds of the errors of outputs, offline: what :class:`hhr_dolfinx.models.output_bound.OutputBound` needs."""
+"""Bounds of the errors of outputs, offline: what :class:`hhr_dolfinx.models.bounds.output_bound.OutputBound` needs."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from hhr_dolfinx.certify.accuracy import FORCE_FLOOR
 from hhr_dolfinx.certify.bounds import ROUND_OFF, energies, energy_directions
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.models.error_bound import ErrorBound
-from hhr_dolfinx.models.functionals import Functional
-from hhr_dolfinx.models.output_bound import UNKNOWN, OutputBound, is_read_nearer
+from hhr_dolfinx.models.bounds.error_bound import ErrorBound
+from hhr_dolfinx.models.bounds.output_bound import UNKNOWN, OutputBound, is_read_nearer
+from hhr_dolfinx.models.functionals.functional import Functional
 
 MOST_READ = 50
 """Training answers of which outputs are read."""

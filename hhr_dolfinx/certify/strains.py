@@ -11,7 +11,7 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.certify.accuracy import Solutions
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ReductionError, SmallStrainWarning
-from hhr_dolfinx.models.small_strains import LARGE, MOST, large_strain, spread_strain
+from hhr_dolfinx.models.histories.small_strains import LARGE, MOST, large_strain, spread_strain
 
 TOGETHER = 50
 """Answers whose strains are made at once."""

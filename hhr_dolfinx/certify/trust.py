@@ -33,7 +33,7 @@ from hhr_dolfinx.errors import (
     UnstableModelError,
 )
 from hhr_dolfinx.models.answer import Model, Path
-from hhr_dolfinx.models.equilibrium import MarchSettings
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import Known, Signs, TrainedPaths
 

@@ -112,7 +112,7 @@ def hhr(verbose: bool) -> None:
 def check(scene: str, words: tuple[str, ...], picture: Path | None) -> None:
     """Look at a scene without solving it: tags, supports, surfaces, gaps, loads, parameters; with a picture."""
     from hhr_dolfinx.command.loading import checked_target, point_of, scene_of
-    from hhr_dolfinx.study.scene_check import check_scene
+    from hhr_dolfinx.study.scene.check import check_scene
 
     checked_target(picture, PICTURES)
     console, _ = spoken()
@@ -145,7 +145,7 @@ def train(scene: str, out: Path | None, kind: str, **how: Any) -> None:
 
     from hhr_dolfinx.command.loading import scene_of
     from hhr_dolfinx.online.model_file import save_model
-    from hhr_dolfinx.study.training import train as trained
+    from hhr_dolfinx.study.training.train import train as trained
 
     console, progress = spoken()
     made = scene_of(scene)
@@ -205,7 +205,7 @@ def _training_of(how: dict[str, Any], settings: Any) -> Any:
         except ValueError:
             raise click.UsageError(f"--grid {how['grid']} must be counts, as 16,16") from None
     if given == ["greedy"]:
-        from hhr_dolfinx.study.greedy import Greedy
+        from hhr_dolfinx.study.training.greedy import Greedy
 
         return Greedy(tolerance=how["greedy"], budget=how["budget"] or 200)
     if given == ["sobol"]:
@@ -259,7 +259,7 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
         for name, value in rows.items():
             click.echo(f"{name}: {value:.6g}")
     if out is not None:
-        from hhr_dolfinx.study.fields import write_fields
+        from hhr_dolfinx.study.report.fields import write_fields
 
         write_fields(out, model, answer)
 
@@ -277,8 +277,8 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
     from dataclasses import replace
 
     from hhr_dolfinx.command.loading import beside, scene_of
+    from hhr_dolfinx.study.report.view import View
     from hhr_dolfinx.study.study import StudySettings, study_scene
-    from hhr_dolfinx.study.view import View
 
     console, progress = spoken()
     made = scene_of(scene)
@@ -336,7 +336,7 @@ def answer(model: Path, table: Path, out: Path | None, displacement: bool, estim
 @guarded
 def report(folder: Path) -> None:
     """Make report.html of the report.json and the pictures in a folder: one file that needs nothing else."""
-    from hhr_dolfinx.study.page import write_page
+    from hhr_dolfinx.study.report.page import write_page
 
     click.echo(write_page(folder))
 

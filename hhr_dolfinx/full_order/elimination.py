@@ -11,7 +11,7 @@ import numpy as np
 from hhr_dolfinx.contact.floating import FloatingEqualities
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.models.elimination import CondensedContact, Floating, answer_of
+from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Floating, answer_of
 
 DIFFERENCE = 1e-5
 """Part of the box by which a mesh is moved to difference what is assembled on it: the error is its square, and below it

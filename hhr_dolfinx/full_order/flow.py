@@ -23,8 +23,8 @@ from hhr_dolfinx.materials.constants import check_law
 from hhr_dolfinx.materials.strain import ElasticPart, SparsePattern, StrainOperator
 from hhr_dolfinx.materials.update import Material, Update
 from hhr_dolfinx.models.answer import Answer, GaussState
-from hhr_dolfinx.models.equilibrium import Correction, MarchSettings
-from hhr_dolfinx.models.linearised_step import PATIENCE, PATIENCE_IN_SPACE, LinearisedStepper
+from hhr_dolfinx.models.histories.equilibrium import Correction, MarchSettings
+from hhr_dolfinx.models.histories.linearised_step import PATIENCE, PATIENCE_IN_SPACE, LinearisedStepper
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.trained import Signs
 
@@ -74,7 +74,7 @@ class GaussModel:
 
 
 class FullEquilibrium:
-    """Equilibrium of U0, see :class:`hhr_dolfinx.models.equilibrium.Equilibrium`; serial.
+    """Equilibrium of U0, see :class:`hhr_dolfinx.models.histories.equilibrium.Equilibrium`; serial.
 
     Args:
         full: the full model, whose elastic factors are used.
@@ -300,7 +300,7 @@ class _ScaledSolver:
 
 @dataclass(frozen=True)
 class _SparseLinearisation:
-    """A linearisation of the full problem, see :class:`hhr_dolfinx.models.equilibrium.Linearisation`.
+    """A linearisation of the full problem, see :class:`hhr_dolfinx.models.histories.equilibrium.Linearisation`.
 
     Attributes:
         problem: the full problem.

@@ -19,10 +19,10 @@ from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.linear.sparse import FreeCholesky, ordering_of
 from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path, found_as
-from hhr_dolfinx.models.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.estimates import Estimate
+from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
+from hhr_dolfinx.models.histories.path import checked_path, solve_along
 from hhr_dolfinx.models.model import AnsweringModel
-from hhr_dolfinx.models.path import checked_path, solve_along
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.full_order.flow import FullEquilibrium
     from hhr_dolfinx.full_order.outputs import FullShapeFunctionals
     from hhr_dolfinx.full_order.rid_arrays import ShapedArrays
-    from hhr_dolfinx.models.functionals import Functionals
+    from hhr_dolfinx.models.functionals.functional import Functionals
 
 FULL_ORDER_ADVICE = {Status.SINGULAR: "list each contact pair once, and let no two conditions hold the same dofs"}
 
@@ -41,8 +41,8 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
     Where nothing flows a query costs one solve with K, the statuses on S = B K^-1 B^T, and u = K^-1 F - K^-1 B^T
     lambda, on any number of ranks; the answer is the same on each. Where bodies flow histories are solved by
-    :mod:`models.march`, on one rank. PETSc options take the prefix ``hhr_<scene>_``. On one rank several threads may
-    ask; on more they must not, since the ranks would meet in different orders.
+    :mod:`models.histories.march`, on one rank. PETSc options take the prefix ``hhr_<scene>_``. On one rank several
+    threads may ask; on more they must not, since the ranks would meet in different orders.
 
     Args:
         scene: the scene.
@@ -268,7 +268,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         checked = checked_path(self.parameters, path)
         if self.equilibrium is None:
             return solve_along(self, checked, settings, known=known, keep=keep)
-        from hhr_dolfinx.models.march import march
+        from hhr_dolfinx.models.histories.march import march
 
         return march(self.equilibrium, checked, settings, known=known, keep=keep)
 
@@ -325,13 +325,13 @@ class FullOrderModel(AnsweringModel, ModelFields):
         return self.functionals.at(answer.parameter).measured(self.displacement(answer))
 
     def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
+        """Derivatives of all forces and of these products: :class:`~models.functionals.functional.MeasuredFields`."""
         assert self.functionals is not None
         forces, field = self.coordinate_changes(answer, changes)
         return forces, self.functionals.at(answer.parameter).measured(field)
 
     def coordinates(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
-        """The displacement, see :class:`~models.functionals.ShapedFields`."""
+        """The displacement, see :class:`~models.functionals.functional.ShapedFields`."""
         return self.displacement(answer)
 
     def coordinate_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -19,9 +19,9 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.forms.return_mapping import strain_vector
 from hhr_dolfinx.full_order.locking import QUADRATURE
-from hhr_dolfinx.models.cells import MovingCells
-from hhr_dolfinx.models.functional_kinds import Energy, FlowMises, Mises, MovingMises
-from hhr_dolfinx.models.functionals import Functional, Functionals
+from hhr_dolfinx.models.functionals.cells import MovingCells
+from hhr_dolfinx.models.functionals.functional import Functional, Functionals
+from hhr_dolfinx.models.functionals.kinds import Energy, FlowMises, Mises, MovingMises
 from hhr_dolfinx.outputs import ElasticEnergy, Output, VonMises
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.shapes import coordinate_names
@@ -135,7 +135,7 @@ SHAPES = 8
 class FullShapeFunctionals:
     """Outputs of a full model whose mesh depends on parameters, prepared on the mesh as it is at a point.
 
-    See :class:`~hhr_dolfinx.models.functionals.ShapeFunctionals`.
+    See :class:`~hhr_dolfinx.models.functionals.functional.ShapeFunctionals`.
 
     Args:
         full: the model; its problem is that of the middle of the box.

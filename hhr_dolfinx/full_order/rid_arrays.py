@@ -16,8 +16,8 @@ from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.full_order.locking import SIMPLICES, stiffness_degree
 from hhr_dolfinx.loads import first_load, placed
-from hhr_dolfinx.models.cells import CellRule
-from hhr_dolfinx.models.shaped import SurfacePatch
+from hhr_dolfinx.models.eliminations.shaped import SurfacePatch
+from hhr_dolfinx.models.functionals.cells import CellRule
 from hhr_dolfinx.parameters import Tag
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from hhr_dolfinx.trained import USUAL, Signs
 if TYPE_CHECKING:
     from hhr_dolfinx.materials.update import State
     from hhr_dolfinx.models.estimates import Estimate, Estimates
-    from hhr_dolfinx.models.functionals import Outputs
+    from hhr_dolfinx.models.functionals.functional import Outputs
     from hhr_dolfinx.models.gradient import Gradient
 
 Path = list[tuple[float, np.ndarray]]
@@ -125,7 +125,7 @@ class Answer(NamedTuple):
         gauss: stress and state where the model evaluates its laws; None where nothing flows.
         gradient: derivatives of the unknown and the multipliers along the parameters, if they were asked for.
         time_error: estimated error of the time steps up to here, relative to the largest stress, see
-            :mod:`models.time_error`; 0 where no law has rates, NaN of an answer that belongs to no history.
+            :mod:`models.histories.time_error`; 0 where no law has rates, NaN of an answer that belongs to no history.
         ends: times between the parts in which the step was solved, if there were several.
     """
 
@@ -189,7 +189,7 @@ class Answer(NamedTuple):
         Raises:
             HHRError: if the scene has none.
         """
-        from hhr_dolfinx.models.functionals import outputs_of
+        from hhr_dolfinx.models.functionals.functional import outputs_of
 
         return outputs_of(self)
 
@@ -376,7 +376,7 @@ class Model(Protocol):
 
         Args:
             path: times in seconds and parameters, the first ones at rest; parameters are linear between them.
-            settings: a :class:`~hhr_dolfinx.models.equilibrium.MarchSettings`.
+            settings: a :class:`~hhr_dolfinx.models.histories.equilibrium.MarchSettings`.
 
         Raises:
             ParameterError: if the path is invalid, or leaves the box.

@@ -1,7 +1,7 @@
 """Contact problems whose primal unknown is eliminated: models that keep contact conditions alone.
 
 The reduced model, the exact condensation of a full model and the interpolated one are of this form; they differ in what
-eliminates, see :mod:`hhr_dolfinx.models.elimination`.
+eliminates, see :mod:`hhr_dolfinx.models.eliminations.elimination`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Pairs, Status
 from hhr_dolfinx.declared import Integers
 from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers, outcome
-from hhr_dolfinx.models.elimination import Elimination, answer_of, differentiated
+from hhr_dolfinx.models.eliminations.elimination import Elimination, answer_of, differentiated
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.parameters import ParameterSpace

@@ -17,7 +17,7 @@ from hhr_dolfinx.models.answer import Answer
 
 
 class LinearDisplacement(ABC):
-    """Fields whose displacement is linear in coordinates, see :class:`models.functionals.MeasuredFields`.
+    """Fields whose displacement is linear in coordinates, see :class:`models.functionals.functional.MeasuredFields`.
 
     Attributes:
         functionals: outputs of the scene; None where it has none.
@@ -58,7 +58,7 @@ class LinearDisplacement(ABC):
         return per_column @ self._coordinates(answer) + per_term @ theta
 
     def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all forces and of these products, see :class:`~models.functionals.MeasuredFields`."""
+        """Derivatives of all forces and of these products: :class:`~models.functionals.functional.MeasuredFields`."""
         per_column, per_term = self._measures
         forces = self._all_force_changes(answer, changes) if self.functionals.uses_forces else np.zeros((0, 0))
         if not per_column.shape[0]:
@@ -66,7 +66,7 @@ class LinearDisplacement(ABC):
         return forces, per_column @ self._coordinate_changes(answer, changes) + per_term @ changes
 
     def coordinates(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
-        """x and amplitudes of imposed displacements, see :class:`~models.functionals.ShapedFields`."""
+        """x and amplitudes of imposed displacements, see :class:`~models.functionals.functional.ShapedFields`."""
         return np.concatenate([self._coordinates(answer), theta[self.functionals.lifted]])
 
     def coordinate_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -59,7 +59,7 @@ class Estimate(NamedTuple):
         primal_relative, dual_relative: over the least that the exact answer can have in these norms; infinite where a
             bound is larger than the answer itself.
         outputs: bounds of the errors of the outputs of the scene, by name; those of which nothing is known are left
-            out, see :mod:`hhr_dolfinx.models.output_bound`.
+            out, see :mod:`hhr_dolfinx.models.bounds.output_bound`.
         forces_euclid: of the nodal contact forces in the Euclidean norm.
         pressure: the largest error of a nodal pressure.
         forces_euclid_relative, pressure_relative: over the Euclidean norm of the exact forces, and over the exact peak

@@ -18,7 +18,7 @@ from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.functionals import Functionals
+    from hhr_dolfinx.models.functionals.functional import Functionals
 
 
 @dataclass(frozen=True)

@@ -20,14 +20,14 @@ import numpy as np
 from hhr_dolfinx.errors import ParameterError, ReductionError
 from hhr_dolfinx.materials.update import Material, State
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Path
-from hhr_dolfinx.models.equilibrium import DEFAULT_MARCH, Diverged, Goal, MarchSettings, Stepper
+from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, Diverged, Goal, MarchSettings, Stepper
 from hhr_dolfinx.models.local import SeveralModels
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs, TrainedPaths
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.reduced_flow import CubatureEquilibrium, ReducedEquilibrium
+    from hhr_dolfinx.models.histories.reduced_flow import CubatureEquilibrium, ReducedEquilibrium
 
     Part = ReducedEquilibrium | CubatureEquilibrium
 
@@ -96,7 +96,7 @@ class LocalHistories(SeveralModels):
 
 
 class LocalEquilibrium:
-    """What the loop over time steps needs of models that take turns, see :class:`models.equilibrium.Stepping`.
+    """Steps of models that take turns, see :class:`models.histories.equilibrium.Stepping`.
 
     Args:
         parts: equilibria of the models.
@@ -208,7 +208,7 @@ class _Try:
 
 
 class LocalStepper:
-    """Solves the steps of one history by models that take turns; see :class:`models.equilibrium.Stepper`.
+    """Solves the steps of one history by models that take turns; see :class:`models.histories.equilibrium.Stepper`.
 
     Args:
         model: the models.

@@ -11,7 +11,7 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.amplitudes import Amplitudes, Coverage
 from hhr_dolfinx.contact.active_set import Status, settled
 from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers
-from hhr_dolfinx.models.elimination import Responses
+from hhr_dolfinx.models.eliminations.elimination import Responses
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.parameters import ParameterSpace
 

@@ -16,13 +16,13 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, OutsideTrainingError, ParameterError
 from hhr_dolfinx.models.answer import Answer, History, Path, SeveralAnswers, one_by_one, outcome, unanswered
-from hhr_dolfinx.models.equilibrium import DEFAULT_MARCH, MarchSettings
-from hhr_dolfinx.models.path import checked_path, one_step, refuse_gradient, solve_along
+from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
+from hhr_dolfinx.models.histories.path import checked_path, one_step, refuse_gradient, solve_along
 from hhr_dolfinx.plain import rebuilt
 from hhr_dolfinx.trained import USUAL, TrainedPaths, TrainedRange, check_outside
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.functionals import Outputs
+    from hhr_dolfinx.models.functionals.functional import Outputs
     from hhr_dolfinx.parameters import ParameterSpace
 
 
@@ -118,7 +118,7 @@ class AnsweringModel:
         """Answer one parameter, see :meth:`~hhr_dolfinx.models.answer.Model.solve`.
 
         Where bodies flow in one step from rest, which knows no ``start`` but what is checked; ``step`` may hold its
-        ``duration``, see :func:`~hhr_dolfinx.models.path.one_step`.
+        ``duration``, see :func:`~hhr_dolfinx.models.histories.path.one_step`.
         """
         point = self.parameters.point(mu)
         outside = self._checked_outside(outside)
@@ -166,7 +166,7 @@ class AnsweringModel:
         """Answer a path, from rest where bodies flow; see :meth:`~hhr_dolfinx.models.answer.Model.march`."""
         if self.equilibrium is None:
             return solve_along(self, checked_path(self.parameters, path), settings)
-        from hhr_dolfinx.models.march import march
+        from hhr_dolfinx.models.histories.march import march
 
         return march(self.equilibrium, checked_path(self.parameters, path), settings)
 

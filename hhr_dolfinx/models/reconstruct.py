@@ -19,19 +19,19 @@ from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
 from hhr_dolfinx.linear.layout import lay_out
 from hhr_dolfinx.models.answer import Answer, ModelFields
+from hhr_dolfinx.models.bounds.error_bound import Bound, BoundThere, ErrorBound, driven
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
-from hhr_dolfinx.models.error_bound import Bound, BoundThere, ErrorBound, driven
 from hhr_dolfinx.models.estimates import NUMBERS, STRESS, Estimate, Estimates
 from hhr_dolfinx.plain import CODE, OF_THE_MESH, Rebuilt
 from hhr_dolfinx.trained import share_of_stress
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.error_bound import FieldResponse
-    from hhr_dolfinx.models.functionals import Functionals
-    from hhr_dolfinx.models.interpolation import Interpolant
+    from hhr_dolfinx.models.bounds.error_bound import FieldResponse
+    from hhr_dolfinx.models.bounds.output_bound import OutputBound
+    from hhr_dolfinx.models.eliminations.interpolation import Interpolant
+    from hhr_dolfinx.models.functionals.functional import Functionals
+    from hhr_dolfinx.models.functionals.shaped import ReshapedFunctionals
     from hhr_dolfinx.models.many import ManyAnswers
-    from hhr_dolfinx.models.output_bound import OutputBound
-    from hhr_dolfinx.models.shaped_functionals import ReshapedFunctionals
 
 TOGETHER = 1024
 """Answers that are bounded at once, so that what is made on the way stays small."""

@@ -17,10 +17,10 @@ from hhr_dolfinx.errors import ReductionError, SingularError
 from hhr_dolfinx.linear.dense import Factorise, LapackLU, dense_factors
 from hhr_dolfinx.models.answer import Answer, SeveralAnswers
 from hhr_dolfinx.models.condensed import CondensedModel
-from hhr_dolfinx.models.constant_elimination import ConstantElimination
-from hhr_dolfinx.models.elimination import Elimination, Responses
+from hhr_dolfinx.models.eliminations.constant import ConstantElimination
+from hhr_dolfinx.models.eliminations.elimination import Elimination, Responses
+from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.model import KeptModel
-from hhr_dolfinx.models.projected import ReducedProblem
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.parameters import ParameterSpace
@@ -28,8 +28,8 @@ from hhr_dolfinx.trained import USUAL, TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Amplitudes
-    from hhr_dolfinx.models.interpolated import Compliances
-    from hhr_dolfinx.models.reduced_flow import CubatureFlow, ProjectedEquilibrium, ReducedFlow
+    from hhr_dolfinx.models.eliminations.interpolated import Compliances
+    from hhr_dolfinx.models.histories.reduced_flow import CubatureFlow, ProjectedEquilibrium, ReducedFlow
 
 ADVICE: Mapping[Status, str] = MappingProxyType(
     {
@@ -173,15 +173,15 @@ def _elimination(
 ) -> Elimination:
     """What eliminates gamma: once, beside rigid motions, on the RID as its shape is, or of a sum of parts."""
     if problem.motions:
-        from hhr_dolfinx.models.floating import ReducedFloatingElimination
+        from hhr_dolfinx.models.eliminations.floating import ReducedFloatingElimination
 
         return ReducedFloatingElimination(problem, amplitudes)
     if problem.reshaped is not None:
-        from hhr_dolfinx.models.shaped import ReshapedElimination
+        from hhr_dolfinx.models.eliminations.shaped import ReshapedElimination
 
         return ReshapedElimination(problem.reshaped, amplitudes, parameters)
     if problem.terms is not None:
-        from hhr_dolfinx.models.block_elimination import BlockElimination
+        from hhr_dolfinx.models.eliminations.block import BlockElimination
 
         return BlockElimination(problem, amplitudes)
     contact = problem.contact_test, problem.contact_trial

@@ -23,7 +23,7 @@ from hhr_dolfinx.certify.trust import (
 )
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.models.error_bound import ErrorBound
+from hhr_dolfinx.models.bounds.error_bound import ErrorBound
 from hhr_dolfinx.models.estimates import known_error, warn_unbounded
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.reduced import ReducedModel
@@ -36,7 +36,7 @@ from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.reduced_flow import CubatureFlow, ReducedFlow
+    from hhr_dolfinx.models.histories.reduced_flow import CubatureFlow, ReducedFlow
     from hhr_dolfinx.models.starts import LinearStarts
 
 MOST_TRAINING_COMPARED = 50

@@ -16,7 +16,7 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.certify.bounds import error_bound
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError, ReductionError
-from hhr_dolfinx.models.error_bound import Bound
+from hhr_dolfinx.models.bounds.error_bound import Bound
 from hhr_dolfinx.models.estimates import NOT_ASKED
 from hhr_dolfinx.models.reconstruct import FlowFields, GappyField, Reconstruction
 from hhr_dolfinx.reduction.modes import state_modes
@@ -26,8 +26,8 @@ from hhr_dolfinx.timing import StageLog
 
 if TYPE_CHECKING:
     from hhr_dolfinx.certify.bounds import MadeOfForces
-    from hhr_dolfinx.models.error_bound import FieldResponse
-    from hhr_dolfinx.models.reduced_flow import CubatureFlow, ReducedFlow
+    from hhr_dolfinx.models.bounds.error_bound import FieldResponse
+    from hhr_dolfinx.models.histories.reduced_flow import CubatureFlow, ReducedFlow
 
 
 STRESS = 1e-9

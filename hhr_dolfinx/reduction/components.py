@@ -12,8 +12,8 @@ from scipy.sparse import csc_matrix, csr_matrix, hstack
 from hhr_dolfinx.contact.problem import ContactProblem, dependence, moduli_of
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.linear.sparse import FreeCholesky
-from hhr_dolfinx.models.interpolated import Compliances
-from hhr_dolfinx.models.interpolation import GrownGrid
+from hhr_dolfinx.models.eliminations.interpolated import Compliances
+from hhr_dolfinx.models.eliminations.interpolation import GrownGrid
 from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of, grown
 
 

@@ -19,12 +19,12 @@ from hhr_dolfinx.certify.trust import OF_CONDENSATION, TrustLimits, check_compar
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError, NotOfferedError, ReductionError, StabilityWarning
-from hhr_dolfinx.models.block_elimination import BlockElimination
 from hhr_dolfinx.models.condensed import CondensedModel
+from hhr_dolfinx.models.eliminations.block import BlockElimination
+from hhr_dolfinx.models.eliminations.interpolated import Compliances, InterpolatedFields
+from hhr_dolfinx.models.eliminations.interpolation import GrownGrid
+from hhr_dolfinx.models.eliminations.shaped import ReshapedElimination
 from hhr_dolfinx.models.estimates import NOT_ASKED, known_error, warn_unbounded
-from hhr_dolfinx.models.interpolated import Compliances, InterpolatedFields
-from hhr_dolfinx.models.interpolation import GrownGrid
-from hhr_dolfinx.models.shaped import ReshapedElimination
 from hhr_dolfinx.models.starts import LinearStarts
 from hhr_dolfinx.reduction.components import Solver, components_of, interpolated_compliances
 from hhr_dolfinx.reduction.interpolate import DEFAULT_GRID, GridSettings

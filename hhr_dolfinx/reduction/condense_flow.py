@@ -1,9 +1,9 @@
 """Condensed flow, offline: the elastic response, modes of the plastic correction, a cubature for it, and a check.
 
 Weights of the cubature are fitted to two kinds of integrals: the stress of the correction at training states, see
-:mod:`hhr_dolfinx.models.condensed_step`, and loosely the energies ∫ (G V)^T C G V of the modes where anything flowed.
-With the first alone, modes of small energy were overestimated by up to 70 % in the tangent, whose sign then turns:
-steps stalled, or jumped. With both, none did.
+:mod:`hhr_dolfinx.models.histories.condensed_step`, and loosely the energies ∫ (G V)^T C G V of the modes where anything
+flowed. With the first alone, modes of small energy were overestimated by up to 70 % in the tangent, whose sign then
+turns: steps stalled, or jumped. With both, none did.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import HHRError, ReductionError, UnstableModelError
 from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.materials.update import Group
-from hhr_dolfinx.models.condensed_fields import CondensedFlowFields, PlasticFields
-from hhr_dolfinx.models.condensed_flow import CondensedFlow, CondensedFlowModel
-from hhr_dolfinx.models.equilibrium import MarchSettings
+from hhr_dolfinx.models.histories.condensed_fields import CondensedFlowFields, PlasticFields
+from hhr_dolfinx.models.histories.condensed_flow import CondensedFlow, CondensedFlowModel
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.parameters import is_number, is_whole
 from hhr_dolfinx.reduction.cubature import Cubature, compressed, fitted

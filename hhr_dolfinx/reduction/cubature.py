@@ -30,7 +30,7 @@ from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.contact.problem import IndexSets
 from hhr_dolfinx.errors import ReductionError, UnstableModelError
-from hhr_dolfinx.models.reduced_flow import CubatureFlow
+from hhr_dolfinx.models.histories.reduced_flow import CubatureFlow
 from hhr_dolfinx.reduction.flow import rows_of
 from hhr_dolfinx.snapshots.records import SnapshotSet
 

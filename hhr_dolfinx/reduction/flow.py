@@ -11,9 +11,9 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.contact.problem import IndexSets
 from hhr_dolfinx.errors import ReductionError, UnstableModelError
-from hhr_dolfinx.models.force_correction import ForceCorrection
+from hhr_dolfinx.models.histories.force_correction import ForceCorrection
+from hhr_dolfinx.models.histories.reduced_flow import ReducedFlow
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.models.reduced_flow import ReducedFlow
 from hhr_dolfinx.reduction.elastic_response import elastic_response
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ def _margin(whole: np.ndarray, projected: np.ndarray) -> float:
 
 
 def force_correction(full: Any) -> ForceCorrection:
-    """The correction of forces of any model of a scene whose bodies flow, see :mod:`models.force_correction`.
+    """The correction of forces of any model of a scene whose bodies flow, see :mod:`models.histories.force_correction`.
 
     Raises:
         ReductionError: where nothing flows, and where moduli are no factors of connected components.

@@ -18,8 +18,8 @@ from scipy.linalg import solve_triangular
 
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.formulas import Modulus, Scalar
-from hhr_dolfinx.models.interpolated import Compliance, PrimalModes
-from hhr_dolfinx.models.interpolation import GrownGrid, Interpolant, grow, nodes_of, polynomials_of
+from hhr_dolfinx.models.eliminations.interpolated import Compliance, PrimalModes
+from hhr_dolfinx.models.eliminations.interpolation import GrownGrid, Interpolant, grow, nodes_of, polynomials_of
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 
 

@@ -16,11 +16,11 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets, dependence
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.formulas import Modulus
-from hhr_dolfinx.models.block_elimination import Block, blocks_of
-from hhr_dolfinx.models.interpolated import Compliances
-from hhr_dolfinx.models.interpolation import GrownGrid, Interpolant
-from hhr_dolfinx.models.projected import ReducedProblem, ReducedTerms
-from hhr_dolfinx.models.shaped import InterpolatedProblem
+from hhr_dolfinx.models.eliminations.block import Block, blocks_of
+from hhr_dolfinx.models.eliminations.interpolated import Compliances
+from hhr_dolfinx.models.eliminations.interpolation import GrownGrid, Interpolant
+from hhr_dolfinx.models.eliminations.projected import ReducedProblem, ReducedTerms
+from hhr_dolfinx.models.eliminations.shaped import InterpolatedProblem
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of, grown
 from hhr_dolfinx.reduction.projection import project

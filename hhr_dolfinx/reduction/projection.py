@@ -17,7 +17,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.models.projected import ReducedProblem, ReducedTerms
+from hhr_dolfinx.models.eliminations.projected import ReducedProblem, ReducedTerms
 
 NO_WORK = 1e-9
 """Part of the largest work of a unit force along a rigid motion below which a condition has nothing to do with it."""

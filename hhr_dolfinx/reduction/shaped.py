@@ -16,11 +16,8 @@ from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactProblem, ContactRows, IndexSets
 from hhr_dolfinx.errors import ParameterError, ReductionError, SceneError, StabilityWarning
-from hhr_dolfinx.models.cells import element_stiffness
-from hhr_dolfinx.models.functional_kinds import Mises, MovingMises
-from hhr_dolfinx.models.functionals import Functional, ShapeFunctionals
-from hhr_dolfinx.models.interpolation import Interpolant, grow
-from hhr_dolfinx.models.shaped import (
+from hhr_dolfinx.models.eliminations.interpolation import Interpolant, grow
+from hhr_dolfinx.models.eliminations.shaped import (
     CellProjection,
     ContactPatch,
     FixedCells,
@@ -29,7 +26,10 @@ from hhr_dolfinx.models.shaped import (
     RidShape,
     SurfacePatch,
 )
-from hhr_dolfinx.models.shaped_functionals import ROWS, ReshapedFunctionals, Zone
+from hhr_dolfinx.models.functionals.cells import element_stiffness
+from hhr_dolfinx.models.functionals.functional import Functional, ShapeFunctionals
+from hhr_dolfinx.models.functionals.kinds import Mises, MovingMises
+from hhr_dolfinx.models.functionals.shaped import ROWS, ReshapedFunctionals, Zone
 from hhr_dolfinx.reduction.interpolate import GridSettings, grown
 from hhr_dolfinx.reduction.projection import open_conditions
 
@@ -291,7 +291,7 @@ def reshaped_functionals(
 ) -> ReshapedFunctionals:
     """Outputs for displacements that are a basis, (N, ell), times coordinates and the lift.
 
-    Strain is not interpolated: its cells are moved, see :mod:`hhr_dolfinx.models.cells`.
+    Strain is not interpolated: its cells are moved, see :mod:`hhr_dolfinx.models.functionals.cells`.
 
     Args:
         prepared: outputs of the full model.

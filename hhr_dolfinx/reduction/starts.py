@@ -8,7 +8,7 @@ import numpy as np
 
 from hhr_dolfinx.contact.active_set import Pairs
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.models.elimination import Elimination, answer_of
+from hhr_dolfinx.models.eliminations.elimination import Elimination, answer_of
 from hhr_dolfinx.models.starts import LinearStarts
 
 NO_FIELDS: Any = None

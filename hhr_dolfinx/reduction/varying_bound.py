@@ -15,11 +15,11 @@ from hhr_dolfinx.certify.bounds import check_hypotheses
 from hhr_dolfinx.certify.interpolation import PartStiffness
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError
-from hhr_dolfinx.models.interpolated import Compliance, Compliances
-from hhr_dolfinx.models.interpolation import Interpolant
-from hhr_dolfinx.models.projected import ReducedProblem
-from hhr_dolfinx.models.shaped import InterpolatedProblem
-from hhr_dolfinx.models.varying_bound import ROUND_OFF, PartEnergy, VaryingBound
+from hhr_dolfinx.models.bounds.varying_bound import ROUND_OFF, PartEnergy, VaryingBound
+from hhr_dolfinx.models.eliminations.interpolated import Compliance, Compliances
+from hhr_dolfinx.models.eliminations.interpolation import Interpolant
+from hhr_dolfinx.models.eliminations.projected import ReducedProblem
+from hhr_dolfinx.models.eliminations.shaped import InterpolatedProblem
 from hhr_dolfinx.reduction.components import Component, Solver, components_of, interpolated_compliances
 from hhr_dolfinx.reduction.interpolate import GridSettings, grown
 from hhr_dolfinx.reduction.interpolate_reduced import SHAPE_GRID, interpolated_problem

@@ -22,7 +22,7 @@ from hhr_dolfinx.certify.accuracy import force_floor, round_off_force
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ReductionError, TrainingWarning
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Path
-from hhr_dolfinx.models.equilibrium import DEFAULT_MARCH, MarchSettings, told_once
+from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, told_once
 from hhr_dolfinx.models.starts import KnownStatuses
 
 if TYPE_CHECKING:

@@ -28,8 +28,8 @@ from hhr_dolfinx.files import MAPPED, check_layout, clear_leftovers, make_folder
 from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.models.answer import Answer, GaussState, History
 from hhr_dolfinx.models.answer import Path as History_path
-from hhr_dolfinx.models.equilibrium import MarchSettings
-from hhr_dolfinx.models.path import checked_path
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings
+from hhr_dolfinx.models.histories.path import checked_path
 from hhr_dolfinx.version import __version__
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from hhr_dolfinx.models.fallback import FallbackModel
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.online.tables import TableRow, answer_table, read_points
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.study.console import make_console, progress_on
+from hhr_dolfinx.study.report.console import make_console, progress_on
 
 
 def demo_parser(name: str, description: str) -> argparse.ArgumentParser:

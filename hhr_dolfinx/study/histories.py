@@ -14,16 +14,16 @@ from hhr_dolfinx.certify.compare import largest_errors, residuals_of
 from hhr_dolfinx.errors import HHRError, ReductionError, UnstableModelError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import History, Model, Path
-from hhr_dolfinx.models.equilibrium import SEARCHES, MarchSettings, told_once
+from hhr_dolfinx.models.histories.equilibrium import SEARCHES, MarchSettings, told_once
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.snapshots.records import Lost
 from hhr_dolfinx.study.measure import Errors, Measurement, Row, answer_errors, conditions_inside
-from hhr_dolfinx.study.report import condensed_report, model_report
-from hhr_dolfinx.study.training import Progress, Training
+from hhr_dolfinx.study.report.report import condensed_report, model_report
+from hhr_dolfinx.study.training.train import Progress, Training
 from hhr_dolfinx.timing import timed
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.condensed_flow import CondensedFlowModel
+    from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
 
 
 class Run(NamedTuple):

@@ -19,9 +19,9 @@ from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.snapshots.records import SnapshotSet
-from hhr_dolfinx.study.growing import fallback_report
 from hhr_dolfinx.study.measure import Measurement, References, Row
-from hhr_dolfinx.study.training import Progress, Training
+from hhr_dolfinx.study.training.growing import fallback_report
+from hhr_dolfinx.study.training.train import Progress, Training
 from hhr_dolfinx.timing import time_queries
 
 COMPARED = ("fom_naive", "fom_best", "condensed")

@@ -15,15 +15,16 @@ from mpi4py import MPI
 from hhr_dolfinx.errors import HHRError, StabilityWarning, StudyError
 from hhr_dolfinx.models.answer import Model
 from hhr_dolfinx.models.answer import Path as HistoryPath
-from hhr_dolfinx.models.equilibrium import DEFAULT_MARCH, MarchSettings
+from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.study.console import Console, make_console
-from hhr_dolfinx.study.counts import check_counts
 from hhr_dolfinx.study.measure import Measurement
-from hhr_dolfinx.study.report import make_report, model_report, print_report, write_report
-from hhr_dolfinx.study.training import (
+from hhr_dolfinx.study.report.console import Console, make_console
+from hhr_dolfinx.study.report.report import make_report, model_report, print_report, write_report
+from hhr_dolfinx.study.report.view import View
+from hhr_dolfinx.study.training.counts import check_counts
+from hhr_dolfinx.study.training.train import (
     Progress,
     Training,
     checked_folder,
@@ -31,10 +32,9 @@ from hhr_dolfinx.study.training import (
     train,
     training_paths,
 )
-from hhr_dolfinx.study.view import View
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.condensed_flow import CondensedFlowModel
+    from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
     from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 
 
@@ -147,7 +147,7 @@ class Study:
         Where the report advises condensation that model is kept too, as ``condensed.npz``.
         """
         from hhr_dolfinx.online.model_file import save_model
-        from hhr_dolfinx.study.page import write_page
+        from hhr_dolfinx.study.report.page import write_page
 
         console = console or make_console()
         folder = checked_folder(folder)
@@ -159,7 +159,7 @@ class Study:
         if advised is not None and advised is not model:
             save_model(folder / "condensed.npz", advised)
         if view is not None:
-            from hhr_dolfinx.study.plots import draw_study
+            from hhr_dolfinx.study.report.plots import draw_study
 
             draw_study(self, view, folder)
         write_page(folder)

@@ -15,7 +15,7 @@ from scipy import linalg
 
 from hhr_dolfinx.certify.constants import Constants
 from hhr_dolfinx.errors import BoundError, ReductionError
-from hhr_dolfinx.models.projected import ReducedProblem
+from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.theorems.ellipticity import Ellipticity
 from hhr_dolfinx.theorems.rid_norms import Directions, Norms
 

@@ -1,0 +1,1 @@
+"""Bounds of errors, evaluated; what they need is made in certify and reduction."""

@@ -1,0 +1,1 @@
+"""Eliminations: from a point to the condensed contact problem there."""

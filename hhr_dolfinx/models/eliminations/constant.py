@@ -1,0 +1,155 @@
+"""Elimination where the stiffness is constant: once for all points, whose answers many share.
+
+With fixed statuses the solution is affine in the parameters. These maps, the critical regions of multi-parametric
+programming (Bemporad, Morari, Dua and Pistikopoulos, Automatica 38, 2002), are tabulated: where the map of the nearest
+known statuses gives forces and slacks that are all non-negative, it is the solution, and no problem is solved online.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.contact.active_set import SchurEqualities, Status
+from hhr_dolfinx.errors import SingularError
+from hhr_dolfinx.linear.dense import Factorise, LapackLU, dense_factors
+from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers
+from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination, Responses
+from hhr_dolfinx.plain import CODE, Rebuilt
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.starts import KnownStatuses
+
+Region = tuple[np.ndarray, np.ndarray] | None
+
+ENTRIES = 2_000_000
+"""Numbers (16 MB) that the tabulated critical regions of one model may take; beyond, none are kept."""
+PREPARED_BYTES = 16 * 2**20
+"""Memory for factors of known statuses where there are no regions: a query that starts from them factors nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConstantElimination(Rebuilt, Elimination):
+    """Eliminates once for all where the stiffness is constant.
+
+    Attributes:
+        responses: what the primal unknown leaves behind.
+        amplitudes: θ as a function of the parameters.
+        factorise: what factors a dense block; a file does not keep it.
+    """
+
+    responses: Responses
+    amplitudes: Amplitudes
+    factorise: Factorise = field(default=dense_factors, metadata=CODE)
+
+    def __post_init__(self) -> None:
+        """One array for slack and unknown, so that one product makes both; ``responses`` look into it."""
+        given = self.responses
+        response = np.asfortranarray(np.vstack([given.free_slack, given.free_primal]))
+        free_slack, free_primal = np.split(response, [len(given.schur)])
+        per_force = np.ascontiguousarray(given.primal_per_force)
+        object.__setattr__(self, "response", response)
+        object.__setattr__(self, "responses", Responses(free_primal, per_force, free_slack, given.schur))
+
+    response: np.ndarray = field(init=False, repr=False)
+    """Free slack and, behind it, free primal unknown, (m + n, 1 + T)."""
+
+    @classmethod
+    def from_file(cls, **parts: Any) -> ConstantElimination:
+        """What a file keeps; LAPACK factors, so that answers are the same on all machines."""
+        return cls(**parts, factorise=LapackLU)
+
+    @cached_property
+    def equalities(self) -> SchurEqualities:
+        """Equality problems on S, for all points."""
+        return SchurEqualities.of(self.responses.schur, self.factorise)
+
+    def __call__(self, point: np.ndarray) -> CondensedContact:
+        """What is left at a point, (P,)."""
+        schur = self.responses.schur
+        response = self.response @ self.amplitudes(point)
+        slack = response[: len(schur)]
+        free = response[len(schur) :]
+        return CondensedContact(
+            schur, slack, free, self._pushed, partial(self._changes, point), factored=self.equalities
+        )
+
+    def _pushed(self, forces: np.ndarray) -> np.ndarray:
+        return self.responses.primal_per_force @ forces
+
+    def _changes(self, point: np.ndarray, *_: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of slack and unknown, which loads and gaps alone have."""
+        acting, slopes = self.amplitudes.slopes_at(point)
+        changes = self.response[:, acting] @ slopes
+        return changes[: len(self.responses.schur)], changes[len(self.responses.schur) :]
+
+    def table_of(self, known: KnownStatuses) -> CriticalRegions | None:
+        """The critical regions of known statuses; else factors of these are made ready."""
+        return CriticalRegions.of(self, known)
+
+    def answers(self, model: Any, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
+        """Those with the same statuses share factors."""
+        from hhr_dolfinx.models.many import answers_by_statuses
+
+        how: dict[str, Any] = {"raise_on_failure": raise_on_failure, "outside": "ignore"}
+        return answers_by_statuses(model, self.amplitudes, self.responses, self.response, points, **how)
+
+
+class CriticalRegions:
+    """For each known status the affine map mu -> (forces, slacks, unknown); None of a singular set.
+
+    Args:
+        known: statuses of solved parameters.
+        maps: of each of them, values at mu = 0 and slopes.
+    """
+
+    def __init__(self, known: KnownStatuses, maps: list[Region]):
+        self._known = known
+        self._maps = maps
+        self._m = known.active.shape[1]
+
+    @classmethod
+    def of(cls, eliminated: ConstantElimination, known: KnownStatuses) -> CriticalRegions | None:
+        """Those of a constant stiffness; None where amplitudes are not affine, or tables would be too large."""
+        distinct, which = np.unique(known.active, axis=0, return_inverse=True)
+        theta = eliminated.amplitudes
+        response = eliminated.response
+        m = known.active.shape[1]
+        if theta.nonaffine or len(distinct) * (m + len(response)) * (1 + known.points.shape[1]) > ENTRIES:
+            eliminated.equalities.prepare(distinct, PREPARED_BYTES)
+            return None
+        # columns: the value at mu = 0, then the slope along each parameter
+        columns = response @ np.column_stack([theta.constant, theta.slopes])
+        regions = [_region(eliminated, active, columns) for active in distinct]
+        return cls(known, [regions[k] for k in which.ravel()])
+
+    def answer(self, point: np.ndarray, fields: Fields) -> Answer | None:
+        """The answer to a point, (P,); None where the nearest statuses are not its own."""
+        nearest = self._known.nearest(point)
+        region = self._maps[nearest]
+        if region is None:
+            return None
+        constant, slopes = region
+        m = self._m
+        values = constant + slopes @ point
+        # the ufunc itself: its wrapper takes as long again
+        if np.minimum.reduce(values[: 2 * m]) >= 0:
+            active = self._known.active[nearest]
+            return Answer(point, values[2 * m :], values[:m], active, 1, Status.CONVERGED, False, fields)
+        return None
+
+
+def _region(eliminated: ConstantElimination, active: np.ndarray, columns: np.ndarray) -> Region:
+    """The map of some statuses."""
+    m = len(active)
+    try:
+        found = [eliminated.equalities(active, column) for column in columns[:m].T]
+    except SingularError:  # the active set may find a way round
+        return None
+    forces, slack = (np.stack(item, axis=1) for item in zip(*found, strict=True))
+    values = np.vstack([forces, slack, columns[m:] - eliminated.responses.primal_per_force @ forces])
+    return (values[:, 0].copy(), np.ascontiguousarray(values[:, 1:])) if np.isfinite(values).all() else None

@@ -1,0 +1,124 @@
+"""Models of bodies that nothing but contact holds: the primal unknown is eliminated, rigid motions are not.
+
+In a reduced model the first modes are rigid motions R, on which K~ has columns of zeros; the equations tested with
+them are the balance of whole bodies, see ``reduction.projection``. Gamma of the other modes is eliminated like
+everywhere, and G^T lambda = driving is left, see ``contact.floating``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Annotated
+
+import numpy as np
+
+from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.contact.floating import FloatingEqualities
+from hhr_dolfinx.declared import Floats
+from hhr_dolfinx.linear.dense import LapackLU
+from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination, Floating, Responses
+from hhr_dolfinx.models.eliminations.projected import ReducedProblem
+from hhr_dolfinx.plain import Rebuilt
+
+Changed = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True, eq=False)
+class FloatingElimination(Rebuilt, Elimination):
+    """What elimination leaves at one stiffness (n unknowns, m conditions, r motions, 1 + T terms).
+
+    Attributes:
+        responses: of the unknown, which is pinned.
+        taken: what the motions take from the slack, (m, r).
+        driving: loads along the motions, (r, 1 + T).
+        modes: the motions as unknowns, (n, r).
+        amplitudes: θ as a function of the parameters.
+    """
+
+    responses: Responses
+    taken: Annotated[Floats, "m", "motions"]
+    driving: Annotated[Floats, "motions", "terms"]
+    modes: Annotated[Floats, "unknowns", "motions"]
+    amplitudes: Amplitudes
+
+    @cached_property
+    def equalities(self) -> FloatingEqualities:
+        """On S with the motions."""
+        return FloatingEqualities(self.responses.schur, self.taken)
+
+    def __call__(self, point: np.ndarray, changed: Changed | None = None) -> CondensedContact:
+        """What is left at a point, (P,).
+
+        Args:
+            point: where.
+            changed: maps the unknown to derivatives of slack, unknown and balance while forces and motions stay; None
+                where the stiffness is constant.
+        """
+        theta = self.amplitudes(point)
+        left = self.responses
+        changes = partial(self._changes, point) if changed is None else changed
+        motions = Floating(self.equalities, self.driving @ theta, self.modes, lambda _, unknown: changes(unknown)[2])
+        slack = left.free_slack @ theta
+        free = left.free_primal @ theta
+        pushed = partial(np.matmul, left.primal_per_force)
+        return CondensedContact(
+            left.schur, slack, free, pushed, lambda _, unknown: changes(unknown)[:2], floating=motions
+        )
+
+    def _changes(self, point: np.ndarray, _: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        acting, slopes = self.amplitudes.slopes_at(point)
+        parts = self.responses.free_slack, self.responses.free_primal, self.driving
+        slack, free, driving = (part[:, acting] @ slopes for part in parts)
+        return slack, free, driving
+
+
+@dataclass(frozen=True)
+class ReducedFloatingElimination(Elimination):
+    """Eliminates gamma of a reduced problem at any parameter; once for all where its stiffness is constant.
+
+    Attributes:
+        problem: the projected problem, with its motions.
+        amplitudes: θ as a function of the parameters.
+    """
+
+    problem: ReducedProblem
+    amplitudes: Amplitudes
+
+    def __call__(self, point: np.ndarray) -> CondensedContact:
+        """Eliminate at a point, (P,)."""
+        if self.problem.terms is None:
+            return self._constant(point)
+        weights = self.problem.terms.weights(point)
+        factor, left = self._eliminated(self.problem.weighted(weights))
+        return left(point, partial(self._changed, factor, point, weights))
+
+    @cached_property
+    def _constant(self) -> FloatingElimination:
+        return self._eliminated(self.problem)[1]
+
+    def _eliminated(self, problem: ReducedProblem) -> tuple[LapackLU, FloatingElimination]:
+        """Factors of K~ without the motions, and what elimination leaves, of a problem of constant stiffness."""
+        r = problem.motions
+        held = problem.held
+        factor = LapackLU(held.stiffness)
+        found = Responses.eliminate(factor, held.loads, held.gaps, held.contact_test, held.contact_trial)
+        taken = np.ascontiguousarray(problem.contact_trial[:, :r])
+        free, per_force = (_after(r, part) for part in (found.free_primal, found.primal_per_force))
+        responses = replace(found, free_primal=free, primal_per_force=per_force)
+        return factor, FloatingElimination(responses, taken, problem.loads[:r], np.eye(len(free), r), self.amplitudes)
+
+    def _changed(
+        self, factor: LapackLU, point: np.ndarray, weights: np.ndarray, unknown: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """K~ gamma' = f' - K~' gamma, and what goes with it."""
+        right, slack = self.problem.changes(self.amplitudes, point, weights, unknown)
+        r = self.problem.motions
+        held = factor.solve(right[r:])
+        return slack - self.problem.contact_trial[:, r:] @ held, _after(r, held), right[:r]
+
+
+def _after(count: int, rows: np.ndarray) -> np.ndarray:
+    """Rows behind as many rows of zeros."""
+    return np.concatenate([np.zeros((count, *rows.shape[1:])), rows])

@@ -1,0 +1,435 @@
+"""Condensation on the contact, interpolated: S(mu) and the free slack of a scene whose stiffness depends on parameters.
+
+Bodies touch only through contact, so that S = sum of S_c over connected components c, each smooth in the parameters
+of its own. Where all of a part has one factor E(mu), S_c = S_c(E = 1) / E, which is exact; what is left is
+interpolated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Protocol
+
+import numpy as np
+from scipy.sparse import csc_matrix
+
+from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.contact.active_set import SchurEqualities
+from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ParameterError
+from hhr_dolfinx.linear.dense import LapackLU
+from hhr_dolfinx.models.answer import Answer, ElasticFields, SeveralAnswers, unanswered
+from hhr_dolfinx.models.bounds.error_bound import Bound
+from hhr_dolfinx.models.displacement import LinearDisplacement, dense
+from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination
+from hhr_dolfinx.models.eliminations.interpolation import Interpolant
+from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.formulas import Scalar
+    from hhr_dolfinx.models.eliminations.block import BlockElimination
+    from hhr_dolfinx.models.eliminations.projected import ReducedProblem
+    from hhr_dolfinx.models.eliminations.shaped import ReshapedElimination
+    from hhr_dolfinx.models.estimates import Estimate
+    from hhr_dolfinx.models.functionals.functional import Functionals
+    from hhr_dolfinx.models.functionals.shaped import ReshapedFunctionals
+
+
+@dataclass(frozen=True)
+class PrimalModes:
+    """What the unknown of one part is made of, along the modes of its compliance.
+
+    Attributes:
+        unknowns: places of its unknowns, (n_c,).
+        pushed: modes of K^-1 B^T, (r, n_c, m_c).
+        columns: modes of K^-1 F of the terms forced and, behind them, of K^-1 K lift, (T_F + T_L, n_c, r).
+    """
+
+    unknowns: Annotated[Integers, "unknowns"]
+    pushed: Annotated[Floats, "modes", "unknowns", "conditions"]
+    columns: Annotated[Floats, "terms of it", "unknowns", "modes"]
+
+
+@dataclass(frozen=True)
+class Compliance:
+    """What is left of one connected component of a scene once it is eliminated.
+
+    Attributes:
+        conditions: contact conditions that act on it, (m_c,), increasing.
+        forced: terms of θ whose loads act on it, (T_F,).
+        lifted: terms whose imposed displacements do, (T_L,).
+        factor: the modulus that all of it has in common; None for none, or one that is constant.
+        interpolant: of S_c for the factor 1, (m_c^2, r) modes.
+        columns: modes of B K^-1 F of the terms forced and, behind them, of B K^-1 K lift, (T_F + T_L, m_c, r).
+        primal: what its unknown is made of; None where fields are made in another way.
+    """
+
+    conditions: Annotated[Integers, "conditions"]
+    forced: Annotated[Integers, "forced", "< terms"]
+    lifted: Annotated[Integers, "lifted", "< terms"]
+    factor: Scalar | None
+    interpolant: Interpolant
+    columns: Annotated[Floats, "terms of it", "conditions", "modes"]
+    primal: PrimalModes | None = None
+
+    @cached_property
+    def where(self) -> slice | np.ndarray:
+        """Its conditions, as a slice if they are neighbours: adding there is several times as fast."""
+        first = self.conditions[0]
+        last = self.conditions[-1]
+        return slice(first, last + 1) if last - first + 1 == self.conditions.size else self.conditions
+
+    @cached_property
+    def block(self) -> tuple:
+        """Place of S_c in S."""
+        return (self.where, self.where) if isinstance(self.where, slice) else np.ix_(self.conditions, self.conditions)
+
+    @cached_property
+    def terms(self) -> np.ndarray:
+        """Terms forced and lifted, (T_F + T_L,)."""
+        return np.concatenate([self.forced, self.lifted])
+
+    def compliance(self, point: np.ndarray) -> float:
+        """1 / E."""
+        return 1.0 if self.factor is None else 1.0 / self.factor.value(point)
+
+    def schur(self, along: np.ndarray) -> np.ndarray:
+        """S_c for the factor 1, from components along the modes, (m_c, m_c)."""
+        m = self.conditions.size
+        return (self.interpolant.modes @ along).reshape(m, m)
+
+    def moved(self, columns: np.ndarray, along: np.ndarray, theta: np.ndarray, compliance: float) -> np.ndarray:
+        """Columns of F less those of K lift: forces move by the compliance 1/E, lifts by 1 whatever it is."""
+        weights = theta[self.terms]
+        weights[: self.forced.size] *= compliance
+        weights[self.forced.size :] *= -1.0
+        # a partial pressure has hundreds of columns, of which three act
+        used = weights.nonzero()[0]
+        return weights[used] @ (columns[used] @ along) if used.size else np.zeros(columns.shape[1])
+
+    def moved_slopes(
+        self, columns: np.ndarray, ways: np.ndarray, theta: np.ndarray, changes: np.ndarray, factor: Factored
+    ) -> np.ndarray:
+        """Derivatives of what :meth:`moved` returns along the parameters, (rows, P).
+
+        ``ways`` holds components along the modes and their derivatives along the axes, (r, 1 + d); ``changes`` the
+        derivatives of θ.
+        """
+        # terms that act or change, of which there may be hundreds that do neither
+        used = np.flatnonzero(theta[self.terms].astype(bool) | changes[self.terms].any(axis=1))
+        moved = np.moveaxis(columns[used] @ ways, 0, 2)
+        terms = self.terms[used]
+        forced = used < self.forced.size
+        scales = np.where(forced, factor.compliance, -1.0)
+        found = np.outer(moved[:, 0] @ (theta[terms] * forced), factor.slopes)
+        found += moved[:, 0] @ (scales[:, None] * changes[terms])
+        found[:, self.interpolant.axes] += moved[:, 1:] @ (scales * theta[terms])
+        return found
+
+    def pushed_slopes(self, pushed: np.ndarray, ways: np.ndarray, factor: Factored) -> np.ndarray:
+        """Derivatives of compliance times what forces push along the modes, (rows, r): (rows, P)."""
+        along = pushed @ ways
+        found = np.outer(along[:, 0], factor.slopes)
+        found[:, self.interpolant.axes] += factor.compliance * along[:, 1:]
+        return found
+
+
+def _check_places(part: Compliance, number: int, conditions: int, terms: int, parameters: int, unknowns: int) -> None:
+    """Raise ValueError for a part that names places which are not there, or whose arrays have other sizes."""
+    named = {
+        "conditions": (part.conditions, conditions), "forced": (part.forced, terms), "lifted": (part.lifted, terms),
+        "axes": (part.interpolant.axes, parameters),
+    }  # fmt: skip
+    if part.primal is not None:
+        named["unknowns"] = part.primal.unknowns, unknowns
+    for name, (places, count) in named.items():
+        if places.ndim != 1 or (places.size and not 0 <= places.min() <= places.max() < count):
+            raise ValueError(f"{name} of part {number} must be places from 0 to {count - 1}")
+    m = part.conditions.size
+    rank = len(part.interpolant.weights)
+    if not m or (np.diff(part.conditions) <= 0).any():
+        raise ValueError(f"conditions of part {number} must increase, at least one")
+    if len(part.interpolant.modes) != m * m or part.columns.shape != (part.terms.size, m, rank):
+        raise ValueError(f"part {number} of {m} conditions and {part.terms.size} terms has arrays of other sizes")
+
+
+class Factored(NamedTuple):
+    """The compliance 1 / E of a part, and its derivatives along the parameters, (P,)."""
+
+    compliance: float
+    slopes: np.ndarray
+
+    @classmethod
+    def at(cls, part: Compliance, point: np.ndarray) -> Factored:
+        """At a point."""
+        if part.factor is None:
+            return cls(1.0, np.zeros(point.size))
+        modulus = part.factor.value(point)
+        return cls(1.0 / modulus, -part.factor.derivative(point) / modulus**2)
+
+
+@dataclass(frozen=True, eq=False)
+class InterpolatedStiffness:
+    """S at a point, (m, m), and what it is made of: each part with components along its modes, and its compliance."""
+
+    schur: np.ndarray
+    parts: list[tuple[Compliance, np.ndarray, float]]
+    symmetric: bool
+
+    @cached_property
+    def equalities(self) -> SchurEqualities:
+        """Equality problems on S, for all points of this stiffness."""
+        return SchurEqualities.symmetric(self.schur) if self.symmetric else SchurEqualities.of(self.schur, LapackLU)
+
+
+@dataclass(frozen=True)
+class Compliances(Elimination):
+    """Eliminates between parameters: all parts of a scene, interpolated.
+
+    Attributes:
+        parts: of the scene.
+        amplitudes: θ as a function of the parameters.
+        gaps: D as terms of θ, (m, 1 + T).
+        reshaped: D where it changes with the shape of the bodies, (m (1 + T), r) modes; None where it does not.
+        unknowns: number of unknowns, if the parts say what they are made of; 0 otherwise.
+        symmetric: whether S is.
+    """
+
+    parts: tuple[Compliance, ...]
+    amplitudes: Amplitudes
+    gaps: Annotated[Floats, "conditions", "terms"]
+    reshaped: Interpolant | None = None
+    unknowns: int = 0
+    symmetric: bool = True
+
+    def __post_init__(self) -> None:
+        """Refuse parts that are not of these gaps, amplitudes and parameters; a file may say anything."""
+        sizes = (*self.gaps.shape, self.amplitudes.slopes.shape[1], self.unknowns)
+        for number, part in enumerate(self.parts):
+            _check_places(part, number, *sizes)
+
+    def __call__(self, point: np.ndarray, stiffness: InterpolatedStiffness | None = None) -> CondensedContact:
+        """What is left at a point, (P,), of which the stiffness may be known."""
+        found = self.stiffness(point) if stiffness is None else stiffness
+        theta = self.theta(point)
+        slack = self.gaps_at(point) @ theta
+        free = np.zeros(self.unknowns)
+        for part, along, compliance in found.parts:
+            slack[part.where] -= part.moved(part.columns, along, theta, compliance)
+            if part.primal is not None:
+                free[part.primal.unknowns] = part.moved(part.primal.columns, along, theta, compliance)
+        pushed = partial(self._pushed, found)
+        changes = partial(self._changes, point, theta, found)
+        return CondensedContact(
+            found.schur, slack, free, pushed, changes, symmetric=self.symmetric, factored=found.equalities
+        )
+
+    def theta(self, point: np.ndarray) -> np.ndarray:
+        """θ at a point, (1 + T,)."""
+        return _dense(self.amplitudes, point, self.gaps.shape[1])
+
+    def stiffness(self, point: np.ndarray) -> InterpolatedStiffness:
+        """S and what it is made of at a point, (P,)."""
+        schur = np.zeros((len(self.gaps), len(self.gaps)))
+        found = []
+        for part in self.parts:
+            along = part.interpolant.along_modes(point)
+            compliance = part.compliance(point)
+            schur[part.block] += part.schur(compliance * along)
+            found.append((part, along, compliance))
+        return InterpolatedStiffness(schur, found, self.symmetric)
+
+    def _pushed(self, stiffness: InterpolatedStiffness, forces: np.ndarray) -> np.ndarray:
+        """K^-1 B^T times forces, (m,) or (m, k)."""
+        found = np.zeros((self.unknowns, *forces.shape[1:]))
+        for part, along, compliance in stiffness.parts:
+            if part.primal is not None and forces.ndim == 1:
+                found[part.primal.unknowns] = compliance * (along @ (part.primal.pushed @ forces[part.where]))
+            elif part.primal is not None:
+                # the modes are read once, not once for each column
+                per_force = np.tensordot(along, part.primal.pushed, 1)
+                found[part.primal.unknowns] = compliance * (per_force @ forces[part.where])
+        return found
+
+    def _changes(
+        self,
+        point: np.ndarray,
+        theta: np.ndarray,
+        stiffness: InterpolatedStiffness,
+        forces: np.ndarray,
+        _: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of gaps, free displacement and S times forces."""
+        size, terms = self.gaps.shape
+        acting, slopes = self.amplitudes.slopes_at(point)
+        changes = np.zeros((terms, point.size))
+        changes[acting] = slopes
+        slack = self.gaps_at(point) @ changes
+        found = np.zeros((self.unknowns, point.size))
+        if self.reshaped is not None:
+            for axis, column in zip(self.reshaped.axes, self.reshaped.derivative(point).T, strict=True):
+                slack[:, axis] += column.reshape(size, terms) @ theta
+        for part, along, _compliance in stiffness.parts:
+            factor = Factored.at(part, point)
+            own = forces[part.where]
+            ways = np.column_stack([along, part.interpolant.slopes_along_modes(point)])
+            # S_c forces of every mode, so that no derivative forms S_c
+            pushed = (part.interpolant.modes.T.reshape(-1, own.size, own.size) @ own).T
+            slack[part.where] += part.pushed_slopes(pushed, ways, factor)
+            slack[part.where] -= part.moved_slopes(part.columns, ways, theta, changes, factor)
+            if part.primal is not None:
+                free = part.moved_slopes(part.primal.columns, ways, theta, changes, factor)
+                taken = part.pushed_slopes((part.primal.pushed @ own).T, ways, factor)
+                found[part.primal.unknowns] = free - taken
+        return slack, found
+
+    @cached_property
+    def stiffness_axes(self) -> np.ndarray:
+        """Places of the parameters on which S depends."""
+        factors = [part.factor for part in self.parts if part.factor is not None]
+        places = [factor.names.index(name) for factor in factors for name in factor.formula.variables]
+        places += [axis for part in self.parts for axis in part.interpolant.axes.tolist()]
+        return np.unique(np.array(places, dtype=np.int64))
+
+    def same_stiffness(self, one: np.ndarray, other: np.ndarray) -> bool:
+        """Whether two points, (P,), have the same S."""
+        return bool((one[self.stiffness_axes] == other[self.stiffness_axes]).all())
+
+    def answers(self, model: Any, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
+        """Neighbours that share their stiffness share S and its factors."""
+        from hhr_dolfinx.models.many import ManyAnswers
+
+        answers: list[Answer] = []
+        stiffness = None
+        before = points[0]
+        for point in points:
+            if stiffness is None or not self.same_stiffness(before, point):
+                try:
+                    stiffness = self.stiffness(point)
+                except (NotSolvableError, ParameterError):
+                    if raise_on_failure:
+                        raise
+                    stiffness = None
+                    answers.append(unanswered(point, model.sizes, model.fields))
+                    continue
+            before = point
+            answers.append(model.from_contact(self(point, stiffness), point, raise_on_failure))
+        return ManyAnswers.of(answers, model.fields)
+
+    def gaps_at(self, point: np.ndarray) -> np.ndarray:
+        """D at a point, (m, 1 + T)."""
+        return self.gaps if self.reshaped is None else self.reshaped.value(point).reshape(self.gaps.shape)
+
+
+class FieldBound(Bound, Protocol):
+    """A bound that knows the reduced problem whose solution a field is."""
+
+    def problem_at(self, point: np.ndarray) -> ReducedProblem:
+        """The problem at a point, (P,), of constant stiffness."""
+
+
+@dataclass(frozen=True)
+class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
+    """What completes answers of interpolated condensation, see :class:`hhr_dolfinx.models.answer.Fields`.
+
+    Under known contact forces the displacement is a linear problem, solved by Galerkin's method on a basis: the best
+    one there is in energy.
+
+    Attributes:
+        amplitudes: θ as a function of the parameters.
+        basis: V, (N, ell).
+        lifts: imposed displacements, sparse, (N, 1 + T).
+        galerkin: eliminates the unknown of the basis at a point, (P,), and finds it under known forces; None where no
+            field can be asked for.
+        dimension: components of the displacement at a node.
+        stress_of: stress of a displacement at a parameter; None where there is no mesh.
+        functionals: outputs of the scene; None where it has none.
+        bound: bounds the error of an answer; None where its hypotheses fail.
+        unbounded: why there is none.
+    """
+
+    amplitudes: Amplitudes
+    basis: Annotated[Floats, "N", "columns"]
+    lifts: Annotated[csc_matrix, "N", "terms"]
+    galerkin: BlockElimination | ReshapedElimination | None
+    dimension: int
+    stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
+    functionals: Functionals | ReshapedFunctionals | None = None
+    bound: FieldBound | None = None
+    unbounded: str = ""
+
+    def estimate(self, answer: Answer) -> Estimate | None:
+        """The bound; None without one, or without an answer."""
+        if self.bound is None or not answer.converged:
+            return None
+        point = answer.parameter
+        forces = np.maximum(answer.multipliers, 0.0)
+        gamma = self._solver.under(point, forces)
+        theta = self.amplitudes(point)
+        bound = self.bound
+
+        def slack() -> np.ndarray:
+            problem = bound.problem_at(point)
+            return (problem.gaps @ theta - problem.contact_trial @ gamma)[None]
+
+        return bound.at(point[None], theta).of(gamma[None], forces[None], slack)[0]
+
+    def displacement(self, answer: Answer) -> np.ndarray:
+        """V gamma and the lift, (N,)."""
+        if not answer.converged:
+            return np.full(len(self.basis), np.nan)
+        return self.basis @ self._coordinates(answer) + self.lifts @ self.amplitudes(answer.parameter)
+
+    def stress(self, answer: Answer) -> np.ndarray:
+        """Stress in the middle of each cell, Kelvin's notation.
+
+        Raises:
+            NotOfferedError: by a model without a mesh.
+        """
+        if self.stress_of is None:
+            raise NotOfferedError("this model keeps no mesh, and stress needs one: full.stress_of(displacement, mu)")
+        return self.stress_of(self.displacement(answer), answer.parameter)
+
+    def _columns(self) -> np.ndarray:
+        return self.basis
+
+    def _terms(self, rows: Any) -> np.ndarray:
+        return dense(rows @ self.lifts)
+
+    def _coordinates(self, answer: Answer) -> np.ndarray:
+        """The displacement in the basis under the forces of an answer, gamma, (ell,).
+
+        Raises:
+            NotOfferedError: for a model without fields.
+        """
+        return self._solver.under(answer.parameter, answer.multipliers)
+
+    def _all_force_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
+        assert answer.gradient is not None
+        return answer.gradient.multipliers
+
+    def _coordinate_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
+        """Derivatives of gamma, (ell, P)."""
+        assert answer.gradient is not None
+        galerkin = self._solver(answer.parameter)
+        _, fixed = galerkin.at_fixed_forces(answer.multipliers, galerkin.unknown(answer.multipliers))
+        return fixed - galerkin.pushed(answer.gradient.multipliers)
+
+    @property
+    def _solver(self) -> BlockElimination | ReshapedElimination:
+        if self.galerkin is None:
+            raise NotOfferedError(
+                "this model was condensed for contact forces, and has no displacement: hhr.condense(scene, "
+                "fields=True), or hhr.train(scene, ...).condense()"
+            )
+        return self.galerkin
+
+
+def _dense(amplitudes: Amplitudes, point: np.ndarray, terms: int) -> np.ndarray:
+    """θ as an array, (1 + T,)."""
+    theta = amplitudes(point)
+    found = np.zeros(terms)
+    found[theta.terms] = theta.values
+    return found

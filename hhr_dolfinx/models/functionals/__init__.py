@@ -1,0 +1,1 @@
+"""Outputs of an answer as numbers, with their derivatives."""

@@ -1,0 +1,351 @@
+"""Named outputs of a model: numbers that depend on the contact forces, on a few rows of the displacement, on the point.
+
+They are plain data, so that a model file keeps them, and are read without a field: a model multiplies the rows with its
+basis once. Derivatives are exact; where an output has a kink, as a largest value has where two are equal, they hold on
+one side only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+from scipy.sparse import csr_matrix, vstack
+
+from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.errors import HHRError, NotOfferedError, ParameterError, SceneError
+from hhr_dolfinx.parameters import ParameterSpace
+
+DIFFERENCE = 1e-4
+"""Part of the box by which shapes are moved to either side for derivatives: their error is its square."""
+_NOTHING = np.zeros(0)
+_NOWHERE = np.zeros(0, dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Values of the outputs of a scene at one parameter; read like a mapping from names to numbers.
+
+    Attributes:
+        values: by name; NaN without an answer.
+        units: as the scene gives them.
+        gradient: derivatives along the parameters by name, (P,) each, of outputs that have any; None unless they were
+            asked for.
+        one_sided: whether some of the derivatives hold on one side only.
+    """
+
+    values: dict[str, float]
+    units: dict[str, str]
+    gradient: dict[str, np.ndarray] | None = None
+    one_sided: bool = False
+
+    def __getitem__(self, name: str) -> float:
+        if name not in self.values:
+            raise ParameterError(f"there is no output {name!r}: there are {', '.join(self.values)}")
+        return self.values[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.values)
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def keys(self) -> list[str]:
+        """Names, in the order of the scene."""
+        return list(self.values)
+
+
+class _Gradient(dict[str, np.ndarray]):
+    """Derivatives by the names of outputs, of those that have any."""
+
+    def __missing__(self, name: str) -> np.ndarray:
+        raise NotOfferedError(
+            f"output {name!r} has no derivatives along a history: its value is there, or difference it"
+        )
+
+
+class MeasuredFields(Protocol):
+    """What the fields of a model that knows outputs do besides, see :class:`models.answer.Fields`."""
+
+    @property
+    def functionals(self) -> Functionals | None:
+        """Outputs of the scene; None where it has none."""
+
+    def measured(self, answer: Any, theta: np.ndarray) -> np.ndarray:
+        """Rows of the outputs times the displacement, (K,), for amplitudes (1 + T,)."""
+
+    def measured_changes(self, answer: Any, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of all contact forces, (N_lambda, P), and of these products, (K, P).
+
+        ``changes`` are those of the amplitudes, (1 + T, P); the answer has a gradient. Where no output depends on
+        forces, theirs may be left out.
+        """
+
+
+class ShapeFunctionals(Protocol):
+    """All outputs of a scene whose shape depends on parameters; those of a scene without shapes are their own.
+
+    Attributes:
+        axes: places of the parameters that change the shape; none where nothing does.
+        parameters: the box of the parameters.
+        items: one for each output, as in the middle of the box.
+        amplitudes: θ as a function of the parameters.
+    """
+
+    axes: np.ndarray
+    parameters: ParameterSpace
+    items: tuple[Functional, ...]
+    amplitudes: Amplitudes
+
+    def at(self, point: np.ndarray) -> Functionals:
+        """Those of the shape at a point, (P,)."""
+
+
+class ShapedFields(Protocol):
+    """What the fields of a model of bodies whose shape depends on parameters do instead of :class:`MeasuredFields`."""
+
+    @property
+    def functionals(self) -> ShapeFunctionals | None:
+        """Outputs of the scene; None where it has none."""
+
+    def coordinates(self, answer: Any, theta: np.ndarray) -> np.ndarray:
+        """What the rows of the outputs act on, (s,): the displacement, or what it is made of."""
+
+    def coordinate_changes(self, answer: Any, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of all contact forces, (N_lambda, P), and of these coordinates, (s, P)."""
+
+
+class State(NamedTuple):
+    """What an output is a function of.
+
+    Attributes:
+        forces: on all contact conditions, (m,); nothing where no output asks.
+        measured: rows of the output times the displacement, (k,).
+        point: the parameter, (P,).
+        theta: amplitudes of all terms, (1 + T,).
+        stress: makes the stress at all Gauss points, where bodies flow.
+    """
+
+    forces: np.ndarray
+    measured: np.ndarray
+    point: np.ndarray
+    theta: np.ndarray
+    stress: Callable[[], np.ndarray]
+
+
+class Slopes(NamedTuple):
+    """Partial derivatives of an output.
+
+    Attributes:
+        conditions: contact conditions on whose forces it depends.
+        forces: along these forces.
+        measured: along its rows, (k,).
+        theta: along the amplitudes, (1 + T,), or nothing.
+        point: along the parameters by themselves, (P,), or nothing.
+        kink: whether they hold on one side only.
+    """
+
+    conditions: np.ndarray = _NOWHERE
+    forces: np.ndarray = _NOTHING
+    measured: np.ndarray = _NOTHING
+    theta: np.ndarray = _NOTHING
+    point: np.ndarray = _NOTHING
+    kink: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Functional:
+    """An output as numbers.
+
+    Attributes:
+        name, unit: of the output.
+        count: k, number of its rows.
+        rows, columns, entries: of the sparse matrix of its rows, (k, N).
+        uses_forces: whether it depends on contact forces.
+        affine: whether at one point it is affine in forces and displacement, so that its slopes hold everywhere.
+        differentiable: whether it has derivatives along the parameters.
+    """
+
+    uses_forces: ClassVar[bool] = False
+    differentiable: ClassVar[bool] = True
+    affine: ClassVar[bool] = False
+
+    name: str
+    unit: str
+    count: int
+    rows: Annotated[Integers, "entries"]
+    columns: Annotated[Integers, "entries"]
+    entries: Annotated[Floats, "entries"]
+
+    def matrix(self, size: int) -> csr_matrix:
+        """Its rows, (k, N)."""
+        return csr_matrix((self.entries, (self.rows, self.columns)), shape=(self.count, size))
+
+    def value(self, state: State) -> float:
+        """Its value."""
+        raise NotImplementedError
+
+    def slopes(self, state: State) -> Slopes:
+        """Its partial derivatives."""
+        raise NotImplementedError
+
+    def steepness(self, measured: Callable[[slice], np.ndarray], forces: np.ndarray) -> float | None:
+        """How much it changes at most along a unit combination of some directions, wherever it starts from.
+
+        It is what bounds of outputs need that are not affine, see :mod:`hhr_dolfinx.models.bounds.output_bound`.
+
+        Args:
+            measured: some of its rows times the directions, (rows, r); of many rows all at once are too many.
+            forces: along the directions, (m, r).
+
+        Returns:
+            A Lipschitz constant for the Euclidean norm of the r weights; None where there is none, as here.
+        """
+        return None
+
+    def followed(self, state: State, there: Functional, moved: State) -> float:
+        """Value of the same output on another shape, on the smooth piece that is its own at ``state``."""
+        return there.value(moved)
+
+    def indices(self) -> dict[str, np.ndarray]:
+        """Its indices of ``conditions`` and ``terms``, to be checked."""
+        return {}
+
+
+@dataclass(frozen=True, eq=False)
+class Functionals:
+    """All outputs of a scene.
+
+    Attributes:
+        items: one for each output.
+        size: N, number of dofs.
+        amplitudes: θ as a function of the parameters.
+    """
+
+    items: tuple[Functional, ...]
+    size: Annotated[int, "N"]
+    amplitudes: Amplitudes
+
+    axes: ClassVar[np.ndarray] = _NOWHERE
+
+    def at(self, point: np.ndarray) -> Functionals:
+        """Itself: no parameter changes the shape."""
+        return self
+
+    def measured(self, coordinates: np.ndarray) -> np.ndarray:
+        """Rows of all outputs times a displacement, (N, ...): (K, ...)."""
+        return self.rows @ coordinates
+
+    @cached_property
+    def rows(self) -> csr_matrix:
+        """Rows of all outputs, one behind another, (K, N)."""
+        return csr_matrix(vstack([item.matrix(self.size) for item in self.items], format="csr"))
+
+    @cached_property
+    def places(self) -> list[slice]:
+        """Rows of each."""
+        ends = np.cumsum([0, *(item.count for item in self.items)]).tolist()
+        return [slice(*pair) for pair in pairwise(ends)]
+
+    @cached_property
+    def uses_forces(self) -> bool:
+        """Whether any depends on the contact forces."""
+        return any(item.uses_forces for item in self.items)
+
+    def check(self, space: ParameterSpace, conditions: int, gauss_points: int) -> None:
+        """Raise SceneError for what does not fit a model; what was read from a file may be anything."""
+        sizes = {"conditions": conditions, "terms": self.amplitudes.firsts[-1], "points": gauss_points}
+        point = space.middle
+        for item in self.items:
+            if not isinstance(item, Functional):
+                raise SceneError(f"{item!r} is no Functional, and an output must be one")
+            own = [("rows", item.rows, item.count), ("columns", item.columns, self.size)]
+            own += [(what, index, sizes[what]) for what, index in item.indices().items()]
+            for what, index, size in own:
+                if index.size and not (index.min() >= 0 and index.max() < size):
+                    raise SceneError(f"output '{item.name}' has {what} outside 0 .. {size - 1}")
+            stress = np.zeros((gauss_points, 4))
+            tried = State(np.ones(conditions), np.ones(item.count), point, np.ones(sizes["terms"]), stress.copy)
+            try:
+                item.value(tried)
+                item.matrix(self.size)
+            except (ValueError, IndexError) as error:
+                raise SceneError(f"output '{item.name}' has arrays of sizes that do not fit: {error}") from None
+
+
+def outputs_of(answer: Any) -> Outputs:
+    """Outputs at an answer, with derivatives if the answer has any.
+
+    Raises:
+        HHRError: for a model of a scene without outputs.
+    """
+    fields: Any = answer.fields
+    whole: Any = fields.functionals
+    if whole is None:
+        raise HHRError("this model has no outputs: name them in the scene, Scene(..., outputs=(...,)), and build again")
+    units = {item.name: item.unit for item in whole.items}
+    if not answer.converged:
+        return Outputs(dict.fromkeys(units, np.nan), units)
+    point = answer.parameter
+    amplitudes = whole.amplitudes
+    functionals: Functionals = whole.at(point)
+    given = amplitudes(point)
+    theta = np.zeros(amplitudes.firsts[-1])
+    theta[given.terms] = given.values
+    forces = fields.forces(answer) if functionals.uses_forces else _NOTHING
+    coordinates = _NOTHING
+    measured = _NOTHING
+    if functionals.places and functionals.places[-1].stop:  # outputs of forces alone need no displacement
+        coordinates = fields.coordinates(answer, theta) if whole.axes.size else _NOTHING
+        measured = functionals.measured(coordinates) if whole.axes.size else fields.measured(answer, theta)
+    states = [State(forces, measured[place], point, theta, answer.stress) for place in functionals.places]
+    values = {item.name: item.value(state) for item, state in zip(functionals.items, states, strict=True)}
+    if answer.gradient is None:
+        return Outputs(values, units)
+    acting, slopes = amplitudes.slopes_at(point)
+    changes = np.zeros((theta.size, point.size))
+    changes[acting] = slopes
+    if whole.axes.size:
+        of_forces, of_coordinates = fields.coordinate_changes(answer, changes)
+        of_measured = functionals.measured(of_coordinates)
+    else:
+        of_forces, of_measured = fields.measured_changes(answer, changes)
+    of_shape = _shape_slopes(whole, functionals, states, coordinates)
+    gradient = _Gradient()
+    one_sided = answer.gradient.one_sided
+    for item, state, place, explicit in zip(functionals.items, states, functionals.places, of_shape, strict=True):
+        if not item.differentiable:
+            continue
+        part = item.slopes(state)
+        found = explicit + part.forces @ of_forces[part.conditions] if part.conditions.size else explicit
+        for slope, change in ((part.measured, of_measured[place]), (part.theta, changes)):
+            found = found + slope @ change if slope.size else found
+        gradient[item.name] = found + part.point if part.point.size else found
+        one_sided = one_sided or part.kink
+    return Outputs(values, units, gradient, one_sided)
+
+
+def _shape_slopes(
+    whole: ShapeFunctionals, functionals: Functionals, states: list[State], coordinates: np.ndarray
+) -> np.ndarray:
+    """Derivatives of all outputs along what changes the shape while the state stays, by differences, (outputs, P)."""
+    point = states[0].point
+    found = np.zeros((len(states), point.size))
+
+    def followed(moved: np.ndarray) -> np.ndarray:
+        there = whole.at(moved)
+        measured = there.measured(coordinates)
+        after = [
+            state._replace(measured=measured[part]) for state, part in zip(states, functionals.places, strict=True)
+        ]
+        every = zip(functionals.items, there.items, states, after, strict=True)
+        return np.array([item.followed(state, other, new) for item, other, state, new in every])
+
+    if whole.axes.size:
+        found[:, whole.axes] = whole.parameters.differences(followed, point, DIFFERENCE, whole.axes)
+    return found

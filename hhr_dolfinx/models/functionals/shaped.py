@@ -1,0 +1,121 @@
+"""Outputs of bodies whose shape depends on parameters, for models without a mesh.
+
+At each shape they are ordinary :class:`~hhr_dolfinx.models.functionals.functional.Functionals` whose arrays, such as
+areas of conditions and arms of forces, are interpolated over the parameters of the shape. Their rows act on the
+coordinates of a reduced displacement; those of strain, of which there are many, are made of cells that are moved
+instead.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+
+from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.models.eliminations.interpolation import Interpolant
+from hhr_dolfinx.models.functionals.cells import CellStrain, MovingCells
+from hhr_dolfinx.models.functionals.functional import Functional, Functionals
+from hhr_dolfinx.parameters import ParameterSpace
+
+ROWS = "rows"
+"""Name of the rows of an output among its arrays."""
+
+
+@dataclass(frozen=True, eq=False)
+class Zone:
+    """Strain of moving cells as a function of the coordinates of a reduced displacement.
+
+    Attributes:
+        cells: the cells.
+        columns: displacement of their nodes for each coordinate, (n dim, s).
+    """
+
+    cells: MovingCells
+    columns: Annotated[Floats, "rows", "columns"]
+
+
+@dataclass(frozen=True, eq=False)
+class ShapedFunctionals(Functionals):
+    """All outputs at one shape.
+
+    Attributes:
+        blocks: what the rows of each that has any are made of: the rows (k, s), or the strain of cells and (n dim, s)
+            by which coordinates are multiplied before.
+    """
+
+    blocks: tuple[np.ndarray | tuple[CellStrain, np.ndarray], ...]
+
+    def measured(self, coordinates: np.ndarray) -> np.ndarray:
+        """Rows of all outputs times coordinates of the displacement, (s, ...): (K, ...)."""
+        nothing = np.zeros((0, *coordinates.shape[1:]))
+        parts = [
+            block[0] @ (block[1] @ coordinates) if isinstance(block, tuple) else block @ coordinates
+            for block in self.blocks
+        ]
+        return np.concatenate([nothing, *parts])
+
+
+@dataclass(frozen=True, eq=False)
+class ReshapedFunctionals:
+    """All outputs of a scene whose shape depends on parameters, for a displacement of s coordinates.
+
+    These are the modes of a basis and, behind them, the amplitudes of imposed displacements.
+
+    Attributes:
+        items: one for each output, as in the middle of the box; without rows.
+        arrays: place of an output, name and lengths of each array that is interpolated, in the order of the values; of
+            a number there are no lengths.
+        interpolant: of these arrays, one behind another.
+        zones: of the outputs whose rows are strain; None for the others.
+        lifted: terms of θ that impose displacements, (l,).
+        amplitudes: θ as a function of the parameters.
+        parameters: the box of the parameters.
+    """
+
+    items: tuple[Functional, ...]
+    arrays: tuple[tuple[int, str, tuple[int, ...]], ...]
+    interpolant: Interpolant
+    zones: tuple[Zone | None, ...]
+    lifted: Annotated[Integers, "lifted", "< terms"]
+    amplitudes: Amplitudes
+    parameters: ParameterSpace
+
+    @property
+    def axes(self) -> np.ndarray:
+        """Places of the parameters that change the shape."""
+        return self.interpolant.axes
+
+    def check(self, space: ParameterSpace, conditions: int, gauss_points: int) -> None:
+        """Raise SceneError for what is no output; their arrays change with the shape, and are tried by an answer."""
+        if not all(isinstance(item, Functional) for item in self.items):
+            raise SceneError("an output must be a Functional")
+
+    def at(self, point: np.ndarray) -> ShapedFunctionals:
+        """Those of the shape at a point, (P,)."""
+        changed: list[dict[str, Any]] = [{} for _ in self.items]
+        blocks: list[Any] = [None if zone is None else (zone.cells(point), zone.columns) for zone in self.zones]
+        values = self.interpolant.value(point)
+        first = 0
+        for place, name, lengths in self.arrays:
+            size = int(np.prod(lengths))
+            part = values[first : first + size].reshape(lengths)
+            first += size
+            if name == ROWS:
+                blocks[place] = part
+            else:
+                changed[place][name] = part if lengths else float(part)
+        items = tuple(_changed(item, change) for item, change in zip(self.items, changed, strict=True))
+        return ShapedFunctionals(items, 0, self.amplitudes, tuple(block for block in blocks if block is not None))
+
+
+def _changed(item: Functional, change: dict[str, np.ndarray | float]) -> Functional:
+    """A copy with other arrays, and with the formulas that have been read: to read them again takes a millisecond."""
+    found = copy(item)
+    for name, value in change.items():
+        object.__setattr__(found, name, value)
+    return found

@@ -1,0 +1,1 @@
+"""Histories: one loop over time steps, and what each kind of model says of a step."""

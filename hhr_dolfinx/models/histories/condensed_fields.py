@@ -1,0 +1,313 @@
+"""Fields of condensed flow on the whole mesh.
+
+The displacement is exact up to the plastic correction. Stress and plastic strain follow from it and from the plastic
+strain at few Gauss points.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from scipy.sparse import csc_matrix, csr_matrix, diags
+
+from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.formulas import check_over_box
+from hhr_dolfinx.linear.layout import lay_out
+from hhr_dolfinx.materials.strain import StrainOperator
+from hhr_dolfinx.models.answer import Answer, ModelFields
+from hhr_dolfinx.models.estimates import STRESS, Estimate
+from hhr_dolfinx.models.reconstruct import GappyField
+from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.trained import share_of_stress
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.formulas import Modulus
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.functionals.functional import Functionals
+
+
+LEAST = 0.05
+"""Part of its own value that a fit must leave open at a point before what the others say there is told: below, a point
+is fitted by itself, and what it would be without it is round-off over round-off."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlasticFields:
+    """What completes the fields of Gauss points.
+
+    Gappy POD (thesis section 6.2.3) completes the plastic strain ε_p alone, from modes Φ a. Displacement and stress
+    that balance it are known for each mode: K u = ∫ G^T C Φ, σ = C (ε(u) - Φ). So the stress is exact where nothing has
+    flowed, and balances the loads whatever a is. Of the stress itself few points tell too little: elastic part loads,
+    which are no combination of what yields, would be wrong as a whole.
+
+    Attributes:
+        points: numbers of the Gauss points Z where laws are evaluated, (n,).
+        flowed: numbers of the points where anything flowed in training, increasing, (f,).
+        plastic: how the plastic strain is completed on these, components of a point side by side.
+        cumulated: how the cumulated plastic strain is.
+        moved: displacement that each mode of the plastic strain leaves behind, K^-1 ∫ G^T C Φ, (N, k).
+        strain: ε(u) at all Gauss points.
+        unstressed: strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T).
+        moduli: Lamé's λ and 2 μ of each Gauss point in the middle of the box, (Gauss points, 2).
+    """
+
+    points: Annotated[Integers, "points", "< gauss points"]
+    flowed: Annotated[Integers, "flowed", "< gauss points"]
+    plastic: GappyField
+    cumulated: GappyField
+    moved: Annotated[Floats, "N", "plastic modes"]
+    strain: StrainOperator
+    unstressed: Annotated[csc_matrix, "components * gauss points", "terms"]
+    moduli: Annotated[Floats, "gauss points", "2"]
+
+    def __post_init__(self) -> None:
+        """Arrays lie as files keep them."""
+        lay_out(self)
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """Points that do not increase, moduli that are not positive, strain and modes of other sizes."""
+        if not (np.diff(self.flowed) > 0).all() or not np.isin(self.points, self.flowed).all():
+            yield "the points that flowed must increase, those where laws are evaluated among them"
+        if not (self.moduli[:, 1] > 0).all() or not (3 * self.moduli[:, 0] + self.moduli[:, 1] > 0).all():
+            yield "moduli of a Gauss point are not positive"
+        components = self.strain.components
+        count = self.plastic.modes.shape[1]
+        found = (*self.plastic.modes.shape, *self.plastic.fit.shape, self.cumulated.modes.shape[0])
+        wanted = (self.flowed.size * components, count, count, self.points.size * components, self.flowed.size)
+        if found != wanted or self.moved.shape[1] != count or self.cumulated.fit.shape[1] != self.points.size:
+            yield f"modes of the plastic strain have sizes {found}, and not {wanted}"
+        if self.strain.weights.size != len(self.moduli) or self.strain.size != len(self.moved):
+            yield f"strains at all Gauss points are not those of {len(self.moved)} dofs and {len(self.moduli)} points"
+
+    @property
+    def gauss_points(self) -> int:
+        """Number of Gauss points of the full model."""
+        return len(self.moduli)
+
+    def stress(self, elastic: np.ndarray, theta: np.ndarray, plastic: np.ndarray) -> np.ndarray:
+        """Stress at all Gauss points if moduli were those in the middle of the box, (Gauss points, components).
+
+        Args:
+            elastic: displacement of loads and contact forces, lift included, (N,).
+            theta: θ, (1 + T,).
+            plastic: plastic strain where laws are evaluated, (n, components).
+        """
+        shares = self.plastic.fit @ plastic.ravel()
+        found = self.strain.strain(elastic + self.moved @ shares)
+        if self.unstressed.nnz:
+            found -= (self.unstressed @ theta).reshape(found.shape)
+        found[self.flowed] -= (self.plastic.modes @ shares).reshape(self.flowed.size, -1)
+        volume = self.moduli[:, 0] * found[:, :3].sum(axis=1)
+        found *= self.moduli[:, 1:]
+        found[:, :3] += volume[:, None]
+        return found
+
+    def cumulated_everywhere(self, inside: np.ndarray) -> np.ndarray:
+        """Cumulated plastic strain at all Gauss points, never negative, (Gauss points,)."""
+        field = np.zeros(self.gauss_points)
+        field[self.flowed] = np.maximum(self.cumulated.everywhere(inside), 0.0)
+        field[self.points] = inside
+        return field
+
+    def unforeseen(self, plastic: np.ndarray) -> np.ndarray:
+        """2 μ times the plastic strain at each point less what all the others say of it, (n, components).
+
+        What is left at points to which the modes were fitted, (I - H) ε_p, is far less than what is left elsewhere:
+        each point is predicted without itself, by (I - H_ii)^-1.
+        """
+        left = plastic - (self._shown @ (self.plastic.fit @ plastic.ravel())).reshape(plastic.shape)
+        return np.einsum("nij,nj->ni", self._without, left)
+
+    @cached_property
+    def _shown(self) -> np.ndarray:
+        """The modes of the plastic strain where laws are evaluated, (n components, modes)."""
+        rows = np.searchsorted(self.flowed, self.points)
+        modes = self.plastic.modes.reshape(self.flowed.size, self.strain.components, -1)
+        return modes[rows].reshape(rows.size * self.strain.components, -1)
+
+    @cached_property
+    def _without(self) -> np.ndarray:
+        """2 μ (I - H_ii)^-1 of each point, (n, components, components); where next to nothing is open, as of LEAST."""
+        count = self.points.size
+        components = self.strain.components
+        shown = self._shown.reshape(count, components, -1)
+        own = np.einsum("nik,knj->nij", shown, self.plastic.fit.reshape(-1, count, components))
+        open_, ways = np.linalg.eigh(np.eye(components) - (own + own.swapaxes(1, 2)) / 2)
+        ways *= np.sqrt(self.moduli[self.points, 1, None] / np.maximum(open_, LEAST))[:, None]
+        return ways @ ways.swapaxes(1, 2)
+
+
+@dataclass(frozen=True)
+class CondensedFlowFields(ModelFields):
+    """What completes answers of condensed flow, see :class:`hhr_dolfinx.models.answer.Fields`.
+
+    Attributes:
+        amplitudes: θ as a function of the parameters.
+        factors: moduli of the parts of the stiffness.
+        parts: part that holds each dof, (N,).
+        basis: V, (N, ell).
+        per_force: K^-1 B^T in the middle of the box, (N, m).
+        forced: K^-1 F there, (N, 1 + T).
+        given: imposed displacements and what follows them, (N, 1 + T).
+        dimension: components of the displacement at a node.
+        flow: what completes stress and plastic strain.
+        functionals: outputs of the scene; None where it has none.
+    """
+
+    amplitudes: Amplitudes
+    factors: PartFactors
+    parts: Annotated[Integers, "N"]
+    basis: Annotated[Floats, "N", "ell"]
+    per_force: Annotated[Floats, "N", "m"]
+    forced: Annotated[Floats, "N", "terms"]
+    given: Annotated[Floats, "N", "terms"]
+    dimension: int
+    flow: PlasticFields
+    functionals: Functionals | None = None
+
+    @property
+    def conditions(self) -> int:
+        """Number of contact conditions, all of which are kept."""
+        return self.per_force.shape[1]
+
+    def displacement(self, answer: Answer) -> np.ndarray:
+        """Displacement on the whole mesh, lift included, (N,)."""
+        return self._elastic(answer) + self.basis @ answer.unknown[: self.basis.shape[1]]
+
+    def _elastic(self, answer: Answer) -> np.ndarray:
+        """What of it loads and contact forces make, and what is imposed."""
+        theta = self.amplitudes(answer.parameter)
+        elastic = self.forced @ theta - self.per_force @ answer.multipliers
+        if self.factors.moduli:
+            elastic *= self.factors.compliances(answer.parameter)[self.parts]
+        return elastic + self.given @ theta
+
+    def forces(self, answer: Answer) -> np.ndarray:
+        """The multipliers, all of which the model has, (m,)."""
+        return answer.multipliers.copy()
+
+    def stress(self, answer: Answer) -> np.ndarray:
+        """Stress at all Gauss points, Kelvin's notation, (Gauss points, components)."""
+        theta = self._dense(answer.parameter)
+        plastic = answer.state().state.plastic
+        return self.flow.stress(self._elastic(answer), theta, plastic) / self._giving(answer.parameter)
+
+    def plastic_strain(self, answer: Answer) -> np.ndarray:
+        """Cumulated plastic strain at all Gauss points."""
+        return self.flow.cumulated_everywhere(answer.state().state.cumulated)
+
+    def estimate(self, answer: Answer) -> Estimate | None:
+        """What an indicator says, see :meth:`unexplained`, over the stress; None without an answer."""
+        if not answer.converged:
+            return None
+        return Estimate.indicated(share_of_stress(*self.unexplained(answer)), STRESS)
+
+    def unexplained(self, answer: Answer) -> tuple[float, float]:
+        """Stress of the plastic strain where laws are evaluated that the others do not foretell, and |σ| there."""
+        gauss = answer.state()
+        inside = self.flow.points
+        left = self.flow.unforeseen(gauss.state.plastic) / self._giving(answer.parameter, inside)
+        return float(np.linalg.norm(left)), float(np.linalg.norm(gauss.stress))
+
+    def _giving(self, point: np.ndarray, places: Any = slice(None)) -> Any:
+        """How much more some Gauss points give than in the middle of the box, (places, 1); 1 of constant moduli."""
+        if not self.factors.moduli:
+            return 1.0
+        return self.factors.compliances(point)[self._parts_of_points[places]][:, None]
+
+    @cached_property
+    def _parts_of_points(self) -> np.ndarray:
+        """Part of the stiffness that holds each Gauss point."""
+        strain = self.flow.strain
+        return np.repeat(self.parts[strain.dofs[:, 0]], strain.per_cell)
+
+    @cached_property
+    def _measures(self) -> tuple[np.ndarray, ...]:
+        """Rows of the outputs times all that the displacement is made of; what is elastic for each part."""
+        functionals: Any = self.functionals
+        rows = csr_matrix(functionals.rows)
+        count = max(len(self.factors.moduli), 1)
+        masked = [rows @ diags((self.parts == part).astype(float)) for part in range(count)]
+        per_force, forced = (np.array([part @ item for part in masked]) for item in (self.per_force, self.forced))
+        return rows @ self.basis, rows @ self.given, per_force, forced
+
+    def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
+        """Rows of the outputs times the displacement, (K,)."""
+        per_mode, given, per_force, forced = self._measures
+        elastic = forced @ theta - per_force @ answer.multipliers
+        found = given @ theta + per_mode @ answer.unknown[: per_mode.shape[1]]
+        return found + self.factors.compliances(answer.parameter) @ elastic
+
+    def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of all forces and of these products: :class:`~models.functionals.functional.MeasuredFields`."""
+        assert answer.gradient is not None
+        per_mode, given, per_force, forced = self._measures
+        theta = self._dense(answer.parameter)
+        compliances = self.factors.compliances(answer.parameter)
+        forces = answer.gradient.multipliers
+        elastic = forced @ theta - per_force @ answer.multipliers
+        found = given @ changes + per_mode @ answer.gradient.unknown[: per_mode.shape[1]]
+        found = found + np.tensordot(compliances, forced @ changes - per_force @ forces, 1)
+        return forces, found + elastic.T @ self.factors.slopes(answer.parameter)
+
+    def _dense(self, point: np.ndarray) -> np.ndarray:
+        """θ as an array, (1 + T,)."""
+        given = self.amplitudes(point)
+        theta = np.zeros(self.forced.shape[1])
+        theta[given.terms] = given.values
+        return theta
+
+
+SAME = 1e-9
+"""Relative difference of moduli in the middle of the box that is round-off."""
+
+
+@dataclass(frozen=True)
+class PartFactors:
+    """Young's moduli as factors of the connected components of a scene (Q parts, one where elasticity is constant).
+
+    Attributes:
+        moduli: of each part; none where elasticity is constant.
+        middle: their values where the arrays of a model were made, (Q,).
+    """
+
+    moduli: tuple[Modulus, ...]
+    middle: Annotated[Floats, "parts"]
+
+    def faults_for(self, space: ParameterSpace) -> Iterator[str]:
+        """Moduli that are no formulas of these parameters, or have other values in the middle of their box.
+
+        Raises:
+            SceneError: for a modulus that is not positive somewhere in the box.
+        """
+        for modulus in self.moduli:
+            if modulus.names != space.names or modulus.rest != "1":
+                yield f"the modulus {modulus.factor[:60]!r} is no formula of {space.names}"
+            else:
+                remedy = "Young's modulus must be positive"
+                check_over_box(modulus.factor_scalar, space, "young", 0.0, math.inf, remedy)
+        middle = space.middle
+        values = np.array([modulus.value(middle) for modulus in self.moduli]) if self.moduli else np.ones(1)
+        if self.middle.shape != values.shape or not np.allclose(self.middle, values, rtol=SAME, atol=0.0):
+            yield f"the moduli are {values} in the middle of the box, and the arrays are made for {self.middle}"
+
+    def compliances(self, point: np.ndarray) -> np.ndarray:
+        """How much more each part gives at a point, (P,), than in the middle, (Q,)."""
+        if not self.moduli:
+            return np.ones(1)
+        return self.middle / np.array([modulus.value(point) for modulus in self.moduli])
+
+    def slopes(self, point: np.ndarray) -> np.ndarray:
+        """Derivatives of the compliances along the parameters, (Q, P)."""
+        if not self.moduli:
+            return np.zeros((1, point.size))
+        values = np.array([modulus.value(point) for modulus in self.moduli])
+        derivatives = np.array([modulus.derivative(point) for modulus in self.moduli])
+        return -(self.middle / values**2)[:, None] * derivatives

@@ -1,0 +1,505 @@
+"""Bodies that flow with their elastic response eliminated exactly: a few plastic corrections and all contact forces.
+
+Where elasticity is constant along a history the displacement of the full order is
+
+    u = u_F θ - X λ + u_p,      X = K^-1 B^T,      u_p = K^-1 ∫ G^T C ε_p,
+
+and only the last part is not known beforehand. Its training states have few modes V, orthonormal in energy: u_p = V g
+with g = ∫ (G V)^T C ε_p, an integral that few Gauss points Z with weights of their own carry out. The unknowns are g
+and λ; laws see the strain ε = ε_F θ + E_p g - E_X^T λ on Z. Kin in the literature, without contact: transformation
+field analysis with non-uniform modes (Michel and Suquet 2003) and empirical cubature (Hernandez, Caicedo and Ferrer
+2017).
+
+Needs neither DOLFINx nor PETSc.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
+from copy import copy
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, Any
+
+import numpy as np
+from scipy.linalg import LinAlgError
+
+from hhr_dolfinx.amplitudes import Amplitudes, Theta
+from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
+from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
+from hhr_dolfinx.materials.elasticity import lame_parameters
+from hhr_dolfinx.materials.update import Group, Material, State, check_flow, flow_of, kernel_of
+from hhr_dolfinx.models.answer import Answer, GaussState
+from hhr_dolfinx.models.histories import condensed_step as compiled_step
+from hhr_dolfinx.models.histories.condensed_fields import CondensedFlowFields, PartFactors
+from hhr_dolfinx.models.histories.condensed_step import StepLoad, StepModel, Work, touch
+from hhr_dolfinx.models.histories.equilibrium import Diverged, Goal, MarchSettings, extrapolated
+from hhr_dolfinx.models.histories.small_strains import SmallStrains
+from hhr_dolfinx.models.model import KeptModel
+from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.trained import Signs, TrainedPaths
+
+
+@dataclass(frozen=True)
+class CondensedFlow:
+    """Arrays of condensed flow, in the middle of the box (n points of c components, ell modes, m conditions, Q parts).
+
+    Attributes:
+        points: numbers of the Gauss points Z in the full model, body by body, (n,); some have no weight, and tell what
+            flows where the others do not look.
+        groups: elasticity and laws of these points by body, their indices one behind another.
+        per_cell: Gauss points of a cell of the full model.
+        parts: part of the stiffness that holds each point, (n,).
+        factors: moduli of the parts.
+        per_mode: strain of V, component by component, (ell, c n).
+        tested: weight of each point times 2 μ times the deviator of this strain, (ell, c n).
+        per_force: strain of K^-1 B^T, (m, c n).
+        forced: strain of K^-1 F, (c n, 1 + T).
+        given: strain of imposed displacements and of the rest that they strain, less strains without stress, likewise.
+        moved: B V, (m, ell).
+        modal: Q of :mod:`models.histories.condensed_step`, (ell, ell).
+        coupled: P there, (ell, m).
+        mode_parts: part of the stiffness to which each mode belongs, where moduli vary, (ell,).
+        schur: B K^-1 B^T of each part, (Q, m, m).
+        pressed: B K^-1 F of each part, (Q, m, 1 + T).
+        gaps: gaps less imposed displacements, (m, 1 + T).
+    """
+
+    points: Annotated[Integers, "points", "< gauss points"]
+    groups: tuple[Group, ...]
+    per_cell: Annotated[int, "per cell"]
+    parts: Annotated[Integers, "points", "< Q"]
+    factors: PartFactors
+    per_mode: Annotated[Floats, "ell", "components * points"]
+    tested: Annotated[Floats, "ell", "components * points"]
+    per_force: Annotated[Floats, "m", "components * points"]
+    forced: Annotated[Floats, "components * points", "terms"]
+    given: Annotated[Floats, "components * points", "terms"]
+    moved: Annotated[Floats, "m", "ell"]
+    modal: Annotated[Floats, "ell", "ell"]
+    coupled: Annotated[Floats, "ell", "m"]
+    mode_parts: Annotated[Integers, "ell", "< Q"]
+    schur: Annotated[Floats, "Q", "m", "m"]
+    pressed: Annotated[Floats, "Q", "m", "terms"]
+    gaps: Annotated[Floats, "m", "terms"]
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """Points that are there twice; groups that do not lie one behind another, as compiled loops know them; S."""
+        if np.unique(self.points).size < self.points.size:
+            yield "flow.points has a number twice"
+        indices = np.concatenate([np.zeros(0, dtype=np.int64), *(group.indices for group in self.groups)])
+        if not np.array_equal(indices, np.arange(self.points.size)) or not all(len(g.indices) for g in self.groups):
+            yield f"the groups must hold the points 0 .. {self.points.size - 1} once and one behind another"
+        if len(self.schur) != max(len(self.factors.moduli), 1) or self.factors.middle.size != len(self.schur):
+            yield f"S of {len(self.schur)} parts is not that of {len(self.factors.moduli)} moduli"
+        diagonals = np.einsum("qmm->qm", self.schur)
+        if not np.array_equal(self.schur, self.schur.transpose(0, 2, 1)):
+            yield "schur is not symmetric"
+        if (diagonals < 0).any() or not (diagonals.sum(axis=0) > 0).all():
+            yield "schur is not positive definite: a condition has no compliance of its own"
+
+    @property
+    def components(self) -> int:
+        """Components of a strain."""
+        return self.per_mode.shape[1] // self.points.size
+
+    @cached_property
+    def ends(self) -> np.ndarray:
+        """Last point of each group and one, (G,)."""
+        return np.cumsum([group.indices.size for group in self.groups])
+
+
+class CondensedEquilibrium:
+    """Equilibrium of g and λ; what :class:`hhr_dolfinx.models.histories.equilibrium.Marching` asks for.
+
+    The unknown holds g and, behind it, λ.
+
+    Args:
+        flow: arrays.
+        amplitudes: θ as a function of the parameters.
+        parameters: the box of the parameters.
+        fields: what completes its answers.
+
+    Attributes:
+        trained: what the model was trained on, None until that is known.
+    """
+
+    trained: TrainedPaths | None = None
+
+    def __init__(
+        self,
+        flow: CondensedFlow,
+        amplitudes: Amplitudes,
+        parameters: ParameterSpace,
+        fields: CondensedFlowFields,
+    ):
+        self.flow = flow
+        self.amplitudes = amplitudes
+        self.parameters = parameters
+        self.fields = fields
+        self.lock = nullcontext()  # histories share nothing that is written to
+        self.material = Material(flow.groups, flow.components, parameters.names)
+        self.points = flow.points
+        self.per_cell = flow.per_cell
+        self.modes = len(flow.per_mode)
+        self.conditions = len(flow.gaps)
+        self.size = self.modes + self.conditions
+        self._middle = self
+        self._last: tuple[np.ndarray, CondensedEquilibrium] | None = None
+        self._set_elasticity(flow.factors.compliances(parameters.middle))
+
+    def _set_elasticity(self, compliances: np.ndarray) -> None:
+        """Take what each part gives more than in the middle, (Q,)."""
+        flow = self.flow
+        self._scale = np.tile(compliances[flow.parts], flow.components)
+        self._coupled = compliances[flow.mode_parts][:, None] * flow.coupled
+        self._schur = np.tensordot(compliances, flow.schur, 1)
+        self._equalities = SchurEqualities.symmetric(self._schur)
+        self._free_slack = np.asfortranarray(flow.gaps - np.tensordot(compliances, flow.pressed, 1))
+        self.free_strain = np.asfortranarray(self._scale[:, None] * flow.forced + flow.given)
+
+    def at(self, point: np.ndarray) -> CondensedEquilibrium:
+        """The equilibrium whose elasticity is that of a point, (P,); the one of the last elasticity is kept."""
+        middle = self._middle
+        if not middle.flow.factors.moduli:
+            return self
+        compliances = middle.flow.factors.compliances(point)
+        last = middle._last
+        if last is not None and np.array_equal(last[0], compliances):
+            return last[1]
+        found = copy(middle)
+        # what is kept of the middle is that of its elasticity
+        vars(found).pop("step_model", None)
+        found._last = None
+        found.material = middle.material.moduli_at(point)
+        found._set_elasticity(compliances)
+        # in one assignment, since several threads may ask
+        middle._last = compliances, found
+        return found
+
+    responding_at = at
+
+    def answering(self, answer: Answer) -> CondensedEquilibrium:
+        """Itself: all of its answers are its own."""
+        return self
+
+    def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """Strain that the laws see on Z, (n, c)."""
+        return self._by_point(self.free_strain @ theta + self._strain_of(x))
+
+    def strain_of(self, change: np.ndarray) -> np.ndarray:
+        """Strain of a change of g and λ on Z, (n, c)."""
+        return self._by_point(self._strain_of(change))
+
+    def _by_point(self, values: np.ndarray) -> np.ndarray:
+        """Strains component by component, (c n,), as laws take them, (n, c)."""
+        return np.ascontiguousarray(values.reshape(-1, self.points.size).T)
+
+    def _strain_of(self, x: np.ndarray) -> np.ndarray:
+        correction, forces = np.split(x, [self.modes])
+        return correction @ self.flow.per_mode - self._scale * (forces @ self.flow.per_force)
+
+    def gaps(self, theta: Theta) -> np.ndarray:
+        """Slack without correction and contact forces, (m,)."""
+        return self._free_slack @ theta
+
+    def gaps_at(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """Slack without correction under the contact forces of an unknown, (m,): bodies give by their elasticity."""
+        return self.gaps(theta) + self._schur @ x[self.modes :]
+
+    def residual(self, x: np.ndarray, gauss: Any, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
+        """R for the plastic strain of ``gauss.state``, :mod:`models.histories.condensed_step`, and the size of g, (1,)."""
+        correction = x[: self.modes]
+        flow = self.flow
+        found = flow.tested @ gauss.state.plastic.T.ravel() - flow.modal @ correction
+        found -= self._coupled @ (x[self.modes :] - self.elastic_forces(theta))
+        return found, np.array([np.linalg.norm(correction)])
+
+    def elastic_forces(self, theta: Theta) -> np.ndarray:
+        """Contact forces λ_e if nothing had ever flowed, (m,).
+
+        Raises:
+            NotSolvableError: if there are none.
+        """
+        slack = self.gaps(theta)
+        found = active_set(self._equalities, slack, slack < 0)
+        if found.status is not Status.CONVERGED:
+            raise NotSolvableError(f"the elastic contact problem has no solution: {found.status.value}")
+        return found.forces
+
+    def signs(self, answer: Answer) -> Signs:
+        """Stress on Z whose plastic strain is unlike that of training; no overlap, since all conditions are kept.
+
+        What is out of balance says nothing here: steps balance on Z whatever flows.
+        """
+        left, size = self.fields.unexplained(answer)
+        return Signs(0.0, 0.0, 0.0, misfit=left, stress=size)
+
+    @staticmethod
+    def shear(groups: Sequence[Group]) -> np.ndarray:
+        """Shear modulus of each group, whose Young's moduli are numbers, (G,)."""
+        return np.array([lame_parameters(float(group.young), group.poisson)[1] for group in groups])
+
+    def linearised(self, tangents: np.ndarray) -> _CondensedLinearisation:
+        """The linearisation of consistent tangents on Z."""
+        return _CondensedLinearisation(self, tangents)
+
+    def stepper(self, settings: MarchSettings) -> CondensedStepper:
+        """What solves the steps of one history."""
+        return CondensedStepper(self, settings)
+
+    @cached_property
+    def step_model(self) -> StepModel:
+        """Arrays of the compiled loop; moduli must be numbers."""
+        flow = self.flow
+        scale = self._scale if (self._scale != 1.0).any() else np.zeros(0)
+        elastic = scale, self._schur, flow.moved, flow.modal, self._coupled
+        arrays = [np.ascontiguousarray(item) for item in (flow.per_mode, flow.tested, flow.per_force, *elastic)]
+        shear = self.shear(self.material.groups)
+        weight = float(np.linalg.norm(flow.tested))
+        per_mode, tested, per_force, scale, schur, moved, modal, coupled = arrays
+        bodies = flow.ends, shear, weight, per_mode.astype(np.float32)
+        return StepModel(per_mode, tested, per_force, scale, schur, moved, modal, coupled, *bodies)
+
+
+class _CondensedLinearisation:
+    """The linearisation of a converged step, for derivatives of histories.
+
+    Args:
+        model: whose moduli are numbers.
+        tangents: consistent tangents on Z, (n, c, c).
+    """
+
+    def __init__(self, model: CondensedEquilibrium, tangents: np.ndarray):
+        flow = model.flow
+        self._model = model
+        shape = (model.modes, flow.components, model.points.size)
+        # C - C_t over 2 μ is the derivative of the plastic strain
+        shear = np.repeat(model.shear(model.material.groups), np.diff([0, *flow.ends]))
+        slopes = (model.material.elastic - tangents) / (2 * shear)[:, None, None]
+        self._tested = np.einsum("lin,nij->ljn", flow.tested.reshape(shape), slopes).reshape(model.modes, -1)
+        self._plain = flow.modal - self._tested @ flow.per_mode.T
+
+    def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """g and λ, and λ, of a small change of the residual and the free slack, with the statuses as they are.
+
+        Solves Q dg + P dλ = tested dε_p/dε (E_p dg - E_X^T dλ) + residual and B V dg - S dλ = gaps where active,
+        dλ = 0 elsewhere.
+        """
+        model = self._model
+        on = np.flatnonzero(active)
+        per_force = (self._tested * model._scale) @ model.flow.per_force[on].T + model._coupled[:, on]
+        size = model.modes
+        matrix = np.zeros((size + on.size, size + on.size))
+        matrix[:size, :size] = self._plain
+        matrix[:size, size:] = per_force
+        matrix[size:, :size] = model.flow.moved[on]
+        matrix[size:, size:] = -model._schur[np.ix_(on, on)]
+        try:
+            found = np.linalg.solve(matrix, np.concatenate([residual, gaps[on]]))
+        except np.linalg.LinAlgError as error:
+            raise NotSolvableError(f"the derivative of a step has no solution: {error}") from error
+        forces = np.zeros(model.conditions)
+        forces[on] = found[size:]
+        return np.concatenate([found[:size], forces]), forces
+
+
+_WHY = {
+    compiled_step.STALLED: "no part of Newton's step down to 1/256 lowers the residual",
+    compiled_step.LIMIT: "the iterations allowed are spent",
+    compiled_step.NOT_FINITE: "a law found no flow, or one that is impossible",
+    compiled_step.CONTACT: "the contact forces were not found",
+}
+"""What ended a step, in words."""
+
+
+class CondensedStepper:
+    """Solves the steps of one history with arrays of its own.
+
+    Args:
+        model: whose moduli are numbers.
+        settings: how, of which ``relative_force`` and ``iterations`` count.
+    """
+
+    def __init__(self, model: CondensedEquilibrium, settings: MarchSettings):
+        self._model = model
+        self._settings = settings
+        self._arrays = model.step_model
+        flow = model.flow
+        sizes = model.modes, model.conditions, flow.points.size, flow.components
+        self._work = Work.of(*sizes)
+        self._elastic = Work.of(*sizes)
+        self._said = ""
+        self._strains = SmallStrains()
+
+    def learn(self, answer: Answer) -> None:
+        """Take in a step that was solved before."""
+        size = float(np.linalg.norm(answer.unknown[: self._model.modes]))
+        numbers = self._work.numbers
+        numbers[compiled_step.SIZE] = max(numbers[compiled_step.SIZE], size)
+
+    def signs(self, answer: Answer) -> Signs:
+        """See :class:`hhr_dolfinx.models.histories.equilibrium.Stepper`."""
+        return self._model.signs(answer)
+
+    def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
+        """A step from the extrapolation of the corrections before, else from the last one.
+
+        Raises:
+            Diverged: with what was tried last.
+        """
+        here = trail[-1]
+        model = self._model
+        material = model.material.at(goal.parameter)
+        theta = model.amplitudes(goal.parameter)
+        before = here.state().state
+        rest = np.ascontiguousarray(before.plastic.T), before.cumulated, goal.time - here.time
+        # without a correction, so that these are the forces of the elastic bodies
+        load = StepLoad(model.free_strain @ theta, self._elastic.forces, model.gaps(theta), *rest)
+        if not touch(self._arrays, load, self._elastic):
+            raise Diverged("the elastic contact problem has no solution")
+        starts = [extrapolated(trail, goal.time, model.modes)] if len(trail) > 1 else []
+        spent = 0
+        for start in [*starts, here.unknown[: model.modes]]:
+            self._work.there[:] = start
+            code = self._solve(load, material)
+            spent += int(self._work.numbers[compiled_step.ITERATION])
+            if code == compiled_step.CONVERGED:
+                return self._answer(goal, load, spent)
+        left = self._work.numbers[compiled_step.MERIT] / max(float(np.linalg.norm(self._work.here)), 1e-300)
+        why = self._complaint(material) if code == compiled_step.NOT_FINITE else _WHY[code]
+        left_over = f", with a residual of {left:.2g} of the correction" if np.isfinite(left) else ""
+        raise Diverged(f"{why}{left_over} after {spent} iterations")
+
+    def _solve(self, load: StepLoad, material: Material) -> int:
+        """One attempt from the correction in the work arrays; why it ended."""
+        settings = self._settings
+        work = self._work
+        self._said = ""
+        kernels = [kernel for group in material.groups if (kernel := kernel_of(group.law)) is not None]
+        limits = settings.relative_force, settings.iterations
+        try:
+            if len(kernels) == len(material.groups):
+                kinds = np.array([kind for kind, _ in kernels])
+                constants = np.array([values for _, values in kernels])
+                return int(compiled_step.solve(self._arrays, load, work, kinds, constants, *limits))
+            compiled_step.begin(work)
+            code = compiled_step.prepare(self._arrays, load, work)
+            while code == compiled_step.EVALUATE:
+                self._evaluate(load, material)
+                code = compiled_step.judge(self._arrays, load, work, *limits)
+                if code == compiled_step.EVALUATE:
+                    code = compiled_step.prepare(self._arrays, load, work)
+        except LinAlgError:
+            return compiled_step.STALLED
+        except ConvergenceError as error:
+            self._said = str(error)
+            return compiled_step.NOT_FINITE
+        return int(code)
+
+    def _complaint(self, material: Material) -> str:
+        """What is wrong with the flow that was tried last, in words."""
+        if self._said:
+            return self._said
+        work = self._work
+        for group, shear in zip(material.groups, self._arrays.shear, strict=True):
+            if group.law is not None:
+                own = group.indices
+                try:
+                    check_flow(group.law, work.amount[own], work.slope[own], work.trial[own], float(shear))
+                except ConvergenceError as error:
+                    return str(error)
+        return _WHY[compiled_step.NOT_FINITE]
+
+    def _evaluate(self, load: StepLoad, material: Material) -> None:
+        """Flow by laws of which some are a user's own, in Python."""
+        work = self._work
+        for group, shear in zip(material.groups, self._arrays.shear, strict=True):
+            own = slice(int(group.indices[0]), int(group.indices[-1]) + 1)
+            if group.law is None:
+                work.amount[own] = work.slope[own] = 0.0
+                continue
+            trial = work.trial[own].copy()
+            cumulated = load.cumulated[own].copy()
+            # a law that wrote there would spoil the return, or a step before
+            trial.setflags(write=False)
+            cumulated.setflags(write=False)
+            amount, slope = flow_of(group.law, trial, cumulated, float(shear), load.dt)
+            if not amount.shape == slope.shape == trial.shape:
+                check_flow(group.law, amount, slope, trial, float(shear))
+            work.amount[own] = amount
+            work.slope[own] = slope
+
+    def _answer(self, goal: Goal, load: StepLoad, iterations: int) -> Answer:
+        """What was found."""
+        model = self._model
+        work = self._work
+        self._work.numbers[compiled_step.SIZE] = max(work.numbers[compiled_step.SIZE], np.linalg.norm(work.here))
+        plastic = work.plastic.T.copy()
+        strain = work.strain.reshape(work.plastic.shape).T
+        self._strains.check(strain)
+        stress = np.einsum("nij,nj->ni", model.material.elastic, strain - plastic)
+        gauss = GaussState(stress, State(plastic, load.cumulated + work.amount))
+        forces = work.forces.copy()
+        unknown = np.concatenate([work.here, forces])
+        how = work.active.copy(), iterations, Status.CONVERGED, False, model.fields
+        return Answer(goal.parameter, unknown, forces, *how, goal.time, gauss)
+
+
+class CondensedFlowModel(KeptModel):
+    """Answers paths of bodies that flow, see :mod:`hhr_dolfinx.models.histories.condensed_flow`.
+
+    Several threads may ask one model; it can be copied and pickled.
+
+    Args:
+        flow: arrays of the step.
+        parameters: the box of the parameters.
+        fields: what completes the answers.
+        trained: what it was trained on.
+        offline: how it was made, a ``CorrectionRecord``; None for a model from a file.
+    """
+
+    kept = ("flow", "parameters", "fields", "trained")
+
+    def __init__(
+        self,
+        flow: CondensedFlow,
+        parameters: ParameterSpace,
+        fields: CondensedFlowFields,
+        trained: TrainedPaths | None = None,
+        *,
+        offline: Any = None,
+    ):
+        self.flow = flow
+        self.parameters = parameters
+        self.fields = fields
+        self.trained = trained
+        self.offline = offline
+        self.equilibrium = CondensedEquilibrium(flow, fields.amplitudes, parameters, fields)
+        self.equilibrium.trained = trained
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """See :class:`KeptModel`."""
+        yield from super().faults(sizes)
+        flow = self.flow
+        fields = self.fields
+        space = self.parameters
+        if flow.components != (4 if fields.dimension == 2 else 6):
+            yield f"{flow.components} components of a strain in dimension {fields.dimension}"
+        if not np.array_equal(flow.points, fields.flow.points):
+            yield "the points of the step and those from which fields are completed are not the same"
+        if fields.factors.moduli != flow.factors.moduli or not np.array_equal(
+            fields.factors.middle, flow.factors.middle
+        ):
+            yield "the moduli of the step and those of the fields are not the same"
+        if fields.parts.min() < 0 or fields.parts.max() >= len(flow.schur):
+            yield "fields.parts has indices outside the parts of the stiffness"
+        yield from flow.factors.faults_for(space)
+        yield from Material(flow.groups, flow.components, space.names).faults_for(space, fields.dimension)
+        factors = [modulus.factor for modulus in flow.factors.moduli] or ["1"]
+        for group in flow.groups:
+            own = group.young if isinstance(group.young, str) else "1"
+            if {factors[part] for part in np.unique(flow.parts[group.indices])} != {own}:
+                yield f"points with young = {group.young} are not on the part of this modulus"

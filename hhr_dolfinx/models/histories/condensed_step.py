@@ -1,0 +1,776 @@
+"""One step of condensed flow, compiled: plastic correction g and all contact forces λ, by Newton's method.
+
+With the elastic response eliminated exactly (see :mod:`hhr_dolfinx.models.histories.condensed_flow`), a step is
+
+    ∫ (G V)^T C ε_p(ε) - g = 0,      ε = ε_e + ε_c,      ε_c = E_p g - E_X^T (λ(g) - λ_e),
+
+where λ(g) solves the contact problem with the slack s - B V g + S λ, and λ_e that without any correction, of strain
+ε_e. λ is piecewise linear and continuous in g, so that the residual is continuous and a line search on its norm has a
+meaning. What a few points Z integrate is the stress of the correction where anything flowed, C (ε_p - dev ε_c); the
+rest is linear in g and λ, and known exactly. In sum over Z, with w for their weights, that is
+
+    R(g) = sum of w (G V)^T 2 μ ε_p - Q g - P (λ - λ_e),
+    Q = I - (∫ - sum of w) (G V)^T 2 μ dev G V,      P = (∫ - sum of w) (G V)^T 2 μ dev G K^-1 B^T,
+
+so that Q and P hold what the cubature does wrong where ε_p follows dev ε, as where a body creeps at its leisure: the
+tangent stays definite there. With Q = I and P = 0 its sign turns with the errors of the weights. On statuses A, with
+E_A = E_p - E_X,A^T W and W = S_AA^-1 (B V)_A, the derivative is, a sum over the points that flow,
+
+    J = sum of w (G V)^T 2 μ (dε_p/dε) dev E_A - Q - P_A W.
+
+Laws are evaluated between :func:`prepare` and :func:`judge`, those of the package in the same compiled loop, those of a
+user in Python. The first step of an installation waits for the compiler: whatever a function calls is optimised once
+more with it, so that calls are few and shallow, and loops are written out, which compile ten times as fast as
+expressions of whole arrays.
+
+The sections of this file: arrays of a step and their names (few arguments, since each takes time to compile), contact
+forces for one correction, sums over the points, and Newton's method.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hhr_dolfinx.compat import compiled
+from hhr_dolfinx.materials.compiled_laws import flow_at
+
+EVALUATE, CONVERGED, STALLED, LIMIT, NOT_FINITE, CONTACT = range(6)
+"""What :func:`judge` answers: evaluate the laws at the trial point, or why it stopped."""
+ITERATION, MERIT, SHARE, SIZE, COUNT, SWITCHED, LINEAR, NUMBERS = range(8)
+"""Places in ``Work.numbers``: laws evaluated, |R| at ``here``, part of the direction tried, largest |g| so far, active
+conditions, changes of the inverse; whether J is none, an old one, or of ``here``."""
+NO_TANGENT, OLD_TANGENT, NEW_TANGENT = range(3)
+
+
+class StepModel(NamedTuple):
+    """Arrays of a model at its moduli (n points of c components, ell modes, m conditions, G groups of points).
+
+    Strains lie component by component, so that loops over points run side by side.
+
+    Attributes:
+        per_mode: strain of each mode, (ell, c n).
+        tested: quadrature weight times 2 μ times the deviator of each, (ell, c n), in the moduli for which modes have
+            unit energy.
+        per_force: strain of K^-1 B^T in these moduli, (m, c n).
+        scale: factor of the strain of contact forces, (c n,); nothing where it is 1.
+        schur: S, (m, m).
+        moved: B V, (m, ell).
+        modal: Q, (ell, ell).
+        coupled: P, (ell, m).
+        ends: last point of each group and one, (G,).
+        shear: of each group, (G,).
+        weight: norm of ``tested``.
+        single: ``per_mode`` in single precision, for Newton's matrix.
+    """
+
+    per_mode: np.ndarray
+    tested: np.ndarray
+    per_force: np.ndarray
+    scale: np.ndarray
+    schur: np.ndarray
+    moved: np.ndarray
+    modal: np.ndarray
+    coupled: np.ndarray
+    ends: np.ndarray
+    shear: np.ndarray
+    weight: float
+    single: np.ndarray
+
+
+class StepLoad(NamedTuple):
+    """What a step is given.
+
+    Attributes:
+        strain: strain without correction and contact forces, (c n,).
+        forces: λ_e, (m,).
+        slack: slack without correction and contact forces, (m,).
+        plastic: plastic strain before the step, (c, n).
+        cumulated: cumulated plastic strain before it, (n,).
+        dt: its length in seconds.
+    """
+
+    strain: np.ndarray
+    forces: np.ndarray
+    slack: np.ndarray
+    plastic: np.ndarray
+    cumulated: np.ndarray
+    dt: float
+
+
+class Work(NamedTuple):
+    """What a step works on; ``here`` is the last accepted correction, ``there`` the one that is tried.
+
+    Attributes:
+        here, there, direction, residual, left: corrections, direction, and R at ``there`` and ``here``, (ell,) each.
+        forces, slack: of the contact problem at ``there``, (m,) each.
+        active: its statuses, (m,) bool.
+        order: active conditions as they stand in ``inverse``, (m,).
+        inverse: of S_AA in its upper left corner, (m, m).
+        rows: E_X,A above, in this order, (m, c n).
+        newton: inverse of -J, (ell, ell).
+        strain: at ``there``, (c n,).
+        deviator: of the trial stress, (c, n).
+        trial, amount, slope: equivalent trial stress, flow and its slope, (n,) each.
+        plastic: plastic strain at ``there``, (c, n).
+        numbers: iterations and the like, see ``ITERATION``.
+    """
+
+    here: np.ndarray
+    there: np.ndarray
+    direction: np.ndarray
+    residual: np.ndarray
+    left: np.ndarray
+    forces: np.ndarray
+    slack: np.ndarray
+    active: np.ndarray
+    order: np.ndarray
+    inverse: np.ndarray
+    rows: np.ndarray
+    newton: np.ndarray
+    strain: np.ndarray
+    deviator: np.ndarray
+    trial: np.ndarray
+    amount: np.ndarray
+    slope: np.ndarray
+    plastic: np.ndarray
+    numbers: np.ndarray
+
+    @classmethod
+    def of(cls, modes: int, conditions: int, points: int, components: int) -> Work:
+        """Arrays of these sizes, with nothing active."""
+        ell = modes
+        m = conditions
+        n = points
+        c = components
+        # not by shape: two sizes may be the same
+        shapes: dict[str, Any] = dict.fromkeys(("here", "there", "direction", "residual", "left"), ell)
+        shapes |= dict.fromkeys(("forces", "slack"), m) | dict.fromkeys(("trial", "amount", "slope"), n)
+        shapes |= dict.fromkeys(("deviator", "plastic"), (c, n)) | {"newton": (ell, ell)}
+        shapes |= {"inverse": (m, m), "rows": (m, c * n), "strain": c * n, "numbers": NUMBERS}
+        arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
+        return cls(**arrays, active=np.zeros(m, dtype=bool), order=np.zeros(m, dtype=np.int64))
+
+
+PATIENCE = 10
+"""Contact solutions that switch all wrong statuses without getting nearer before one is switched at a time."""
+UPDATES = 64
+"""Changes of the inverse of S_AA after which it is made anew: round-off of as many stays below 1e-12."""
+TOLERANCE = 1e-11
+"""Negative forces and slacks below this part of the largest are round-off, as in :mod:`contact.active_set`."""
+
+STEP = "steps of condensed flow"
+"""What takes long to compile."""
+
+
+@compiled(dear=STEP)
+def touch(model: StepModel, load: StepLoad, work: Work) -> bool:
+    """Contact forces at ``work.there``, from the statuses at hand; whether they were found."""
+    return touched(model, load.slack, work)
+
+
+@compiled(inner=True)
+def touched(model: StepModel, free: np.ndarray, work: Work) -> bool:
+    """See :func:`touch`: from the slack without a correction, for other compiled functions."""
+    slack = work.slack
+    for i in range(slack.size):
+        slack[i] = free[i]
+        for j in range(work.there.size):
+            slack[i] -= model.moved[i, j] * work.there[j]
+    arrays = work.inverse, work.order, work.active, work.rows, work.numbers
+    return _search(slack, work.forces, model.schur, model.per_force, *arrays)
+
+
+@compiled(inner=True)
+def _search(slack, forces, schur, per_force, inverse, order, active, rows, numbers):
+    """Forces under a slack and their statuses.
+
+    All wrong statuses are switched at once as long as that leads nearer, then the first wrong one alone, by which a
+    P-matrix is solved in finitely many steps (Murty 1974; Júdice and Pires 1994). Where rows are dependent the
+    statuses at hand may leave no way on: the search then begins once more with nothing active.
+    """
+    m = forces.size
+    fewest = m + 1
+    patience = PATIENCE
+    local = np.empty(m)
+    found = np.empty(m)
+    wrong = np.empty(m, dtype=np.bool_)
+    anew = False
+    for _ in range(100 * m + 100):
+        largest = _forces(slack, forces, found, local, schur, inverse, order, int(numbers[COUNT]))
+        count = _mark(slack, forces, found, active, largest, wrong)
+        if count == 0:
+            return bool(np.isfinite(largest))
+        if count < fewest:
+            fewest = count
+            patience = PATIENCE
+        else:
+            patience -= 1
+        switched = False
+        for i in range(m):
+            # a condition that depends on active ones is passed over
+            if wrong[i] and (patience > 0 or not switched):
+                if _switch(schur, per_force, inverse, order, active, rows, numbers, i):
+                    switched = True
+        if not switched:
+            if anew:
+                return False
+            anew = True
+            patience = 0
+            for i in range(m):
+                active[i] = False
+            numbers[COUNT] = 0
+    return False
+
+
+@compiled(inner=True)
+def _forces(slack, forces, found, local, schur, inverse, order, count):
+    """Forces of the active conditions, the slack ``found`` under them, and the largest one."""
+    largest = 0.0
+    for i in range(forces.size):
+        forces[i] = 0.0
+        found[i] = slack[i]
+    for a in range(count):
+        value = 0.0
+        for b in range(count):
+            value -= inverse[a, b] * slack[order[b]]
+        local[a] = value
+        forces[order[a]] = value
+        largest = max(largest, abs(value))
+    for a in range(count):
+        value = local[a]
+        for i in range(forces.size):
+            found[i] += value * schur[order[a], i]
+    return largest
+
+
+@compiled(inner=True)
+def _mark(slack, forces, found, active, largest, wrong):
+    """Mark the conditions that pull or overlap by more than round-off; how many there are."""
+    through = 0.0
+    for i in range(wrong.size):
+        through = max(through, abs(slack[i]))
+    count = 0
+    for i in range(wrong.size):
+        if active[i]:
+            wrong[i] = forces[i] < -TOLERANCE * largest
+        else:
+            wrong[i] = found[i] < -TOLERANCE * through
+        count += wrong[i]
+    return count
+
+
+@compiled(inner=True)
+def _switch(schur, per_force, inverse, order, active, rows, numbers, condition):
+    """Change a status, and with it the inverse of S_AA; whether that is regular, else all stays as it is."""
+    count = int(numbers[COUNT])
+    if active[condition]:
+        active[condition] = False
+        _leave(inverse, order, rows, condition, count)
+        numbers[COUNT] = count - 1
+    else:
+        # one that is called active without a place in the inverse would let bodies overlap from then on
+        if not _join(schur, per_force, inverse, order, rows, condition, count):
+            return False
+        active[condition] = True
+        numbers[COUNT] = count + 1
+    numbers[SWITCHED] += 1
+    if numbers[SWITCHED] > UPDATES:
+        numbers[SWITCHED] = 0
+        _refresh(schur, inverse, order, int(numbers[COUNT]))
+    return True
+
+
+@compiled(inner=True)
+def _join(schur, per_force, inverse, order, rows, condition, count):
+    """Border the inverse of S_AA by one condition."""
+    column = np.zeros(count)
+    for a in range(count):
+        value = 0.0
+        for b in range(count):
+            value += inverse[a, b] * schur[condition, order[b]]
+        column[a] = value
+    pivot = schur[condition, condition]
+    for a in range(count):
+        pivot -= schur[condition, order[a]] * column[a]
+    if not pivot > 1e-14 * schur[condition, condition]:
+        return False
+    for a in range(count):
+        for b in range(count):
+            inverse[a, b] += column[a] * column[b] / pivot
+        inverse[a, count] = -column[a] / pivot
+        inverse[count, a] = -column[a] / pivot
+    inverse[count, count] = 1 / pivot
+    order[count] = condition
+    for k in range(rows.shape[1]):
+        rows[count, k] = per_force[condition, k]
+    return True
+
+
+@compiled(inner=True)
+def _leave(inverse, order, rows, condition, count):
+    """Take one condition out of the inverse of S_AA."""
+    place = 0
+    while order[place] != condition:
+        place += 1
+    last = count - 1
+    if place != last:
+        order[place] = order[last]
+        for k in range(rows.shape[1]):
+            rows[place, k] = rows[last, k]
+        for a in range(count):
+            inverse[place, a], inverse[last, a] = inverse[last, a], inverse[place, a]
+        for a in range(count):
+            inverse[a, place], inverse[a, last] = inverse[a, last], inverse[a, place]
+    for a in range(last):
+        factor = inverse[a, last] / inverse[last, last]
+        for b in range(last):
+            inverse[a, b] -= factor * inverse[last, b]
+
+
+@compiled(inner=True)
+def _refresh(schur, inverse, order, count):
+    """The inverse of S_AA from S."""
+    if count == 0:
+        return
+    block = np.empty((count, count))
+    for a in range(count):
+        for b in range(count):
+            block[a, b] = schur[order[a], order[b]]
+    found = inverse_of(block)
+    for a in range(count):
+        for b in range(count):
+            inverse[a, b] = found[a, b]
+
+
+@compiled(inner=True)
+def inverse_of(matrix: np.ndarray) -> np.ndarray:
+    """The inverse of a matrix; LinAlgError for a singular one."""
+    return np.linalg.inv(matrix)
+
+
+ANY_ORDER = {"reassoc", "contract"}
+"""Sums in any order, so that they run side by side; what is not finite stays so."""
+
+
+@compiled(inner=True, fastmath=ANY_ORDER)
+def set_strain(
+    strain: np.ndarray,
+    free: np.ndarray,
+    forces: np.ndarray,
+    order: np.ndarray,
+    count: int,
+    rows: np.ndarray,
+    scale: np.ndarray,
+    there: np.ndarray,
+    per_mode: np.ndarray,
+) -> None:
+    """Strain that the laws see."""
+    for k in range(strain.size):
+        strain[k] = 0.0
+    for a in range(count):
+        force = forces[order[a]]
+        for k in range(strain.size):
+            strain[k] -= force * rows[a, k]
+    for k in range(scale.size):
+        strain[k] *= scale[k]
+    for k in range(strain.size):
+        strain[k] += free[k]
+    for j in range(there.size):
+        share = there[j]
+        for k in range(strain.size):
+            strain[k] += share * per_mode[j, k]
+
+
+@compiled(inner=True, fastmath=ANY_ORDER)
+def set_trial(
+    strain: np.ndarray,
+    plastic: np.ndarray,
+    ends: np.ndarray,
+    shear: np.ndarray,
+    deviator: np.ndarray,
+    trial: np.ndarray,
+) -> None:
+    """Deviator and equivalent stress of a step without flow."""
+    components, points = plastic.shape
+    start = 0
+    for group in range(ends.size):
+        twice = 2 * shear[group]
+        end = ends[group]
+        for k in range(start, end):
+            trial[k] = (strain[k] + strain[points + k] + strain[2 * points + k]) / 3
+        for i in range(components):
+            for k in range(start, end):
+                mean = trial[k] if i < 3 else 0.0
+                deviator[i, k] = twice * (strain[i * points + k] - plastic[i, k] - mean)
+        start = end
+    for k in range(points):
+        trial[k] = 0.0
+    for i in range(components):
+        for k in range(points):
+            trial[k] += deviator[i, k] * deviator[i, k]
+    for k in range(points):
+        trial[k] = np.sqrt(1.5 * trial[k])
+
+
+@compiled(inner=True)
+def possible(ends: np.ndarray, shear: np.ndarray, amount: np.ndarray, slope: np.ndarray, trial: np.ndarray) -> bool:
+    """Whether flows are finite and turn no stress round."""
+    start = 0
+    for group in range(ends.size):
+        stiff = 3 * shear[group]
+        for k in range(start, ends[group]):
+            if not (amount[k] >= 0 and stiff * amount[k] <= trial[k] * (1 + 1e-9) and np.isfinite(slope[k])):
+                return False
+        start = ends[group]
+    return True
+
+
+@compiled(inner=True)
+def set_plastic(
+    old: np.ndarray, amount: np.ndarray, trial: np.ndarray, deviator: np.ndarray, plastic: np.ndarray
+) -> None:
+    """Plastic strain behind the step."""
+    components, points = plastic.shape
+    for i in range(components):
+        for k in range(points):
+            along = 1.5 * amount[k] / trial[k] if amount[k] > 0 else 0.0
+            plastic[i, k] = old[i, k] + along * deviator[i, k]
+
+
+@compiled(inner=True, fastmath=ANY_ORDER)
+def set_residual(
+    tested: np.ndarray,
+    plastic: np.ndarray,
+    modal: np.ndarray,
+    there: np.ndarray,
+    coupled: np.ndarray,
+    forces: np.ndarray,
+    elastic: np.ndarray,
+    residual: np.ndarray,
+) -> float:
+    """R, and the sum of it."""
+    components, points = plastic.shape
+    total = 0.0
+    for j in range(residual.size):
+        value = 0.0
+        for i in range(components):
+            for k in range(points):
+                value += tested[j, i * points + k] * plastic[i, k]
+        for i in range(there.size):
+            value -= modal[j, i] * there[i]
+        for i in range(forces.size):
+            value -= coupled[j, i] * (forces[i] - elastic[i])
+        residual[j] = value
+        total += value
+    return total
+
+
+@compiled(inner=True, fastmath=ANY_ORDER)
+def flowing_of(
+    tested: np.ndarray,
+    ends: np.ndarray,
+    shear: np.ndarray,
+    deviator: np.ndarray,
+    trial: np.ndarray,
+    amount: np.ndarray,
+    slope: np.ndarray,
+) -> np.ndarray:
+    """w (G V)^T 2 μ dε_p/dε, (ell, c n).
+
+    dε_p/dε = (1 - θ) P + 3/2 (3 μ dΔp/dq - (1 - θ)) s⊗s / q² with 1 - θ = 3 μ Δp / q and the deviatoric projector P.
+    """
+    components, points = deviator.shape
+    turned = np.zeros(points)
+    along = np.zeros(points)
+    start = 0
+    for group in range(ends.size):
+        stiff = 3 * shear[group]
+        end = ends[group]
+        for k in range(start, end):
+            if amount[k] > 0:
+                q = trial[k]
+                turned[k] = stiff * amount[k] / q
+                along[k] = 1.5 * (stiff * slope[k] - turned[k]) / (q * q)
+        start = end
+    found = np.empty(tested.shape, dtype=np.float32)
+    onto = np.empty(points)
+    for j in range(len(found)):
+        for k in range(points):
+            onto[k] = 0.0
+        for i in range(components):
+            for k in range(points):
+                onto[k] += tested[j, i * points + k] * deviator[i, k]
+        for k in range(points):
+            onto[k] *= along[k]
+        for i in range(components):
+            for k in range(points):
+                place = i * points + k
+                found[j, place] = tested[j, place] * turned[k] + onto[k] * deviator[i, k]
+    return found
+
+
+LEAST_SHARE = 1 / 256
+"""Smallest part of a Newton step that the line search tries."""
+DECREASE = 1e-4
+"""Part of the decrease of |R| that the linear model promises which a step has to bring (Armijo)."""
+ROUND_OFF = 1e-14
+"""Part of what the residual is made of that is round-off."""
+SLOW = 0.35
+"""An old J serves as long as |R| falls at least by this factor in each iteration."""
+
+
+def begin(work: Work) -> None:
+    """Before the first iterate of a step."""
+    numbers = work.numbers
+    numbers[ITERATION] = 0.0
+    numbers[SHARE] = 1.0
+    numbers[MERIT] = np.inf
+    numbers[LINEAR] = min(numbers[LINEAR], OLD_TANGENT)
+
+
+_begin = compiled(inner=True)(begin)
+
+
+@compiled(dear=STEP)
+def solve(
+    model: StepModel,
+    load: StepLoad,
+    work: Work,
+    kinds: np.ndarray,
+    constants: np.ndarray,
+    tolerance: float,
+    most: int,
+) -> int:
+    """The whole step, from the correction in ``work.there`` and the statuses in ``work``, by laws of the package.
+
+    ``kinds`` and ``constants`` are those of :mod:`materials.compiled_laws`, (G,) and (G, 2); see :func:`judge`.
+    """
+    _begin(work)
+    code = EVALUATE
+    while code == EVALUATE:
+        if not touched(model, load.slack, work):
+            return CONTACT
+        _try(model, load.strain, load.plastic, work)
+        start = 0
+        for group in range(model.ends.size):
+            for k in range(start, model.ends[group]):
+                flow = flow_at(
+                    kinds[group],
+                    constants[group, 0],
+                    constants[group, 1],
+                    work.trial[k],
+                    load.cumulated[k],
+                    model.shear[group],
+                    load.dt,
+                )
+                work.amount[k] = flow[0]
+                work.slope[k] = flow[1]
+            start = model.ends[group]
+        code = _judge(model, load, work, tolerance, most)
+    return code
+
+
+@compiled()
+def prepare(model: StepModel, load: StepLoad, work: Work) -> int:
+    """Contact forces, strain and trial stress at ``work.there``."""
+    if not touched(model, load.slack, work):
+        return CONTACT
+    _try(model, load.strain, load.plastic, work)
+    return EVALUATE
+
+
+@compiled()
+def judge(model: StepModel, load: StepLoad, work: Work, tolerance: float, most: int) -> int:
+    """Take in flows at the trial point, and go on to the next one.
+
+    Args:
+        model, load, work: see there.
+        tolerance: |R| over the size of the correction at which a step is solved.
+        most: evaluations of the laws.
+    """
+    return _judge(model, load, work, tolerance, most)
+
+
+@compiled(inner=True)
+def _judge(model, load, work, tolerance, most):
+    """See :func:`judge`."""
+    numbers = work.numbers
+    numbers[ITERATION] += 1
+    first = numbers[MERIT] == np.inf
+    if first:
+        # of a correction as small as that, as where the first point is about to yield, there is no more to know
+        numbers[SIZE] = max(numbers[SIZE], ROUND_OFF * model.weight * _norm(work.strain) / tolerance)
+    fine = possible(model.ends, model.shear, work.amount, work.slope, work.trial)
+    if fine:
+        set_plastic(load.plastic, work.amount, work.trial, work.deviator, work.plastic)
+        pushed = model.coupled, work.forces, load.forces
+        left = set_residual(model.tested, work.plastic, model.modal, work.there, *pushed, work.residual)
+        fine = bool(np.isfinite(left))
+    if not fine:
+        # a correction too far off, where a law has no answer
+        return NOT_FINITE if first else _nearer(work, most)
+    merit = _norm(work.residual)
+    solved = merit <= tolerance * max(_norm(work.there), numbers[SIZE])
+    if not (solved or first or merit <= (1 - DECREASE * numbers[SHARE]) * numbers[MERIT]):
+        return _nearer(work, most)
+    slow = merit > SLOW * numbers[MERIT]
+    if not first:
+        _learn(work.there, work.here, work.newton, work.left, work.residual)
+    for j in range(work.here.size):
+        work.here[j] = work.there[j]
+        work.left[j] = work.residual[j]
+    numbers[MERIT] = merit
+    if solved:
+        return CONVERGED
+    if numbers[ITERATION] >= most:
+        return LIMIT
+    if numbers[LINEAR] == NO_TANGENT or (slow and not first):
+        if not _linearise(model, work):
+            return STALLED
+    else:
+        numbers[LINEAR] = OLD_TANGENT
+    return _go(work)
+
+
+@compiled(inner=True, fastmath=ANY_ORDER)
+def _norm(values):
+    total = 0.0
+    for value in values:
+        total += value * value
+    return np.sqrt(total)
+
+
+@compiled(inner=True)
+def _learn(there, here, newton, left, residual):
+    """Make the inverse of -J true of the step just taken (Broyden 1965, the first of his updates)."""
+    ell = here.size
+    missed = np.empty(ell)
+    turned = np.zeros(ell)
+    along = 0.0
+    length = 0.0
+    for i in range(ell):
+        step = there[i] - here[i]
+        answered = 0.0
+        for j in range(ell):
+            answered += newton[i, j] * (left[j] - residual[j])
+            turned[j] += step * newton[i, j]
+        missed[i] = step - answered
+        along += step * answered
+        length += step * step
+    if abs(along) > 0.1 * length:
+        for i in range(ell):
+            for j in range(ell):
+                newton[i, j] += missed[i] * turned[j] / along
+
+
+@compiled(inner=True)
+def _go(work):
+    """The whole of Newton's step from ``here``."""
+    total = 0.0
+    for i in range(work.here.size):
+        value = 0.0
+        for j in range(work.here.size):
+            value += work.newton[i, j] * work.left[j]
+        work.direction[i] = value
+        work.there[i] = work.here[i] + value
+        total += value
+    work.numbers[SHARE] = 1.0
+    return EVALUATE if np.isfinite(total) else STALLED
+
+
+@compiled(inner=True)
+def _nearer(work, most):
+    """A new J at ``here`` where that at hand is old, else half of the part of the direction that was tried last."""
+    numbers = work.numbers
+    if numbers[ITERATION] >= most:
+        return LIMIT
+    if numbers[LINEAR] == OLD_TANGENT:
+        # what the laws say at ``here`` was overwritten: they are asked again
+        numbers[LINEAR] = NO_TANGENT
+        numbers[MERIT] = np.inf
+        for j in range(work.here.size):
+            work.there[j] = work.here[j]
+        return EVALUATE
+    numbers[SHARE] *= 0.5
+    if numbers[SHARE] < LEAST_SHARE:
+        return STALLED
+    for j in range(work.here.size):
+        work.there[j] = work.here[j] + numbers[SHARE] * work.direction[j]
+    return EVALUATE
+
+
+@compiled(inner=True)
+def _try(model, free, plastic, work):
+    """Strain and trial stress at ``work.there`` under the forces there."""
+    strain = work.strain
+    count = int(work.numbers[COUNT])
+    set_strain(strain, free, work.forces, work.order, count, work.rows, model.scale, work.there, model.per_mode)
+    set_trial(strain, plastic, model.ends, model.shear, work.deviator, work.trial)
+
+
+@compiled()
+def linearise(model: StepModel, work: Work) -> bool:
+    """The inverse of -J at ``work.here``, of which laws, strain and statuses are those; whether J is regular.
+
+    What flows is taken in single precision: what J is off by is seen in the number of iterations, if at all.
+    """
+    return _linearise(model, work)
+
+
+@compiled(inner=True)
+def _linearise(model, work):
+    """See :func:`linearise`."""
+    count = int(work.numbers[COUNT])
+    ell = work.here.size
+    moved = np.empty((count, ell))
+    coupled = np.empty((ell, count))
+    inverse = np.empty((count, count))
+    for a in range(count):
+        for j in range(ell):
+            moved[a, j] = model.moved[work.order[a], j]
+            coupled[j, a] = model.coupled[j, work.order[a]]
+        for b in range(count):
+            inverse[a, b] = work.inverse[a, b]
+    # W
+    moved = np.dot(inverse, moved)
+    jacobian = np.dot(coupled, moved)
+    for i in range(ell):
+        for j in range(ell):
+            jacobian[i, j] += model.modal[i, j]
+    if _norm(work.amount) > 0:
+        _add_flowing(model, work, moved, jacobian)
+    found = inverse_of(jacobian)
+    total = 0.0
+    for i in range(ell):
+        for j in range(ell):
+            work.newton[i, j] = found[i, j]
+            total += found[i, j]
+    # kept for an old one it would stop all steps to come
+    regular = bool(np.isfinite(total))
+    work.numbers[LINEAR] = NEW_TANGENT if regular else NO_TANGENT
+    return regular
+
+
+@compiled(inner=True)
+def _add_flowing(model, work, moved, jacobian):
+    """What flows of -J, by W."""
+    count, ell = moved.shape
+    laws = work.deviator, work.trial, work.amount, work.slope
+    flowing = flowing_of(model.tested, model.ends, model.shear, *laws)
+    direct = np.dot(flowing, model.single.T)
+    for j in range(ell):
+        for k in range(model.scale.size):
+            flowing[j, k] *= model.scale[k]
+    rows = np.empty((count, flowing.shape[1]), dtype=np.float32)
+    for a in range(count):
+        for k in range(flowing.shape[1]):
+            rows[a, k] = work.rows[a, k]
+    pressed = np.dot(flowing, rows.T)
+    for i in range(ell):
+        for j in range(ell):
+            jacobian[i, j] -= direct[i, j]
+        for a in range(count):
+            for j in range(ell):
+                jacobian[i, j] += pressed[i, a] * moved[a, j]

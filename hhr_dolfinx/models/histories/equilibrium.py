@@ -1,0 +1,319 @@
+"""The contract of equilibrium: what a history needs of a model, whether full, cut to a RID, or reduced to small arrays.
+
+A scene in which nothing flows is one whose linearisation never changes: its models solve with that one and need no
+more of the contract.
+
+The settings of a history stand here too, and warnings of time steps that are too long: one for each history, or one
+for all of a training.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from math import prod
+from numbers import Real
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+
+from hhr_dolfinx.amplitudes import Theta
+from hhr_dolfinx.contact.active_set import Statuses
+from hhr_dolfinx.errors import ParameterError, TimeStepWarning
+from hhr_dolfinx.models.answer import Answer, Fields, GaussState
+from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
+from hhr_dolfinx.trained import OUTSIDE, Signs, TrainedPaths
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.materials.update import Material
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.materials.update import Material, Update
+
+
+class Correction(NamedTuple):
+    """Solution of one linearised contact problem.
+
+    Attributes:
+        change: of the unknown.
+        found: total contact forces and their statuses.
+    """
+
+    change: np.ndarray
+    found: Statuses
+
+
+class Changing(Protocol):
+    """A converged step, for its derivatives."""
+
+    def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Solve K δ + B^T λ = residual, B δ = gaps where active, λ = 0 elsewhere: (δ, λ) of a small change."""
+
+
+class Linearisation(Changing, Protocol):
+    """A linear model in the place of a model, exact for one in which nothing flows."""
+
+    @property
+    def moduli(self) -> np.ndarray:
+        """Tangents H at its Gauss points, (points, components, components)."""
+
+    def correct(self, residual: np.ndarray, x: np.ndarray, theta: Theta, active: np.ndarray) -> Correction:
+        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps, from some statuses."""
+
+
+class Diverged(Exception):
+    """A step did not converge: why, and the Gauss point that moves or flows most, if that is known."""
+
+    def __init__(self, why: str, worst: int | None = None):
+        super().__init__(why)
+        self.worst = worst
+
+
+class Goal(NamedTuple):
+    """Time and parameter to reach."""
+
+    time: float
+    parameter: np.ndarray
+
+
+class Stepper(Protocol):
+    """Solves the steps of one history."""
+
+    def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
+        """The answer at a goal, from the last answers, at most three, the present one at the end.
+
+        Raises:
+            Diverged: if it was not found.
+        """
+
+    def learn(self, answer: Answer) -> None:
+        """Take in a step that was solved before."""
+
+    def signs(self, answer: Answer) -> Signs:
+        """What shows at a solved step whether the model still knows what it does."""
+
+
+class Stepping(Protocol):
+    """What the loop over the steps of a history needs of a model, or of several that take turns.
+
+    Attributes:
+        parameters: the box of the parameters.
+        material: elasticity and laws at its Gauss points; ``material.at(parameter)`` has their constants there.
+        points: numbers of these points in the full model.
+        per_cell: Gauss points of a cell of the full model.
+        size, conditions: number of unknowns and of contact conditions.
+    """
+
+    parameters: ParameterSpace
+    material: Material
+    points: np.ndarray
+    per_cell: int
+    size: int
+    conditions: int
+
+    @property
+    def fields(self) -> Fields:
+        """What completes its answers."""
+
+    @property
+    def trained(self) -> TrainedPaths | None:
+        """What a reduced model was trained on; None for a full one."""
+
+    @property
+    def lock(self) -> AbstractContextManager:
+        """Held through a history."""
+
+    def amplitudes(self, point: np.ndarray) -> Theta:
+        """θ at a parameter."""
+
+    def stepper(self, settings: MarchSettings) -> Stepper:
+        """What solves the steps of a history."""
+
+    def answering(self, answer: Answer) -> Marching:
+        """The equilibrium in which an answer was found: itself, or that of one of several models."""
+
+    def at(self, point: np.ndarray) -> Stepping:
+        """The model whose elasticity is that of a point, (P,): itself where elasticity is constant.
+
+        The one of the last elasticity is kept. Where it varies, what is not asked through this has formulas in its
+        material, and the elastic linearisation of the middle of the box.
+        """
+
+
+class Marching(Stepping, Protocol):
+    """What derivatives of a history and the check of its training range need besides; ``x`` is the unknown."""
+
+    def at(self, point: np.ndarray) -> Marching:
+        """See :class:`Stepping`."""
+
+    def responding_at(self, point: np.ndarray) -> Marching:
+        """The model whose strain, gaps and residual at a given unknown are those of a point's elasticity, (P,)."""
+
+    def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """Strain at all Gauss points, lift included, less strains without stress: what laws see."""
+
+    def strain_of(self, change: np.ndarray) -> np.ndarray:
+        """Strain of a change of the unknown."""
+
+    def gaps(self, theta: Theta) -> np.ndarray:
+        """Gaps less what is known of the motion, (conditions,), which bound B x."""
+
+    def gaps_at(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """The same for the unknowns beside a given one: with the motion by its forces, where these are unknowns."""
+
+    def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
+        """What is out of balance at an unknown with stress and state, in the test space, and the size of it."""
+
+    def signs(self, answer: Answer) -> Signs:
+        """What shows at a solved step whether the model still knows what it does."""
+
+    def linearised(self, tangents: Any) -> Changing:
+        """The linearisation of consistent tangents; those of earlier tangents are then out of date."""
+
+
+class Equilibrium(Marching, Protocol):
+    """What steps by linearisation need besides; ``x`` is U0 or gamma."""
+
+    @property
+    def elastic(self) -> Linearisation:
+        """The elastic linearisation."""
+
+    def at(self, point: np.ndarray) -> Equilibrium:
+        """See :class:`Marching`."""
+
+    def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
+        """Loads less internal forces, in the test space, and the size of both for each body, (bodies,)."""
+
+    def norms(self, residual: np.ndarray) -> np.ndarray:
+        """Norm of a residual for each body, (bodies,)."""
+
+    def round_off(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """Residual that is round-off at an unknown, for each body, (bodies,)."""
+
+    def contact_load(self, forces: np.ndarray) -> np.ndarray:
+        """B^T λ in the test space."""
+
+    def linearised(self, tangents: Any) -> Linearisation:
+        """See :class:`Marching`."""
+
+
+def extrapolated(trail: Sequence[Answer], time: float, count: int | None = None) -> np.ndarray:
+    """The polynomial through the (first ``count``) unknowns of some answers, at a later time."""
+    x = np.zeros_like(trail[0].unknown[:count])
+    for answer in trail:
+        # Lagrange's polynomials
+        others = [other.time for other in trail if other is not answer]
+        x += prod((time - other) / (answer.time - other) for other in others) * answer.unknown[:count]
+    return x
+
+
+ACCEPTED = 0.05
+"""Estimated time error above which a history that nobody controls is warned of."""
+_COLLECTED: ContextVar[list[float] | None] = ContextVar("time errors of a training", default=None)
+
+
+def complain(estimate: float, tolerance: float | None) -> None:
+    """Warn of a history with a large time error, unless it was asked for, or is told of together with others."""
+    together = _COLLECTED.get()
+    if together is not None:
+        together.append(estimate)
+    elif tolerance is None and estimate > ACCEPTED:
+        warnings.warn(f"the time steps of this history {_said(estimate)}", TimeStepWarning, stacklevel=5)
+
+
+@contextmanager
+def told_once(what: str = "") -> Iterator[None]:
+    """Histories in a block warn together at its end, as ``what``; not at all without a name."""
+    together = _COLLECTED.get()
+    if together is not None:  # whoever asked first tells
+        yield
+        return
+    estimates: list[float] = []
+    token = _COLLECTED.set(estimates)
+    try:
+        yield
+    finally:
+        _COLLECTED.reset(token)
+    large = [item for item in estimates if item > ACCEPTED]
+    if what and large:
+        text = f"the time steps of {len(large)} of {len(estimates)} {what} {_said(max(large))}"
+        warnings.warn(text, TimeStepWarning, stacklevel=5)
+
+
+def _said(estimate: float) -> str:
+    return (
+        f"make errors of {100 * estimate:.2g} % of the largest stress by estimate, and {100 * ACCEPTED:g} % is much: "
+        "take more of them where loads are put on or held, or MarchSettings(time_tolerance=0.01)"
+    )
+
+
+SEARCHES = ("tangent", "frozen", "elastic")
+
+
+LEAST_TOLERANCE = 1e-5
+"""Time tolerance below which what a step leaves out of balance counts as much as its length."""
+
+
+@dataclass(frozen=True)
+class MarchSettings:
+    """How histories are solved.
+
+    Attributes:
+        search: operator of the linearisation: ``tangent``, renewed in each iteration; ``frozen``, the elastic one until
+            a step takes many iterations, then the tangent at the start of a step until another one does; ``elastic``.
+            The latter two with Anderson's acceleration.
+        relative_stress: ε_r of (6.19). In the place of R_σ (6.18), by which a prediction was wrong, stands what the
+            next one still moves, H : ε(δ).
+        floor_stress: ε_a of (6.19) as a fraction of the largest root mean square of the stress so far, without a unit.
+        relative_force: residual over the size of the forces; the stress criterion alone sees only how much
+            iterates still change.
+        iterations: most iterations of a step before it is cut.
+        cuts: how often a step that does not converge may be halved.
+        time_tolerance: estimated error of the time steps, relative to the largest stress, that is to be kept where laws
+            have rates: steps of the path are solved in as many parts as that takes, and answers handed out at their
+            ends. None solves them as they are; ``History.time_error`` says the estimate in any case.
+        outside: what happens to a step outside what a reduced model was trained on: ``warn``, ``refuse`` or ``ignore``.
+        gradient: whether each answer is to have its derivatives along the parameters, each shifted by the same at all
+            times, as a constant of the whole history is; see :mod:`hhr_dolfinx.models.histories.history_gradient`.
+    """
+
+    search: str = "frozen"
+    relative_stress: float = 1e-5
+    floor_stress: float = 5e-3
+    relative_force: float = 1e-5
+    iterations: int = 60
+    cuts: int = 6
+    outside: str = "warn"
+    gradient: bool = False
+    time_tolerance: float | None = None
+
+    def __post_init__(self):
+        for name, choices in (("search", SEARCHES), ("outside", OUTSIDE)):
+            if getattr(self, name) not in choices:
+                raise ParameterError(f"{name} '{getattr(self, name)}' is unknown, one of {', '.join(choices)}")
+        for name in ("relative_stress", "floor_stress", "relative_force"):
+            if not (isinstance(getattr(self, name), Real) and 0 < getattr(self, name) < 1):
+                raise ParameterError(f"{name} = {getattr(self, name)} must be a fraction in (0, 1)")
+        if not isinstance(self.gradient, bool):
+            raise ParameterError(f"gradient = {self.gradient!r} must be True or False")
+        if not (is_whole(self.iterations, 1) and is_whole(self.cuts, 0)):
+            raise ParameterError(
+                f"iterations = {self.iterations} must be a whole number from 1, and cuts = {self.cuts} one from 0"
+            )
+
+        tolerance = self.time_tolerance
+        if not (tolerance is None or (is_number(tolerance) and LEAST_TOLERANCE <= tolerance < 1)):
+            raise ParameterError(
+                f"time_tolerance = {tolerance!r} must be a fraction from {LEAST_TOLERANCE:g} to 1, as 0.01 is, or None"
+            )
+        if self.gradient and tolerance is not None:
+            raise ParameterError(
+                f"steps cut by a time_tolerance of {tolerance:g} have no gradient: march along the path in more steps, "
+                "without a tolerance, until History.time_error is small enough"
+            )
+
+
+DEFAULT_MARCH = MarchSettings()

@@ -1,0 +1,142 @@
+"""An indicator of the contact forces of histories, and better forces, by one defect correction of each step.
+
+Along the displacement that a small model hands out the laws are run at *all* Gauss points of the mesh, from a state of
+their own that they carry on from step to step. With the plastic strain ε_p that they find there, held fixed, forces
+follow from an elastic contact problem on all conditions,
+
+    slack = s - B K^-1 ∫ G^T C ε_p + S λ >= 0,      λ >= 0,      S = B K^-1 B^T,
+
+with the slack s of the elastic bodies alone. The distance of λ from the forces of the model ranks their errors, which
+the misfit of the stress does not, and λ is the better answer. Nothing is proved; see docs/bounds.md.
+
+Needs neither DOLFINx nor PETSc.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csc_matrix
+
+from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
+from hhr_dolfinx.errors import NotSolvableError, ReductionError
+from hhr_dolfinx.materials.strain import StrainOperator
+from hhr_dolfinx.materials.update import Material
+from hhr_dolfinx.models.answer import Answer, History
+from hhr_dolfinx.models.histories.condensed_fields import PartFactors
+from hhr_dolfinx.plain import Rebuilt
+
+
+class CorrectedForces(NamedTuple):
+    """Contact forces of one step, corrected once.
+
+    Attributes:
+        forces: on all conditions, (m,).
+        error: their distance from those of the model, an indicator of its error, in the unit of force.
+        relative: the same over the norm of these forces; infinite where bodies part and the model lets them touch.
+    """
+
+    forces: np.ndarray
+    error: float
+    relative: float
+
+
+@dataclass(frozen=True)
+class ForceCorrection(Rebuilt):
+    """What the correction needs, as arrays (N dofs, m conditions, T terms of θ, Q parts of the stiffness).
+
+    Attributes:
+        operator: strain at all Gauss points.
+        material: elasticity and laws there.
+        eigenstrains: strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T).
+        amplitudes: θ as a function of the parameters.
+        factors: moduli of the parts.
+        parts: part that holds each dof, (N,).
+        per_force: K^-1 B^T in the middle of the box, (N, m).
+        schur: B K^-1 B^T of each part there, (Q, m, m).
+        pressed: B K^-1 F of each part, (Q, m, 1 + T).
+        gaps: gaps less what is imposed, (m, 1 + T).
+        pairs: number of the contact pair of each condition, (m,).
+    """
+
+    operator: StrainOperator
+    material: Material
+    eigenstrains: csc_matrix
+    amplitudes: Amplitudes
+    factors: PartFactors
+    parts: np.ndarray
+    per_force: np.ndarray
+    schur: np.ndarray
+    pressed: np.ndarray
+    gaps: np.ndarray
+    pairs: np.ndarray
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of its large arrays."""
+        return sum(item.nbytes for item in (self.operator.gradients, self.per_force, self.schur))
+
+    def of(self, history: History) -> list[CorrectedForces]:
+        """Corrected forces of each step of a history of a model of the same scene, full or small.
+
+        Raises:
+            ReductionError: for a history of another scene.
+            NotSolvableError: if a corrected contact problem has no solution.
+            ConvergenceError: if a law finds no flow.
+        """
+        return list(self._steps(history))
+
+    def _steps(self, history: History) -> Iterator[CorrectedForces]:
+        state = self.material.at_rest()
+        time = history.start
+        compliances = self.factors.compliances(history.parameter)  # elasticity is the same along a history
+        elastic = self._elastic if not self.factors.moduli else self._elastic_at(compliances)
+        for answer in history.answers:
+            displacement = answer.displacement()
+            forces = answer.forces()
+            if displacement.shape != self.parts.shape or forces.shape != self.pairs.shape:
+                raise ReductionError(
+                    f"answers have {displacement.size} dofs and {forces.size} conditions, the correction "
+                    f"{self.parts.size} and {self.pairs.size}: give histories of the scene that it was made for"
+                )
+            theta = self.amplitudes(answer.parameter)
+            material = self.material.at(answer.parameter)
+            strain = self.operator.strain(displacement)
+            if self.eigenstrains.nnz:
+                strain = strain - (self.eigenstrains @ theta).reshape(strain.shape)
+            state = material.update(strain, state, answer.time - time, tangent=False).state
+            time = answer.time
+            pushed, _ = self.operator.internal(np.einsum("nij,nj->ni", material.elastic, state.plastic))
+            slack = self.gaps @ theta - np.tensordot(compliances, self.pressed, 1) @ theta
+            slack -= self.per_force.T @ (compliances[self.parts] * pushed)
+            yield self._corrected(answer, elastic, slack, forces)
+
+    def _corrected(
+        self, answer: Answer, elastic: SchurEqualities, slack: np.ndarray, forces: np.ndarray
+    ) -> CorrectedForces:
+        """The elastic contact problem of a slack, from the statuses of an answer."""
+        found = active_set(elastic, slack, forces > 0, pairs=self._pairs)
+        if found.status is not Status.CONVERGED:
+            raise NotSolvableError(
+                f"the corrected contact problem at t = {answer.time:g} s has no solution: {found.status.value}"
+            )
+        error = float(np.linalg.norm(found.forces - forces))
+        size = float(np.linalg.norm(found.forces))
+        relative = error / size if size > 0 else (np.inf if error > 0 else 0.0)
+        return CorrectedForces(found.forces, error, relative)
+
+    @cached_property
+    def _pairs(self) -> Pairs:
+        return Pairs(self.pairs)
+
+    @cached_property
+    def _elastic(self) -> SchurEqualities:
+        return self._elastic_at(np.ones(len(self.schur)))
+
+    def _elastic_at(self, compliances: np.ndarray) -> SchurEqualities:
+        return SchurEqualities.symmetric(np.tensordot(compliances, self.schur, 1))

@@ -1,0 +1,209 @@
+"""Derivatives of histories along their parameters, step by step and without solving a nonlinear problem again.
+
+A converged step holds R(x, s, μ) = B^T λ and B_A x = d_A(μ) on its active conditions A, with the residual R of the
+laws that started from the state s before the step. Along a direction of the path its derivative solves
+
+    K_T dx + B^T dλ = dR,      B_A dx = dd_A,      dλ = 0 elsewhere,
+
+with the consistent tangent K_T at the step. dR is the difference of R at fixed x along (ds, dμ), and the state behind
+the step changes by the difference of its update along (dx, ds, dμ): arithmetic of the laws as they are, whatever they
+depend on. Statuses are those of the history, so that what comes out is the derivative away from kinks: where a
+condition is about to change its status, or points are about to yield, the two sides differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from hhr_dolfinx.errors import ConvergenceError, ParameterError
+from hhr_dolfinx.materials.update import State, Update
+from hhr_dolfinx.models.answer import Answer, GaussState, History
+from hhr_dolfinx.models.gradient import GRAZING, Gradient
+from hhr_dolfinx.models.histories.equilibrium import Marching, Stepping
+
+STEP = 1e-5
+"""Length of a difference, as a part of the box of the parameters and of the strain so far: curvature costs its square,
+cancellation round-off over it. On the flowing pellet differences of whole histories agree to 1e-8."""
+SAME_STRESS = 1e-8
+"""Part of the stress by which a step may differ from what its end says: it was not solved in one part."""
+_CENTRAL = ((-1.0, -0.5), (1.0, 0.5))
+_FORWARD = ((0.0, -1.5), (1.0, 2.0), (2.0, -0.5))
+_BACKWARD = tuple((-place, -weight) for place, weight in _FORWARD)
+"""Places and weights of differences of second order."""
+
+
+class StepGradient(NamedTuple):
+    """Derivatives at the end of a step along K directions.
+
+    Attributes:
+        unknown: of the unknown of the answer, (n, K); the lift is not part of it.
+        multipliers: of the forces on the model's own conditions, (m, K).
+    """
+
+    unknown: np.ndarray
+    multipliers: np.ndarray
+
+
+def history_gradient(model: Stepping, history: History, directions: np.ndarray | None = None) -> list[StepGradient]:
+    """Derivatives of all answers of a history, solved in steps that were not cut.
+
+    Args:
+        model: equilibrium of the full or the reduced model that solved it, ``full.equilibrium``.
+        history: solved, with tight settings if much is asked of the derivatives.
+        directions: derivatives of the path, (steps + 1, P, K): how the parameters at each of its times change along
+            each of K directions; None shifts each parameter, K = P, by the same at all times, as a constant of the
+            whole history such as a yield stress or a gap.
+
+    Raises:
+        ParameterError: for directions of another shape, or not finite.
+        ConvergenceError: for a step whose end is not that of a single step, as of one that was cut.
+        SingularError: where the tangent or the active conditions of a step are singular.
+    """
+    path = history.path
+    count = len(model.parameters.names)
+    along = np.broadcast_to(np.eye(count), (len(path), count, count)) if directions is None else np.array(directions)
+    if along.shape[:2] != (len(path), count) or along.ndim != 3 or not np.isfinite(along).all():
+        raise ParameterError(
+            f"directions of the shape {along.shape} must be finite and of the shape ({len(path)}, {count}, K): one row "
+            f"for each time of the path, the start too, and one for each of {model.parameters.names}"
+        )
+    rest = model.material.at_rest()
+    state = rest
+    time = history.start
+    changes = [State(np.zeros_like(rest.plastic), np.zeros_like(rest.cumulated)) for _ in range(along.shape[2])]
+    gradients = []
+    scale = 0.0
+    with model.lock:
+        for number, answer in enumerate(history.answers, start=1):
+            step = _Step(model.answering(answer), answer, state, answer.time - time, number)
+            scale = max(scale, step.strain_size)
+            found = [step.along(along[number, :, k], change, scale) for k, change in enumerate(changes)]
+            gradients.append(
+                StepGradient(
+                    *(np.stack(columns, axis=1) for columns in zip(*[part[:2] for part in found], strict=True))
+                )
+            )
+            changes = [part[2] for part in found]
+            state = answer.state().state
+            time = answer.time
+    return gradients
+
+
+def with_gradients(model: Stepping, history: History) -> None:
+    """Give each answer of a history its derivatives along the parameters; see :func:`history_gradient`."""
+    for place, found in enumerate(history_gradient(model, history)):
+        answer = history.answers[place]
+        near = GRAZING * np.abs(answer.multipliers).max(initial=0.0)
+        slack = np.full_like(found.multipliers, np.nan)  # that of a history is not kept
+        gradient = Gradient(found.unknown, found.multipliers, answer.active & (answer.multipliers <= near), slack)
+        history.answers[place] = answer._replace(gradient=gradient)
+
+
+class _Step:
+    """A solved step: its consistent linearisation, and what it does along directions."""
+
+    def __init__(self, model: Marching, answer: Answer, before: State, dt: float, number: int):
+        self._model = model
+        self._answer = answer
+        self._before = before
+        self._dt = dt
+        theta = model.amplitudes(answer.parameter)
+        strain = model.responding_at(answer.parameter).strain(answer.unknown, theta)
+        self.strain_size = float(np.abs(strain).max(initial=0.0))
+        try:
+            update = model.material.at(answer.parameter).update(strain, before, dt, tangent=True)
+        except ConvergenceError as error:
+            raise _in_parts(number, str(error)) from error
+        _check_single(update, answer.state(), number)
+        self._linear = model.at(answer.parameter).linearised(update.tangents)
+
+    def along(self, direction: np.ndarray, change: State, scale: float) -> tuple[np.ndarray, np.ndarray, State]:
+        """Derivatives of unknown, forces and state.
+
+        Args:
+            direction: of the parameter, (P,).
+            change: derivative of the state before the step.
+            scale: largest strain so far, by which strains are measured.
+        """
+        model = self._model
+        length = self._length(direction, _largest(change.plastic), scale)
+
+        def loaded(place: float) -> tuple[np.ndarray, ...]:
+            """Residual and gaps beside the step, at its unknown."""
+            point, before = self._beside(place, direction, change)
+            there = model.responding_at(point)
+            theta = model.amplitudes(point)
+            x = self._answer.unknown
+            update = self._updated(x, point, before)
+            return there.residual(x, update, theta)[0], there.gaps_at(x, theta)
+
+        residual, gaps = self._difference(loaded, direction, length)
+        dx, forces = self._linear.changed(residual, gaps, self._answer.active)
+        # the unknown moves too: a shorter difference, where it strains more
+        length = min(length, self._length(direction, _largest(model.strain_of(dx)), scale))
+
+        def updated(place: float) -> tuple[np.ndarray, ...]:
+            """State behind the step beside it."""
+            return self._updated(self._answer.unknown + place * dx, *self._beside(place, direction, change)).state
+
+        return dx, forces, State(*self._difference(updated, direction, length))
+
+    def _beside(self, place: float, direction: np.ndarray, change: State) -> tuple[np.ndarray, State]:
+        """Parameter and state before the step, a little along the direction."""
+        before = State(*(old + place * slope for old, slope in zip(self._before, change, strict=True)))
+        return self._answer.parameter + place * direction, before
+
+    def _updated(self, x: np.ndarray, point: np.ndarray, before: State) -> Update:
+        """The material at an unknown, a parameter and a state before the step."""
+        strain = self._model.responding_at(point).strain(x, self._model.amplitudes(point))
+        return self._model.material.at(point).update(strain, before, self._dt, tangent=False)
+
+    def _length(self, direction: np.ndarray, strain: float, scale: float) -> float:
+        """Length of a difference that moves neither parameters nor strains by more than a small part of their size."""
+        space = self._model.parameters
+        sides = np.array(space.upper) - np.array(space.lower)
+        rates = [_largest(direction / sides), strain / scale if scale > 0 else 0.0]
+        return STEP / max(rates) if max(rates) > 0 else STEP
+
+    def _difference(
+        self, function: Callable[[float], tuple[np.ndarray, ...]], direction: np.ndarray, length: float
+    ) -> list[np.ndarray]:
+        """Derivatives of arrays along a direction."""
+        samples = [(weight / length, function(place * length)) for place, weight in self._stencil(direction, length)]
+        return [np.sum([weight * parts[k] for weight, parts in samples], axis=0) for k in range(len(samples[0][1]))]
+
+    def _stencil(self, direction: np.ndarray, length: float) -> tuple[tuple[float, float], ...]:
+        """A difference to both sides, or to the inside at an end of the box, behind which a law may be impossible."""
+        if self._inside(length * direction) and self._inside(-length * direction):
+            return _CENTRAL
+        if self._inside(2 * length * direction):
+            return _FORWARD
+        # along a direction that leaves the box both ways there is no better one
+        return _BACKWARD if self._inside(-2 * length * direction) else _CENTRAL
+
+    def _inside(self, change: np.ndarray) -> bool:
+        """Whether the box holds a parameter beside that of the step."""
+        space = self._model.parameters
+        point = self._answer.parameter + change
+        return bool((point >= space.lower).all() and (point <= space.upper).all())
+
+
+def _check_single(update: Update, kept: GaussState, number: int) -> None:
+    """Raise ConvergenceError for a step whose stress is not that of a single step to its end."""
+    apart = _largest(update.stress - kept.stress)
+    if not apart <= SAME_STRESS * _largest(kept.stress):
+        raise _in_parts(number, f"its stress differs by {apart:.2g} from that of a single step")
+
+
+def _in_parts(number: int, why: str) -> ConvergenceError:
+    return ConvergenceError(
+        f"step {number} of the history was solved in parts, or by another model ({why}): march along the path in more "
+        "steps, and ask for the derivatives of that history"
+    )
+
+
+def _largest(values: np.ndarray) -> float:
+    return float(np.abs(values).max(initial=0.0))

@@ -1,0 +1,233 @@
+"""Quasi-static histories of contact between bodies that flow, thesis Alg. 6.1 and 6.2: one loop for full and reduced.
+
+How a step is solved is the business of the stepper of a model: by linearisation
+(:mod:`models.histories.linearised_step`), or in one compiled loop (:mod:`models.histories.condensed_flow`). One that
+does not converge is cut in halves; nothing unconverged is ever kept. The error of the steps in time is estimated, and
+where a tolerance is given steps are cut by it (:mod:`models.histories.time_error`). Loads, imposed displacements, gaps,
+and constants of laws that are formulas are those at the end of a step or of a part of it.
+"""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import NamedTuple
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.errors import ConvergenceError, LawWarning
+from hhr_dolfinx.models.answer import Answer, GaussState, History, Path
+from hhr_dolfinx.models.histories.equilibrium import (
+    DEFAULT_MARCH,
+    Diverged,
+    Goal,
+    Marching,
+    MarchSettings,
+    Stepper,
+    Stepping,
+    complain,
+)
+from hhr_dolfinx.models.histories.path import check_elasticity, check_settings
+from hhr_dolfinx.models.histories.time_error import TimeError, in_parts
+from hhr_dolfinx.trained import Watch
+
+_log = logging.getLogger(__name__)
+
+
+# threads of BLAS slow small blocks down: a projected tangent of 70 modes took 7.8 ms on two of them, 3.1 ms on one
+@threadpool_limits.wrap(limits=1, user_api="blas")
+def march(
+    model: Stepping,
+    path: Path,
+    settings: MarchSettings = DEFAULT_MARCH,
+    *,
+    known: Sequence[Answer] = (),
+    keep: Callable[[Answer], None] = lambda answer: None,
+) -> History:
+    """Solve a history from rest.
+
+    Args:
+        model: equilibrium of a full or a reduced model, or of several that take turns.
+        path: times and parameters, as :func:`checked_path` returns them; parameters are linear between them.
+        settings: how.
+        known: answers to the first steps, solved before; the history goes on behind them.
+        keep: told of each answer as soon as it is there.
+
+    Raises:
+        ParameterError: for invalid settings, or a path along which elasticity changes.
+        OutsideTrainingError: if a step is outside what was trained, and ``settings`` say to refuse that.
+        ConvergenceError: with the step, the time and the worst point.
+        Whatever ends a history, an interrupt from the keyboard too, has an attribute ``history`` with the steps before.
+
+    Warns:
+        OutsideTrainingWarning: if a step is outside what was trained, and ``settings`` do not say otherwise.
+        LawWarning: if the slope of a law is not the derivative of its flow.
+        TimeStepWarning: if the estimated error of the time steps is large, and no tolerance was given.
+    """
+    check_settings(settings)
+    check_elasticity(model.material, path)
+    history = History(*path[0], time_tolerance=settings.time_tolerance)
+    try:
+        with model.lock:
+            _march(model.at(path[0][1]), path, settings, history, known, keep)
+    except Diverged as failure:
+        step = len(history.answers) + 1
+        error = ConvergenceError(
+            f"step {step} to t = {path[step][0]:g} s did not converge: {failure}{_place(model, failure.worst)}. "
+            f"Take smaller steps; the {step - 1} steps before are kept"
+        )
+        error.history = history  # type: ignore[attr-defined]
+        raise error from None
+    except BaseException as stop:  # a law may raise anything, and a user may stop it
+        with suppress(AttributeError):
+            stop.history = history  # type: ignore[attr-defined]
+        raise
+    complain(float(history.time_error.max(initial=0.0)), settings.time_tolerance)
+    if settings.gradient:
+        from hhr_dolfinx.models.histories.history_gradient import with_gradients
+
+        with_gradients(model, history)
+    return history
+
+
+def _march(
+    model: Stepping,
+    path: Path,
+    settings: MarchSettings,
+    history: History,
+    known: Sequence[Answer],
+    keep: Callable[[Answer], None],
+) -> None:
+    """Solve the steps of a checked path into a history."""
+    trail: tuple[Answer, ...] = (_at_rest(model, *path[0]),)
+    slopes_seen = False
+    stepper = model.stepper(settings)
+    watch = Watch(model.trained, settings.outside)
+    error = TimeError.at_rest(model, trail[0])
+    for number, (time, target) in enumerate(path[1:], start=1):
+        watch.before(number, trail[-1].time, time, trail[-1].parameter, target)
+        if _turns(model, trail, target):
+            # what flowed before it flows no more: an extrapolation says nothing of this step
+            trail = trail[-1:]
+        if number <= len(known):
+            after = known[number - 1]
+            stepper.learn(after)
+            error = error.going_on(after) if after.parts > 1 else error.after(model.answering(after), trail[-1], after)
+        else:
+            step = _stepped(model, stepper, trail, Goal(time, target), settings, error)
+            after = step.answer
+            error = step.error
+            slopes_seen = slopes_seen or _check_slopes(model.answering(after), trail[-1], after)
+        signs = stepper.signs(after)
+        # a step that is refused is not kept
+        watch.after(number, time, signs)
+        history.answers.append(after)
+        history.signs.append(signs)
+        history.cuts += after.parts > 1
+        told = number, len(path) - 1, time, after.iterations, after.parts
+        _log.info("step %d of %d, t = %g s: %d iterations in %d parts", *told)
+        if number > len(known):
+            keep(after)
+        trail = (*trail[-2:], after)
+
+
+class _Stepped(NamedTuple):
+    """A step of a path, and what is known of its time error."""
+
+    answer: Answer
+    error: TimeError
+
+
+def _stepped(
+    model: Stepping,
+    stepper: Stepper,
+    trail: tuple[Answer, ...],
+    goal: Goal,
+    settings: MarchSettings,
+    error: TimeError,
+) -> _Stepped:
+    """A step of a path: as it is, or cut by a time tolerance."""
+
+    def advance(trail: tuple[Answer, ...], goal: Goal) -> list[Answer]:
+        return _advance(stepper, trail, goal, settings)
+
+    tolerance = settings.time_tolerance
+    if tolerance is None or not error.bodies:
+        parts = advance(trail, goal)
+        spent = sum(part.iterations for part in parts)
+        error = error.through(model, trail[-1], parts)
+    else:
+        parts, error, spent = in_parts(advance, model, trail, goal, error, tolerance)
+    ends = tuple(part.time for part in parts[:-1])
+    return _Stepped(parts[-1]._replace(iterations=spent, time_error=error.estimate, ends=ends), error)
+
+
+def _turns(model: Stepping, trail: tuple[Answer, ...], target: np.ndarray) -> bool:
+    """Whether the path goes back on its last step, as where a load is taken off."""
+    if len(trail) < 2:
+        return False
+    sides = np.subtract(model.parameters.upper, model.parameters.lower)
+    here = trail[-1].parameter
+    before = (here - trail[-2].parameter) / sides
+    after = (target - here) / sides
+    return bool(before @ after < 0)
+
+
+def _check_slopes(model: Marching, before: Answer, after: Answer) -> bool:
+    """Warn of laws with a wrong slope; whether the step flowed enough to tell."""
+    if not after.state().state.cumulated.max(initial=0.0) > 0:
+        return False
+    strain = model.strain(after.unknown, model.amplitudes(after.parameter))
+    material = model.material.at(after.parameter)
+    try:
+        complaints = material.wrong_slopes(strain, before.state().state, after.time - before.time)
+    except ConvergenceError:  # the whole of a step that was cut, for which a law may find no flow
+        return False
+    for complaint in complaints or ():
+        warnings.warn(complaint, LawWarning, stacklevel=4)
+    return complaints is not None
+
+
+def _at_rest(model: Stepping, time: float, parameter: np.ndarray) -> Answer:
+    active = np.zeros(model.conditions, dtype=bool)
+    material = model.material
+    gauss = GaussState(np.zeros((material.gauss_points, material.components)), material.at_rest())
+    nothing = np.zeros(model.size), np.zeros(active.size), active
+    return Answer(parameter, *nothing, 0, Status.CONVERGED, False, model.fields, time, gauss)
+
+
+def _place(model, worst):
+    """Where in the full mesh a Gauss point of the model lies, in words."""
+    if worst is None:
+        return ""
+    number = int(model.points[worst])
+    return f"; worst at Gauss point {number}, in cell {number // model.per_cell}"
+
+
+def _advance(stepper: Stepper, trail: tuple[Answer, ...], goal: Goal, settings: MarchSettings) -> list[Answer]:
+    """One step as asked for, then in 2, 4, ... parts, each of which is tried like a step of its own.
+
+    ``trail`` holds the last answers, at most three, the present one at the end. Returned are the answers at the ends of
+    the parts; the first one has the iterations of all attempts that failed, besides its own.
+    """
+    here = trail[-1]
+    spent = 0
+    for parts in (2**halvings for halvings in range(settings.cuts + 1)):
+        last = trail
+        found = list[Answer]()
+        try:
+            for share in np.arange(1, parts + 1) / parts:
+                time = here.time + share * (goal.time - here.time)
+                after = stepper.step(last, Goal(time, (1 - share) * here.parameter + share * goal.parameter))
+                found.append(after)
+                last = (*last[-2:], after)
+            found[0] = found[0]._replace(iterations=found[0].iterations + spent)
+            return found
+        except Diverged as error:
+            failure = error
+            spent += settings.iterations + sum(after.iterations for after in found)
+    raise failure

@@ -1,0 +1,431 @@
+"""Equilibrium of bodies that flow on a RID, thesis (6.17), Alg. 6.2: on all of its Gauss points, or few with weights.
+
+On few points internal forces are V[A]^T f = ∫ (G V[A])^T σ by a cubature that was fitted to training states
+(:mod:`hhr_dolfinx.reduction.cubature`), tangents the same sum with their moduli, the elastic one too: where the
+cells of A are the whole mesh, test functions are the modes themselves, and with weights that are not negative a tangent
+is as definite as the moduli of the laws (Farhat, Chapman and Avery, 2015, doi 10.1002/nme.4820). A cubature of the
+plastic part alone, beside the exact elastic one, has not this property: on the pellet its tangents became indefinite.
+So the elastic stiffness of a point of the parameters, whose moduli may be formulas, is summed up here too: the parts of
+K~ on the whole RID are not used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import nullcontext
+from copy import copy
+from dataclasses import dataclass
+from typing import Annotated, Any, Self
+
+import numpy as np
+from scipy.sparse import csc_matrix, csr_matrix
+
+from hhr_dolfinx.amplitudes import Theta
+from hhr_dolfinx.compat import compiled
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
+from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.linear.dense import LapackLU
+from hhr_dolfinx.materials.strain import ElasticPart, StrainOperator
+from hhr_dolfinx.materials.update import Material, Update
+from hhr_dolfinx.models.answer import Answer, GaussState
+from hhr_dolfinx.models.eliminations.projected import ReducedProblem
+from hhr_dolfinx.models.histories.equilibrium import Correction, MarchSettings
+from hhr_dolfinx.models.histories.linearised_step import LinearisedStepper
+from hhr_dolfinx.models.reconstruct import Reconstruction
+from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.trained import Signs, TrainedPaths
+
+
+@dataclass(frozen=True)
+class ReducedFlow:
+    """What a RID knows of flow, as arrays (n dofs of its cells, a of them in A).
+
+    Attributes:
+        operator: strain at the Gauss points of the cells that act on A, in their own numbers of dofs.
+        material: laws at these points.
+        cells: numbers of these cells in the full model.
+        modes: V on these dofs, (n, ell).
+        lifts: imposed displacements there, sparse, (n, 1 + T).
+        inner: which of the dofs belong to A, (a,).
+        loads: external loads on A, sparse, (a, 1 + T).
+        contact: how the forces of the RID act on A, sparse, (a, N_lambda_C).
+        eigenstrains: strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T).
+    """
+
+    operator: StrainOperator
+    material: Material
+    cells: Annotated[Integers, "cells"]
+    modes: Annotated[Floats, "dofs", "ell"]
+    lifts: Annotated[csc_matrix, "dofs", "terms"]
+    inner: Annotated[Integers, "inner", "< dofs"]
+    loads: Annotated[csc_matrix, "inner", "terms"]
+    contact: Annotated[csr_matrix, "inner", "m"]
+    eigenstrains: Annotated[csc_matrix, "strains", "terms"]
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """Dofs of A that are there twice; cells, points and dofs that are not those of its strain."""
+        operator = self.operator
+        points = self.operator.weights.size
+        found = len(self.modes), self.cells.size, self.material.gauss_points, self.eigenstrains.shape[0]
+        wanted = operator.size, len(operator.weights), points, points * operator.components
+        if found != wanted:
+            yield f"dofs, cells, Gauss points and strains {found} are not those of its strain, {wanted}"
+        if np.unique(self.inner).size < self.inner.size:
+            yield "a dof of A is there twice"
+
+    @property
+    def points(self) -> np.ndarray:
+        """Numbers of the Gauss points in the full model."""
+        return self.operator.points_of(self.cells)
+
+    def equilibrium(
+        self, problem: ReducedProblem, parameters: ParameterSpace, fields: Reconstruction
+    ) -> ReducedEquilibrium:
+        """The equilibrium of gamma on all Gauss points of the RID."""
+        return ReducedEquilibrium(problem, self, parameters, fields)
+
+
+class ProjectedEquilibrium:
+    """What equilibria of gamma have in common, however internal forces are integrated.
+
+    Args:
+        problem: the elastic projection, (5.23).
+        material: laws at their Gauss points.
+        parameters: the box of the parameters.
+        fields: what completes their answers.
+
+    Attributes:
+        trained: what the model was trained on, None until that is known.
+    """
+
+    trained: TrainedPaths | None = None
+    elastic: DenseLinearisation
+
+    def __init__(self, problem: ReducedProblem, material: Material, parameters: ParameterSpace, fields: Reconstruction):
+        self.problem = problem
+        self.material = material
+        self.parameters = parameters
+        self.fields = fields
+        self.lock = nullcontext()  # histories share no factors here
+        self.conditions, self.size = problem.contact_test.shape
+        self.amplitudes = fields.amplitudes
+        self._middle: Any = self
+        self._last: tuple[np.ndarray, Any] | None = None
+
+    def _set_elasticity(self, material: Material, problem: ReducedProblem) -> None:
+        """Take a material whose moduli are numbers, and the projection of its stiffness."""
+        raise NotImplementedError
+
+    def _set_middle(self) -> None:
+        """Take the elasticity of the middle of the box; the material keeps its formulas."""
+        formulas = self.material
+        space = self.parameters
+        self._set_elasticity(formulas.moduli_at(space.middle), self.problem)
+        self.material = formulas
+
+    def at(self, point: np.ndarray) -> Self:
+        """The equilibrium whose elasticity is that of a point, (P,): itself where elasticity is constant.
+
+        K~ is the sum of its projected parts. The one of the last elasticity is kept.
+
+        Raises:
+            SceneError: for a modulus that is impossible there.
+            NotSolvableError: if K~ is singular there.
+        """
+        middle = self._middle
+        if middle.problem.terms is None:
+            return self
+        weights = middle.problem.terms.weights(point)
+        last = middle._last
+        if last is not None and np.array_equal(last[0], weights):
+            return last[1]
+        found = copy(middle)
+        found._last = None
+        found._set_elasticity(middle.material.moduli_at(point), middle.problem.weighted(weights))
+        # in one assignment, since several threads may ask
+        middle._last = weights, found
+        return found
+
+    def answering(self, answer: Answer) -> Self:
+        """Itself: all of its answers are its own."""
+        return self
+
+    def responding_at(self, point: np.ndarray) -> Self:
+        """Itself: strain, gaps and F at a given displacement do not depend on moduli."""
+        return self
+
+    def gaps(self, theta: Theta) -> np.ndarray:
+        """Gaps of the RID less the lift, (N_lambda_C,)."""
+        return self.problem.gaps @ theta
+
+    def gaps_at(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """Those bounds, whatever the unknown, (conditions,)."""
+        return self.gaps(theta)
+
+    def norms(self, residual: np.ndarray) -> np.ndarray:
+        """Norm of a residual; modes span all bodies, (1,)."""
+        return np.array([np.sqrt(residual @ residual)])
+
+    def contact_load(self, forces: np.ndarray) -> np.ndarray:
+        """B~1^T λ."""
+        return forces @ self.problem.contact_test
+
+    def tangent(self, tangents: np.ndarray) -> np.ndarray:
+        """Projected consistent tangent V[A]^T K_T V, (ell, ell)."""
+        raise NotImplementedError
+
+    def linearised(self, tangents: np.ndarray) -> DenseLinearisation:
+        """Project and factor the tangent."""
+        return DenseLinearisation(self.problem, self.tangent(tangents), tangents)
+
+
+class ReducedEquilibrium(ProjectedEquilibrium):
+    """Equilibrium of gamma, see :class:`hhr_dolfinx.models.histories.equilibrium.Equilibrium`.
+
+    Args:
+        problem: the elastic projection, (5.23).
+        flow: Gauss points and laws of the RID.
+        parameters: the box of the parameters.
+        fields: what completes its answers.
+    """
+
+    def __init__(self, problem: ReducedProblem, flow: ReducedFlow, parameters: ParameterSpace, fields: Reconstruction):
+        super().__init__(problem, flow.material, parameters, fields)
+        self.flow = flow
+        self.operator = flow.operator
+        self.points = flow.points
+        self.per_cell = flow.operator.per_cell
+        self._lifted = bool(flow.lifts.nnz)
+        self._pattern = self.operator.pattern()
+        self._test = np.ascontiguousarray(flow.modes[flow.inner].T)
+        self._external = np.asfortranarray((flow.loads.T @ self._test.T).T)
+        self._set_middle()
+
+    def _set_elasticity(self, material: Material, problem: ReducedProblem) -> None:
+        self.material = material
+        self.problem = problem
+        self._sizes = abs(self.operator.stiffness(material.elastic, self._pattern))
+        self.elastic = DenseLinearisation(problem, problem.stiffness, material.elastic)
+        # the elastic part of K~ is known: online only what flow changes is projected
+        self._unchanged = ElasticPart(material.elastic, np.zeros(self._pattern.indices.size))
+
+    def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """Strain at the Gauss points of the RID, lift included, less that which is without stress."""
+        field = self.flow.modes @ x
+        free = self.flow.eigenstrains
+        found = self.operator.strain(field + self.flow.lifts @ theta if self._lifted else field)
+        return found - (free @ theta).reshape(found.shape) if free.nnz else found
+
+    def strain_of(self, change: np.ndarray) -> np.ndarray:
+        """Strain of a change of gamma at the Gauss points of the RID."""
+        return self.operator.strain(self.flow.modes @ change)
+
+    def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
+        """V[A]^T of loads less internal forces, and the norm of what they are made of on A, (1,)."""
+        loads = self._external @ theta
+        internal, size = self.operator.internal(gauss.stress)
+        inner = self.flow.inner
+        return loads - self._test @ internal[inner], self.norms(loads) + self.norms(size[inner])
+
+    def round_off(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """Residual that comes of adding stiffness times displacement in double precision, (1,)."""
+        return 1e-13 * self.norms(self._sizes @ np.abs(self.flow.modes @ x + self.flow.lifts @ theta))
+
+    def signs(self, answer: Answer) -> Signs:
+        """Residual on A before it is projected, and gaps on the whole contact surface.
+
+        In the reduced space the residual vanishes whatever the path, and no gap of the RID is violated; on A, and
+        outside, it shows what the modes cannot do.
+        """
+        theta = self.amplitudes(answer.parameter)
+        inner = self.flow.inner
+        loads = self.flow.loads @ theta
+        internal, sizes = self.operator.internal(answer.state().stress)
+        contact = self.flow.contact @ answer.multipliers
+        size = np.linalg.norm(loads) + np.linalg.norm(sizes[inner]) + np.linalg.norm(contact)
+        depth = (self.fields.contact_basis @ answer.unknown - self.fields.gaps @ theta).max()
+        left = float(np.linalg.norm(loads - internal[inner] - contact))
+        flow = self.fields.flow
+        misfit, stress = (0.0, 0.0) if flow is None else flow.unexplained(answer.state().stress)
+        return Signs(left, float(size), max(float(depth), 0.0), misfit=misfit, stress=stress)
+
+    def tangent(self, tangents: np.ndarray) -> np.ndarray:
+        """Projected consistent tangent V[A]^T K_T V, (ell, ell)."""
+        change = self.operator.stiffness(tangents, self._pattern, self._unchanged)
+        return self.problem.stiffness + self._test @ _product(change, self.flow.inner, self.flow.modes)
+
+    def stepper(self, settings: MarchSettings) -> LinearisedStepper:
+        """What solves the steps of a history."""
+        return LinearisedStepper(self, settings)
+
+
+class DenseLinearisation:
+    """A linearisation on dense blocks, see :class:`hhr_dolfinx.models.histories.equilibrium.Linearisation`."""
+
+    def __init__(self, problem: ReducedProblem, stiffness: np.ndarray, moduli: np.ndarray):
+        self.moduli = moduli
+        self._problem = problem
+        self._factor = LapackLU(stiffness)
+        self._pairs = Pairs.of(problem.pairs)
+        self._per_force = self._factor.solve(problem.contact_test.T)
+        self._equalities = SchurEqualities.of(problem.contact_trial @ self._per_force, LapackLU)
+
+    def correct(self, residual: np.ndarray, x: np.ndarray, theta: Theta, active: np.ndarray) -> Correction:
+        """Solve K~ δ + B~1^T λ = residual, B~2 (x + δ) <= gaps."""
+        free = self._factor.solve(residual)
+        problem = self._problem
+        slack = problem.gaps @ theta - problem.contact_trial @ (x + free)
+        found = active_set(self._equalities, slack, active, pairs=self._pairs)
+        return Correction(free - self._per_force @ found.forces, found)
+
+    def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Solve K~ δ + B~1^T λ = residual, B~2 δ = gaps where active, λ = 0 elsewhere."""
+        free = self._factor.solve(residual)
+        forces, _ = self._equalities(active, gaps - self._problem.contact_trial @ free)
+        return free - self._per_force @ forces, forces
+
+
+def _product(matrix: csr_matrix, rows: np.ndarray, dense: np.ndarray) -> np.ndarray:
+    """Some rows of a sparse matrix, many of which are zero, times a dense one."""
+    out = np.zeros((rows.size, dense.shape[1]))
+    _rows_times(matrix.indptr, matrix.indices, matrix.data, rows, dense, out)
+    return out
+
+
+@compiled()
+def _rows_times(indptr, indices, data, rows, dense, out):
+    for r in range(rows.size):
+        for position in range(indptr[rows[r]], indptr[rows[r] + 1]):
+            value = data[position]
+            if value != 0.0:
+                column = indices[position]
+                for k in range(dense.shape[1]):
+                    out[r, k] += value * dense[column, k]
+
+
+UNKNOWN = "plastic strains at the points of the cubature differ from combinations of trained ones"
+"""What its signs say, in words."""
+
+
+@dataclass(frozen=True)
+class CubatureFlow:
+    """What is known of flow at n weighted Gauss points, as arrays (c components of a strain).
+
+    Attributes:
+        points: numbers of the Gauss points in the full model, (n,).
+        per_cell: Gauss points of a cell there.
+        trial: strain of the modes V, (n, c, ell).
+        test: strain of the modes cut off outside A, times the weight of the point, (n, c, ell).
+        given: strain of imposed displacements less that which is without stress, for each term of θ, sparse,
+            (n c, 1 + T).
+        loads: external loads on the test functions, (ell, 1 + T).
+        material: laws at these points.
+    """
+
+    points: Annotated[Integers, "points", "< gauss points"]
+    per_cell: int
+    trial: Annotated[Floats, "points", "components", "ell"]
+    test: Annotated[Floats, "points", "components", "ell"]
+    given: Annotated[csc_matrix, "points * components", "terms"]
+    loads: Annotated[Floats, "ell", "terms"]
+    material: Material
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """Points that are there twice, lie in no cell, or are not those of its material."""
+        if self.material.gauss_points != self.points.size:
+            yield f"{self.material.gauss_points} points of the material are not {self.points.size}"
+        if np.unique(self.points).size < self.points.size or self.per_cell < 1:
+            yield f"points of a cubature must be different numbers, with {self.per_cell} of a cell"
+
+    @property
+    def cells(self) -> np.ndarray:
+        """Numbers of the cells in which the points lie."""
+        return np.unique(self.points // self.per_cell)
+
+    def equilibrium(
+        self, problem: ReducedProblem, parameters: ParameterSpace, fields: Reconstruction
+    ) -> CubatureEquilibrium:
+        """The equilibrium of gamma by these points."""
+        return CubatureEquilibrium(problem, self, parameters, fields)
+
+
+class CubatureEquilibrium(ProjectedEquilibrium):
+    """Equilibrium of gamma, see :class:`hhr_dolfinx.models.histories.equilibrium.Equilibrium`.
+
+    Args:
+        problem: the elastic projection, (5.23), whose contact conditions hold here too.
+        flow: weighted Gauss points and their laws.
+        parameters: the box of the parameters.
+        fields: what completes its answers.
+    """
+
+    def __init__(self, problem: ReducedProblem, flow: CubatureFlow, parameters: ParameterSpace, fields: Reconstruction):
+        super().__init__(problem, flow.material, parameters, fields)
+        self.flow = flow
+        self.points = flow.points
+        self.per_cell = flow.per_cell
+        self._shape = flow.trial.shape[:2]
+        self._trial = flow.trial.reshape(-1, self.size)
+        self._test = flow.test.reshape(-1, self.size)
+        self._parts = np.abs(self._test)
+        self._given = bool(flow.given.nnz)
+        self._set_middle()
+
+    def _set_elasticity(self, material: Material, problem: ReducedProblem) -> None:
+        self.material = material
+        self.problem = problem
+        self._elastic = self._test.T @ self._flux(material.elastic, np.arange(len(self.points)))
+        self.elastic = DenseLinearisation(problem, self._elastic, material.elastic)
+        self._sizes = np.abs(self._elastic)
+
+    def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """Strain at the Gauss points, lift included, less that which is without stress."""
+        strain = self._trial @ x
+        return (strain + self.flow.given @ theta if self._given else strain).reshape(self._shape)
+
+    def strain_of(self, change: np.ndarray) -> np.ndarray:
+        """Strain of a change of gamma at the Gauss points."""
+        return (self._trial @ change).reshape(self._shape)
+
+    def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
+        """V[A]^T of loads less internal forces, and the norm of what they are made of, (1,)."""
+        loads = self.flow.loads @ theta
+        flat = gauss.stress.ravel()
+        return loads - self._test.T @ flat, self.norms(loads) + self.norms(self._parts.T @ np.abs(flat))
+
+    def round_off(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """Residual that comes of adding stiffness times displacement in double precision, (1,)."""
+        return 1e-13 * (self.norms(self._sizes @ np.abs(x)) + self.norms(self.flow.loads @ theta))
+
+    def signs(self, answer: Answer) -> Signs:
+        """What the modes of training cannot say of the plastic strain at the points, and gaps on the whole surface.
+
+        There are no dofs of A here on which forces could be out of balance; but flow that was never trained, whose
+        integral the weights do not know, is no combination of the trained one.
+        """
+        theta = self.amplitudes(answer.parameter)
+        gauss = answer.state()
+        flow = self.fields.flow
+        flowed = gauss.state.cumulated
+        known = None if flow is None else flow.cumulated
+        fitted = 0.0 if known is None else known.modes[self.points] @ (known.fit @ flowed)
+        depth = (self.fields.contact_basis @ answer.unknown - self.fields.gaps @ theta).max()
+        wrong = float(np.linalg.norm(flowed - fitted))
+        size = float(np.linalg.norm(flowed))
+        left = (0.0, 0.0) if flow is None else flow.unexplained(gauss.stress)
+        return Signs(wrong, size, max(float(depth), 0.0), UNKNOWN, *left)
+
+    def tangent(self, tangents: np.ndarray) -> np.ndarray:
+        """Projected consistent tangent, (ell, ell); points where it is elastic are passed over."""
+        change = tangents - self.material.elastic
+        flowing = np.flatnonzero(np.abs(change).max(axis=(1, 2), initial=0.0))
+        test = self.flow.test[flowing].reshape(-1, self.size)
+        return self._elastic + test.T @ self._flux(change[flowing], flowing)
+
+    def stepper(self, settings: MarchSettings) -> LinearisedStepper:
+        """What solves the steps of a history."""
+        return LinearisedStepper(self, settings)
+
+    def _flux(self, moduli: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Stress of the modes at some points, each under its moduli, (n c, ell)."""
+        return (moduli @ self.flow.trial[points]).reshape(-1, self.size)

@@ -1,0 +1,64 @@
+"""Strains that are not small: a theory of small strains says little of them, and beyond a limit load they run away."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from hhr_dolfinx.errors import SmallStrainWarning
+from hhr_dolfinx.models.histories.equilibrium import Diverged
+
+LARGE = 0.1
+"""A strain worth a word: squares that are left out, e^2 / 2, are a twentieth of it."""
+MOST = 1.0
+"""A strain at which there is no answer of small strains, and no balance but round-off beyond a limit load."""
+ALONE = 0.01
+"""Part of the points where strains may be larger: at the corner of a punch they are what the mesh makes of it."""
+RUNAWAY = 100.0
+"""A strain that not even a single point may have."""
+
+
+def spread_strain(sizes: np.ndarray) -> float:
+    """The strain that is exceeded at a hundredth of some points only, of the sizes at each, (points,)."""
+    count = max(int(ALONE * sizes.size), 1)
+    return float(np.partition(sizes, -count)[-count])
+
+
+def large_strain(strain: float) -> str:
+    """What a large strain means, in words."""
+    return (
+        f"a strain of {strain:.2g} at more than {ALONE:.0%} of the points is no small strain, and answers are those of "
+        f"small strains, which are a few per cent off at {LARGE:g} and mean nothing at {MOST:g}: lower the load, check "
+        "units and moduli, or take a program for finite strains"
+    )
+
+
+class SmallStrains:
+    """Looks at the strains of the steps of one history; what is large is said once."""
+
+    def __init__(self) -> None:
+        self._said = False
+
+    def check(self, strain: np.ndarray) -> None:
+        """Warn of strains, (points, components), that are large.
+
+        Raises:
+            Diverged: if they are no small strains at all.
+
+        Warns:
+            SmallStrainWarning: once.
+        """
+        largest = np.abs(strain).max()
+        if largest <= LARGE:
+            return
+        sizes = np.abs(strain).max(axis=1)
+        spread = spread_strain(sizes)
+        if spread > MOST or not largest <= RUNAWAY:
+            raise Diverged(
+                f"a strain of {largest:.3g} is no small strain: the load is more than is borne, or strains are finite",
+                int(sizes.argmax()),
+            )
+        if spread > LARGE and not self._said:
+            self._said = True
+            warnings.warn(large_strain(spread), SmallStrainWarning, stacklevel=3)

@@ -1,0 +1,249 @@
+"""A look at a scene before anything is solved: what is in the mesh, what faces what, what moves, what does nothing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from scipy.sparse import csc_matrix
+
+from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.full_order.motions import described, free_bodies
+from hhr_dolfinx.loads import checked_terms, parted, placed
+from hhr_dolfinx.pairings.surface import Surface
+from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.study.scene.findings import MISTAKE, NOTE, OK, SceneCheck
+from hhr_dolfinx.study.scene.mesh import depth_inside, look_at_common_nodes, look_at_joints, look_at_mesh
+
+TOUCHING = 1e-6
+"""Gaps below so many times the sag of facets are none: bodies are drawn in touch."""
+SMALL_GAP = 2.0
+"""Gaps below so many times the sag of facets are made by the mesh rather than by the bodies: a round side that touches
+between two of its nodes is off by the sag."""
+OVERLAP = 2.0
+"""Overlaps beyond so many times the sag of facets are those of the bodies rather than of the mesh."""
+
+
+def check_scene(scene: Scene, point: Any = None) -> SceneCheck:
+    """Look at a scene at a parameter, or in the middle of its box; nothing is factored or solved.
+
+    Raises:
+        ParameterError: for a point outside the box.
+    """
+    found = SceneCheck(scene)
+    space = scene.parameters
+    middle = space.middle if point is None else space.point(point)
+    with found.heard():
+        found.discretisation = Discretisation(scene, MPI.COMM_SELF)
+    if found.discretisation is None:
+        return found
+    look_at_mesh(found)
+    _names(found)
+    _pairs(found)
+    look_at_joints(found)
+    look_at_common_nodes(found)
+    if found.mistakes:
+        return found
+    problem = None
+    gauss = None
+    with found.heard():
+        problem, gauss = _problem(found.discretisation)
+    if problem is not None:
+        _gaps(found, problem, middle)
+        _supports(found, problem)
+        _loads(found, middle)
+        _outputs(found, problem, gauss)
+    return found
+
+
+def _problem(discretisation: Discretisation) -> tuple[ContactProblem, Any]:
+    """The problem, whose stiffness is assembled, and Gauss points where bodies flow: they have them in any case."""
+    gauss = None
+    if any(body.law is not None for body in discretisation.scene.bodies):
+        from hhr_dolfinx.full_order.flow import GaussModel
+
+        gauss = GaussModel.of(discretisation.scene, MPI.COMM_SELF)
+    terms = discretisation.stiffness_terms() if gauss is None else (gauss.stiffness, gauss.moduli)
+    problem = discretisation.contact_problem(*terms)
+    if discretisation.reshaped is not None:
+        problem = discretisation.reshaped.attached(problem)
+    return discretisation.checked(problem), gauss
+
+
+def _names(found: SceneCheck) -> None:
+    """Surfaces of the mesh that the scene does not name."""
+    scene = found.scene
+    discretisation = found.discretisation
+    assert discretisation is not None  # looked at by check_scene
+    used: set[Any] = {item.tag for item in scene.displacements} | {tag for item in scene.contacts for tag in item.tags}
+    used |= {getattr(load, "tag", None) for load in scene.loads}
+    facets = discretisation.names.facets
+    # a set of all nodes has the facets of all surfaces
+    taken = {number for tag in used if isinstance(tag, int | str) for number in facets.get(tag, (tag,))}
+    idle = sorted(name for name, own in facets.items() if isinstance(name, str) and not taken & set(own))
+    if idle:
+        found.say(NOTE, f"the mesh has surfaces that nothing names: {', '.join(idle)}")
+
+
+def _pairs(found: SceneCheck) -> None:
+    """Each contact pair by itself, so that all of them are told of."""
+    discretisation: Any = found.discretisation
+    for item in found.scene.contacts:
+        surfaces: list[Surface] = []
+        rows = None
+        with found.heard():
+            surfaces = [discretisation.surface(tag) for tag in item.tags]
+            rows = item.rows(surfaces, discretisation.size)
+        found.pairs.append((surfaces, rows))
+
+
+def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None:
+    """Distances of the surfaces beside the sag of their facets."""
+    gaps = problem.gaps @ problem.amplitudes(point)
+    unit = found.length
+    for place, (surfaces, _) in enumerate(found.pairs):
+        rows = np.flatnonzero(problem.contact_pairs == place)
+        names = " and ".join(repr(surface.tag) for surface in surfaces)
+        if not rows.size:
+            found.say(NOTE, f"contact {place} of {names}: displacements are imposed on all of its nodes, and it does "
+                      "nothing. Leave it out, or hold other surfaces")  # fmt: skip
+            continue
+        sag = max(sag_of(surface) for surface in surfaces)
+        own = gaps[rows]
+        found.say(
+            OK,
+            f"contact {place} of {names}: {own.size} conditions, gaps from {own.min():.3g} to {own.max():.3g}{unit}, "
+            f"facets sag by {sag:.2g}{unit}",
+        )
+        _overlap(found, place, -float(own.min()), sag, point)
+        small = [float(own.min()), _least_gap(problem, rows)]
+        small = [gap for gap in small if TOUCHING * sag < gap < SMALL_GAP * sag]
+        if small:
+            found.say(
+                NOTE,
+                f"contact {place} of {names}: the smallest gap, {small[0]:.3g}{unit}, is below twice the sag of "
+                f"facets, {sag:.2g}{unit}: which nodes touch first is made by the mesh. Refine the curved surfaces",
+            )
+
+
+def _least_gap(problem: ContactProblem, rows: np.ndarray) -> float:
+    """Smallest gap of some conditions in the box, by what of it is affine."""
+    amplitudes = problem.amplitudes
+    space = problem.parameters
+    affine = problem.gaps[rows][:, : len(amplitudes.constant)]
+    slopes = affine @ amplitudes.slopes
+    ends = np.minimum(slopes * np.array(space.lower), slopes * np.array(space.upper)).sum(axis=1)
+    return float((affine @ amplitudes.constant + ends).min())
+
+
+def _overlap(found: SceneCheck, place: int, depth: float, sag: float, point: np.ndarray) -> None:
+    """Bodies that overlap by their gaps, (m,), or as they are drawn, which pairings do not see where it is deep."""
+    scene = found.scene
+    surfaces = found.pairs[place][0]
+    names = " and ".join(repr(surface.tag) for surface in surfaces)
+    why = ""
+    opened = scene.opened(place, point)
+    for first, second in (surfaces, surfaces[::-1]) if len(surfaces) == 2 else ():
+        count, deep = depth_inside(found, first, second)
+        if deep - opened > max(depth, OVERLAP * sag):
+            depth = deep - opened
+            why = f", and {count} nodes of {first.tag!r} lie inside the body of {second.tag!r}"
+    if depth > OVERLAP * max(sag, 1e-12):
+        found.say(
+            NOTE,
+            f"contact {place} of {names}: bodies overlap by {depth:.3g}{found.length} before anything moves{why}. Move "
+            "them apart in the mesh, or by an Opening; leave it where a press fit is meant",
+        )
+
+
+def sag_of(surface: Surface) -> float:
+    """Largest distance of the facets of a surface from the arcs that their neighbours say they stand for.
+
+    An arc that turns by 2 a along a facet of length h is h a / 4 away from it; a is the angle from the normal of the
+    facet to that at its corners, which is averaged but for edges of the body.
+    """
+    if not surface.facets.size:
+        return 0.0
+    cosines = np.einsum("fd,fkd->fk", surface.outward, surface.corner_normals()).min(axis=1)
+    angles = np.arccos(np.clip(cosines, -1.0, 1.0))
+    lengths = np.linalg.norm(np.ptp(surface.corners, axis=1), axis=1)
+    return float((lengths * angles).max() / 4)
+
+
+def _supports(found: SceneCheck, problem: ContactProblem) -> None:
+    """What holds each body."""
+    discretisation = found.discretisation
+    scene = found.scene
+    assert discretisation is not None
+    free = free_bodies(scene, problem.points, problem.cell_nodes, discretisation.cell_bodies(), problem.free)
+    for body in free:
+        found.say(
+            NOTE,
+            f"{body.name} is held by contact alone, and without it {described(body, body.left)}. Where that is not "
+            "meant, hold it by a Displacement",
+        )
+    if not free:
+        found.say(OK, "displacements hold every body")
+
+
+def _loads(found: SceneCheck, point: np.ndarray) -> None:
+    """Resultant of each load for the amplitude 1; loads that reach nothing."""
+    for load in found.scene.loads:
+        with found.heard():
+            _load(found, load, point)
+
+
+def _load(found: SceneCheck, load: Any, point: np.ndarray) -> None:
+    discretisation: Any = found.discretisation
+    dim = discretisation.mesh.geometry.dim
+    terms = load.terms(discretisation.assembler(load))
+    name = f"{type(load).__name__} on {getattr(load, 'tag', 'the scene')!r}"
+    columns = [
+        csc_matrix(np.atleast_2d(one).T if np.ndim(one) == 1 else one) for one in (term.columns for term in terms)
+    ]
+    if not any(part.count_nonzero() for part in columns):
+        found.say(MISTAKE, f"{name} reaches nothing: its nodal forces are zero. Name another tag, or leave it out")
+        return
+    found.forces.append((name, _forces(found, load, point).reshape(-1, dim)))
+    if all(_vanishes(term.amplitude) for term in terms):
+        found.say(
+            NOTE, f"{name} has the amplitude 0 for all parameters, and does nothing: give it another, or leave it out"
+        )
+        return
+    if all(part.shape[1] == 1 for part in columns):
+        total = np.sum([part.toarray().reshape(-1, dim).sum(axis=0) for part in columns], axis=0)
+        # forces that balance leave round-off
+        total[np.abs(total) < 1e-12 * sum(abs(part).sum() for part in columns)] = 0.0
+        found.say(OK, f"{name}: resultant [{', '.join(f'{value:.6g}' for value in total)}] for the amplitude 1")
+    else:
+        found.say(OK, f"{name}: {sum(part.shape[1] for part in columns)} columns that depend on parameters")
+
+
+def _forces(found: SceneCheck, load: Any, point: np.ndarray) -> np.ndarray:
+    """Nodal forces of a load at a point, (N,)."""
+    discretisation: Any = found.discretisation
+    terms = [term for part in parted(checked_terms(load, discretisation.assembler(load))) for term in part]
+    amplitudes = Amplitudes.collect([term.amplitude for term in terms], found.scene.parameters)
+    return placed(terms, 1, (discretisation.size, amplitudes.firsts[-1])) @ amplitudes(point)
+
+
+def _vanishes(amplitude: Any) -> bool:
+    """Whether an amplitude is zero whatever the parameters are."""
+    return isinstance(amplitude, Amplitude) and not amplitude.constant and not any(amplitude.slopes.values())
+
+
+def _outputs(found: SceneCheck, problem: ContactProblem, gauss: Any) -> None:
+    """Outputs of what is not there."""
+    assert found.discretisation is not None
+    from hhr_dolfinx.full_order.outputs import probe_of
+
+    read = []
+    for output in found.scene.outputs:
+        with found.heard():
+            output.prepared(probe_of(output, found.discretisation, problem, gauss, problem))
+            read.append(repr(output.name))
+    if read:
+        found.say(OK, f"outputs: {', '.join(read)}")

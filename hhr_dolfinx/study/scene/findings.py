@@ -1,0 +1,93 @@
+"""What a look at a scene has found, as sentences."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from hhr_dolfinx.contact.problem import ContactRows
+from hhr_dolfinx.errors import HHRError
+from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.pairings.surface import Surface
+from hhr_dolfinx.scene import Scene
+
+OK = "ok"
+NOTE = "note"
+MISTAKE = "mistake"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One sentence about a scene.
+
+    Attributes:
+        level: ``ok``, ``note`` or ``mistake``.
+        text: what was found, and what to do.
+    """
+
+    level: str
+    text: str
+
+
+@dataclass
+class SceneCheck:
+    """What was found.
+
+    Attributes:
+        scene: the scene.
+        findings: in the order of the look, each once.
+        discretisation: its mesh; None where there is none.
+        pairs: surfaces and rows of each contact pair; no rows where they were refused.
+        forces: of each load its name and its nodal forces at the parameter looked at, (nodes, dim).
+    """
+
+    scene: Scene
+    findings: list[Finding] = field(default_factory=list)
+    discretisation: Discretisation | None = None
+    pairs: list[tuple[list[Surface], ContactRows | None]] = field(default_factory=list)
+    forces: list[tuple[str, np.ndarray]] = field(default_factory=list)
+
+    @property
+    def mistakes(self) -> list[Finding]:
+        """Those that keep the scene from being solved, or from meaning anything."""
+        return [finding for finding in self.findings if finding.level == MISTAKE]
+
+    @property
+    def drawable(self) -> bool:
+        """Whether there is a mesh to draw."""
+        return self.discretisation is not None
+
+    @property
+    def length(self) -> str:
+        """Unit of length behind a blank; nothing where it is not said."""
+        return "" if self.scene.units is None else f" {self.scene.units.length}"
+
+    def draw(self, path: Path) -> None:
+        """A picture of bodies, contact surfaces, supports and loads."""
+        from hhr_dolfinx.study.scene.picture import draw_scene
+
+        draw_scene(self, path)
+
+    def say(self, level: str, text: str) -> None:
+        """Add a finding, unless it has been said: a pair is looked at by itself and with all others."""
+        finding = Finding(level, text)
+        if finding not in self.findings:
+            self.findings.append(finding)
+
+    @contextmanager
+    def heard(self) -> Iterator[None]:
+        """Warnings of a block become notes, errors mistakes."""
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            try:
+                yield
+            except HHRError as error:
+                self.say(MISTAKE, str(error))
+        for item in caught:
+            if issubclass(item.category, UserWarning):
+                self.say(NOTE, str(item.message))

@@ -1,0 +1,274 @@
+"""A look at the mesh of a scene: sizes, shapes of cells, bodies that fall apart, are glued, or lie in each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from dolfinx import geometry
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from hhr_dolfinx.amplitudes import Amplitude, bound
+from hhr_dolfinx.body import Body
+from hhr_dolfinx.geometries.mesh_file import MeshFile
+from hhr_dolfinx.pairings.surface import Surface
+from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.study.scene.findings import NOTE, OK, SceneCheck
+
+BAD_CELL = 0.1
+"""Scaled Jacobian of a cell below which it is told of."""
+SMALL = 1e-4
+LARGE = 50.0
+"""Extent of a mesh in m beyond which its unit may be another one than the scene says."""
+SOFT = 1e9
+STIFF = 1.2e12
+"""Moduli in Pa: plastics that carry something are stiffer, and nothing is stiffer than diamond."""
+APART = 1e6
+"""Ratio of the moduli of two bodies from which on one may be in another unit: steel is 1e5 times as stiff as rubber."""
+SAME_PLACE = 1e-9
+"""Distance of two nodes over the extent of the mesh below which they are at one place."""
+
+
+@dataclass(frozen=True)
+class MeshLook:
+    """Nodes and cells of a whole mesh.
+
+    Attributes:
+        points: (nodes, dim).
+        cells: nodes of each cell, (cells, k).
+        owner: place in the scene of the body of each cell, (cells,).
+    """
+
+    points: np.ndarray
+    cells: np.ndarray
+    owner: np.ndarray
+
+    @classmethod
+    def of(cls, found: SceneCheck) -> MeshLook:
+        """Of a scene whose mesh was made."""
+        discretisation: Any = found.discretisation
+        return cls(discretisation._points(), discretisation._cell_nodes(), discretisation.cell_bodies())
+
+    @property
+    def extent(self) -> float:
+        """Longest side of the box around it."""
+        return float(np.ptp(self.points, axis=0).max())
+
+    def nodes_of(self, body: int) -> np.ndarray:
+        """Which nodes are of a body, (nodes,) bool."""
+        inside = np.zeros(len(self.points), dtype=bool)
+        inside[self.cells[self.owner == body]] = True
+        return inside
+
+    def pieces_of(self, body: int) -> np.ndarray:
+        """Piece of a body that each node belongs to, from 0, and -1 for others, (nodes,)."""
+        cells = self.cells[self.owner == body]
+        count = len(self.points)
+        starts = np.repeat(cells[:, :1], cells.shape[1], axis=1)
+        graph = csr_matrix((np.ones(cells.size), (starts.ravel(), cells.ravel())), shape=(count, count))
+        part = connected_components(graph, directed=False)[1]
+        inside = self.nodes_of(body)
+        pieces = np.full(count, -1)
+        pieces[inside] = np.unique(part[inside], return_inverse=True)[1]
+        return pieces
+
+
+def look_at_mesh(found: SceneCheck) -> None:
+    """Bodies one by one, and what their sizes say of the units."""
+    look = MeshLook.of(found)
+    for place, body in enumerate(found.scene.bodies):
+        corners = look.points[look.cells[look.owner == place]]
+        size = _size(corners.reshape(-1, look.points.shape[1]))
+        text = f"body {body.tag!r}: {len(corners)} cells, {size}{found.length}, E = {body.young}, nu = {body.poisson}"
+        found.say(OK, text)
+        worst, where = worst_cell(corners)
+        if worst < BAD_CELL:
+            found.say(
+                NOTE,
+                f"body {body.tag!r} has bad cells, the worst at {np.round(where, 6).tolist()} with a quality of "
+                f"{worst:.2g} of 1: stresses are wrong there. Mesh it more evenly",
+            )
+        _modulus(found, body)
+    _stiffness_apart(found)
+    _unit_of_length(found, look)
+    _large_motions(found, look)
+
+
+def look_at_joints(found: SceneCheck) -> None:
+    """Where nodes are doubled or shared: bodies that fall apart, or are glued, without being asked to."""
+    look = MeshLook.of(found)
+    tags = [body.tag for body in found.scene.bodies]
+    inside = [look.nodes_of(place) for place in range(len(tags))]
+    paired = _paired_bodies(found, inside)
+    twins = cKDTree(look.points).query_pairs(SAME_PLACE * look.extent, output_type="ndarray")
+    for place, tag in enumerate(tags):
+        pieces = look.pieces_of(place)
+        own = twins[(pieces[twins] >= 0).all(axis=1)]
+        if len(own) and (place, place) not in paired:
+            found.say(
+                NOTE,
+                f"body {tag!r} falls apart: {len(own)} of its nodes are there twice, e.g. at "
+                f"{look.points[own[0, 0]].tolist()}, and its cells do not hang together there. Merge these nodes, in "
+                "gmsh by removeDuplicateNodes or by a fragment of its volumes before they are meshed",
+            )
+        elif pieces.max() > 0:
+            found.say(OK, f"body {tag!r} is made of {pieces.max() + 1} pieces")
+    for one, other in combinations(range(len(tags)), 2):
+        common = np.flatnonzero(inside[one] & inside[other])
+        if common.size:
+            found.say(OK, f"bodies {tags[one]!r} and {tags[other]!r} share {common.size} nodes: they are glued there")
+        between = (inside[one][twins] & inside[other][twins][:, ::-1]).any(axis=1)
+        if between.any() and (one, other) not in paired:
+            found.say(
+                NOTE,
+                f"bodies {tags[one]!r} and {tags[other]!r} touch at {int(between.sum())} nodes, e.g. at "
+                f"{look.points[twins[between][0, 0]].tolist()}, and no contact pair is between them: they go through "
+                "each other. Give their surfaces a contact pair, or merge these nodes to glue them",
+            )
+
+
+def look_at_common_nodes(found: SceneCheck) -> None:
+    """Nodes that both surfaces of a pair have: no contact acts there."""
+    for place, (surfaces, _) in enumerate(found.pairs):
+        for first, second in combinations(surfaces, 2):
+            common = np.isin(first.nodes, second.nodes)
+            if common.any():
+                found.say(
+                    NOTE,
+                    f"contact {place}: surfaces {first.tag!r} and {second.tag!r} share {int(common.sum())} nodes, e.g. "
+                    f"at {first.points[common][0].tolist()}: they are glued there and cannot open. Give each body "
+                    "nodes of its own, in gmsh without a fragment or removeDuplicateNodes",
+                )
+
+
+def depth_inside(found: SceneCheck, first: Surface, second: Surface) -> tuple[int, float]:
+    """How many nodes of a surface lie inside of the body behind another one as drawn, and how deep the deepest.
+
+    Depths are those below the nearest facet of the other surface.
+    """
+    look, mesh = MeshLook.of(found), found.discretisation.mesh  # type: ignore[union-attr]
+    bodies = [place for place in range(len(found.scene.bodies)) if look.nodes_of(place)[second.nodes].all()]
+    points = np.zeros((len(first.nodes), 3))
+    points[:, : look.points.shape[1]] = first.points
+    near = geometry.compute_collisions_points(geometry.bb_tree(mesh, mesh.topology.dim), points)
+    hits = geometry.compute_colliding_cells(mesh, near, points)
+    _, nearest = cKDTree(second.corners.mean(axis=1)).query(first.points)
+    heights = np.einsum("nd,nd->n", second.outward[nearest], first.points - second.corners.mean(axis=1)[nearest])
+    depths = []
+    for number, node in enumerate(first.nodes):
+        cells = hits.links(number)
+        # a node that both bodies have lies in cells of both
+        others = cells[np.isin(look.owner[cells], bodies) & ~(look.cells[cells] == node).any(axis=1)]
+        if others.size and heights[number] < 0:
+            depths.append(-float(heights[number]))
+    return len(depths), max(depths, default=0.0)
+
+
+def worst_cell(corners: np.ndarray) -> tuple[float, np.ndarray]:
+    """Smallest scaled Jacobian of cells, (c, k, dim), and where: volume at a corner over the edges that meet there.
+
+    Stretched bricks have 1, a sliver next to 0.
+    """
+    count, dim = corners.shape[1:]
+    numbers = range(count)
+    worst = np.ones(len(corners))
+    for at in numbers:
+        others = [n for n in numbers if n != at] if count == dim + 1 else [at ^ (1 << axis) for axis in range(dim)]
+        edges = corners[:, others] - corners[:, [at]]
+        lengths = np.linalg.norm(edges, axis=2).prod(axis=1)
+        worst = np.minimum(worst, np.abs(np.linalg.det(edges)) / lengths)
+    where = int(worst.argmin())
+    return float(worst[where]), corners[where].mean(axis=0)
+
+
+def _size(points: np.ndarray) -> str:
+    """Extents in words."""
+    return " x ".join(f"{value:.4g}" for value in np.ptp(points, axis=0))
+
+
+def _paired_bodies(found: SceneCheck, inside: list[np.ndarray]) -> set[tuple[int, int]]:
+    """Pairs of bodies, the smaller place first, between which there is a contact."""
+    pairs = set()
+    for surfaces, _ in found.pairs:
+        sides = [[k for k, own in enumerate(inside) if own[surface.nodes].any()] for surface in surfaces]
+        pairs |= {(min(k, m), max(k, m)) for one, other in combinations(sides, 2) for k in one for m in other}
+    return pairs
+
+
+def young_of(body: Body, space: ParameterSpace) -> float:
+    """Young's modulus, in the middle of the box where it is a parameter; NaN where it is another formula."""
+    if not isinstance(body.young, str):
+        return float(body.young)
+    place = space.names.index(body.young) if body.young in space.names else None
+    return np.nan if place is None else (space.lower[place] + space.upper[place]) / 2
+
+
+def _modulus(found: SceneCheck, body: Body) -> None:
+    """A modulus that no material has in the units of the scene."""
+    units = found.scene.units
+    if units is None:
+        return
+    young = young_of(body, found.scene.parameters)
+    pascals = units.pascals(young)
+    unit = f"give E in {units.stress}, the unit of stress of the scene"
+    if pascals < SOFT:
+        text = f"is softer than plastics (1 GPa), as rubber and foam are: where a stiffer one is meant, {unit}"
+        found.say(NOTE, f"body {body.tag!r}: E = {young:g} {units.stress} {text}")
+    elif pascals > STIFF:
+        found.say(NOTE, f"body {body.tag!r}: E = {young:g} {units.stress} is stiffer than diamond (1200 GPa): {unit}")
+
+
+def _stiffness_apart(found: SceneCheck) -> None:
+    """Bodies whose moduli are far from each other."""
+    space = found.scene.parameters
+    known = [body for body in found.scene.bodies if not np.isnan(young_of(body, space))]
+    bodies = sorted(known, key=lambda body: young_of(body, space))
+    if not bodies:
+        return
+    soft, stiff = (young_of(body, space) for body in (bodies[0], bodies[-1]))
+    if stiff > APART * soft:
+        found.say(
+            NOTE,
+            f"body {bodies[-1].tag!r} with E = {stiff:g} is {stiff / soft:.2g} times as stiff as body "
+            f"{bodies[0].tag!r} with E = {soft:g}: give both in one unit; where that is meant, take the stiff one as "
+            "rigid, an Obstacle or imposed displacements",
+        )
+
+
+def _unit_of_length(found: SceneCheck, look: MeshLook) -> None:
+    """A mesh that is tiny or huge in the unit of the scene."""
+    units = found.scene.units
+    if units is None or SMALL <= units.metres(look.extent) <= LARGE:
+        return
+    made = found.scene.geometry
+    what = f"the mesh of file {made.path}" if isinstance(made, MeshFile) else f"the mesh of scene '{found.scene.name}'"
+    found.say(
+        NOTE,
+        f"{what} is {_size(look.points)} {units.length}: where that is not meant, its coordinates are in another unit. "
+        "Say by what they are to be multiplied, MeshFile(path, scale=...), or give the scene the Units of the mesh",
+    )
+
+
+def _large_motions(found: SceneCheck, look: MeshLook) -> None:
+    """Displacements and openings that are longer than the mesh, somewhere in the box."""
+    space = found.scene.parameters
+    box = np.array([space.lower, space.upper], dtype=float)
+    named = [(f"the displacement on {item.tag!r}", item.amplitude) for item in found.scene.displacements]
+    named += [(f"the opening of contact {item.contact}", item.amplitude) for item in found.scene.openings]
+    for what, amplitude in named:
+        amplitude = bound(amplitude, space)
+        if isinstance(amplitude, Amplitude):
+            reached = np.sort(box * amplitude.row(space), axis=0).sum(axis=1) + amplitude.constant
+        else:
+            reached = np.array([amplitude.value(point) for point in space.random(64, seed=0)])
+        largest = float(np.abs(reached).max())
+        if largest > look.extent:
+            found.say(
+                NOTE,
+                f"{what} reaches {largest:.4g}{found.length}, and the whole mesh is {look.extent:.4g}{found.length} "
+                "long: bring parameters and mesh to one unit, by MeshFile(path, scale=...) or by the slopes",
+            )

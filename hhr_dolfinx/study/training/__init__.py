@@ -1,0 +1,1 @@
+"""Trainings: what to solve, and what is built of it."""

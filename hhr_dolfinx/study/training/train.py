@@ -1,0 +1,336 @@
+"""A full model with the answers to train and to check reduced models: computed once, built from often."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from mpi4py import MPI
+
+from hhr_dolfinx import ranks
+from hhr_dolfinx.certify.strains import check_small_strains
+from hhr_dolfinx.errors import ParameterError, StudyError
+from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
+from hhr_dolfinx.models.histories.path import checked_path
+from hhr_dolfinx.reduction.build import build, usual_recipe
+from hhr_dolfinx.reduction.recipe import Recipe
+from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, held_out_points, spread_snapshots
+from hhr_dolfinx.snapshots.store import SnapshotStore
+from hhr_dolfinx.study.training.answers import TrainingAnswers
+from hhr_dolfinx.study.training.counts import check_counts
+from hhr_dolfinx.timing import StageLog
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.condensed import CondensedModel
+    from hhr_dolfinx.models.fallback import FallbackModel
+    from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
+    from hhr_dolfinx.models.histories.force_correction import ForceCorrection
+    from hhr_dolfinx.models.local import LocalModels
+    from hhr_dolfinx.models.local_histories import LocalHistories
+
+Progress = Callable[[str], Callable[[Iterable], Iterable]]
+"""Maps a label to a wrapper of iterations, for progress bars."""
+
+
+def silent(label: str) -> Callable[[Iterable], Iterable]:
+    """No progress bars."""
+    return iter
+
+
+class Training(TrainingAnswers):
+    """A full model with answers, and the models that are made of them."""
+
+    def build(self, recipe: Any = None, *, checked: bool = True) -> Any:
+        """A reduced model; unchecked it is built as it is, to be measured: no warning, no growth of its RID.
+
+        Only what cannot be solved at all is refused even so: dependent contact rows, a singular K~. None takes the
+        usual recipe of the scene, or the one for which a greedy training chose. What is no recipe is a way to reduce of
+        its own, see :class:`~hhr_dolfinx.reduction.build.Reductor`.
+        """
+        if recipe is None:
+            recipe = usual_recipe(self.full_order) if self.choice is None else self.choice.recipe
+        if not checked and isinstance(recipe, Recipe):
+            recipe = recipe.as_it_is()
+        return build(self.full_order, self.snapshots, recipe, self.held_out if checked else None)
+
+    def safe_model(
+        self,
+        tolerance: float = 0.01,
+        *,
+        of: str | None = None,
+        grow: int | None = 20,
+        recipe: Recipe | None = None,
+        checked: bool = True,
+    ) -> FallbackModel:
+        """A reduced model that asks the full one where it may be off by more than a tolerance, and learns from it.
+
+        Args:
+            tolerance: largest relative error of any answer.
+            of: which error that is: ``forces``, nodal contact forces in the Euclidean norm; ``pressure``, the largest
+                error of a nodal pressure over the peak pressure; ``displacement``, its energy; or an output, by its
+                name. None takes displacement and forces, both in energy: nodal forces and pressures are then off by
+                ten times as much and more.
+            grow: number of new answers of the full model after which the reduced one is built again, from the training
+                and all of them; None keeps it as it is.
+            recipe, checked: see :meth:`build`.
+
+        Raises:
+            BoundError: where answers of the reduced model have no bound.
+            ParameterError: for an invalid tolerance or ``grow``, an error that is not known, or one of an output
+                without a bound.
+        """
+        from hhr_dolfinx.study.training.growing import safe_model
+
+        return safe_model(self, tolerance, grow, recipe, of=of, checked=checked)
+
+    def local(
+        self, how: Any = None, *, recipe: Recipe | None = None, checked: bool = True, progress: Progress = silent
+    ) -> LocalModels | LocalHistories:
+        """Several small models in the place of one, each for a part of the box, used like one; thesis chapter 4.
+
+        Args:
+            how: :class:`~hhr_dolfinx.study.training.splitting.Splitting`, which finds the number of models itself, or
+                :class:`~hhr_dolfinx.study.training.local_training.Clusters`, a wished one; None takes the first. Where
+                bodies flow the number of the model of each step, an array for each training history, see
+                :func:`~hhr_dolfinx.study.training.local_histories.local_histories`.
+            recipe, checked: of each model, see :meth:`build`.
+            progress: for progress bars.
+
+        Raises:
+            StudyError: for what is no way to share a training out.
+            ReductionError: for labels that are not those of the steps.
+        """
+        if self.full_order.equilibrium is not None:
+            from hhr_dolfinx.study.training.local_histories import local_histories
+
+            if how is None or hasattr(how, "models"):
+                raise StudyError(
+                    f"bodies flow, and {how!r} shares no histories out: give the number of the model of each step, an "
+                    "array for each training history"
+                )
+            return local_histories(self, how, recipe, checked=checked)
+        if how is None:
+            from hhr_dolfinx.study.training.splitting import Splitting
+
+            how = Splitting()
+        if not callable(getattr(how, "models", None)) or isinstance(how, type):
+            raise StudyError(f"{how!r} is no way to share a training out: give Splitting(modes=90) or Clusters(3)")
+        if recipe is None and self.choice is not None:
+            recipe = self.choice.recipe
+        given = usual_recipe(self.full_order) if recipe is None else recipe
+        if not isinstance(given, Recipe):
+            raise StudyError(f"{given!r} is no recipe: give a Recipe")
+        return how.models(self, given if checked else given.as_it_is(), progress("local models"))
+
+    def condense(self, settings: Any = None) -> CondensedModel | CondensedFlowModel:
+        """A model that keeps all contact conditions, with its check.
+
+        Where nothing flows and the stiffness is constant it is exact. Where the stiffness or the shape depends on
+        parameters it is interpolated, by :class:`~hhr_dolfinx.reduction.interpolate.GridSettings`. Where bodies flow
+        their elastic response is eliminated and the plastic correction reduced, by
+        :class:`~hhr_dolfinx.reduction.condense_flow.CorrectionSettings`.
+
+        Raises:
+            NotOfferedError: where contact alone holds bodies whose moduli or shapes are parameters.
+        """
+        if self.full_order.equilibrium is not None:
+            from hhr_dolfinx.reduction.condense_flow import condense_flow
+
+            return condense_flow(self.full_order, self.snapshots, settings, self.held_out)
+        if not self.full_order.problem.varies:
+            from hhr_dolfinx.baselines.condensation import exact_condensation
+
+            return exact_condensation(self.full_order, self.snapshots.known_statuses(), field=False)
+        from hhr_dolfinx.reduction.condense import condense
+        from hhr_dolfinx.reduction.interpolate import GridSettings
+
+        return condense(self.full_order, self.snapshots, settings or GridSettings(), self.held_out)
+
+    def force_correction(self) -> ForceCorrection:
+        """What tells how far contact forces of histories are off, and corrects them once, for any model trained here.
+
+        ``correction.of(history)`` has better forces of each step, and their distance from those of the model.
+
+        Raises:
+            ReductionError: where nothing flows, and where moduli are no factors of connected components.
+        """
+        from hhr_dolfinx.reduction.flow import force_correction
+
+        return force_correction(self.full_order)
+
+
+def train(
+    scene: Scene,
+    training: Any,
+    *,
+    held_out: Any = None,
+    seed: int = 1,
+    folder: str | Path | None = None,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    march: MarchSettings = DEFAULT_MARCH,
+    progress: Progress = silent,
+) -> Training:
+    """Build the full model of a scene on each rank and share the training out over the ranks.
+
+    Args:
+        scene: the scene.
+        training: the number of points along each parameter, on a regular grid; a sampling, ``Sobol(512)`` or
+            ``LatinHypercube(100)``; ``Greedy(budget=100)``, which chooses where models of what is known are worst; or
+            an array of points, (S, P). Where bodies flow a list of paths, each of times in seconds and parameters, or
+            drawn from a family, ``family.paths(Sobol(12))``, or ``Greedy(family=family)``.
+        held_out: for the trust check: how many random parameters (100, a fifth of them where contact grazes; 0 for
+            none), or paths.
+        seed: of random parameters.
+        folder: where answers are kept and found again; None keeps nothing.
+        comm: communicator over which the training is spread.
+        march: how histories are solved.
+        progress: for progress bars.
+
+    Raises:
+        StudyError: for an invalid training, number of answers, seed or folder, before anything is computed.
+    """
+    log = StageLog()
+    with ranks.each_for_itself(comm, "checking what to train on"):
+        queries, apart = _checked(scene, training, held_out, seed)
+        folder = None if folder is None else checked_folder(folder)
+    with ranks.each_for_itself(comm, f"building the full model of scene '{scene.name}'"):
+        with log.stage("full_order"):
+            full = FullOrderModel(scene, MPI.COMM_SELF)
+        store = None if folder is None else SnapshotStore(folder, full)
+    with log.stage("snapshots"):
+        snapshots, choice = _solved(full, queries, comm, progress, store, march)
+    kept = None
+    if apart:
+        with log.stage("held_out"):
+            kept = _held_out(full, comm.bcast(_apart(full, snapshots, apart, seed)), comm, progress, store, march)
+    check_small_strains(full, snapshots, kept)
+    found = comm.allreduce(0 if store is None else store.found)
+    if found:
+        asked = len(snapshots.points) + (0 if kept is None else len(kept.points))
+        log.skip("snapshots", f"{found} of {asked} answers were read from {folder}: the times cover the others")
+    return Training(full, snapshots, kept, log, choice, found)
+
+
+def _solved(
+    full: FullOrderModel, queries: Any, comm: MPI.Comm, progress: Progress, store: Any, march: MarchSettings
+) -> tuple[SnapshotSet, Any]:
+    """Training answers, and what a greedy training chose; warns of queries without an answer."""
+    lost = Lost()
+    choice = None
+    if _chooses(queries):
+
+        def solve(asked: Any) -> SnapshotSet:
+            return spread_snapshots(full, asked, comm, iter, store, march, lost)
+
+        snapshots, choice = queries.grown(full, solve, comm, progress("greedy"), store)
+    else:
+        snapshots = spread_snapshots(full, queries, comm, progress("snapshots"), store, march, lost)
+    count = len(queries if choice is None else choice.points)
+    lost.warn(count, (count + 1) // 2, "training queries")
+    return snapshots, choice
+
+
+def _apart(full: FullOrderModel, snapshots: SnapshotSet, apart: Any, seed: int) -> Any:
+    """What is held out: paths as they are given, or a number of points, which forces decide on.
+
+    Their last digits may differ between machines.
+    """
+    return apart if isinstance(apart, list) else held_out_points(full.problem, snapshots, apart, seed + 2000)
+
+
+def _held_out(
+    full: FullOrderModel, given: Any, comm: MPI.Comm, progress: Progress, store: Any, march: MarchSettings
+) -> SnapshotSet:
+    """Answers that are held out."""
+    lost = Lost()
+    kept = spread_snapshots(full, given, comm, progress("held out"), store, march, lost)
+    lost.warn(len(given), 1, "queries held out")
+    return kept
+
+
+def _checked_path(scene: Scene, path: Any) -> Any:
+    """A path, checked; one of a family keeps its name."""
+    checked = checked_path(scene.parameters, path)
+    return path if isinstance(getattr(path, "name", None), str) else checked
+
+
+def _chooses(training: Any) -> bool:
+    """Whether a training chooses itself what it asks for, as ``Greedy`` does; whose module others do not load."""
+    return callable(getattr(training, "grown", None)) and not isinstance(training, type)
+
+
+def _checked(scene: Scene, training: Any, held_out: Any, seed: Any) -> tuple[Any, Any]:
+    """Points or paths to train on; how many points, or which paths, are held out."""
+    if not isinstance(scene, Scene):
+        raise StudyError(f"{scene!r} is no scene: give a Scene")
+    check_counts(seed=(seed, 0))
+    chooses = _chooses(training)
+    if chooses:
+        training.space(scene)
+    if any(body.law is not None for body in scene.bodies):
+        apart = held_out.tolist() if isinstance(held_out, np.ndarray) else held_out
+        given = training if chooses else training_paths(scene, training)
+        return given, training_paths(scene, apart) if apart else []
+    count = 100 if held_out is None else held_out
+    check_counts(held_out=(count, 0))
+    return training if chooses else training_points(scene, training), count
+
+
+def training_points(scene: Scene, training: Any) -> np.ndarray:
+    """Training points, (S, P): on a regular grid for counts along each parameter, sampled, or as they are given."""
+    asked = training
+    if isinstance(training, type):
+        raise StudyError(f"{training.__name__} is a class: give what it makes, {training.__name__}(...)")
+    try:
+        if hasattr(training, "points"):
+            training = np.asarray(training.points(scene.parameters))
+        given = isinstance(training, np.ndarray) and (training.ndim > 1 or training.dtype.kind == "f")
+        points = scene.parameters.points(training) if given else scene.parameters.grid(training)
+    except ParameterError as error:
+        raise StudyError(f"training of scene '{scene.name}': {error}") from None
+    if len(points) < 2:
+        raise StudyError(
+            f"training of scene '{scene.name}' on {asked!r} points: a reduced model needs at least 2 of them. Give "
+            "it more, Sobol(64) or a grid such as (16, 16)"
+        )
+    return points
+
+
+def training_paths(scene: Scene, paths: Any) -> list:
+    """Checked paths of a scene whose bodies flow; StudyError for what is no list of paths."""
+    try:
+        # paths of a family keep their names
+        checked = [_checked_path(scene, path) for path in paths]
+    except (ParameterError, TypeError) as error:
+        raise StudyError(
+            f"bodies of scene '{scene.name}' flow: train on a list of paths, such as family.paths(Sobol(12)) ({error})"
+        ) from None
+    if not checked or min(len(path) for path in checked) < 2:
+        raise StudyError(f"training of scene '{scene.name}' needs at least one path, each with a start and a step")
+    return checked
+
+
+def checked_folder(folder: str | Path) -> Path:
+    """A folder to write to, which need not exist; StudyError for what cannot be one."""
+    if not isinstance(folder, str | os.PathLike):
+        raise StudyError(f"the folder {folder!r} must be a path")
+    path = Path(folder)
+    try:
+        if "\0" in str(path):  # some versions of Python say that it is not there
+            raise ValueError("embedded null byte")
+        path.exists()
+    except (OSError, ValueError) as error:
+        raise StudyError(f"the folder {str(path)[:80]!r} cannot be made: {error}. Choose another name") from None
+    for part in (path, *path.parents):
+        if part.exists():
+            if not part.is_dir():
+                raise StudyError(
+                    f"the folder {path} cannot be made: {part} is a file. Choose another folder or move it"
+                )
+            break
+    return path
