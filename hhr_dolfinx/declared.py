@@ -2,8 +2,9 @@
 
 ``stiffness: Annotated[Floats, "ell", "ell"]`` is a square array of floating-point numbers. The same name is the same
 size everywhere in an object, and in all of a model if it is one of :data:`SHARED`; ``"points * components"`` is a
-product of sizes. ``Annotated[Integers, "m", "< N"]`` holds indices from 0 to N - 1, and ``Annotated[int, "N"]`` is
-itself the size. Files are laid out and checked by these declarations, see :mod:`hhr_dolfinx.plain`.
+product of sizes. ``Annotated[Integers, "m", "< N"]`` holds indices from 0 to N - 1, and ``Annotated[Size, "N"]`` is
+itself the size. What else is annotated says nothing of sizes. Files are laid out and checked by these declarations, see
+:mod:`hhr_dolfinx.plain`.
 """
 
 from __future__ import annotations
@@ -27,6 +28,9 @@ Integers = np.ndarray
 """Array of int64; four bytes are widened when a file is read, since compiled loops multiply indices."""
 Booleans = np.ndarray
 """Array of bool."""
+
+Size = int
+"""A number that is itself a size, in annotations: ``Annotated[Size, "N"]``."""
 
 TYPES = {"Floats": np.dtype(np.float64), "Integers": np.dtype(np.int64), "Booleans": np.dtype(np.bool_)}
 SHARED = frozenset({"N", "N_lambda", "m", "ell", "terms", "P", "components", "gauss points"})
@@ -118,6 +122,7 @@ def _fits(value: object, node: ast.expr, kinds: Mapping[str, type]) -> bool:
             return fits(value, items[0], kinds)
         return name != "tuple" or (isinstance(value, tuple) and _tuple_fits(value, items, kinds))
     name = _name(node)
+    name = "int" if name == "Size" else name
     if name in ("float", "int", "bool", "str"):
         return type(value).__name__ == name or (name == "float" and type(value) is int)
     if name in TYPES or name == "ndarray":
@@ -140,11 +145,20 @@ def declared_array(node: ast.expr) -> DeclaredArray | None:
     for item in _alternatives(node):
         if isinstance(item, ast.Subscript) and _name(item.value) == "Annotated":
             kind, *labels = _items(item)
+            if not _has_sizes(kind):
+                return None
             texts = [str(label.value) for label in labels if isinstance(label, ast.Constant)]
             below = [text.removeprefix("<").strip() for text in texts if text.startswith("<")]
             sizes = tuple(text for text in texts if not text.startswith("<"))
             return DeclaredArray(_name(kind), sizes, below[0] if below else "")
     return None
+
+
+def _has_sizes(kind: ast.expr) -> bool:
+    """Whether what is annotated is an array, a size, or a tuple of any length."""
+    if isinstance(kind, ast.Subscript):
+        return _name(kind.value) == "tuple" and isinstance(_items(kind)[-1], ast.Constant)
+    return _name(kind) in (*TYPES, "ndarray", "Size")
 
 
 class Sizes:
@@ -177,7 +191,7 @@ class Sizes:
             known = [(label, self._value(label)) for label in declared.sizes]
             wanted = ", ".join(label if size is None else f"{label} = {size}" for label, size in known)
             raise FileContentError(f"{path} has shape {found}, it must be ({wanted})")
-        if declared.below and value.size:
+        if declared.below and isinstance(value, np.ndarray) and value.size:
             self._waiting.append((self, path, declared.below, (int(value.min()), int(value.max()))))
 
     def _agrees(self, path: str, label: str, size: int) -> bool:

@@ -107,6 +107,10 @@ def clear_leftovers(folder: str | Path) -> None:
                     path.unlink(missing_ok=True)
 
 
+LONGEST_HEADER = 9_999_999
+"""Characters of a header that are read back."""
+
+
 def write_arrays(
     path: str | Path, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray], *, tidy: bool = True
 ) -> None:
@@ -125,8 +129,12 @@ def write_arrays(
     except _Damage as error:
         raise FileContentError(f"{path} is not written: {error}") from None
     signed = {**header, "sha256": _checksum(header, whole)}
+    text = json.dumps(signed)
+    if len(text) > LONGEST_HEADER:
+        why = f"{len(text)} characters beside the arrays are more than {LONGEST_HEADER}: keep many numbers in arrays"
+        raise FileContentError(f"{path} is not written: {why}")
     with replacing(path, tidy=tidy) as file:
-        members: dict[str, Any] = {"header": np.array(json.dumps(signed)), **whole}
+        members: dict[str, Any] = {"header": np.array(text), **whole}
         np.savez(file, **members)
 
 
@@ -170,6 +178,8 @@ def read_arrays(
 
 
 _KIND_OF = {"<f8": "float", "<i8": "int", "<i4": "int", "|b1": "bool"}
+_UTF8 = 0x800
+"""Flag of members of archives whose names are no ASCII."""
 _DESCRIPTION = re.compile(
     rb"\{'descr': '(<f8|<i8|<i4|\|b1|<U[0-9]{1,7})', 'fortran_order': (True|False), "
     rb"'shape': \(([0-9, ]{0,80})\), \} *\n"
@@ -325,7 +335,11 @@ def _members(path: Path, mapped: int) -> dict[str, np.ndarray]:
             raise _Damage(f"its {size} bytes are more than {MOST_BYTES}")
         for info in infos:
             name = info.filename.removesuffix(".npy")
-            if info.compress_type != zipfile.ZIP_STORED or info.flag_bits or info.compress_size != info.file_size:
+            if (
+                info.compress_type != zipfile.ZIP_STORED
+                or info.flag_bits & ~_UTF8
+                or info.compress_size != info.file_size
+            ):
                 raise _Damage(f"{name} is compressed or encrypted")
             # all together, as members of a hostile archive may share their bytes
             size -= info.file_size

@@ -4,6 +4,7 @@ A value is a frozen dataclass, or a model that names what it is made of in ``kep
 arrays, sparse matrices, tuples and other such values. It becomes a tree that JSON can hold, in which each value is the
 name of its class and its fields, and arrays by their paths in this tree. Whoever reads says which classes may come
 out; fields must be of the types, arrays of the sizes that these classes declare, see :mod:`hhr_dolfinx.declared`.
+Equal arrays come back as one: they are not to be written into.
 
 A class may have ``faults(sizes)``, which yields what is wrong with a value beyond that, given the sizes of its model
 by name, and ``from_file(**fields)``, by which it is made in the place of its constructor. One that ``has_own_sizes`` is
@@ -20,7 +21,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix, issparse
+from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.declared import TYPES, Sizes, annotations_of, declared_array, fits, shown
 from hhr_dolfinx.errors import FileContentError, MissingPackageError, ModelFileError
@@ -32,6 +33,11 @@ DEEPEST = 16
 SPARSE = {"csc": csc_matrix, "csr": csr_matrix}
 SMALL = 64
 """Entries of an array below which it is not worth looking whether most are zero."""
+MOST_DIMENSIONS = 32
+"""Of an array, as numpy had them for long."""
+ZEROS_PER_ENTRY = 100
+FREE_ZEROS = 2**24
+"""How many zeros a file may leave out, for each entry that it holds and in all: no small file fills the memory."""
 
 _REMEDY = (
     "what goes into a file must be a frozen dataclass, `@dataclass(frozen=True)`, whose fields are finite numbers, "
@@ -41,6 +47,7 @@ _REMEDY = (
 _SHOWN = 60
 
 
+_NO_KINDS: Mapping[str, type] = MappingProxyType({})
 CODE = MappingProxyType({"kept": False})
 """Metadata of a field that is code, which no file holds: it has a default."""
 OF_THE_MESH = MappingProxyType({"kept": False, "copied": False})
@@ -60,22 +67,31 @@ def rebuilt(kind: Any, arguments: Mapping[str, Any]) -> Any:
     return kind(**arguments)
 
 
-def as_plain(value: object) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def as_plain(value: object, known: Mapping[str, type] = _NO_KINDS) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """A value as a tree that JSON can hold, and its arrays by path.
 
     It is rebuilt once, so that what is written can be read back as the same value. Equal arrays are kept once, and of
     arrays that are mostly zero what is not.
 
+    Args:
+        value: what to keep.
+        known: classes that whoever reads knows by their names anyway, which no other class may have.
+
     Raises:
+        ModelFileError: for two classes of one name.
         FileContentError: for what is no such value, or what its class would not take back, with what to do.
     """
     if not _is_kind(type(value)):
         raise FileContentError(f"{_shown(value)} cannot be kept: {_REMEDY}")
-    writer = _Writer()
+    writer = _Writer(known)
     tree = writer.tree(value, "", 0)
-    kinds = dict(writer.kinds)
-    again = _Writer()
-    if again.tree(_Reader(writer.arrays, kinds).whole(tree), "", 0) != tree or not _same(again.arrays, writer.arrays):
+    copies = {
+        path: array.copy(order="K") for path, array in writer.arrays.items()
+    }  # a __post_init__ may write into them
+    again = _Writer(known)
+    if again.tree(_Reader(copies, dict(writer.kinds)).whole(tree), "", 0) != tree or not _same(
+        again.arrays, writer.arrays
+    ):
         raise FileContentError(
             f"{_shown(value)} made of its own fields is another {type(value).__name__}: its __post_init__ must leave "
             "fields that it has changed once as they are"
@@ -133,15 +149,15 @@ def _is_kind(kind: Any) -> bool:
 def _same(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> bool:
     """Whether arrays are the same to the last bit."""
     return one.keys() == other.keys() and all(
-        array is other[name] or (array.dtype == other[name].dtype and np.array_equal(array, other[name]))
-        for name, array in one.items()
+        array.dtype == other[name].dtype and np.array_equal(array, other[name]) for name, array in one.items()
     )
 
 
 class _Writer:
     """Takes a value apart; its arrays by path, and the classes of what it holds by name."""
 
-    def __init__(self) -> None:
+    def __init__(self, known: Mapping[str, type]) -> None:
+        self._known = known
         self.arrays: dict[str, np.ndarray] = {}
         self.kinds: dict[str, type] = {}
         self._first: dict[tuple, str] = {}
@@ -151,14 +167,16 @@ class _Writer:
         _check_depth(path, depth)
         if isinstance(value, np.ndarray):
             return self._array(path, value, declared)
-        if isinstance(value, tuple):
+        if type(value) is tuple:
             return [self.tree(item, f"{path}.{number}", depth + 1) for number, item in enumerate(value)]
-        if issparse(value) and value.format in SPARSE:
+        if type(value) in SPARSE.values():
             parts = {name: self._array(f"{path}.{name}", getattr(value, name)) for name in _PARTS}
             return {"sparse": value.format, "shape": list(value.shape), **parts}
         kind: Any = type(value)
         if value is None or not _is_kind(kind):
             return _scalar(path, value)
+        if kind.__name__ in self._known:
+            add_kind(self.kinds, self._known[kind.__name__])
         add_kind(self.kinds, kind)
         fields = {
             name: self.tree(getattr(value, name), f"{path}.{name}".lstrip("."), depth + 1, declared_array(node))
@@ -197,6 +215,7 @@ class _Reader:
         self.arrays = arrays
         self.kinds = kinds
         self._made: dict[str, np.ndarray] = {}
+        self._zeros_left = FREE_ZEROS + ZEROS_PER_ENTRY * sum(map(np.size, arrays.values()))
         self._used: set[str] = set()
 
     def whole(self, tree: Any) -> Any:
@@ -288,8 +307,7 @@ class _Reader:
         """An array of which a file keeps what is not zero; the same one wherever it is named again."""
         places = self._array(f"{key}.places")
         values = self._array(f"{key}.values")
-        whole = isinstance(shape, list | tuple) and all(type(n) is int and n >= 0 for n in shape)
-        if not whole or order not in ("C", "F") or math.prod(shape) > 2**40:
+        if not _is_shape(shape) or order not in ("C", "F"):
             raise FileContentError(f"{key} has no shape: {_shown(shape)}")
         if places.ndim != 1 or places.shape != values.shape or places.dtype.kind != "i" or values.dtype.kind != "f":
             raise FileContentError(f"{key} must have places and values, one for each")
@@ -297,6 +315,9 @@ class _Reader:
         if not ordered:
             raise FileContentError(f"{key} has places outside of it, or twice")
         if key not in self._made:
+            self._zeros_left -= math.prod(shape)
+            if self._zeros_left < 0:
+                raise FileContentError(f"{key} and others leave out more zeros than a file of this size may")
             flat = np.zeros(math.prod(shape))
             flat[places] = values
             self._made[key] = flat.reshape(shape) if order == "C" else flat.reshape(shape[::-1]).T
@@ -308,10 +329,18 @@ class _Reader:
         parts = [self.value(data[name], f"{path}.{name}", Sizes(), depth + 1) for name in _PARTS]
         shape = data["shape"]
         form = data["sparse"]
-        two = isinstance(shape, list | tuple) and len(shape) == 2 and all(type(n) is int and n >= 0 for n in shape)
-        kinds = "".join(part.dtype.kind for part in parts if isinstance(part, np.ndarray))
-        if not two or form not in SPARSE or kinds != "fii":
-            raise FileContentError(f"{path} is no sparse matrix")
+        kinds = "".join(part.dtype.kind for part in parts if isinstance(part, np.ndarray) and part.ndim == 1)
+        if not _is_shape(shape) or len(shape) != 2 or form not in SPARSE or kinds != "fii":
+            raise FileContentError(f"{path} is no sparse matrix of floating-point numbers")
+        values, indices, starts = parts
+        # scipy looks at the last of the starts alone before it follows them all
+        if not (
+            starts.size
+            and starts[0] == 0
+            and starts[-1] == indices.size == values.size
+            and (np.diff(starts) >= 0).all()
+        ):
+            raise FileContentError(f"the sparse matrix {path} has rows that do not follow each other")
         try:
             matrix = SPARSE[form](tuple(parts), shape=tuple(shape))
             matrix.check_format(full_check=True)
@@ -336,6 +365,15 @@ def _checked_array(path: str, array: np.ndarray) -> np.ndarray:
         kind = getattr(array, "dtype", type(array).__name__)
         raise FileContentError(f"{path} has the type {kind} or is not finite: {_REMEDY}")
     return array
+
+
+def _is_shape(shape: Any) -> bool:
+    """Whether it is one of an array."""
+    return (
+        isinstance(shape, list | tuple)
+        and len(shape) <= MOST_DIMENSIONS
+        and all(type(size) is int and 0 <= size <= 2**40 for size in shape)
+    )
 
 
 def _check_depth(path: str, depth: int) -> None:

@@ -33,6 +33,17 @@ def test_the_page_says_what_is_refused(cases):
     assert (ROOT / "docs/contract.md").read_text() == contract.page(cases)
 
 
+def test_outputs_of_forces_alone_have_derivatives_along_a_shape():
+    """No row of theirs measures a displacement; full and condensed models agree as they do in their forces."""
+    training = contract.training("shape")
+    point = {**contract.MIDDLE, "crown": 0.01}
+    assert {item.count for item in training.full_order.fields.functionals.items} == {0}
+    exact = training.full_order.outputs(point, gradient=True).gradient
+    found = training.condense().outputs(point, gradient=True).gradient
+    for name, slopes in exact.items():
+        assert found[name] == pytest.approx(slopes, rel=1e-6, abs=1e-8)
+
+
 def test_only_what_needs_a_mesh_or_a_bound_is_refused(cases):
     """Verbs that all kinds offer wherever they are: a hole that is named is still a hole."""
     refused = {(case.verb, case.place) for case in cases if case.outcome == "refused" and case.kind != "naive"}

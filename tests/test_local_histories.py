@@ -169,7 +169,7 @@ def test_models_of_other_scenes_and_other_answers_are_refused(trained, phased, s
         LocalHistories([hertz_reduction])
     with pytest.raises(ReductionError, match="at least one"):
         LocalHistories([])
-    with pytest.raises(ReductionError, match="none of these local models"):
+    with pytest.raises(ReductionError, match="not of these local models"):
         phased.model_of(single.march(demo.path(8.0, STEPS)[:2], QUIET).answers[-1])
     with pytest.raises(ReductionError, match="overlap = -1"):
         local_histories(trained, [PHASES] * 2, RECIPE, overlap=-1)

@@ -3,16 +3,18 @@
 import json
 import string
 from dataclasses import dataclass, field, fields, make_dataclass
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
+from scipy.sparse import csr_array, csr_matrix
 from toy_law import Bingham
 
 from hhr_dolfinx.amplitudes import Coverage
-from hhr_dolfinx.errors import FileContentError, SceneError
+from hhr_dolfinx.errors import FileContentError, ModelFileError, SceneError
 from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.materials.laws import Norton, Plasticity
 from hhr_dolfinx.plain import as_plain, by_name, restored
@@ -74,6 +76,121 @@ def same(one, other):
 
 def through_json(data):
     return json.loads(json.dumps(data))
+
+
+@dataclass(frozen=True)
+class Σ:
+    """A value whose names are no ASCII."""
+
+    σ: np.ndarray
+
+
+@dataclass(frozen=True)
+class Doubled:
+    """A value that writes into its arrays."""
+
+    table: np.ndarray
+
+    def __post_init__(self):
+        self.table[:] *= 2
+
+
+class Pair(NamedTuple):
+    """A tuple with names."""
+
+    x: float
+
+
+@dataclass(frozen=True)
+class OfUnits:
+    """A value whose annotations say something else than sizes."""
+
+    stress: Annotated[float, "MPa"]
+    steps: Annotated[int, "per second"]
+    cycles: Annotated[int, "per second"]
+    name: Annotated[str, "of a material"] = "steel"
+    several: Annotated[tuple[int, ...], "n", "< 3"] = (5,)
+
+
+@dataclass(frozen=True)
+class Holding:
+    """Whatever it is given."""
+
+    value: Any
+
+
+def in_a_file(value, folder, known):
+    """A value written and read."""
+    data, tables = as_plain(value)
+    write_arrays(folder / "value.npz", {"format": "a value", "version": 1, "value": data}, tables)
+    header, tables = read_arrays(folder / "value.npz", "a value", 1)
+    return restored(header["value"], tables, by_name(known))
+
+
+def test_names_that_are_no_ascii(tmp_path):
+    value = Σ(np.arange(3.0))
+    assert same(in_a_file(value, tmp_path, [Σ]), value)
+
+
+def test_annotations_of_others_are_no_sizes(tmp_path):
+    value = OfUnits(1.0, 3, 4)
+    assert same(in_a_file(value, tmp_path, [OfUnits]), value)
+
+
+def test_what_changes_its_own_arrays_is_refused_and_left_alone():
+    value = Doubled(np.ones(3))
+    with pytest.raises(FileContentError, match="made of its own fields is another Doubled"):
+        as_plain(value)
+    assert np.all(value.table == 2)
+
+
+@pytest.mark.parametrize("value", [Pair(1.0), csr_array(np.eye(2)), csr_matrix(np.eye(2, dtype=int))])
+def test_what_would_come_back_as_another_type_is_refused(value):
+    with pytest.raises(FileContentError, match=r"frozen dataclass|no sparse matrix of floating-point"):
+        as_plain(Holding(value))
+
+
+def test_a_name_that_is_taken():
+    own = dataclass(frozen=True)(type("Plasticity", (Plasticity,), {}))
+    with pytest.raises(ModelFileError, match="two classes are called Plasticity"):
+        as_plain(own(1.0, 1.0), {"Plasticity": Plasticity})
+
+
+@pytest.mark.parametrize(
+    "part, change",
+    [
+        ("indptr", np.array([0, 2**40, 2**40, 3])),
+        ("indptr", np.array([0, -5, 2, 3])),
+        ("indptr", np.array([0, 1, 2, 2])),
+        ("indptr", np.array([0, 10**12, 10**12, 0])),
+        ("indices", np.array([0, 1, 3])),
+        ("data", np.ones(2)),
+        ("data", np.ones((3, 1))),
+    ],
+)
+def test_sparse_matrices_that_would_read_elsewhere_are_refused(part, change):
+    data, tables = as_plain(Holding(csr_matrix(np.eye(3))))
+    with pytest.raises(FileContentError, match="sparse matrix"):
+        restored(data, tables | {f"value.{part}": change}, by_name([Holding]))
+
+
+@pytest.mark.parametrize(
+    "shape, why",
+    [([1] * 70, "no shape"), ([0, 2**62], "no shape"), ([2**20, 2**20], "more zeros than"), ([2**24, 2], "more zeros")],
+)
+def test_a_small_file_fills_no_memory(shape, why):
+    table = np.zeros(200)
+    table[3] = 1.0
+    data, tables = as_plain(Holding(table))
+    data["fields"]["value"]["shape"] = shape
+    with pytest.raises(FileContentError, match=why):
+        restored(data, tables, by_name([Holding]))
+
+
+def test_a_header_that_could_not_be_read_is_not_written(tmp_path):
+    with pytest.raises(FileContentError, match="keep many numbers in arrays"):
+        write_arrays(tmp_path / "value.npz", {"format": "a value", "version": 1, "value": "a" * 10**7}, {})
+    assert not list(tmp_path.iterdir())
 
 
 @given(VALUES)

@@ -65,3 +65,24 @@ def test_a_reductor_refuses_in_its_own_words_and_others_are_told(training):
         training.build("condensation")
     with pytest.raises(ReductionError, match="does not depend on parameters"):
         training.build(Condensation())
+
+
+class Returning:
+    """A way to reduce that returns whatever it is given."""
+
+    def __init__(self, made):
+        self.made = made
+
+    def reduced(self, full, snapshots, held_out):
+        return self.made
+
+
+def test_what_a_way_to_reduce_may_return(training, model):
+    """Models of the same scene, and nothing else; the class alone is no way to reduce."""
+    assert training.build(Returning(model)) is model
+    other = hhr.FullOrderModel(pressed_pair("plane_strain", ((2.0, 0.3), (5.0, 0.3)), {}, cells=4))
+    for made, why in ((None, "must return a model"), ("model", "must return a model"), (other, "of the same scene")):
+        with pytest.raises(ReductionError, match=why):
+            training.build(Returning(made))
+    with pytest.raises(ReductionError, match="DenseCondensation is a class, give a value of it"):
+        training.build(DenseCondensation)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.compat import compiled
-from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.declared import Floats, Integers, Size
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class StrainOperator:
     gradients: Annotated[Floats, "cells", "per cell", "components", "dofs of a cell"]
     weights: Annotated[Floats, "cells", "per cell"]
     dofs: Annotated[Integers, "cells", "dofs of a cell", "< dofs"]
-    size: Annotated[int, "dofs"]
+    size: Annotated[Size, "dofs"]
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Weights that are impossible."""

@@ -159,6 +159,11 @@ class SeveralModels(KeptModel):
 
     models: tuple[ReducedModel, ...]
 
+    @property
+    def members(self) -> tuple[KeptModel, ...]:
+        """The models."""
+        return self.models
+
     def __len__(self) -> int:
         return len(self.models)
 

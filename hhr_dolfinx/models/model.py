@@ -213,6 +213,11 @@ class KeptModel(AnsweringModel):
         """The model of what a file keeps."""
         return cls(**parts)
 
+    @property
+    def members(self) -> tuple[KeptModel, ...]:
+        """Models that answer in its place; itself where there are no others."""
+        return (self,)
+
     def for_file(self) -> Self:
         """The model without its indicator, which is code."""
         if self.fields.indicator is None:

@@ -15,7 +15,7 @@ from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.declared import Floats, Integers, Size
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
 from hhr_dolfinx.linear.layout import lay_out
 from hhr_dolfinx.models.answer import Answer, ModelFields
@@ -77,7 +77,7 @@ class FlowFields:
     points: Annotated[Integers, "points", "< gauss points"]
     stress: GappyField
     cumulated: GappyField | None
-    gauss_points: Annotated[int, "gauss points"]
+    gauss_points: Annotated[Size, "gauss points"]
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Modes of other points."""

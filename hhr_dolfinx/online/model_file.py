@@ -13,6 +13,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hhr_dolfinx.errors import (
     FileContentError,
     HHRError,
@@ -128,10 +130,10 @@ def save_model(path: str | Path, model: KeptModel) -> None:
         why = "the indicator stays behind: answers of the model read from it have no estimate"
         warnings.warn(f"{path} holds no code, {why}", ModelFileWarning, stacklevel=2)
     try:
-        tree, arrays = as_plain(plain)
+        tree, arrays = as_plain(plain, Kinds())
+        write_arrays(path, {"format": FORMAT, "version": VERSION, "model": tree}, arrays)
     except (FileContentError, SceneError) as error:
         raise ModelFileError(f"this model cannot be kept in {path}: {error}") from error
-    write_arrays(path, {"format": FORMAT, "version": VERSION, "model": tree}, arrays)
 
 
 def load_model(path: str | Path, known: Iterable[type] = ()) -> Any:
@@ -177,20 +179,30 @@ def check_answers(model: KeptModel) -> None:
     Raises:
         FileContentError: with what happened.
     """
-    middle = model.parameters.middle
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        try:
-            answer = model.solve(middle, outside="ignore", raise_on_failure=False)
-            with suppress(NotOfferedError):  # of a model of forces alone
-                answer.displacement()
-                answer.forces()
-                answer.estimate()
-            if answer.converged and model.flows:
-                _ = answer.stress(), answer.plastic_strain()
-            if model.fields.functionals is not None:
-                answer.outputs()
-        except HHRError:
-            raise
-        except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
-            raise FileContentError(f"its parts do not go together: {error}") from error
+        for member in model.members:
+            try:
+                _try(member, member.parameters.middle)
+            except HHRError:
+                raise
+            except Exception as error:  # classes of a user's own may raise anything
+                why = f"{type(error).__name__}: {error}"
+                raise FileContentError(f"its parts do not go together: {why}") from error
+
+
+def _try(model: KeptModel, point: np.ndarray) -> None:
+    """Ask a model for all that its answers say at a point."""
+    answer = model.solve(point, outside="ignore", raise_on_failure=False)
+    with suppress(NotOfferedError):  # of a model of forces alone
+        if answer.converged and not np.isfinite(answer.displacement()).all():
+            raise FileContentError("its displacement in the middle of the box is not finite")
+        answer.forces()
+        answer.estimate()
+    if answer.converged and model.flows:
+        _ = answer.stress(), answer.plastic_strain()
+    if model.fields.functionals is not None:
+        answer.outputs()
+    if not model.flows:
+        with suppress(HHRError):  # statuses there may be those of a kink
+            model.solve(point, gradient=True, outside="ignore", raise_on_failure=False)

@@ -152,7 +152,7 @@ def build(full: Any, snapshots: SnapshotSet, recipe: Any = None, held_out: Snaps
     if not (isinstance(given, AnsweringModel) and given.of_full_order):
         raise ReductionError(f"{full!r} is no full model: give FullOrderModel(scene)")
     if isinstance(recipe, Reductor) and not isinstance(recipe, type):
-        return recipe.reduced(full, snapshots, held_out)
+        return _of_scene(full, recipe, recipe.reduced(full, snapshots, held_out))
     recipe = usual_recipe(full) if recipe is None else recipe
     _check_given(full, snapshots, recipe, held_out)
     log = StageLog()
@@ -205,8 +205,28 @@ def sizes(full: Any, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
     return enrich(problem, basis, sets, kappa_max).basis.shape[1], sets.A_lambda.size
 
 
+def _of_scene(full: Any, reductor: Reductor, made: Any) -> AnsweringModel:
+    """What a reductor made, if it is a model of the scene of the full one.
+
+    Raises:
+        ReductionError: if it is not.
+    """
+    name = type(reductor).__name__
+    if not isinstance(made, AnsweringModel):
+        raise ReductionError(f"{name}.reduced returned {made!r}: it must return a model")
+    found = made.parameters.names, made.conditions
+    if found != (full.parameters.names, full.conditions):
+        raise ReductionError(
+            f"{name}.reduced returned a model of the parameters {found[0]} and {found[1]} contact conditions, and the "
+            f"full model has {full.parameters.names} and {full.conditions}: it must return one of the same scene"
+        )
+    return made
+
+
 def _check_given(full, snapshots, recipe, held_out) -> None:
     """Raise ReductionError for what is no recipe, and for solutions of another problem."""
+    if isinstance(recipe, type):
+        raise ReductionError(f"{recipe.__name__} is a class, give a value of it: {recipe.__name__}(...)")
     if not isinstance(recipe, Recipe):
         raise ReductionError(f"{recipe!r} is no recipe: give a Recipe")
     if not full.problem.whole:

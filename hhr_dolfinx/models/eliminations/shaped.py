@@ -8,7 +8,7 @@ Pairings see only these parts of the surfaces. Where the whole basis is small it
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from threading import RLock
@@ -379,6 +379,15 @@ class RidAssembly:
     openings: Annotated[Floats, "conditions", "terms"]
     pairs: Annotated[Integers, "conditions"]
     forces: Interpolant
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """What is wrong with the numbers of nodes."""
+        of_cells = [body.cells for body in self.bodies]
+        of_shapes = [part.nodes for part in self.shapes]
+        of_surfaces = [patch.nodes for patch in self.patches]
+        for nodes in (*of_cells, *of_shapes, *of_surfaces):
+            if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(self.reference):
+                yield f"it names nodes outside 0 .. {len(self.reference) - 1}"
 
     def __call__(self, point: np.ndarray) -> ReducedProblem:
         """The reduced problem at a point, (P,).

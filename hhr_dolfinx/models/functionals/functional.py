@@ -17,7 +17,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, vstack
 
 from hhr_dolfinx.amplitudes import Amplitudes
-from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.declared import Floats, Integers, Size
 from hhr_dolfinx.errors import HHRError, NotOfferedError, ParameterError, SceneError
 from hhr_dolfinx.parameters import ParameterSpace
 
@@ -188,11 +188,11 @@ class Functional:
 
     def value(self, state: State) -> float:
         """Its value."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} must have value(state), which returns a number")
 
     def slopes(self, state: State) -> Slopes:
         """Its partial derivatives."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} must have slopes(state), or differentiable = False")
 
     def steepness(self, measured: Callable[[slice], np.ndarray], forces: np.ndarray) -> float | None:
         """How much it changes at most along a unit combination of some directions, wherever it starts from.
@@ -228,7 +228,7 @@ class Functionals:
     """
 
     items: tuple[Functional, ...]
-    size: Annotated[int, "N"]
+    size: Annotated[Size, "N"]
     amplitudes: Amplitudes
 
     axes: ClassVar[np.ndarray] = _NOWHERE
@@ -339,7 +339,7 @@ def _shape_slopes(
 
     def followed(moved: np.ndarray) -> np.ndarray:
         there = whole.at(moved)
-        measured = there.measured(coordinates)
+        measured = there.measured(coordinates) if coordinates.size else _NOTHING
         after = [
             state._replace(measured=measured[part]) for state, part in zip(states, functionals.places, strict=True)
         ]

@@ -27,7 +27,7 @@ from scipy.linalg import LinAlgError
 
 from hhr_dolfinx.amplitudes import Amplitudes, Theta
 from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
-from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.declared import Floats, Integers, Size
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.materials.update import Group, Material, State, check_flow, flow_of, kernel_of
@@ -69,7 +69,7 @@ class CondensedFlow:
 
     points: Annotated[Integers, "points", "< gauss points"]
     groups: tuple[Group, ...]
-    per_cell: Annotated[int, "per cell"]
+    per_cell: Annotated[Size, "per cell"]
     parts: Annotated[Integers, "points", "< Q"]
     factors: PartFactors
     per_mode: Annotated[Floats, "ell", "components * points"]
@@ -210,7 +210,7 @@ class CondensedEquilibrium:
         return self.gaps(theta) + self._schur @ x[self.modes :]
 
     def residual(self, x: np.ndarray, gauss: Any, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
-        """R for the plastic strain of ``gauss.state``, :mod:`models.histories.condensed_step`, and the size of g, (1,)."""
+        """R for the plastic strain of ``gauss.state``, :mod:`models.histories.condensed_step`, and size of g, (1,)."""
         correction = x[: self.modes]
         flow = self.flow
         found = flow.tested @ gauss.state.plastic.T.ravel() - flow.modal @ correction
