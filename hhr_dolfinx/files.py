@@ -129,12 +129,12 @@ def write_arrays(
     except _Damage as error:
         raise FileContentError(f"{path} is not written: {error}") from None
     signed = {**header, "sha256": _checksum(header, whole)}
-    text = json.dumps(signed)
+    text = json.dumps(signed, separators=(",", ":"))
     if len(text) > LONGEST_HEADER:
         why = f"{len(text)} characters beside the arrays are more than {LONGEST_HEADER}: keep many numbers in arrays"
         raise FileContentError(f"{path} is not written: {why}")
     with replacing(path, tidy=tidy) as file:
-        members: dict[str, Any] = {"header": np.array(text), **whole}
+        members: dict[str, Any] = {"header": np.array(text.encode()), **whole}
         np.savez(file, **members)
 
 
@@ -160,9 +160,9 @@ def read_arrays(
             raise _Damage("it is no regular file")
         arrays = _members(path, MAPPED if mapped else MOST_BYTES + 1)
         text = arrays.pop("header", None)
-        if text is None or text.dtype.kind != "U" or text.ndim:
+        if text is None or text.dtype.kind not in "SU" or text.ndim:
             raise _Damage("it has no header")
-        header = json.loads(str(text))
+        header = json.loads(text.item())
         named = header.get("format") if isinstance(header, dict) else None
         if not isinstance(named, str) or not named.startswith(kind.split()[0]):
             raise _Damage(f"its header names no '{kind}'")
@@ -181,7 +181,7 @@ _KIND_OF = {"<f8": "float", "<i8": "int", "<i4": "int", "|b1": "bool"}
 _UTF8 = 0x800
 """Flag of members of archives whose names are no ASCII."""
 _DESCRIPTION = re.compile(
-    rb"\{'descr': '(<f8|<i8|<i4|\|b1|<U[0-9]{1,7})', 'fortran_order': (True|False), "
+    rb"\{'descr': '(<f8|<i8|<i4|\|b1|[<|][SU][0-9]{1,7})', 'fortran_order': (True|False), "
     rb"'shape': \(([0-9, ]{0,80})\), \} *\n"
 )
 

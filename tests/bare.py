@@ -63,7 +63,7 @@ def rewrite_signed(path, change):
     """Change header and arrays of a file and give it a valid checksum."""
     with np.load(path) as file:
         arrays = dict(file)
-    header = json.loads(str(arrays.pop("header")))
+    header = json.loads(arrays.pop("header").item())
     del header["sha256"]
     change(header, arrays)
     arrays = {name: array.copy(order="A") for name, array in arrays.items()}

@@ -463,7 +463,7 @@ def unsigned(path, change):
 
 def in_header(**values):
     def change(arrays):
-        arrays["header"] = np.array(json.dumps(json.loads(str(arrays["header"])) | values))
+        arrays["header"] = np.array(json.dumps(json.loads(arrays["header"].item()) | values))
 
     return change
 
