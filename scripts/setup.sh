@@ -123,7 +123,7 @@ else
 fi
 install "$extras"
 say "Set-up 3 of 3: trying what was installed"
-"$venv/bin/python" -c 'import hhr_dolfinx, hhr_dolfinx.geometries.hertz_half_discs, hhr_dolfinx.study.plots
+"$venv/bin/python" -c 'import hhr_dolfinx, hhr_dolfinx.geometries.hertz_half_discs, hhr_dolfinx.study.report.plots
 for name in hhr_dolfinx.__all__: getattr(hhr_dolfinx, name)' || {
     say "The installation does not work; the message above says why."
     exit 1
