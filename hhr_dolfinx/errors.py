@@ -118,7 +118,7 @@ class LockingWarning(UserWarning):
 
 
 class SmallStrainWarning(UserWarning):
-    """Strains are so large that a theory of small strains says little of them."""
+    """Strains or rotations are so large that a theory of small strains says little of them."""
 
 
 class LawWarning(UserWarning):

@@ -10,8 +10,9 @@ from scenes import pressed_block
 from test_plastic import tube
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.certify.strains import _strains
+from hhr_dolfinx.certify.strains import _rotations, _strains
 from hhr_dolfinx.errors import ConvergenceError, ReductionError, SmallStrainWarning
+from hhr_dolfinx.geometries import block
 from hhr_dolfinx.models.histories.equilibrium import Diverged
 from hhr_dolfinx.models.histories.small_strains import SmallStrains
 
@@ -94,3 +95,51 @@ def test_training_of_elastic_bodies(push, outcome):
             hhr.train(scene, 3, held_out=0)
     said = [str(item.message) for item in caught if item.category is SmallStrainWarning]
     assert len(said) == (outcome == "warned") and all("push = 0.5: a strain of 0.25 " in text for text in said)
+
+
+@pytest.mark.parametrize("hypothesis", ["plane_strain", "solid"])
+def test_rotations_in_cells_are_those_of_a_rigid_motion(hypothesis):
+    """u = w x p about an axis has the rotation w in each cell, and no strain."""
+    problem = hhr.FullOrderModel(pressed_block(hypothesis)).problem
+    dim = problem.points.shape[1]
+    turn = np.zeros((dim, dim))
+    turn[np.triu_indices(dim, 1)] = -np.arange(1, dim * (dim - 1) // 2 + 1) / 10.0
+    turn -= turn.T
+    field = (problem.points @ turn.T).ravel()
+    found = (_rotations(problem) @ field).reshape(len(problem.cell_nodes), -1)
+    assert found == pytest.approx(np.tile(-turn[np.triu_indices(dim, 1)], (len(found), 1)), abs=1e-13)
+    assert np.abs(_strains(problem, False) @ field).max() < 1e-13
+
+
+def strip(push):
+    """A strip of 20 x 0.5, clamped at one end, the other one pushed down over a floor that lies 1 below it."""
+    left, right = block.side(0, upper=False), block.side(0, upper=True)
+    return hhr.Scene(
+        name="strip",
+        geometry=lambda comm: block.block(comm, lower=(0, 0), upper=(20, 0.5), cells=(80, 2)),
+        hypothesis="plane_strain",
+        bodies=(hhr.Body(block.SOLID, 1.0, 0.3),),
+        contacts=(hhr.Obstacle(block.side(1, upper=False), (0.0, -1.0), 20.0),),
+        parameters=hhr.ParameterSpace(("push",), (0.0,), (push,)),
+        displacements=(
+            *hhr.Displacement.clamp(left, 2),
+            hhr.Displacement(right, 1, hhr.Amplitude(slopes={"push": -1.0})),
+        ),
+    )
+
+
+@pytest.mark.parametrize("push, outcome", [(0.5, None), (4.0, "warned"), (18.0, "refused")])
+def test_a_strip_that_turns_far_at_small_strains(push, outcome):
+    """The end turns by 3/2 of push / 20, and strains by a fortieth of that."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        if outcome == "refused":
+            with pytest.raises(
+                ReductionError, match=r"push = 18: a rotation of 1\.\d+ rad in more than 1% of the cells"
+            ):
+                hhr.train(strip(push), 3, held_out=0)
+        else:
+            hhr.train(strip(push), 3, held_out=0)
+    said = [str(item.message) for item in caught if item.category is SmallStrainWarning]
+    assert len(said) == (outcome == "warned")
+    assert all("push = 4: a rotation of 0.3 rad" in text and "w^2 / 2 = 0.04" in text for text in said)

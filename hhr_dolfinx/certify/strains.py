@@ -1,4 +1,4 @@
-"""Strains of displacements of elastic bodies in the cells of their mesh: whether they are small."""
+"""Strains and rotations of elastic bodies in the cells of their mesh: whether they are small."""
 
 from __future__ import annotations
 
@@ -11,44 +11,47 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.certify.accuracy import Solutions
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ReductionError, SmallStrainWarning
-from hhr_dolfinx.models.histories.small_strains import LARGE, MOST, large_strain, spread_strain
+from hhr_dolfinx.models.histories.small_strains import LARGE, MOST, large_rotation, large_strain, spread_strain
 
 TOGETHER = 50
 """Answers whose strains are made at once."""
 
 
 def check_small_strains(full: Any, *sets: Solutions | None) -> None:
-    """Look at the strains of answers of a full model at single parameters; those of histories were, step by step.
+    """Look at strains and rotations of answers of a full model at single parameters.
+
+    Strains of histories were looked at step by step; their rotations are not.
 
     Raises:
-        ReductionError: where any has strains that no theory of small strains knows.
+        ReductionError: where any has strains or rotations that no theory of small strains knows.
 
     Warns:
-        SmallStrainWarning: where strains are large in any, with the parameter.
+        SmallStrainWarning: where they are large in any, with the parameter.
     """
     given = [item for item in sets if item is not None]
     if full.equilibrium is not None or not given:
         return
     problem = full.problem
-    strain_of = _strains(problem, full.scene.hypothesis == "axisymmetric")
     points = np.concatenate([item.points for item in given])
-    spread = np.concatenate([_spread(problem, strain_of, item) for item in given])
-    worst = int(spread.argmax())
-    if spread[worst] <= LARGE:
-        return
-    message = f"at {problem.parameters.described(points[worst])}: {large_strain(spread[worst])}"
-    if spread[worst] > MOST:
-        raise ReductionError(message)
-    warnings.warn(message, SmallStrainWarning, stacklevel=3)
+    strains = _strains(problem, full.scene.hypothesis == "axisymmetric")
+    for operator, in_words in ((strains, large_strain), (_rotations(problem), large_rotation)):
+        spread = np.concatenate([_spread(problem, operator, item) for item in given])
+        worst = int(spread.argmax())
+        if spread[worst] <= LARGE:
+            continue
+        message = f"at {problem.parameters.described(points[worst])}: {in_words(spread[worst])}"
+        if spread[worst] > MOST:
+            raise ReductionError(message)
+        warnings.warn(message, SmallStrainWarning, stacklevel=3)
 
 
-def _spread(problem: ContactProblem, strain_of: csr_matrix, solutions: Solutions) -> np.ndarray:
-    """The strain of each answer that few cells exceed, (S,)."""
+def _spread(problem: ContactProblem, operator: csr_matrix, solutions: Solutions) -> np.ndarray:
+    """The strain or rotation of each answer that few cells exceed, (S,)."""
     spread = []
     for first in range(0, len(solutions.points), TOGETHER):
         part = slice(first, first + TOGETHER)
         lifts = problem.amplitudes.sum_columns(problem.lifts, solutions.points[part])
-        found = np.abs(strain_of @ (solutions.displacements[:, part] + lifts))
+        found = np.abs(operator @ (solutions.displacements[:, part] + lifts))
         sizes = found.reshape(len(problem.cell_nodes), -1, found.shape[1]).max(axis=1)
         spread += [spread_strain(column) for column in sizes.T]
     return np.array(spread)
@@ -56,19 +59,41 @@ def _spread(problem: ContactProblem, strain_of: csr_matrix, solutions: Solutions
 
 def _strains(problem: ContactProblem, axisymmetric: bool) -> csr_matrix:
     """Maps displacements, (N,), to the strain in each cell, by the linear field nearest to it, (cells * k, N)."""
-    nodes = problem.cell_nodes
-    dim = problem.points.shape[1]
-    places = problem.points[nodes]
-    gradients = np.linalg.pinv(places - places.mean(axis=1, keepdims=True))  # (cells, dim, nodes of a cell)
+    gradients, places = _gradients(problem)
+    dim = places.shape[2]
     pairs = [(i, j) for i in range(dim) for j in range(i, dim)]
-    values = np.zeros((len(nodes), len(pairs) + axisymmetric, nodes.shape[1], dim))
+    values = np.zeros((len(places), len(pairs) + axisymmetric, places.shape[1], dim))
     for row, (i, j) in enumerate(pairs):
         values[:, row, :, i] += gradients[:, j] / 2
         values[:, row, :, j] += gradients[:, i] / 2
     if axisymmetric:
         radius = places[:, :, 0].sum(axis=1)
         values[:, -1, :, 0] = (1 / np.where(radius > 0, radius, np.inf))[:, None]
-    columns = dim * nodes[:, None, :, None] + np.arange(dim)
+    return _matrix(problem, values)
+
+
+def _rotations(problem: ContactProblem) -> csr_matrix:
+    """The same for the rotation in each cell, in radians, (cells * k, N): one in the plane, three in space."""
+    gradients, places = _gradients(problem)
+    dim = places.shape[2]
+    pairs = [(i, j) for i in range(dim) for j in range(i + 1, dim)]
+    values = np.zeros((len(places), len(pairs), places.shape[1], dim))
+    for row, (i, j) in enumerate(pairs):
+        values[:, row, :, i] -= gradients[:, j] / 2
+        values[:, row, :, j] += gradients[:, i] / 2
+    return _matrix(problem, values)
+
+
+def _gradients(problem: ContactProblem) -> tuple[np.ndarray, np.ndarray]:
+    """What maps values at the nodes of each cell to their gradient, (cells, dim, n), and places of these nodes."""
+    places = problem.points[problem.cell_nodes]
+    return np.linalg.pinv(places - places.mean(axis=1, keepdims=True)), places
+
+
+def _matrix(problem: ContactProblem, values: np.ndarray) -> csr_matrix:
+    """Rows of each cell on the displacements of its nodes, (cells, k, n, dim), as a sparse matrix, (cells * k, N)."""
+    dim = values.shape[3]
+    columns = dim * problem.cell_nodes[:, None, :, None] + np.arange(dim)
     rows = np.arange(values.shape[0] * values.shape[1]).reshape(*values.shape[:2], 1, 1)
     where = np.broadcast_to(rows, values.shape).ravel(), np.broadcast_to(columns, values.shape).ravel()
     return csr_matrix((values.ravel(), where), shape=(rows.size, problem.free.size))

@@ -34,6 +34,15 @@ def large_strain(strain: float) -> str:
     )
 
 
+def large_rotation(rotation: float) -> str:
+    """What a large rotation means, in words."""
+    return (
+        f"a rotation of {rotation:.2g} rad in more than {ALONE:.0%} of the cells is not small, and answers are those "
+        f"of small displacements, to which a rotation of w is a strain of w^2 / 2 = {rotation**2 / 2:.2g} that is not "
+        "there: lower the load, or take a program for large displacements"
+    )
+
+
 class SmallStrains:
     """Looks at the strains of the steps of one history; what is large is said once."""
 
