@@ -310,7 +310,8 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
 def answer(model: Path, table: Path, out: Path | None, displacement: bool, estimates: bool) -> None:
     """Answer a table of parameters, one row each, with outputs and bounds of errors. Rows may fail, others go on.
 
-    Answers are kept block by block: a command that was interrupted goes on.
+    Answers are kept block by block: a command that was interrupted goes on. Where bodies flow each row is one step from
+    rest; paths are for Python, model.march.
     """
     from hhr_dolfinx.command.loading import checked_target
     from hhr_dolfinx.online.model_file import load_model
