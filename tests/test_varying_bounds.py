@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+import your_scene
 from kept_values import put, rewrite_model
 from scenes import pressed_pair
 from scipy.linalg import eigvalsh
@@ -242,3 +243,18 @@ def test_outputs_of_forces_have_derivatives(varying):
         ends = [small.outputs(point + sign * step, outside="ignore")["force"] for sign in (-1, 1)]
         slope = (ends[1] - ends[0]) / 2e-6
         assert abs(slope - found.gradient["force"][place] * size) < 1e-5 * abs(found["force"])
+
+
+def test_round_off_of_a_slender_body_that_does_not_change_leaves_a_bound():
+    """Young's modulus of the roller alone varies: nothing is interpolated, though S of the spring is soft (1e-7)."""
+    scene = your_scene.scene()
+    spring, roller, stop = scene.bodies
+    parameters = hhr.ParameterSpace(("travel", "lowered", "E"), (0.05, 0.0, 2000.0), (1.0, 0.3, 4000.0))
+    bodies = (spring, dataclasses.replace(roller, young="E"), stop)
+    full = hhr.FullOrderModel(dataclasses.replace(scene, bodies=bodies, parameters=parameters))
+    model = hhr.train(full.scene, hhr.Sobol(4), held_out=0).condense()
+    for point in parameters.random(10, seed=5):
+        answer, exact = model.solve(point), full.solve(point)
+        error = answer.estimate()
+        assert error.kind == "bound" and error.dual_relative < 1e-4
+        assert np.linalg.norm(answer.forces() - exact.forces()) <= error.forces_euclid
