@@ -256,5 +256,5 @@ def test_round_off_of_a_slender_body_that_does_not_change_leaves_a_bound():
     for point in parameters.random(10, seed=5):
         answer, exact = model.solve(point), full.solve(point)
         error = answer.estimate()
-        assert error.kind == "bound" and error.dual_relative < 1e-4
+        assert error.kind == "bound" and error.dual_relative < 1e-5  # 3e-6: the root of the energy of that round-off
         assert np.linalg.norm(answer.forces() - exact.forces()) <= error.forces_euclid

@@ -180,13 +180,7 @@ def field_response(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
     arrays = constant_response(full, forces)
     lower = arrays["lower"]
     per_force = full.per_force
-    columns = per_force
-    own = np.zeros((len(lower), 0))
-    onto = None
-    if len(lower) > most:
-        own = leading(lower.T @ forces, lower, most)
-        columns = per_force @ solve_triangular(lower, own, lower=True, trans="T")
-        onto = np.asfortranarray(own.T @ lower.T)
+    columns, own, onto = columns_of_forces(per_force, lower, forces, most)
     response = FieldResponse(*load_response(full), onto)
     nothing = np.zeros((len(per_force), 0))
     others = unit_energy(full.problem, per_force, lower, nothing, full.per_load) | {"basis": np.asfortranarray(own)}
@@ -207,6 +201,28 @@ def load_response(full: Any) -> tuple[np.ndarray, csc_matrix]:
         return np.asfortranarray(full.solved_columns(units)), csc_matrix(loads[dofs])
     chosen = csc_matrix((np.ones(terms.size), (np.arange(terms.size), terms)), shape=(terms.size, loads.shape[1]))
     return np.asfortranarray(full.per_load[:, terms]), chosen
+
+
+def columns_of_forces(
+    per_force: np.ndarray, lower: np.ndarray, forces: np.ndarray, most: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """What spans the displacements of forces: all of K^-1 B^T, or combinations of it where these are too many.
+
+    Args:
+        per_force: K^-1 B^T, (N, m).
+        lower: L of S = L L^T, (m, m).
+        forces: of training, (m, S).
+        most: columns at most.
+
+    Returns:
+        The columns, (N, c); the directions in energy that they are of, (m, c), c = 0 where all are kept; and what maps
+        forces to their coordinates, (c, m), None where these are the forces.
+    """
+    if len(lower) <= most:
+        return per_force, np.zeros((len(lower), 0)), None
+    own = leading(lower.T @ forces, lower, most)
+    columns = per_force @ solve_triangular(lower, own, lower=True, trans="T")
+    return columns, own, np.asfortranarray(own.T @ lower.T)
 
 
 def leading(columns: np.ndarray, lower: np.ndarray, count: int) -> np.ndarray:

@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 from scipy import linalg
-from scipy.linalg import solve_triangular
 
 from hhr_dolfinx.certify.accuracy import least_sizes
-from hhr_dolfinx.certify.bounds import MadeOfForces, check_hypotheses, leading, load_response
+from hhr_dolfinx.certify.bounds import MadeOfForces, check_hypotheses, columns_of_forces, load_response
 from hhr_dolfinx.errors import BoundError
 from hhr_dolfinx.models.bounds.floating_bound import FloatingBound, FloatingResponse, definite
 
@@ -36,13 +35,7 @@ def floating_bound(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
         lower = linalg.cholesky(definite(schur, taken), lower=True)
     except linalg.LinAlgError:
         raise BoundError("rows of B are dependent, so that forces are not unique: there is no bound on them") from None
-    columns = per_force
-    own = np.zeros((len(lower), 0))
-    onto = None
-    if len(lower) > most:
-        own = leading(lower.T @ forces, lower, most)
-        columns = per_force @ solve_triangular(lower, own, lower=True, trans="T")
-        onto = np.asfortranarray(own.T @ lower.T)
+    columns, own, onto = columns_of_forces(per_force, lower, forces, most)
     # energies are those of the part of forces that balances itself, see FloatingBound.pressed
     along = np.linalg.qr(taken)[0]
     least = least_sizes(full, forces)

@@ -33,8 +33,9 @@ def check_small_strains(full: Any, *sets: Solutions | None) -> None:
         return
     problem = full.problem
     points = np.concatenate([item.points for item in given])
-    strains = _strains(problem, full.scene.hypothesis == "axisymmetric")
-    for operator, in_words in ((strains, large_strain), (_rotations(problem), large_rotation)):
+    gradients = _gradients(problem)
+    strains = _strains(problem, gradients, full.scene.hypothesis == "axisymmetric")
+    for operator, in_words in ((strains, large_strain), (_rotations(problem, gradients), large_rotation)):
         spread = np.concatenate([_spread(problem, operator, item) for item in given])
         worst = int(spread.argmax())
         if spread[worst] <= LARGE:
@@ -57,37 +58,35 @@ def _spread(problem: ContactProblem, operator: csr_matrix, solutions: Solutions)
     return np.array(spread)
 
 
-def _strains(problem: ContactProblem, axisymmetric: bool) -> csr_matrix:
+def _strains(problem: ContactProblem, gradients: np.ndarray, axisymmetric: bool) -> csr_matrix:
     """Maps displacements, (N,), to the strain in each cell, by the linear field nearest to it, (cells * k, N)."""
-    gradients, places = _gradients(problem)
-    dim = places.shape[2]
+    cells, dim, nodes = gradients.shape
     pairs = [(i, j) for i in range(dim) for j in range(i, dim)]
-    values = np.zeros((len(places), len(pairs) + axisymmetric, places.shape[1], dim))
+    values = np.zeros((cells, len(pairs) + axisymmetric, nodes, dim))
     for row, (i, j) in enumerate(pairs):
         values[:, row, :, i] += gradients[:, j] / 2
         values[:, row, :, j] += gradients[:, i] / 2
     if axisymmetric:
-        radius = places[:, :, 0].sum(axis=1)
+        radius = problem.points[problem.cell_nodes, 0].sum(axis=1)
         values[:, -1, :, 0] = (1 / np.where(radius > 0, radius, np.inf))[:, None]
     return _matrix(problem, values)
 
 
-def _rotations(problem: ContactProblem) -> csr_matrix:
+def _rotations(problem: ContactProblem, gradients: np.ndarray) -> csr_matrix:
     """The same for the rotation in each cell, in radians, (cells * k, N): one in the plane, three in space."""
-    gradients, places = _gradients(problem)
-    dim = places.shape[2]
+    cells, dim, nodes = gradients.shape
     pairs = [(i, j) for i in range(dim) for j in range(i + 1, dim)]
-    values = np.zeros((len(places), len(pairs), places.shape[1], dim))
+    values = np.zeros((cells, len(pairs), nodes, dim))
     for row, (i, j) in enumerate(pairs):
         values[:, row, :, i] -= gradients[:, j] / 2
         values[:, row, :, j] += gradients[:, i] / 2
     return _matrix(problem, values)
 
 
-def _gradients(problem: ContactProblem) -> tuple[np.ndarray, np.ndarray]:
-    """What maps values at the nodes of each cell to their gradient, (cells, dim, n), and places of these nodes."""
+def _gradients(problem: ContactProblem) -> np.ndarray:
+    """Maps values at the nodes of each cell to the gradient of the linear field nearest to them, (cells, dim, n)."""
     places = problem.points[problem.cell_nodes]
-    return np.linalg.pinv(places - places.mean(axis=1, keepdims=True)), places
+    return np.linalg.pinv(places - places.mean(axis=1, keepdims=True))
 
 
 def _matrix(problem: ContactProblem, values: np.ndarray) -> csr_matrix:
