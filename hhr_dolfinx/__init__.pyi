@@ -4,6 +4,8 @@ from .amplitudes import Amplitude as Amplitude
 from .baselines.condensation import exact_condensation as exact_condensation
 from .body import Body as Body
 from .certify.trust import TrustLimits as TrustLimits
+from .contact.friction import Coulomb as Coulomb
+from .contact.friction import Tresca as Tresca
 from .full_order.full import FullOrderModel as FullOrderModel
 from .geometries.mesh_file import MeshFile as MeshFile
 from .loads import PartialPressure as PartialPressure
@@ -29,11 +31,17 @@ from .outputs import ContactForce as ContactForce
 from .outputs import ContactMoment as ContactMoment
 from .outputs import ContactWidth as ContactWidth
 from .outputs import DisplacementAt as DisplacementAt
+from .outputs import DissipatedWork as DissipatedWork
 from .outputs import ElasticEnergy as ElasticEnergy
+from .outputs import FrictionForce as FrictionForce
 from .outputs import GapAt as GapAt
 from .outputs import LargestPressure as LargestPressure
+from .outputs import LargestSlip as LargestSlip
+from .outputs import LargestWear as LargestWear
 from .outputs import LinearForm as LinearForm
 from .outputs import LostContact as LostContact
+from .outputs import SlipArea as SlipArea
+from .outputs import StickArea as StickArea
 from .outputs import Torque as Torque
 from .outputs import VonMises as VonMises
 from .pairings.mortar import Mortar as Mortar

@@ -192,6 +192,99 @@ class Torque(_OfContact):
 
 
 @dataclass(frozen=True)
+class FrictionForce(_OfContact):
+    """Component of the resultant of the tangential forces of a contact on the body of its first surface, the slave.
+
+    Attributes:
+        direction: of the component, see :class:`ContactForce`, which holds pressures and friction together.
+    """
+
+    vectors: ClassVar[tuple[str, ...]] = ("direction",)
+
+    direction: tuple[float, ...]
+
+    def prepared(self, probe: Any) -> Functional:
+        """See :class:`Output`."""
+        _, friction = probe.sliding(self)
+        conditions, points, forces = probe.nodal_forces(self)
+        own = np.isin(conditions, friction.tangential)
+        along = np.tile(_unit(self, "direction", probe.dimension), len(points))
+        return Linear.of(self.name, self.unit, conditions[own], (forces @ along)[own])
+
+
+@dataclass(frozen=True)
+class LargestSlip(_OfContact):
+    """Largest length that a node of a contact has slipped up to now, back and forth added up."""
+
+    def prepared(self, probe: Any) -> Functional:
+        """See :class:`Output`."""
+        return _remembered(self, probe, "path", largest=True)
+
+
+@dataclass(frozen=True)
+class DissipatedWork(_OfContact):
+    """Energy that friction of a contact has dissipated up to now."""
+
+    def prepared(self, probe: Any) -> Functional:
+        """See :class:`Output`."""
+        return _remembered(self, probe, "work", largest=False)
+
+
+@dataclass(frozen=True)
+class LargestWear(_OfContact):
+    """Largest depth of wear up to now by Archard's law: a constant times the pressure along the length slipped.
+
+    It is a number beside the answer: gaps do not grow by it.
+
+    Attributes:
+        constant: wear depth per pressure and length.
+    """
+
+    constant: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not is_number(self.constant) or self.constant < 0:
+            raise SceneError(f"output '{self.name}': the constant {self.constant!r} must be a number, not negative")
+
+    def prepared(self, probe: Any) -> Functional:
+        """See :class:`Output`."""
+        return _remembered(self, probe, "wear", largest=True, factor=float(self.constant))
+
+
+@dataclass(frozen=True)
+class StickArea(_OfContact):
+    """Area of a contact that touches and sticks, see :class:`ContactWidth`."""
+
+    sticks: ClassVar[bool] = True
+
+    def prepared(self, probe: Any) -> Functional:
+        """See :class:`Output`."""
+        from hhr_dolfinx.models.functionals.friction import StatusArea
+
+        own, friction = probe.sliding(self)
+        rows = np.flatnonzero(np.isin(friction.owner, own))
+        owner = np.searchsorted(own, friction.owner[rows])
+        places = friction.normal[own], friction.area[own], friction.tangential[rows], owner
+        return StatusArea(self.name, self.unit, *_no_rows(), *places, self.sticks)
+
+
+@dataclass(frozen=True)
+class SlipArea(StickArea):
+    """Area of a contact that touches and slips."""
+
+    sticks: ClassVar[bool] = False
+
+
+def _remembered(output: Any, probe: Any, quantity: str, *, largest: bool, factor: float = 1.0) -> Functional:
+    """What friction remembers of the contact of an output."""
+    from hhr_dolfinx.models.functionals.friction import Remembered
+
+    own, _ = probe.sliding(output)
+    return Remembered(output.name, output.unit, *_no_rows(), own, quantity, factor, largest)
+
+
+@dataclass(frozen=True)
 class ContactWidth(_OfContact):
     """Area under load of a contact: a width per unit depth in the plane, the area of the whole turn in axisymmetry.
 

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_tag, is_
 from hhr_dolfinx.units import Units
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.contact.friction import Law
     from hhr_dolfinx.formulas import Formula
     from hhr_dolfinx.outputs import Output
     from hhr_dolfinx.shapes import Shape
@@ -145,11 +147,37 @@ class Scene:
             )
         self._check_places()
         self._check_names()
+        self._check_friction()
 
     def opened(self, contact: int, point: np.ndarray) -> float:
         """What openings add to the gaps of a contact pair, by its place, at a point, (P,)."""
         own = [item.amplitude for item in self.openings if item.contact == contact]
         return sum(amplitude.constant + float(amplitude.row(self.parameters) @ point) for amplitude in own)
+
+    @cached_property
+    def friction(self) -> tuple[Law | None, ...]:
+        """Law of friction of each contact pair; None without one."""
+        given = [getattr(item, "friction", None) for item in self.contacts]
+        if all(item is None for item in given):
+            return tuple(given)
+        from hhr_dolfinx.contact.friction import law_of
+
+        return tuple(law_of(item, f"contact {place} of scene '{self.name}'") for place, item in enumerate(given))
+
+    def _check_friction(self) -> None:
+        """Raise SceneError for laws of friction that are none, or leave what they may be somewhere in the box."""
+        laws = [(place, law) for place, law in enumerate(self.friction) if law is not None]
+        if not laws:
+            return
+        from hhr_dolfinx.contact.friction import FrictionLaw
+
+        for place, law in laws:
+            FrictionLaw.of(law, self.parameters, f"contact {place} of scene '{self.name}'")
+        if any(body.law is not None for body in self.bodies) or self.shapes:
+            raise SceneError(
+                f"scene '{self.name}' has friction, and bodies that flow or change their shape: that is not built in. "
+                "Leave out friction, or laws of flow and shapes"
+            )
 
     def _check_flow(self) -> None:
         """Raise SceneError where bodies flow and more than moduli depends on parameters, or anything on the place."""
@@ -183,9 +211,11 @@ class Scene:
 
     @property
     def named(self) -> set[str]:
-        """Parameters that bodies name, beside those of what drives the scene."""
+        """Parameters that bodies and laws of friction name, beside those of what drives the scene."""
         found: set[str] = set().union(*(shape.variables for shape in self.shapes))
         texts = [text for body in self.bodies for text in (body.young, body.poisson) if isinstance(text, str)]
+        laws = [law for law in self.friction if law is not None]
+        texts += [text for law in laws for text in (law.coefficient, law.limit) if isinstance(text, str)]
         if not texts:
             return found
         from hhr_dolfinx.formulas import Formula

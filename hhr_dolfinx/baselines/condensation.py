@@ -62,7 +62,8 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
     if problem.rigid is not None:
         return _floating(problem, problem.rigid, responses, known, fields)
     eliminated = ConstantElimination(responses, problem.amplitudes)
-    return CondensedModel(problem.parameters, eliminated, known, fields, problem.contact_pairs)
+    friction = problem.friction
+    return CondensedModel(problem.parameters, eliminated, known, fields, problem.contact_pairs, friction=friction)
 
 
 def _floating(
@@ -74,4 +75,5 @@ def _floating(
     taken = problem.contact @ rigid
     driving = rigid.T @ problem.loads
     left = FloatingElimination(responses, taken, driving, rigid, problem.amplitudes)
-    return CondensedModel(problem.parameters, left, known, fields, problem.contact_pairs)
+    friction = problem.friction
+    return CondensedModel(problem.parameters, left, known, fields, problem.contact_pairs, friction=friction)

@@ -19,11 +19,14 @@ from hhr_dolfinx.command.speaking import Command, first_rank, guarded, spoken
 from hhr_dolfinx.compat import extra
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.models.answer import Answer
     from hhr_dolfinx.scene import Scene
 
 
-def largest_values(answer: Answer, dimension: int, scene: Scene | None, pairs: np.ndarray | None) -> dict[str, float]:
+def largest_values(
+    answer: Answer, dimension: int, scene: Scene | None, pairs: np.ndarray | None, friction: Friction | None = None
+) -> dict[str, float]:
     """The largest displacement, the sum of the forces of each contact, and how many conditions touch.
 
     Args:
@@ -31,12 +34,18 @@ def largest_values(answer: Answer, dimension: int, scene: Scene | None, pairs: n
         dimension: of the mesh.
         scene: where it is there, else None: a model in a file does not say its units.
         pairs: contact of each condition, (N_lambda,); None where that is not known: the sum is then that of all.
+        friction: which conditions are tangential; None without friction.
     """
     units = None if scene is None else scene.units
     per_depth = scene is not None and scene.hypothesis.startswith("plane")
     length, force = ("", "") if units is None else (units.length, units.force + f"/{units.length}" * per_depth)
     displacement = answer.displacement().reshape(-1, dimension)
     forces = answer.forces()
+    slips = {}
+    if friction is not None:
+        statuses = friction.statuses(answer.active)
+        slips = {"contacts that stick": int((statuses == 1).sum()), "contacts that slip": int((statuses == 2).sum())}
+        forces[friction.tangential] = 0.0
     rows = {_with_unit("largest displacement", length): float(np.linalg.norm(displacement, axis=1).max())}
     several = pairs is not None and np.unique(pairs).size > 1
     if pairs is None or scene is None:
@@ -46,7 +55,7 @@ def largest_values(answer: Answer, dimension: int, scene: Scene | None, pairs: n
             which = f" {number} of {', '.join(map(str, scene.contacts[number].tags))}" if several else ""
             name = f"sum of the forces of contact{which}" if several else "sum of contact forces"
             rows[_with_unit(name, force)] = float(forces[pairs == number].sum())
-    return rows | {"conditions that touch": int((forces > 0).sum())}
+    return rows | {"conditions that touch": int((forces > 0).sum())} | slips
 
 
 def _with_unit(name: str, unit: str) -> str:
@@ -247,7 +256,7 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
     answer = model.solve(point, **step)
     rows = {"seconds of one step from rest": step["duration"]} if step else {}
     known = (None, None) if is_model(what) else (model.scene, model.problem.contact_pairs)
-    rows |= largest_values(answer, model.dimension, *known)
+    rows |= largest_values(answer, model.dimension, *known, friction=model.friction)
     outputs = answer.outputs() if model.fields.functionals is not None else None
     if outputs is not None:
         heads = {name: f"{name} [{unit}]" if unit else name for name, unit in outputs.units.items()}

@@ -28,6 +28,7 @@ from hhr_dolfinx.parameters import ParameterSpace
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
+    from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.formulas import Modulus, Scalar
 
 
@@ -204,6 +205,8 @@ class ContactProblem:
         loose: bodies that contact holds, with their motions, in words.
         whole_contact: B with the columns of imposed dofs, (N_lambda, N), for forces on them; None where it is unknown.
         pins: as many dofs as there are rigid motions of both kinds, which fix them; None where all bodies are held.
+        friction: which conditions are tangential, behind those of pressures, see :mod:`hhr_dolfinx.contact.friction`;
+            None without friction.
     """
 
     stiffness_terms: tuple[csr_matrix, ...]
@@ -230,6 +233,7 @@ class ContactProblem:
     loose: str = ""
     whole_contact: csr_matrix | None = None
     pins: np.ndarray | None = None
+    friction: Friction | None = None
 
     @property
     def held(self) -> np.ndarray:
@@ -244,6 +248,18 @@ class ContactProblem:
     def varies(self) -> bool:
         """Whether more than loads, gaps and lifts depends on parameters."""
         return bool(self.moduli) or self.reshaped is not None
+
+    @cached_property
+    def pressing(self) -> np.ndarray:
+        """Conditions whose forces are those of a pressure, (N_lambda,) bool: all but the tangential ones of friction."""
+        found = np.ones(len(self.gaps), dtype=bool)
+        if self.friction is not None:
+            found[self.friction.tangential] = False
+        return found
+
+    def pressing_of(self, place: int) -> np.ndarray:
+        """Numbers of those of a contact pair, by its place in the scene."""
+        return np.flatnonzero((self.contact_pairs == place) & self.pressing)
 
     def at(self, mu: Any) -> ContactProblem:
         """The problem whose stiffness is that of one parameter and constant; itself where nothing varies."""

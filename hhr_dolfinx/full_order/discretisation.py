@@ -34,6 +34,7 @@ from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.formulas import Formula, Modulus
     from hhr_dolfinx.loads import Load
 
@@ -114,6 +115,10 @@ class Discretisation(DiscreteSpace):
         rows = rows.take(kept)
         pairs = pairs[kept]
         gaps = gaps[kept]
+        friction = None
+        if any(law is not None for law in scene.friction):
+            rows, pairs, friction = self._with_tangents(rows, pairs, free)
+            gaps = np.vstack([gaps, -(rows.matrix[len(gaps) :] @ lifts).toarray()])
         pulled = [strained(term, lifts) if moduli else term @ lifts for term in stiffness]
         lifted = [masked(csc_matrix(vstack(self.comm.allgather(part))), free) for part in pulled]
         middle = scene.parameters.middle
@@ -138,7 +143,23 @@ class Discretisation(DiscreteSpace):
             parameters=scene.parameters,
             first=self.rows.start,
             whole_contact=rows.matrix,
+            friction=friction,
         )
+
+    def _with_tangents(
+        self, rows: ContactRows, pairs: np.ndarray, free: np.ndarray
+    ) -> tuple[ContactRows, np.ndarray, Friction]:
+        """Conditions with tangential rows behind them, the pair of each, and the friction on them."""
+        from hhr_dolfinx.contact.friction import FrictionLaw, with_tangents
+
+        scene = self.scene
+        laws = {
+            place: FrictionLaw.of(law, scene.parameters, f"contact {place}")
+            for place, law in enumerate(scene.friction)
+            if law is not None
+        }
+        fixed = np.array(sorted(scene.parameters.names.index(name) for name in scene.named), dtype=np.int64)
+        return with_tangents(rows, pairs, laws, free, fixed)
 
     def load_terms(self) -> list[Term]:
         """Terms of all loads on the mesh as it lies, those that are affine first, as θ counts them."""

@@ -49,12 +49,9 @@ class FullStiffness:
             return cls._scaled(full, point)
         problem = full.problem.at(point)
         rows = problem.rows
-        solver = full.factors
         contact = problem.contact[:, rows]
         if full.problem.varies:
-            solver.refactor(problem.own_stiffness)
-            per_force = full.solved_columns(contact.T)
-            schur = full.comm.allreduce(contact @ per_force)
+            per_force, schur = full.condensed_at(problem, point)
         else:
             per_force = full.per_force
             schur = full.schur

@@ -21,16 +21,18 @@ from hhr_dolfinx.linear.sparse import FreeCholesky, ordering_of
 from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path, found_as
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
-from hhr_dolfinx.models.histories.path import checked_path, solve_along
+from hhr_dolfinx.models.histories.path import checked_path, refuse_gradient, solve_along
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.floating import FloatingEqualities
+    from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.full_order.flow import FullEquilibrium
     from hhr_dolfinx.full_order.outputs import FullShapeFunctionals
     from hhr_dolfinx.full_order.rid_arrays import ShapedArrays
+    from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.models.functionals.functional import Functionals
 
 FULL_ORDER_ADVICE = {Status.SINGULAR: "list each contact pair once, and let no two conditions hold the same dofs"}
@@ -116,7 +118,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
         )
         self.problem = problem = discretisation.checked(problem)
         self.parameters = problem.parameters
+        self.friction = problem.friction
         self._own = problem.rows
+        self._at_hand: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         # a stiffness factored for each query, with a solve for each condition: at 14,140 dofs and 162 conditions MUMPS
         # takes 24 + 138 ms, nd 45 + 272 ms, qmd 70 + 308 ms; that of bodies that flow serves whole histories
         anew = problem.varies and all(body.law is None for body in self.scene.bodies) and self.scaled is None
@@ -187,6 +191,22 @@ class FullOrderModel(AnsweringModel, ModelFields):
         """Number of contact conditions, N_lambda."""
         return len(self.problem.gaps)
 
+    def condensed_at(self, problem: ContactProblem, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """K^-1 B^T and S of the problem at a point, whose stiffness is factored unless it is the one at hand.
+
+        Along a path mostly loads change, and moduli stay.
+        """
+        weights = self.problem.weights(point)
+        if self.problem.reshaped is None and self._at_hand is not None and np.array_equal(weights, self._at_hand[0]):
+            return self._at_hand[1:]
+        self._at_hand = None
+        self._solver.refactor(problem.own_stiffness)
+        contact = problem.contact[:, problem.rows]
+        per_force = self.solved_columns(contact.T)
+        schur = self.comm.allreduce(contact @ per_force)
+        self._at_hand = weights, per_force, schur
+        return per_force, schur
+
     @property
     def factors(self) -> FreeCholesky:
         """Of K; where it depends on parameters, those of the parameter that was solved last."""
@@ -248,6 +268,12 @@ class FullOrderModel(AnsweringModel, ModelFields):
         found = active_set(self.equalities, free_slack, free_slack < 0 if cold else start, pairs=self._pairs)
         return found_as(found, point, self._gather(free - self.per_force @ found.forces), self)
 
+    def contact_at(self, point: np.ndarray) -> CondensedContact:
+        """See :class:`AnsweringModel`."""
+        from hhr_dolfinx.full_order.elimination import FullStiffness
+
+        return FullStiffness.at(self, point).contact()
+
     @property
     def sizes(self) -> tuple[int, int]:
         """Numbers of dofs and of contact conditions."""
@@ -266,6 +292,11 @@ class FullOrderModel(AnsweringModel, ModelFields):
         ``known`` are answers to its first steps, solved before; ``keep`` is told of each new one as it is there.
         """
         checked = checked_path(self.parameters, path)
+        if self.friction is not None:
+            from hhr_dolfinx.models.histories.sliding import slide_along
+
+            refuse_gradient(settings.gradient, "bodies with friction")
+            return slide_along(self, checked, settings, known=known, keep=keep)
         if self.equilibrium is None:
             return solve_along(self, checked, settings, known=known, keep=keep)
         from hhr_dolfinx.models.histories.march import march

@@ -27,6 +27,7 @@ from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.shapes import coordinate_names
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
     from hhr_dolfinx.full_order.flow import FullEquilibrium, GaussModel
     from hhr_dolfinx.loads import Assembler
@@ -64,13 +65,13 @@ class Probe:
         return self.problem.block_size
 
     def conditions(self, output: Any) -> np.ndarray:
-        """Numbers of the conditions of the contact that an output names."""
+        """Numbers of the conditions of pressures of the contact that an output names."""
         contacts = len(self.scene.contacts)
         if output.contact >= contacts:
             raise SceneError(
                 f"output '{output.name}' names contact {output.contact}, and the scene has {contacts}, counted from 0"
             )
-        found = np.flatnonzero(self.problem.contact_pairs == output.contact)
+        found = self.problem.pressing_of(output.contact)
         if not found.size:
             raise SceneError(
                 f"output '{output.name}' names contact {output.contact}, of which no condition moves: name another"
@@ -84,6 +85,21 @@ class Probe:
         if not conditions.size:
             raise SceneError(f"output '{output.name}': no condition of contact {output.contact} has an area")
         return conditions, self.problem.contact_areas[conditions]
+
+    def sliding(self, output: Any) -> tuple[np.ndarray, Friction]:
+        """Contacts with friction, by their number there, of the pair that an output names, and the friction.
+
+        Raises:
+            SceneError: for a pair without friction.
+        """
+        pressing = self.conditions(output)
+        friction = self.problem.friction
+        own = np.zeros(0) if friction is None else np.flatnonzero(np.isin(friction.normal, pressing))
+        if friction is None or not own.size:
+            raise SceneError(
+                f"output '{output.name}': contact {output.contact} has no friction: give its pair one, friction=0.3"
+            )
+        return own, friction
 
     def at_place(self, output: Any, points: np.ndarray) -> np.ndarray:
         """Numbers of the points, (n, dim), of ``base`` nearest to the place of an output; several where they coincide.
@@ -120,9 +136,11 @@ class Probe:
     def nodal_forces(self, output: Any) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
         """Conditions of a contact, positions of its first surface's nodes, and the forces on them.
 
-        These are -B^T λ on the body of the surface named first, the slave: (c,), (n, dim), sparse (c, n dim).
+        These are -B^T λ on the body of the surface named first, the slave, friction included: (c,), (n, dim), sparse
+        (c, n dim).
         """
-        conditions = self.conditions(output)
+        self.conditions(output)
+        conditions = np.flatnonzero(self.problem.contact_pairs == output.contact)
         surface = self.assembler.surface(self.scene.contacts[output.contact].tags[0])
         dofs = (surface.nodes[:, None] * self.dimension + np.arange(self.dimension)).ravel()
         return conditions, surface.points, csr_matrix(-self.contact_rows[conditions][:, dofs])

@@ -15,6 +15,7 @@ from hhr_dolfinx.errors import ConvergenceError, HHRError, NotSolvableError
 from hhr_dolfinx.trained import USUAL, Signs
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.contact.friction import SlipState
     from hhr_dolfinx.materials.update import State
     from hhr_dolfinx.models.estimates import Estimate, Estimates
     from hhr_dolfinx.models.functionals.functional import Outputs
@@ -127,6 +128,7 @@ class Answer(NamedTuple):
         time_error: estimated error of the time steps up to here, relative to the largest stress, see
             :mod:`models.histories.time_error`; 0 where no law has rates, NaN of an answer that belongs to no history.
         ends: times between the parts in which the step was solved, if there were several.
+        slip: what friction remembers; None without friction.
     """
 
     parameter: np.ndarray
@@ -142,6 +144,7 @@ class Answer(NamedTuple):
     gradient: Gradient | None = None
     time_error: float = math.nan
     ends: tuple[float, ...] = ()
+    slip: SlipState | None = None
 
     @property
     def parts(self) -> int:

@@ -10,18 +10,21 @@ from collections.abc import Mapping
 from copy import copy
 from functools import cached_property
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Pairs, Status
 from hhr_dolfinx.declared import Integers
 from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers, outcome
-from hhr_dolfinx.models.eliminations.elimination import Elimination, answer_of, differentiated
+from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination, answer_of, differentiated
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import USUAL, TrainedRange
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.contact.friction import Friction
 
 
 class CondensedModel(KeptModel):
@@ -37,9 +40,10 @@ class CondensedModel(KeptModel):
         pairs: number of the contact pair of each condition, (m,); None takes all for one pair.
         trained: parameters outside of which answers are not to be trusted; None where there are none.
         advice: what helps against a status, for the messages.
+        friction: which of the conditions are tangential; None without friction.
     """
 
-    kept = ("parameters", "eliminated", "known", "fields", "pairs", "trained")
+    kept = ("parameters", "eliminated", "known", "fields", "pairs", "trained", "friction")
     handed_on = ("advice",)
 
     def __init__(
@@ -51,6 +55,7 @@ class CondensedModel(KeptModel):
         pairs: Annotated[Integers, "m"] | None = None,
         trained: TrainedRange | None = None,
         advice: Mapping[Status, str] = MappingProxyType({}),
+        friction: Friction | None = None,
     ):
         self.parameters = parameters
         self.eliminated = eliminated
@@ -59,11 +64,12 @@ class CondensedModel(KeptModel):
         self.trained = trained
         self.advice = dict(advice)
         self.pairs = pairs
+        self.friction = friction
         # where the whole box was trained, its own check is enough
         self._range = None if trained is None or trained.covers(parameters) else trained
         self._pairs = Pairs.of(pairs)
         self._m = known.active.shape[1]
-        self._regions = eliminated.table_of(known)
+        self._regions = eliminated.table_of(known) if friction is None else None
 
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
         """From tabulated critical regions where the nearest one holds; else by the active set."""
@@ -74,6 +80,10 @@ class CondensedModel(KeptModel):
             start = self.known.start(point)
         return answer_of(self.eliminated(point), point, start, self._pairs, self.fields, gradient=gradient)
 
+    def contact_at(self, point: np.ndarray) -> CondensedContact:
+        """See :class:`AnsweringModel`."""
+        return self.eliminated(point)
+
     def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
         """Answer many parameters, (n, P), at once; as :meth:`solve` does, to round-off, and quicker the more there are.
 
@@ -82,6 +92,8 @@ class CondensedModel(KeptModel):
             raise_on_failure: raise at the first that has no answer, or go on with NaN and a status.
             outside: see :meth:`Model.solve`.
         """
+        if self.friction is not None:
+            return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
         from hhr_dolfinx.models.many import checked_points
 
         checked = checked_points(self.parameters, points)

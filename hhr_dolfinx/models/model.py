@@ -22,6 +22,8 @@ from hhr_dolfinx.plain import rebuilt
 from hhr_dolfinx.trained import USUAL, TrainedPaths, TrainedRange, check_outside
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.contact.friction import Friction
+    from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.models.functionals.functional import Outputs
     from hhr_dolfinx.parameters import ParameterSpace
 
@@ -57,6 +59,7 @@ class AnsweringModel:
         parameters: the box of the parameters.
         fields: what completes the answers.
         equilibrium: what the loop over time steps asks where bodies flow; None elsewhere.
+        friction: which of its conditions are tangential; None without friction.
         advice: what helps against a status, for the messages.
         usual_outside: what happens outside of what was trained unless a query says otherwise, ``warn`` or ``ignore``.
         of_full_order: whether it is the full order of a scene, whose answers are exact.
@@ -66,6 +69,7 @@ class AnsweringModel:
     parameters: ParameterSpace
     fields: Any  # ModelFields, of a kind of its own
     equilibrium: Any = None
+    friction: Friction | None = None
     advice: Mapping[Status, str] = MappingProxyType({})
     _range: TrainedRange | None = None
     """Points outside are told, or refused; None where all of the box was trained."""
@@ -129,8 +133,12 @@ class AnsweringModel:
         if self.equilibrium is not None:
             refuse_gradient(gradient)
             return one_step(self, point, raise_on_failure, outside, **step)
-        if self._range is not None:
-            self._range.check(point, outside)
+        if self.friction is not None:
+            from hhr_dolfinx.models.histories.sliding import proportional
+
+            refuse_gradient(gradient, "bodies with friction")
+            return proportional(self, point, raise_on_failure, outside)
+        self.check_range(point, outside)
         try:
             answer = self._answered(point, start, outside, gradient)
         except OutsideTrainingError:  # of a model among several, to be refused whatever fails
@@ -141,6 +149,15 @@ class AnsweringModel:
                 raise
             return unanswered(point, self.sizes, self.fields)
         return answer if answer.status is Status.CONVERGED else outcome(answer, raise_on_failure, self.advice)
+
+    def check_range(self, point: np.ndarray, outside: str) -> None:
+        """Tell of, or refuse, a point, (P,), outside of what was trained."""
+        if self._range is not None:
+            self._range.check(point, outside)
+
+    def contact_at(self, point: np.ndarray) -> CondensedContact:
+        """The contact problem at a point, (P,), without its primal unknown, which friction asks along a path."""
+        raise NotOfferedError(f"{type(self).__name__} knows no contact problem of a point for itself")
 
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
         """The answer to a checked point, (P,), converged or not, from a checked start."""
@@ -164,6 +181,11 @@ class AnsweringModel:
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
         """Answer a path, from rest where bodies flow; see :meth:`~hhr_dolfinx.models.answer.Model.march`."""
+        if self.friction is not None:
+            from hhr_dolfinx.models.histories.sliding import slide_along
+
+            refuse_gradient(settings.gradient, "bodies with friction")
+            return slide_along(self, checked_path(self.parameters, path), settings)
         if self.equilibrium is None:
             return solve_along(self, checked_path(self.parameters, path), settings)
         from hhr_dolfinx.models.histories.march import march

@@ -33,6 +33,7 @@ VERSION = 1
 
 MODULES = {
     "amplitudes": "Amplitudes Coverage",
+    "contact.friction": "Coulomb Friction FrictionLaw Tresca",
     "formulas": "Formula Modulus Scalar",
     "materials.laws": "Norton Plasticity",
     "materials.strain": "StrainOperator",
@@ -53,6 +54,7 @@ MODULES = {
     "RidBody RidShape SurfacePatch",
     "models.exact": "ExactFields",
     "models.functionals.cells": "CellRule MovingCells",
+    "models.functionals.friction": "Remembered StatusArea",
     "models.functionals.functional": "Functionals",
     "models.functionals.kinds": "Energy FlowMises Largest Linear Loaded Mises MovingMises",
     "models.functionals.shaped": "ReshapedFunctionals Zone",

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, identity
@@ -37,6 +38,9 @@ from hhr_dolfinx.pairings.surface import (
 )
 from hhr_dolfinx.parameters import Tag
 
+if TYPE_CHECKING:
+    from hhr_dolfinx.contact.friction import Law
+
 COVERED = 0.1
 """Covered part of a node's area below which it has no condition: its gap would be extrapolated too far."""
 MULTIPLIERS = ("dual", "standard")
@@ -56,16 +60,20 @@ class Mortar:
         normal: n from slave to master, along which points are projected; None takes the averaged outer normal of the
             slave at each of its nodes, and projects along the normal of each slave facet.
         multipliers: ``dual`` or ``standard``.
+        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.contact.friction`; None without.
     """
 
     slave: Tag
     master: Tag
     normal: tuple[float, ...] | None = None
     multipliers: str = "dual"
+    friction: float | str | Law | None = None
 
     def __post_init__(self) -> None:
         if self.multipliers not in MULTIPLIERS:
             raise SceneError(f"multipliers '{self.multipliers}' are unknown, one of {', '.join(MULTIPLIERS)}")
+        if self.friction is not None and self.multipliers != "dual":
+            raise SceneError("friction is a law of each contact for itself, which needs dual multipliers")
 
     @property
     def tags(self) -> tuple[Tag, ...]:

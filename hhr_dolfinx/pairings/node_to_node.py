@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -12,6 +13,9 @@ from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.surface import Surface, check_facing, nodal_rows, tangential_order, unit, warn_of_overlap
 from hhr_dolfinx.parameters import Tag
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.contact.friction import Law
 
 
 @dataclass(frozen=True)
@@ -22,11 +26,13 @@ class NodeToNode:
         first: facet tag of the surface whose outer normal is n.
         second: facet tag of the facing surface.
         normal: unit vector n, from the first to the second surface.
+        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.contact.friction`; None without.
     """
 
     first: Tag
     second: Tag
     normal: tuple[float, ...]
+    friction: float | str | Law | None = None
 
     @property
     def tags(self) -> tuple[Tag, ...]:

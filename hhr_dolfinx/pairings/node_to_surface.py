@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import linalg
@@ -31,6 +32,9 @@ from hhr_dolfinx.pairings.surface import (
 )
 from hhr_dolfinx.parameters import Tag
 
+if TYPE_CHECKING:
+    from hhr_dolfinx.contact.friction import Law
+
 BEYOND = 1e-6
 """Part of a facet by which a slave node may lie beyond the edge of the master surface: round-off of meshers."""
 DEPENDENT = 1e-8
@@ -53,11 +57,13 @@ class NodeToSurface:
         master: facet tag of the facing surface.
         normal: n from slave to master, along which the slave nodes are projected; None takes the closest point
             and, against the smoothed outer normal of the master there, its own n for each node.
+        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.contact.friction`; None without.
     """
 
     slave: Tag
     master: Tag
     normal: tuple[float, ...] | None = None
+    friction: float | str | Law | None = None
 
     @property
     def tags(self) -> tuple[Tag, ...]:
@@ -103,11 +109,13 @@ class DoublePass:
         first: facet tag of one surface; all of its conditions are kept.
         second: facet tag of the other.
         normal: from the first to the second surface, or None; see :class:`NodeToSurface`.
+        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.contact.friction`; None without.
     """
 
     first: Tag
     second: Tag
     normal: tuple[float, ...] | None = None
+    friction: float | str | Law | None = None
 
     @property
     def tags(self) -> tuple[Tag, ...]:

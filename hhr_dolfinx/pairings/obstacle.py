@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.surface import Surface, check_facing, nodal_rows, tangential_order, unit, warn_of_overlap
 from hhr_dolfinx.parameters import Tag, is_number
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.contact.friction import Law
 
 
 @dataclass(frozen=True)
@@ -21,11 +25,13 @@ class Obstacle:
         surface: facet tag of the surface of the body.
         normal: unit vector n, from the body towards the obstacle.
         offset: position of the plane along n.
+        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.contact.friction`; None without.
     """
 
     surface: Tag
     normal: tuple[float, ...]
     offset: float
+    friction: float | str | Law | None = None
 
     def __post_init__(self) -> None:
         if not is_number(self.offset):

@@ -25,7 +25,6 @@ from hhr_dolfinx.models.eliminations.interpolated import Compliances, Interpolat
 from hhr_dolfinx.models.eliminations.interpolation import GrownGrid
 from hhr_dolfinx.models.eliminations.shaped import ReshapedElimination
 from hhr_dolfinx.models.estimates import NOT_ASKED, known_error, warn_unbounded
-from hhr_dolfinx.models.starts import LinearStarts
 from hhr_dolfinx.reduction.components import Solver, components_of, interpolated_compliances
 from hhr_dolfinx.reduction.interpolate import DEFAULT_GRID, GridSettings
 from hhr_dolfinx.reduction.interpolate_reduced import interpolated_problem
@@ -33,7 +32,7 @@ from hhr_dolfinx.reduction.modes import pod
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.recipe import Pod
 from hhr_dolfinx.reduction.shaped import reshaped_functionals
-from hhr_dolfinx.reduction.starts import linear_starts
+from hhr_dolfinx.reduction.starts import starts_of
 from hhr_dolfinx.reduction.varying_bound import varying_bound
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
@@ -51,6 +50,7 @@ _INTERPOLATED = (
     "S is interpolated between parameters and not resolved here: raise the budget of the grid or narrow the box"
 )
 ADVICE: Mapping[Status, str] = MappingProxyType({Status.CYCLING: _INTERPOLATED, Status.SINGULAR: _INTERPOLATED})
+OF_FRICTION = "the moduli of bodies with friction vary, and how far interpolated forces are off is not bounded there"
 ALONG_NODES = 16
 """Nodes of a grid at which fields are solved for that no snapshot tells of."""
 
@@ -128,21 +128,30 @@ def condense(
         compliances, grids, _ = interpolated_compliances(problem, solvers, settings)
     _warn_of_budget(full, grids, settings)
     with log.stage("starts"):
-        known = linear_starts(compliances, Sobol(STARTS).points(problem.parameters), problem.contact_pairs)
+        points = Sobol(STARTS).points(problem.parameters)
+        known, forces = starts_of(compliances, points, problem)
     with log.stage("fields"):
         if not fields:
             made = _no_fields(full, settings)
         else:
-            seen = [] if problem.reshaped is None else _fields_seen(compliances, solvers, known)
-            seen += _fields_along(compliances, solvers, known) if snapshots is None else [snapshots.displacements]
+            seen = [] if problem.reshaped is None else _fields_seen(compliances, solvers, forces)
+            seen += (
+                _fields_along(compliances, solvers, known.points, forces)
+                if snapshots is None
+                else [snapshots.displacements]
+            )
             made = _fields(full, np.column_stack(seen), settings)
-    if bound and fields:
-        acting = np.maximum(known.margins, 0.0).T if snapshots is None else snapshots.forces
+    if problem.friction is not None:
+        made = replace(made, unbounded=OF_FRICTION)
+    elif bound and fields:
+        acting = forces.T if snapshots is None else snapshots.forces
         made = _bounded(full, made, acting, log)
     elif fields:
         made = replace(made, unbounded=NOT_ASKED)
     log.say(known_error(made))
-    model = CondensedModel(full.parameters, compliances, known, made, problem.contact_pairs, advice=ADVICE)
+    model = CondensedModel(
+        full.parameters, compliances, known, made, problem.contact_pairs, advice=ADVICE, friction=problem.friction
+    )
     comparison = None
     if held_out is not None and snapshots is not None and fields:
         with log.stage("validation"):
@@ -222,9 +231,9 @@ def _of_energy(basis: np.ndarray, problem: ContactProblem) -> np.ndarray:
     return basis @ (ways[:, kept] / np.sqrt(energies[kept]))
 
 
-def _fields_seen(compliances: Compliances, solvers: list[Solver], known: LinearStarts) -> list[np.ndarray]:
-    """Displacements at some shapes under forces as they occur, (N, k) each: few snapshots do not span them."""
-    forces = np.maximum(known.margins, 0.0).T
+def _fields_seen(compliances: Compliances, solvers: list[Solver], forces: np.ndarray) -> list[np.ndarray]:
+    """Displacements at some shapes under forces as they occur, (S, m), (N, k) each: few snapshots do not span them."""
+    forces = forces.T
     forces = pod(forces / np.maximum(np.linalg.norm(forces, axis=0), TINY), FORCE_TOLERANCE)[0]
     found = []
     for part, solver in zip(compliances.parts, solvers, strict=True):
@@ -235,12 +244,14 @@ def _fields_seen(compliances: Compliances, solvers: list[Solver], known: LinearS
     return found
 
 
-def _fields_along(compliances: Compliances, solvers: list[Solver], known: LinearStarts) -> list[np.ndarray]:
-    """Displacements under loads and forces of solved points, (N, k) each; every node of a grid has its share of them.
+def _fields_along(
+    compliances: Compliances, solvers: list[Solver], points: np.ndarray, forces: np.ndarray
+) -> list[np.ndarray]:
+    """Displacements under loads and forces of solved points, (S, P) and (S, m): (N, k) each.
 
-    What imposed displacements move is by itself, since it does not depend on a factor of the stiffness.
+    Every node of a grid has its share of them. What imposed displacements move is by itself, since it does not depend
+    on a factor of the stiffness.
     """
-    forces = np.maximum(known.margins, 0.0)
     found = []
     for part, solver in zip(compliances.parts, solvers, strict=True):
         nodes = part.interpolant.nodes[:ALONG_NODES]
@@ -248,7 +259,7 @@ def _fields_along(compliances: Compliances, solvers: list[Solver], known: Linear
             point = solver.problem.middle
             share = slice(first, None, len(nodes))
             point[part.interpolant.axes] = node
-            found.append(solver.fields_under(point, known.points[share], forces[share]))
+            found.append(solver.fields_under(point, points[share], forces[share]))
     return found
 
 

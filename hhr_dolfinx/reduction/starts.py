@@ -7,10 +7,13 @@ from typing import Any
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Pairs
-from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.errors import ConvergenceError, ReductionError
 from hhr_dolfinx.models.eliminations.elimination import Elimination, answer_of
-from hhr_dolfinx.models.starts import LinearStarts
+from hhr_dolfinx.models.starts import KnownStatuses, LinearStarts
 
+ALONG = 4
+"""Points along each path that shows forces of friction."""
 NO_FIELDS: Any = None
 """Fields of answers that nobody asks for any."""
 
@@ -46,3 +49,39 @@ def linear_starts(
     if not found:
         raise ReductionError("no point of the box has an answer: contact rows are dependent, or the box is empty")
     return LinearStarts(*(np.array(part) for part in zip(*found, strict=True)))
+
+
+def starts_of(eliminated: Elimination, points: np.ndarray, problem: ContactProblem) -> tuple[KnownStatuses, np.ndarray]:
+    """What searches start from, and forces as they occur, (S, m), of a condensed model at some points, (S, P).
+
+    With friction increments start from the one before, and forces are those along paths through a few points each,
+    which load, unload and turn round; what stays along a path is that of its first point.
+    """
+    if problem.friction is None:
+        known = linear_starts(eliminated, points, problem.contact_pairs)
+        return known, np.maximum(known.margins, 0.0)
+    from hhr_dolfinx.models.condensed import CondensedModel
+
+    nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
+    model = CondensedModel(
+        problem.parameters, eliminated, nothing, NO_FIELDS, problem.contact_pairs, friction=problem.friction
+    )
+    fixed = problem.friction.fixed
+    found = []
+    seen = []
+    for first in range(0, len(points), ALONG):
+        along = points[first : first + ALONG].copy()
+        along[:, fixed] = along[0, fixed]
+        rest = np.clip(0.0, problem.parameters.lower, problem.parameters.upper)
+        rest[fixed] = along[0, fixed]
+        try:
+            history = model.march([(0.0, rest), *((1.0 + k, point) for k, point in enumerate(along))])
+        except ConvergenceError as stop:
+            history = vars(stop)["history"]
+        found += [answer.multipliers for answer in history.answers]
+        seen += [answer.parameter for answer in history.answers]
+    if not found:
+        raise ReductionError(
+            "no path through the box has an answer: contact rows are dependent, or friction is too large"
+        )
+    return KnownStatuses(np.array(seen), np.array(found) != 0), np.array(found)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from scipy.sparse import csr_matrix, vstack
@@ -21,10 +21,14 @@ from hhr_dolfinx.declared import Floats, Integers, Size
 from hhr_dolfinx.errors import HHRError, NotOfferedError, ParameterError, SceneError
 from hhr_dolfinx.parameters import ParameterSpace
 
+if TYPE_CHECKING:
+    from hhr_dolfinx.contact.friction import SlipState
+
 DIFFERENCE = 1e-4
 """Part of the box by which shapes are moved to either side for derivatives: their error is its square."""
 _NOTHING = np.zeros(0)
 _NOWHERE = np.zeros(0, dtype=np.int64)
+_UNKNOWN = np.zeros(0, dtype=bool)
 
 
 @dataclass(frozen=True)
@@ -129,6 +133,8 @@ class State(NamedTuple):
         point: the parameter, (P,).
         theta: amplitudes of all terms, (1 + T,).
         stress: makes the stress at all Gauss points, where bodies flow.
+        active: status of each of the model's own conditions, (m,) bool.
+        slip: what friction remembers; None without friction.
     """
 
     forces: np.ndarray
@@ -136,6 +142,8 @@ class State(NamedTuple):
     point: np.ndarray
     theta: np.ndarray
     stress: Callable[[], np.ndarray]
+    active: np.ndarray = _UNKNOWN
+    slip: SlipState | None = None
 
 
 class Slopes(NamedTuple):
@@ -303,7 +311,8 @@ def outputs_of(answer: Any) -> Outputs:
     if functionals.places and functionals.places[-1].stop:  # outputs of forces alone need no displacement
         coordinates = fields.coordinates(answer, theta) if whole.axes.size else _NOTHING
         measured = functionals.measured(coordinates) if whole.axes.size else fields.measured(answer, theta)
-    states = [State(forces, measured[place], point, theta, answer.stress) for place in functionals.places]
+    rest = answer.stress, answer.active, answer.slip
+    states = [State(forces, measured[place], point, theta, *rest) for place in functionals.places]
     values = {item.name: item.value(state) for item, state in zip(functionals.items, states, strict=True)}
     if answer.gradient is None:
         return Outputs(values, units)

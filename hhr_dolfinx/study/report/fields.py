@@ -21,13 +21,14 @@ with extra("pictures", "fields for ParaView"):
     import pyvista
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.full_order.full import FullOrderModel
 
 ENDINGS = (".vtkhdf", ".vtu")
 
 
 def write_fields(path: str | Path, full: FullOrderModel, answer: Answer | History) -> list[Path]:
-    """Write displacement, contact pressure and gap at nodes, and stress and body of cells.
+    """Write displacement, contact pressure and gap at nodes, stress and body of cells, and friction where there is any.
 
     Args:
         path: with the ending ``.vtkhdf`` (VTK >= 9.3) or ``.vtu``. Steps of a history have numbers in their names, and
@@ -81,6 +82,28 @@ def _written(path: Path, grid: pyvista.UnstructuredGrid) -> Path:
     return path
 
 
+def friction_fields(problem: ContactProblem, answer: Answer, forces: np.ndarray) -> dict[str, np.ndarray]:
+    """Friction at the nodes of the mesh: traction on slaves (nodes, 3), length slipped, and status.
+
+    The status is 0 where contact is open or without friction, 1 where it sticks, 2 where it slips.
+    """
+    friction = problem.friction
+    assert friction is not None
+    assert answer.slip is not None
+    count = len(problem.points)
+    slaves = problem.contact_slaves[friction.normal]
+    traction = np.zeros((count, 3))
+    areas = problem.contact_areas[friction.tangential]
+    # the multiplier is less the force on the slave, see contact.friction
+    along = -friction.tangents * (forces[friction.tangential] / areas)[:, None]
+    np.add.at(traction[:, : along.shape[1]], slaves[friction.owner], along)
+    slip = np.zeros(count)
+    slip[slaves] = answer.slip.path
+    status = np.zeros(count)
+    status[slaves] = friction.statuses(answer.active)
+    return {"friction_traction": traction, "slip": slip, "stick_slip": status}
+
+
 def grid_of(full: FullOrderModel, answer: Answer) -> pyvista.UnstructuredGrid:
     """The mesh with all fields of an answer."""
     problem = full.problem.at(answer.parameter)
@@ -91,8 +114,15 @@ def grid_of(full: FullOrderModel, answer: Answer) -> pyvista.UnstructuredGrid:
     vectors = displacement.reshape(grid.n_points, -1)
     pressure = np.zeros(grid.n_points)
     gap = np.full(grid.n_points, np.nan)
-    np.add.at(pressure, problem.contact_slaves, answer.forces() / problem.contact_areas)
-    gap[problem.contact_slaves] = problem.gaps @ theta - problem.contact @ (displacement - problem.lifts @ theta)
+    pressing = problem.pressing
+    slaves = problem.contact_slaves[pressing]
+    forces = answer.forces()
+    slack = problem.gaps @ theta - problem.contact @ (displacement - problem.lifts @ theta)
+    np.add.at(pressure, slaves, (forces / problem.contact_areas)[pressing])
+    gap[slaves] = slack[pressing]
+    if problem.friction is not None and answer.slip is not None:
+        for name, values in friction_fields(problem, answer, forces).items():
+            grid.point_data[name] = values
     grid.point_data["displacement"] = np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
     grid.point_data["contact_pressure"] = pressure
     grid.point_data["gap"] = gap

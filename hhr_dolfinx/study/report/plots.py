@@ -334,7 +334,7 @@ def _pressures_of(
 ) -> Panel:
     """Pressures of one contact: lines of the full order, marks of a reduced model, a closed form where there is one."""
     problem = full.problem
-    own = problem.contact_pairs == pair
+    own = problem.pressing_of(pair)
     where, label = view.along(problem.contact_points[own], pair, full.scene.units)
     lines = {}
     marks = {}
@@ -378,7 +378,7 @@ def _draw_over_time(histories: dict[str, History], contacts: np.ndarray, folder:
 
 def pressures(problem: ContactProblem, pair: int, forces: np.ndarray) -> np.ndarray:
     """Pressures of the contact conditions of a pair: nodal forces over tributary areas."""
-    own = problem.contact_pairs == pair
+    own = problem.pressing_of(pair)
     return forces[own] / problem.contact_areas[own]
 
 

@@ -105,7 +105,7 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
     gaps = problem.gaps @ problem.amplitudes(point)
     unit = found.length
     for place, (surfaces, _) in enumerate(found.pairs):
-        rows = np.flatnonzero(problem.contact_pairs == place)
+        rows = problem.pressing_of(place)
         names = " and ".join(repr(surface.tag) for surface in surfaces)
         if not rows.size:
             found.say(NOTE, f"contact {place} of {names}: displacements are imposed on all of its nodes, and it does "

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.certify.strains import check_small_strains
-from hhr_dolfinx.errors import ParameterError, StudyError
+from hhr_dolfinx.errors import NotOfferedError, ParameterError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.histories.path import checked_path
@@ -268,6 +268,11 @@ def _checked(scene: Scene, training: Any, held_out: Any, seed: Any) -> tuple[Any
     """Points or paths to train on; how many points, or which paths, are held out."""
     if not isinstance(scene, Scene):
         raise StudyError(f"{scene!r} is no scene: give a Scene")
+    if any(law is not None for law in scene.friction):
+        raise NotOfferedError(
+            f"scene '{scene.name}' has friction, whose histories no reduced model is trained on: its contact is "
+            "condensed without a training, hhr.condense(scene)"
+        )
     check_counts(seed=(seed, 0))
     chooses = _chooses(training)
     if chooses:

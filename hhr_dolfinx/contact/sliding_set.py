@@ -1,0 +1,384 @@
+"""Active set of contact with friction: open, stick or slip at each contact, one function for full and reduced models.
+
+The rows of B are those of pressures, and for each contact with friction one or two tangential ones, so that forces
+x = (λ, τ) leave slack = free_slack + S x, see :mod:`hhr_dolfinx.contact.friction`. The slack of a tangential row is what
+slips in an increment, with the sign by which τ opposes it. With c = 1 / S_ii, which makes forces of slacks, and
+y = x - c slack the conditions of one increment are projections,
+
+    λ = max(0, y_n),      τ = y_t min(1, b / |y_t|),      b = min(coefficient max(0, y_n), limit),
+
+on the disc of Coulomb's law, and no pyramid; b = limit of Tresca's, whose coefficient is infinite. A semi-smooth
+Newton method solves them: a set of statuses, and the directions of what slips, leave one linear system, in which the
+bound b moves with λ. This is the primal-dual active set of S. Hüeber, G. Stadler and B. Wohlmuth (SIAM J. Sci. Comput.
+30, 2008) on the condensed problem.
+
+Newton's statuses may cycle. Then sweeps over single contacts, by projection (F. Jourdan, P. Alart and M. Jean,
+CMAME 155, 1998), bring the forces nearer, and Newton starts anew from them. What does not settle so either has a status
+of its own, with the contacts that still change.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg.lapack import dgetrf, dgetrs
+
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.contact.floating import BALANCED, MOST_STEPS, NOTHING, WEAKNESS
+from hhr_dolfinx.contact.friction import Friction
+from hhr_dolfinx.contact.sweeps import swept
+
+TOLERANCE = 1e-11
+"""Part of the largest force of an increment by which forces may be off their projection (round-off measured: 1e-14)."""
+PROBES = (0.2, 1.0, 0.01)
+"""Parts of its stiffness by which the slip of a contact counts in its status, tried one after another. Neighbours slip
+together, which one contact alone takes for too much: by all of its stiffness slip may turn from one way to the other
+and never try to stick. On 256 contacts in space .1 to .3 took the fewest iterations."""
+NEWTON = 40
+"""Iterations of Newton's method before another attempt; from the increment before two to five are usual."""
+SWEEPS = (10, 30, 100, 300, 1000, 3000)
+"""Sweeps over all contacts between one attempt of Newton's method and the next."""
+SINGULAR = 1e-8
+"""Residual of a linear system, in parts of its right-hand side, from which on it is singular to round-off."""
+FACTORS = 4
+"""Factors of systems that are kept: the first one of an increment is mostly the last one of the increment before."""
+
+
+class Sliding(NamedTuple):
+    """Outcome of an increment (M rows, r rigid motions).
+
+    Attributes:
+        forces: of all rows, (M,).
+        active: rows whose slack is zero: closed contacts, and tangential rows that stick, (M,) bool.
+        slack: of all rows, (M,); of tangential ones what slips in the increment.
+        motions: of bodies that contact alone holds, (r,).
+        iterations: linear systems solved.
+        sweeps: over single contacts, 0 where Newton's method settled alone.
+        status: why it stopped.
+        unsettled: rows of pressure of the contacts that still change where nothing settles.
+    """
+
+    forces: np.ndarray
+    active: np.ndarray
+    slack: np.ndarray
+    motions: np.ndarray
+    iterations: int
+    sweeps: int
+    status: Status
+    unsettled: np.ndarray
+
+
+class Increment(NamedTuple):
+    """What drives an increment.
+
+    Attributes:
+        slack: without contact forces; of tangential rows less their position before the increment, (M,).
+        coefficient: of friction of each contact with friction, (C,); infinite of Tresca's law.
+        limit: what its tangential force is at most whatever its pressure, (C,).
+        driving: loads along rigid motions that contact alone holds, (r,).
+    """
+
+    slack: np.ndarray
+    coefficient: np.ndarray
+    limit: np.ndarray
+    driving: np.ndarray
+
+    @property
+    def free(self) -> np.ndarray:
+        """Contacts whose bound does not know their pressure, (C,) bool."""
+        return np.isinf(self.coefficient)
+
+
+class _Iterate(NamedTuple):
+    """Statuses and directions that a Newton step takes for granted, and how far the forces are off their projection."""
+
+    acting: np.ndarray  # rows that bear a force: closed contacts, and tangential rows that friction resists, (M,) bool
+    limited: np.ndarray  # tangential rows whose bound is the limit, (T,) bool
+    bound: np.ndarray  # b of each tangential row, (T,)
+    slips: np.ndarray  # tangential rows that slip, (T,) bool
+    direction: np.ndarray  # y_t / |y_t|, (T,)
+    shrunk: np.ndarray  # b / |y_t|, (T,)
+    measure: np.ndarray  # force by which a slip counts, (T,)
+    off: np.ndarray  # forces less their projection, (M,)
+
+    def key(self) -> bytes:
+        """What tells sets of statuses apart."""
+        signs = np.sign(self.direction[self.slips])
+        return self.acting.tobytes() + self.slips.tobytes() + self.limited[self.slips].tobytes() + signs.tobytes()
+
+
+class SlidingContact:
+    """The contact problem with friction on one S, for any number of increments; answers are the callers' own.
+
+    Args:
+        schur: S of all rows, (M, M), not necessarily symmetric.
+        friction: which of the rows are tangential.
+        taken: what rigid motions that contact alone holds take from the slack, (M, r); None where there are none.
+    """
+
+    def __init__(self, schur: np.ndarray, friction: Friction, taken: np.ndarray | None = None):
+        self.schur = schur
+        self.friction = friction
+        self.taken = np.zeros((len(schur), 0)) if taken is None else taken
+        rows, owner = friction.tangential, friction.owner
+        self._rows = rows
+        self._owner = owner
+        self._normal = friction.normal[owner]  # row of pressure of each tangential row
+        self._pressures = friction.pressures(len(schur))
+        self._curved = np.bincount(owner, minlength=friction.normal.size)[owner] > 1
+        softness = np.abs(np.diag(schur)).copy()
+        # both directions of one contact alike: the projection is that on a disc
+        softness[rows] = _largest(softness[rows], owner, friction.normal.size)[owner]
+        typical = softness[softness > 0].mean() if (softness > 0).any() else 1.0
+        self.stiffness = 1.0 / np.where(softness > 0, softness, typical)
+        self._kept: dict[bytes, tuple] = {}
+
+    def increment(self, given: Increment, start: np.ndarray) -> Sliding:
+        """Solve an increment.
+
+        Args:
+            given: what drives it.
+            start: forces to start from, (M,): those of the increment before.
+        """
+        if not (np.isfinite(given.slack).all() and np.isfinite(given.driving).all()):
+            return self._failed(given, start, Status.NOT_FINITE)
+        found = self._tried(given, start, np.zeros(self.taken.shape[1]))
+        if found.status is Status.CONVERGED:
+            return found
+        return self._by_sweeps(given, found) if not self.taken.shape[1] else self._by_springs(given, found)
+
+    def _tried(self, given: Increment, start: np.ndarray, motions: np.ndarray) -> Sliding:
+        """Newton's method, by one measure of slip after another."""
+        iterations = 0
+        for probe in PROBES:
+            found = self._newton(given, start, motions, probe)
+            iterations += found.iterations
+            if found.status is Status.CONVERGED:
+                break
+        return found._replace(iterations=iterations)
+
+    def _newton(self, given: Increment, start: np.ndarray, motions: np.ndarray, probe: float) -> Sliding:
+        """Newton's method; the status is ``UNSETTLED`` where statuses repeat, or ``SINGULAR``."""
+        forces = start
+        seen: set[bytes] = set()
+        least = np.inf
+        status = Status.UNSETTLED
+        for iteration in range(NEWTON + 1):
+            slack = given.slack + self.schur @ forces - self.taken @ motions
+            at = self._projected(given, forces, slack, probe)
+            worst = np.abs(at.off).max(initial=0.0)
+            balanced = self._balanced(given, forces)
+            if worst <= self._noise(given, forces) and balanced:
+                return self._settled(given, at, forces, slack, motions, iteration)
+            key = at.key()
+            if iteration == NEWTON or (key in seen and not worst < 0.5 * least):
+                break
+            seen.add(key)
+            least = min(least, worst)
+            solved = self._solved(given, at, key)
+            if solved is None:
+                status = Status.SINGULAR
+                break
+            forces, motions = solved
+        return Sliding(
+            forces, at.acting, slack, motions, iteration, 0, status,
+            self._pressures[np.abs(at.off[self._pressures]) > self._noise(given, forces)],
+        )  # fmt: skip
+
+    def _projected(self, given: Increment, forces: np.ndarray, slack: np.ndarray, probe: float) -> _Iterate:
+        """What forces and slacks say of statuses, and how far they are from a solution."""
+        y = forces - self.stiffness * slack
+        projected = np.maximum(y, 0.0)
+        acting = y > 0
+        with np.errstate(invalid="ignore"):
+            carried = np.where(given.free, np.inf, given.coefficient * projected[self.friction.normal])
+        bound = np.minimum(carried, given.limit)[self._owner]
+        projected[self._rows] = y[self._rows] * _share(bound, self._length(y[self._rows]))
+        measure = probe * self.stiffness[self._rows]
+        tangential = forces[self._rows] - measure * slack[self._rows]
+        size = self._length(tangential)
+        share = _share(bound, size)
+        acting[self._rows] = (bound > 0) | acting[self._normal]
+        limited = (carried >= given.limit)[self._owner]
+        direction = tangential / np.where(size > 0, size, 1.0)
+        return _Iterate(acting, limited, bound, size > bound, direction, share, measure, forces - projected)
+
+    def _length(self, tangential: np.ndarray) -> np.ndarray:
+        """Length of the vector of each contact, on each of its tangential rows, (T,)."""
+        return np.sqrt(np.bincount(self._owner, tangential**2, self.friction.normal.size))[self._owner]
+
+    def _noise(self, given: Increment, forces: np.ndarray) -> float:
+        """Force that is round-off."""
+        largest = np.abs(forces).max(initial=0.0)
+        return TOLERANCE * largest + 1e-15 * (self.stiffness * np.abs(given.slack)).max(initial=0.0)
+
+    def _balanced(self, given: Increment, forces: np.ndarray) -> bool:
+        """Whether forces balance the loads along rigid motions."""
+        if not given.driving.size:
+            return True
+        left = np.abs(given.driving - forces @ self.taken)
+        size = np.abs(given.driving) + np.abs(forces) @ np.abs(self.taken)
+        return bool((left <= 1e-10 * size.max()).all())
+
+    def _solved(self, given: Increment, at: _Iterate, key: bytes) -> tuple[np.ndarray, np.ndarray] | None:
+        """Forces and motions on some statuses and directions; None where that is singular."""
+        index = at.acting.nonzero()[0]
+        count = self.taken.shape[1]
+        forces = np.zeros(given.slack.size)
+        if not index.size and not count:
+            return forces, np.zeros(0)
+        slipping = at.slips & at.acting[self._rows]
+        curved = bool((slipping & self._curved).any())
+        # what turns has a system of its own in each iteration
+        name = None if curved else key + given.coefficient.tobytes()
+        right = np.concatenate([-given.slack[index], given.driving])
+        place = np.full(given.slack.size, -1)
+        place[index] = np.arange(index.size)
+        rows = place[self._rows[slipping]]
+        kept = self._kept.get(name) if name is not None else None
+        if kept is None:
+            system = self._system(given, at, index, slipping, place)
+            factors, pivots, info = dgetrf(system)
+            if info != 0:
+                return None
+            kept = system, factors, pivots
+            if name is not None:
+                while len(self._kept) >= FACTORS:
+                    self._kept.pop(next(iter(self._kept)), None)
+                self._kept[name] = kept
+        system, factors, pivots = kept
+        right[rows] = np.where(at.limited, at.bound * at.direction, 0.0)[slipping]
+        if curved:
+            right[rows] += self._turned(at, slipping, -at.measure * given.slack[self._rows])
+        found, info = dgetrs(factors, pivots, right)
+        left = np.abs(system @ found - right).max(initial=0.0)
+        if not left <= SINGULAR * np.abs(right).max(initial=1e-300):
+            return None
+        forces[index] = found[: index.size]
+        return forces, found[index.size :]
+
+    def _system(
+        self, given: Increment, at: _Iterate, index: np.ndarray, slipping: np.ndarray, place: np.ndarray
+    ) -> np.ndarray:
+        """Matrix of one Newton step on the rows of closed contacts, and the balance of rigid motions."""
+        k = index.size
+        count = self.taken.shape[1]
+        system = np.zeros((k + count, k + count), order="F")
+        system[:k, :k] = self.schur[np.ix_(index, index)]
+        system[:k, k:] = -self.taken[index]
+        system[k:, :k] = self.taken[index].T
+        rows = place[self._rows[slipping]]
+        if not rows.size:
+            return system
+        # τ = b direction, and what turns: (b / |y|) (1 - direction direction^T) y
+        own = -at.measure[slipping, None] * system[rows]
+        own[np.arange(rows.size), rows] += 1.0
+        turned = self._turned(at, slipping, None, own) if (slipping & self._curved).any() else np.zeros_like(own)
+        system[rows] = -turned
+        system[rows, rows] += 1.0
+        # of a bound of zero the pressure may be zero too, with no column
+        carried = slipping & ~at.limited & at.acting[self._normal]
+        change = given.coefficient[self._owner[carried]] * at.direction[carried]
+        system[place[self._rows[carried]], place[self._normal[carried]]] -= change
+        return system
+
+    def _turned(
+        self, at: _Iterate, slipping: np.ndarray, values: np.ndarray | None, own: np.ndarray | None = None
+    ) -> np.ndarray:
+        """(b / |y|) (1 - direction direction^T) times values of tangential rows, of those that slip.
+
+        ``values`` of all tangential rows, (T,), or ``own`` of those that slip, (s, k).
+        """
+        taken = values[slipping][:, None] if values is not None else own
+        assert taken is not None
+        direction = at.direction[slipping]
+        _, owner = np.unique(self._owner[slipping], return_inverse=True)
+        along = np.zeros((owner.max() + 1, taken.shape[1]))
+        np.add.at(along, owner, direction[:, None] * taken)
+        across = (taken - direction[:, None] * along[owner]) * at.shrunk[slipping, None]
+        across[~self._curved[slipping]] = 0.0
+        return across[:, 0] if values is not None else across
+
+    def _settled(
+        self, given: Increment, at: _Iterate, forces: np.ndarray, slack: np.ndarray, motions: np.ndarray, count: int
+    ) -> Sliding:
+        """A solution, with the statuses of its rows."""
+        active = at.acting.copy()
+        active[self._rows] &= ~at.slips
+        slack = slack.copy()
+        slack[active] = 0.0
+        forces = forces.copy()
+        forces[~at.acting] = 0.0
+        nothing = np.zeros(0, dtype=np.int64)
+        return Sliding(forces, active, slack, motions, max(count, 1), 0, Status.CONVERGED, nothing)
+
+    def _failed(self, given: Increment, start: np.ndarray, status: Status) -> Sliding:
+        none = np.zeros(len(start), dtype=bool)
+        nothing = np.zeros(0, dtype=np.int64)
+        return Sliding(np.zeros(len(start)), none, given.slack, np.zeros(self.taken.shape[1]), 0, 0, status, nothing)
+
+    def _by_sweeps(self, given: Increment, found: Sliding, schur: np.ndarray | None = None) -> Sliding:
+        """Sweeps over single contacts, and Newton's method from what they find."""
+        forces = np.where(np.isfinite(found.forces), found.forces, 0.0)
+        iterations = found.iterations
+        total = 0
+        for count in SWEEPS:
+            forces = swept(self.schur, self.friction, self._pressures, self.stiffness, given, forces, count)
+            total += count
+            if not np.isfinite(forces).all():
+                break
+            found = self._tried(given, forces, found.motions)
+            iterations += found.iterations
+            if found.status is Status.CONVERGED:
+                break
+        return found._replace(iterations=iterations, sweeps=total)
+
+    @cached_property
+    def _sprung(self) -> tuple[tuple[np.ndarray, SlidingContact], ...]:
+        """Compliances of springs that hold the bodies, (r,), and the contact problems with them."""
+        push = (self.taken**2).mean(axis=0)
+        unit = np.abs(np.diag(self.schur)).mean() / np.where(push > 0, push, 1.0)
+        every = (unit * weak for weak in WEAKNESS)
+        return tuple(
+            (one, SlidingContact(self.schur + (self.taken * one) @ self.taken.T, self.friction)) for one in every
+        )
+
+    def _by_springs(self, given: Increment, failed: Sliding) -> Sliding:
+        """Weak springs hold the bodies, and their ends move along, see :mod:`hhr_dolfinx.contact.floating`."""
+        ends = np.zeros(given.driving.size)
+        iterations = failed.iterations
+        sweeps = 0
+        forces = np.zeros(given.slack.size)
+        nothing = NOTHING * np.abs(given.slack).max() * self.stiffness.max()
+        for compliance, sprung in (spring for spring in self._sprung for _ in range(MOST_STEPS)):
+            offset = ends + compliance * given.driving
+            held = given._replace(slack=given.slack - self.taken @ offset, driving=given.driving[:0])
+            found = sprung.increment(held, forces)
+            iterations += found.iterations
+            sweeps += found.sweeps
+            if found.status is not Status.CONVERGED:
+                return found._replace(motions=ends, iterations=iterations, sweeps=sweeps)
+            forces = found.forces
+            left = given.driving - forces @ self.taken
+            ends = ends + compliance * left
+            direct = self._tried(given, forces, ends)
+            iterations += direct.iterations
+            largest = (np.abs(given.driving) + np.abs(forces) @ np.abs(self.taken)).max()
+            if direct.status is Status.CONVERGED:
+                return direct._replace(iterations=iterations, sweeps=sweeps)
+            if (np.abs(left) <= BALANCED * largest + nothing).all():
+                return found._replace(motions=ends, iterations=iterations, sweeps=sweeps)
+        return failed._replace(status=Status.ADRIFT, iterations=iterations, sweeps=sweeps)
+
+
+def _largest(values: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
+    found = np.zeros(count)
+    np.maximum.at(found, owner, values)
+    return found
+
+
+def _share(bound: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Bound over size where that is below one, else one."""
+    return np.divide(bound, size, out=np.ones(size.size), where=size > bound)

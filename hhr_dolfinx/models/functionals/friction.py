@@ -1,0 +1,70 @@
+"""Outputs of contact with friction: what has slipped, and where contact sticks or slips."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+
+from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.models.functionals.functional import Functional, State
+
+
+@dataclass(frozen=True, eq=False)
+class Remembered(Functional):
+    """What friction remembers of some contacts, times a factor: the largest value, or the sum.
+
+    Attributes:
+        contacts: numbers of contacts with friction, (c,).
+        quantity: ``path``, ``work`` or ``wear``, see :class:`~hhr_dolfinx.contact.friction.SlipState`.
+        factor: of the values.
+        largest: whether the largest is meant, else the sum.
+    """
+
+    differentiable: ClassVar[bool] = False
+
+    contacts: Annotated[Integers, "contacts"]
+    quantity: str
+    factor: float
+    largest: bool
+
+    def value(self, state: State) -> float:
+        """Up to the time of the answer."""
+        if state.slip is None:
+            return 0.0
+        values = {"path": state.slip.path, "work": state.slip.work, "wear": state.slip.wear}[self.quantity]
+        own = self.factor * values[self.contacts]
+        return float(own.max() if self.largest else own.sum())
+
+
+@dataclass(frozen=True, eq=False)
+class StatusArea(Functional):
+    """Area of the closed contacts that stick, or that slip.
+
+    Attributes:
+        conditions: of the pressures of contacts with friction, (c,).
+        areas: tributary area of each, (c,).
+        tangential: tangential conditions, contact by contact, (t,).
+        owner: place of the contact of each of them, (t,).
+        sticks: whether those that stick are meant, else those that slip.
+    """
+
+    differentiable: ClassVar[bool] = False
+
+    conditions: Annotated[Integers, "conditions"]
+    areas: Annotated[Floats, "conditions"]
+    tangential: Annotated[Integers, "tangential"]
+    owner: Annotated[Integers, "tangential", "< conditions"]
+    sticks: bool
+
+    def value(self, state: State) -> float:
+        """At the time of the answer."""
+        if not state.active.size:
+            return 0.0
+        sticks = np.bincount(self.owner, ~state.active[self.tangential], self.conditions.size) == 0
+        return float(self.areas[state.active[self.conditions] & (sticks == self.sticks)].sum())
+
+    def indices(self) -> dict[str, np.ndarray]:
+        """Conditions."""
+        return {"conditions": np.concatenate([self.conditions, self.tangential])}
