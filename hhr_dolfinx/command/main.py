@@ -255,8 +255,8 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
         raise click.UsageError("nothing flows: leave out --duration")
     answer = model.solve(point, **step)
     rows = {"seconds of one step from rest": step["duration"]} if step else {}
-    known = (None, None) if is_model(what) else (model.scene, model.problem.contact_pairs)
-    rows |= largest_values(answer, model.dimension, *known, friction=model.friction)
+    scene, pairs = (None, None) if is_model(what) else (model.scene, model.problem.contact_pairs)
+    rows |= largest_values(answer, model.dimension, scene, pairs, model.friction)
     outputs = answer.outputs() if model.fields.functionals is not None else None
     if outputs is not None:
         heads = {name: f"{name} [{unit}]" if unit else name for name, unit in outputs.units.items()}

@@ -1,9 +1,8 @@
 """Friction of contact pairs: laws that a user writes, and the rows that they add to B.
 
-A contact with friction has one tangential row in the plane and two in space beside that of its pressure: with the
-relative displacement of slave and master the same weights at the same nodes, along tangents in the place of the normal.
-So B U <= D of thesis (1.27) gains rows whose slack is less the relative displacement along a tangent, and whose
-multiplier τ is the tangential force on the slave with the opposite sign. Coulomb's law says
+A contact with friction has one tangential row in the plane and two in space, see :mod:`hhr_dolfinx.contact.tangents`,
+whose slack is less the relative displacement along a tangent, and whose multiplier τ is the tangential force on the
+slave with the opposite sign. Coulomb's law says
 
     |τ| <= min(coefficient λ, limit area),     and where the slack of an increment is not zero τ is opposed to it.
 """
@@ -15,19 +14,12 @@ from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
-from scipy.sparse import block_diag, csr_matrix, vstack
 
-from hhr_dolfinx.contact.problem import ContactRows, joined
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import Scalar, check_over_box, formula_of
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plain import Rebuilt
-
-PARALLEL = 1e-9
-"""Part of a row that may not be along its normal; more, and the row has no tangents."""
-DEPENDENT = 1e-9
-"""Part of a tangential row, in its own length, below which imposed displacements leave nothing of it."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +162,7 @@ class Friction(Rebuilt):
         return np.setdiff1d(np.arange(rows), self.tangential, assume_unique=True)
 
     def bounds(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Coefficient and largest tangential force of each contact at a point, (C,) each, see :meth:`FrictionLaw.at`."""
+        """Coefficient and largest tangential force of each contact at a point, (C,) each."""
         coefficients, limits = np.array([law.at(point) for law in self.laws]).T
         limits = limits[self.law]
         return coefficients[self.law], np.where(np.isinf(limits), np.inf, limits * self.area)
@@ -228,109 +220,3 @@ class SlipState(NamedTuple):
         work = np.bincount(friction.owner, -moved * forces[friction.tangential], count)
         pressure = np.divide(forces[friction.normal], friction.area, out=np.zeros(count), where=friction.area > 0)
         return SlipState(self.position + moved, self.path + slipped, self.work + work, self.wear + pressure * slipped)
-
-
-def with_tangents(
-    rows: ContactRows, pairs: np.ndarray, laws: Mapping[int, FrictionLaw], free: np.ndarray, fixed: np.ndarray
-) -> tuple[ContactRows, np.ndarray, Friction]:
-    """Conditions with the tangential rows of some pairs behind them, the pair of each, and the friction on them.
-
-    Along what imposed displacements hold nothing slips: such tangents are left out.
-
-    Args:
-        rows: conditions of pressures.
-        pairs: contact pair of each, (n,).
-        laws: of the pairs that have friction.
-        free: dofs that are not imposed, (N,) bool.
-        fixed: see :class:`Friction`.
-
-    Raises:
-        SceneError: for rows that are not along one normal each.
-    """
-    dim = rows.points.shape[1]
-    normal = np.flatnonzero(np.isin(pairs, list(laws)))
-    own = rows.take(normal)
-    normals = normals_of(own.matrix, own.slaves, dim)
-    tangents = tangents_of(normals)
-    matrix = tangential_rows(own.matrix, normals, tangents)
-    owner = np.repeat(np.arange(normal.size), dim - 1)
-    turns, owner = _movable(matrix, owner, free)
-    matrix = csr_matrix(turns @ matrix)
-    tangents = turns @ tangents.reshape(-1, dim)
-    behind = ContactRows(matrix, np.zeros(owner.size), own.slaves[owner], own.points[owner], own.areas[owner])
-    numbers = np.array(list(laws))
-    friction = Friction(
-        normal, own.areas, np.searchsorted(numbers, pairs[normal]),
-        len(pairs) + np.arange(owner.size), owner, tangents, tuple(laws.values()), fixed,
-    )  # fmt: skip
-    return joined([rows, behind]), np.concatenate([pairs, pairs[normal][owner]]), friction
-
-
-def _movable(matrix: csr_matrix, owner: np.ndarray, free: np.ndarray) -> tuple[csr_matrix, np.ndarray]:
-    """Combinations of the tangential rows of each contact, (T', T), that are independent on free dofs, and their owner.
-
-    Where all of its rows are they stay as they are; else they are turned, and what is held is left out.
-    """
-    moving = csr_matrix(matrix.multiply(free.astype(float)))
-    every = np.asarray(matrix.multiply(matrix).sum(axis=1)).ravel()
-    k = int(np.bincount(owner).max(initial=1))
-    blocks = []
-    for first in range(0, owner.size, k):
-        rows = moving[first : first + k]
-        sizes, ways = np.linalg.eigh((rows @ rows.T).toarray())
-        kept = sizes > DEPENDENT * every[first : first + k].max()
-        blocks.append(np.eye(k) if kept.all() else ways[:, kept].T)
-    turns = csr_matrix(block_diag(blocks))
-    return turns, np.repeat(owner[::k], [len(block) for block in blocks])
-
-
-def normals_of(matrix: csr_matrix, slaves: np.ndarray, dimension: int) -> np.ndarray:
-    """Unit normal of each row of B, at its slave, (m, dim)."""
-    rows = np.arange(matrix.shape[0])
-    found = np.column_stack([np.asarray(matrix[rows, slaves * dimension + axis]).ravel() for axis in range(dimension)])
-    lengths = np.linalg.norm(found, axis=1)
-    return found / np.where(lengths > 0, lengths, 1.0)[:, None]
-
-
-def tangents_of(normals: np.ndarray) -> np.ndarray:
-    """Orthonormal tangents of each normal, (m, dim - 1, dim): turned by a right angle, in space along two axes."""
-    m, dim = normals.shape
-    if dim == 2:
-        return np.stack([-normals[:, 1], normals[:, 0]], axis=1)[:, None, :]
-    # the axis that is most nearly tangential for the whole surface, so that neighbours agree
-    axis = np.zeros((m, 3))
-    axis[np.arange(m), np.abs(normals).argmin(axis=1)] = 1.0
-    first = axis - (axis * normals).sum(axis=1)[:, None] * normals
-    first /= np.linalg.norm(first, axis=1)[:, None]
-    return np.stack([first, np.cross(normals, first)], axis=1)
-
-
-def tangential_rows(matrix: csr_matrix, normals: np.ndarray, tangents: np.ndarray) -> csr_matrix:
-    """Rows of B with tangents in the place of their normals, (m k, N), the k of each row behind each other.
-
-    Args:
-        matrix: rows sum_j w_j n·u_j, (m, N).
-        normals: n of each row, (m, dim).
-        tangents: (m, k, dim).
-
-    Raises:
-        SceneError: for rows that are not along one normal.
-    """
-    m, dim = normals.shape
-    coo = matrix.tocoo()
-    node, component = np.divmod(coo.col, dim)
-    weights = csr_matrix((coo.data * normals[coo.row, component], (coo.row, node)), shape=(m, matrix.shape[1] // dim))
-    weights = weights.tocoo()
-    columns = weights.col[:, None] * dim + np.arange(dim)
-
-    def along(vectors: np.ndarray) -> csr_matrix:
-        entries = weights.data[:, None] * vectors[weights.row]
-        rows = np.repeat(weights.row, dim)
-        return csr_matrix((entries.ravel(), (rows, columns.ravel())), shape=matrix.shape)
-
-    off = abs(matrix - along(normals))
-    if off.nnz and off.max() > PARALLEL * abs(matrix).max():
-        raise SceneError("friction needs rows that are along one normal each: those of this pairing are not")
-    k = tangents.shape[1]
-    parts = vstack([along(tangents[:, j]) for j in range(k)])
-    return csr_matrix(csr_matrix(parts)[np.arange(m * k).reshape(k, m).T.ravel()])

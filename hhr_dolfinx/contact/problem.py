@@ -22,7 +22,7 @@ from scipy.sparse import csc_matrix, csr_matrix, diags, issparse, vstack
 from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx.amplitudes import Amplitudes, Theta
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.parameters import ParameterSpace
 
 if TYPE_CHECKING:
@@ -251,11 +251,19 @@ class ContactProblem:
 
     @cached_property
     def pressing(self) -> np.ndarray:
-        """Conditions whose forces are those of a pressure, (N_lambda,) bool: all but the tangential ones of friction."""
+        """Conditions whose forces are those of a pressure, (N_lambda,) bool: all but tangential ones."""
         found = np.ones(len(self.gaps), dtype=bool)
         if self.friction is not None:
             found[self.friction.tangential] = False
         return found
+
+    def require_no_friction(self, what: str) -> None:
+        """Raise NotOfferedError where there is friction, for what looks at pressures alone."""
+        if self.friction is not None:
+            raise NotOfferedError(
+                f"{what} is not built in where contacts have friction: condense such a scene, hhr.condense(scene), "
+                "whose model answers paths as the full one does"
+            )
 
     def pressing_of(self, place: int) -> np.ndarray:
         """Numbers of those of a contact pair, by its place in the scene."""

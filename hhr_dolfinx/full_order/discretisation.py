@@ -150,7 +150,8 @@ class Discretisation(DiscreteSpace):
         self, rows: ContactRows, pairs: np.ndarray, free: np.ndarray
     ) -> tuple[ContactRows, np.ndarray, Friction]:
         """Conditions with tangential rows behind them, the pair of each, and the friction on them."""
-        from hhr_dolfinx.contact.friction import FrictionLaw, with_tangents
+        from hhr_dolfinx.contact.friction import FrictionLaw
+        from hhr_dolfinx.contact.tangents import with_tangents
 
         scene = self.scene
         laws = {

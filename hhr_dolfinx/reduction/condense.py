@@ -128,26 +128,17 @@ def condense(
         compliances, grids, _ = interpolated_compliances(problem, solvers, settings)
     _warn_of_budget(full, grids, settings)
     with log.stage("starts"):
-        points = Sobol(STARTS).points(problem.parameters)
-        known, forces = starts_of(compliances, points, problem)
+        known, forces = starts_of(compliances, Sobol(STARTS).points(problem.parameters), problem)
     with log.stage("fields"):
         if not fields:
             made = _no_fields(full, settings)
         else:
             seen = [] if problem.reshaped is None else _fields_seen(compliances, solvers, forces)
-            seen += (
-                _fields_along(compliances, solvers, known.points, forces)
-                if snapshots is None
-                else [snapshots.displacements]
-            )
+            along = (compliances, solvers, known.points, forces)
+            seen += _fields_along(*along) if snapshots is None else [snapshots.displacements]
             made = _fields(full, np.column_stack(seen), settings)
-    if problem.friction is not None:
-        made = replace(made, unbounded=OF_FRICTION)
-    elif bound and fields:
-        acting = forces.T if snapshots is None else snapshots.forces
-        made = _bounded(full, made, acting, log)
-    elif fields:
-        made = replace(made, unbounded=NOT_ASKED)
+    if fields:
+        made = _bounded(full, made, forces.T if snapshots is None else snapshots.forces, log, wanted=bound)
     log.say(known_error(made))
     model = CondensedModel(
         full.parameters, compliances, known, made, problem.contact_pairs, advice=ADVICE, friction=problem.friction
@@ -209,8 +200,12 @@ def _fields(full: Any, displacements: np.ndarray, settings: GridSettings) -> Int
     return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest)
 
 
-def _bounded(full: Any, fields: InterpolatedFields, forces: np.ndarray, log: StageLog) -> InterpolatedFields:
+def _bounded(
+    full: Any, fields: InterpolatedFields, forces: np.ndarray, log: StageLog, *, wanted: bool
+) -> InterpolatedFields:
     """Fields with a bound; as they are where there is none, with the reason in the log."""
+    if not wanted or full.problem.friction is not None:
+        return replace(fields, unbounded=NOT_ASKED if not wanted else OF_FRICTION)
     try:
         with log.stage("bound"):
             return replace(fields, bound=varying_bound(full, fields.basis, forces))

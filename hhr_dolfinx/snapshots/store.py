@@ -162,6 +162,7 @@ class SnapshotStore:
 
     def __init__(self, folder: str | Path, full: Any):
         full.problem.require_whole()
+        full.problem.require_no_friction("a store of snapshots")
         self._folder = make_folder(folder)
         clear_leftovers(self._folder)
         self._full = full
@@ -365,7 +366,7 @@ def _digest_of(full: Any) -> bytes:
     """
     digest = hashlib.sha256(f"{FORMAT} {VERSION} of hhr_dolfinx {__version__}\0".encode())
     problem: ContactProblem = full.problem
-    others = ("amplitudes", "parameters", "moduli", "reshaped", "rigid", "resting", "pins", "loose", "whole_contact")
+    others = "amplitudes parameters moduli reshaped rigid resting pins loose whole_contact friction".split()
     parts = [getattr(problem, item.name) for item in fields(problem) if item.name not in others]
     parts += [problem.parameters.names, problem.amplitudes.constant, problem.amplitudes.slopes]
     parts += [text for modulus in problem.moduli for text in (modulus.factor, modulus.rest)]

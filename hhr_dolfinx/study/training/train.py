@@ -270,8 +270,8 @@ def _checked(scene: Scene, training: Any, held_out: Any, seed: Any) -> tuple[Any
         raise StudyError(f"{scene!r} is no scene: give a Scene")
     if any(law is not None for law in scene.friction):
         raise NotOfferedError(
-            f"scene '{scene.name}' has friction, whose histories no reduced model is trained on: its contact is "
-            "condensed without a training, hhr.condense(scene)"
+            f"scene '{scene.name}' has friction, whose histories no model is trained on yet: its contact is condensed "
+            "without a training, hhr.condense(scene)"
         )
     check_counts(seed=(seed, 0))
     chooses = _chooses(training)
