@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 PENALTY = 100.0
 """Stiffness of the contact over the largest Young's modulus and the length of a facet."""
+STICK = 0.1
+"""Stiffness by which a contact sticks, over that of its pressure."""
 _ELEMENTS = {
     "plane_strain": {"triangle": "CPE3", "quadrilateral": "CPE4"},
     "plane_stress": {"triangle": "CPS3", "quadrilateral": "CPS4"},
@@ -54,6 +56,7 @@ def _check(discretisation: Discretisation, point: np.ndarray) -> None:
         "bodies are graded": any(body.grading is not None for body in scene.bodies),
         "bodies have a stress of their own": any(body.stress is not None for body in scene.bodies),
         "a surface meets a rigid obstacle": any(len(item.tags) == 1 for item in scene.contacts),
+        "a contact has a limit of friction": any(law is not None and law.limit is not None for law in scene.friction),
         "gaps are added": any(scene.opened(k, point) for k in range(len(scene.contacts))),
     }
     for fault, there in faults.items():
@@ -151,10 +154,13 @@ def _contacts(discretisation: Discretisation, point: np.ndarray) -> Iterator[str
             number, face = faces[tuple(sorted(facet))]
             yield f"{number}, S{face}"
     stiffest = max(_number(body.young, discretisation, point) for body in scene.bodies)
-    yield from ("*SURFACE INTERACTION, NAME=CONTACT", "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR")
-    yield f"{PENALTY * stiffest / min(sizes):.6e}, {1e-6 * stiffest:.6e}"
-    for item in scene.contacts:
-        yield "*CONTACT PAIR, INTERACTION=CONTACT, TYPE=SURFACE TO SURFACE"
+    penalty = PENALTY * stiffest / min(sizes)
+    for place, (item, law) in enumerate(zip(scene.contacts, scene.friction, strict=True)):
+        yield from (f"*SURFACE INTERACTION, NAME=CONTACT{place}", "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR")
+        yield f"{penalty:.6e}, {1e-6 * stiffest:.6e}"
+        if law is not None:
+            yield from ("*FRICTION", f"{_number(law.coefficient, discretisation, point):.6g}, {STICK * penalty:.6e}")
+        yield f"*CONTACT PAIR, INTERACTION=CONTACT{place}, TYPE=SURFACE TO SURFACE"
         yield f"{_word(item.tags[0])}, {_word(item.tags[1])}"
 
 
