@@ -66,7 +66,9 @@ class Case(NamedTuple):
 # ---------------------------------------------------------------- scenes
 
 
-def blocks(lower: Any = (3.0, 0.3), *, free: bool = False, law: Any = None, **others: Any) -> hhr.Scene:
+def blocks(
+    lower: Any = (3.0, 0.3), *, free: bool = False, law: Any = None, friction: Any = None, **others: Any
+) -> hhr.Scene:
     """Two blocks on each other: the lower one is clamped, the upper one pushed down, or pressed where it is free."""
     side = two_blocks.side
     box = {"press": (0.01, 0.1)} if free else {"push": (0.005, 0.06), "load": (0.0, 0.1)}
@@ -84,7 +86,7 @@ def blocks(lower: Any = (3.0, 0.3), *, free: bool = False, law: Any = None, **ot
         ),
         hypothesis="plane_strain",
         bodies=(hhr.Body(two_blocks.FIRST, *lower, law), hhr.Body(two_blocks.SECOND, 5.0, 0.3)),
-        contacts=(hhr.NodeToNode(*faces, (0.0, 1.0)),),
+        contacts=(hhr.NodeToNode(*faces, (0.0, 1.0), friction),),
         parameters=hhr.ParameterSpace(tuple(box), *zip(*box.values(), strict=True)),
         displacements=(*held, *moved),
         loads=(load,),
@@ -129,6 +131,17 @@ AS_IT_IS = hhr.Recipe().as_it_is()
 FLOW = hhr.Recipe.flowing(domain=hhr.Rid(1, 3)).as_it_is()
 
 
+@cache
+def rubbing(kind: str) -> hhr.FullOrderModel:
+    """Full model of a scene with friction."""
+    scene = {
+        "constant": lambda: blocks(friction=0.1),
+        "moduli": lambda: blocks(("E1", 0.3), friction="0.05 * E1", box=MODULI),
+        "floating": lambda: blocks(free=True, friction=0.1),
+    }[kind]()
+    return hhr.FullOrderModel(scene, MPI.COMM_SELF)
+
+
 def local_set() -> Any:
     """The same model for either half of the box."""
     model = training("constant").build(AS_IT_IS)
@@ -144,6 +157,10 @@ def _elastic(name: str, make: Callable[[hhr.Training], Any], mu: dict[str, float
 
 def _flowing(make: Callable[[hhr.Training], Any]) -> Kind:
     return Kind(lambda: make(flowing()), lambda: flowing().full_order, {"push": 0.04, "load": 0.02})
+
+
+def _rubbing(name: str, make: Callable[[hhr.FullOrderModel], Any], mu: dict[str, float]) -> Kind:
+    return Kind(lambda: make(rubbing(name)), lambda: rubbing(name), mu)
 
 
 VARIED, PRESSED = {**MIDDLE, "E1": 2.5}, {"press": 0.05}
@@ -173,6 +190,10 @@ KINDS = {
         lambda item: item.build(hhr.Recipe.flowing(domain=hhr.Rid(1, 3), cubature=hhr.CubatureStep()).as_it_is())
     ),
     "condensed, flowing": _flowing(lambda item: item.condense(CorrectionSettings(primal=1.0, dual=1.0))),
+    "full, friction": _rubbing("constant", lambda full: full, MIDDLE),
+    "exact condensation, friction": _rubbing("constant", hhr.condense, MIDDLE),
+    "exact condensation, friction and floating": _rubbing("floating", hhr.condense, PRESSED),
+    "interpolated condensation, friction": _rubbing("moduli", lambda full: hhr.condense(full, fields=True), VARIED),
     "local histories": _flowing(lambda item: item.local([np.repeat([0, 1], [4, 2])] * 2, recipe=FLOW, checked=False)),
 }
 

@@ -71,7 +71,7 @@ def _movable(matrix: csr_matrix, owner: np.ndarray, free: np.ndarray) -> tuple[c
         sizes, ways = np.linalg.eigh((rows @ rows.T).toarray())
         kept = sizes > DEPENDENT * every[first : first + k].max()
         blocks.append(np.eye(k) if kept.all() else ways[:, kept].T)
-    turns = csr_matrix(block_diag(blocks))
+    turns = csr_matrix(block_diag([csr_matrix(block) for block in blocks]))
     return turns, np.repeat(owner[::k], [len(block) for block in blocks])
 
 
