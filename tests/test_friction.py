@@ -322,6 +322,49 @@ def test_moduli_and_the_coefficient_are_parameters():
     assert values["sticks"] + values["slips"] == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_derivatives_are_those_of_differences(dimension):
+    """Along a path that slips back and forth, and of a single parameter; E, the coefficient, and loads."""
+    box = {"E": (1.0, 6.0), "mu": (0.0, 0.8)}
+    bodies = hhr.Body(FIRST, "E", 0.3), hhr.Body(SECOND, 5.0, 0.2)
+    cells = 8 if dimension == 2 else 2
+    along_x = tuple(np.eye(dimension)[0])
+    outputs = hhr.FrictionForce("friction", 0, along_x), hhr.ContactForce("force", 0, along_x), OUTPUTS[1]
+    scene = rubbing("mu", box=box, bodies=bodies, outputs=outputs, dimension=dimension, cells=cells)
+    full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
+    model = hhr.condense(full) if dimension == 3 else full
+
+    def along(shift):
+        points = [(0.0, 0.0), (0.03, 0.0), (0.028, 0.05), (0.033, 0.01), (0.03, -0.04)]
+        shifted = [(float(k), np.array([*point, 2.5, 0.15]) + (k > 0) * shift) for k, point in enumerate(points)]
+        shifted[0][1][2:] += shift[2:]
+        return shifted
+
+    history = model.march(along(np.zeros(4)), hhr.MarchSettings(gradient=True))
+    statuses = {status for one in history.answers for status in model.friction.statuses(one.active).tolist()}
+    assert statuses == {1, 2} and not any(answer.gradient.one_sided for answer in history.answers)
+    lone = np.array([0.03, 0.06, 2.5, 0.15])
+    answer = model.solve(lone, gradient=True)
+    for axis, step in enumerate((1e-6, 1e-6, 1e-4, 1e-5)):
+        shift = step * np.eye(4)[axis]
+        ahead, behind = (model.march(along(sign * shift)).answers for sign in (1, -1))
+        for one, high, low in zip(history.answers, ahead, behind, strict=True):
+            found = one.gradient.multipliers[:, axis]
+            expected = (high.multipliers - low.multipliers) / (2 * step)
+            np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max() + 1e-9)
+            moved = (high.displacement() - low.displacement()) / (2 * step)
+            changed = one.gradient.unknown[:, axis] if model is full else None
+            if changed is not None and axis > 1:
+                np.testing.assert_allclose(changed, moved, atol=1e-5 * np.abs(moved).max())
+        high, low = (model.solve(lone + sign * shift).multipliers for sign in (1, -1))
+        expected = (high - low) / (2 * step)
+        np.testing.assert_allclose(
+            answer.gradient.multipliers[:, axis], expected, atol=1e-5 * np.abs(expected).max() + 1e-9
+        )
+    slopes = answer.outputs().gradient
+    assert slopes["friction"] == pytest.approx(slopes["force"])
+
+
 def test_work_of_a_closed_loop_is_what_friction_dissipates():
     """Work of the driven edge over a cycle that comes back to where it was: trapezoidal rule, steps of 1/40."""
     full = hhr.FullOrderModel(rubbing(outputs=OUTPUTS), MPI.COMM_SELF)
@@ -401,8 +444,7 @@ def test_what_is_not_built_in_says_so():
     with pytest.raises(NotOfferedError, match="condense"):
         hhr.train(scene, hhr.Sobol(4))
     model = hhr.condense(scene)
-    with pytest.raises(NotOfferedError, match="no gradient"):
-        model.solve((0.03, 0.05), gradient=True)
+    assert model.known_error
     with pytest.raises(SceneError, match="flow"):
         rubbing(bodies=(hhr.Body(FIRST, 3.0, 0.3, hhr.Plasticity(0.1, 1.0)), hhr.Body(SECOND, 5.0, 0.2)))
     with pytest.raises(SceneError, match="no friction"):

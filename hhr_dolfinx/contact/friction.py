@@ -167,6 +167,15 @@ class Friction(Rebuilt):
         limits = limits[self.law]
         return coefficients[self.law], np.where(np.isinf(limits), np.inf, limits * self.area)
 
+    def bound_slopes(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of :meth:`bounds` along the parameters, (C, P) each; zero of what is infinite."""
+        pairs = [[law.coefficient, law.limit] for law in self.laws]
+        nothing = np.zeros(point.size)
+        slopes = np.array(
+            [[nothing if scalar is None else scalar.derivative(point) for scalar in pair] for pair in pairs]
+        )
+        return slopes[self.law, 0], slopes[self.law, 1] * self.area[:, None]
+
     def statuses(self, active: np.ndarray) -> np.ndarray:
         """Status of each contact from those of all rows, (M,) bool: 0 open, 1 sticks, 2 slips, (C,)."""
         sticks = np.bincount(self.owner, ~active[self.tangential], self.normal.size) == 0

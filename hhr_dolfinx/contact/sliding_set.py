@@ -29,6 +29,7 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.floating import BALANCED, MOST_STEPS, NOTHING, WEAKNESS
 from hhr_dolfinx.contact.friction import Friction
 from hhr_dolfinx.contact.sweeps import swept
+from hhr_dolfinx.errors import SingularError
 
 TOLERANCE = 1e-11
 """Part of the largest force of an increment by which forces may be off their projection (round-off measured: 1e-14)."""
@@ -42,6 +43,8 @@ SWEEPS = (10, 30, 100, 300, 1000, 3000)
 """Sweeps over all contacts between one attempt of Newton's method and the next."""
 SINGULAR = 1e-8
 """Residual of a linear system, in parts of its right-hand side, from which on it is singular to round-off."""
+GRAZING = 1e-7
+"""Part of the largest force by which a contact is about to change its status."""
 FACTORS = 4
 """Factors of systems that are kept: the first one of an increment is mostly the last one of the increment before."""
 
@@ -186,6 +189,56 @@ class SlidingContact:
             forces, at.acting, slack, motions, iteration, 0, status,
             self._pressures[np.abs(at.off[self._pressures]) > self._noise(given, forces)],
         )  # fmt: skip
+
+    def changes(
+        self, given: Increment, found: Sliding, slack: np.ndarray, bounds: tuple[np.ndarray, np.ndarray],
+        driving: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        """Derivatives of forces, (M, P), and of rigid motions, (r, P), along parameters while the statuses stay.
+
+        Args:
+            given: what drove the increment.
+            found: its solution.
+            slack: derivatives of the slack while the forces stay, (M, P).
+            bounds: those of coefficient and limit, (C, P) each.
+            driving: those of the loads along rigid motions, (r, P).
+
+        Raises:
+            SingularError: where statuses leave forces undetermined.
+        """
+        at = self._projected(given, found.forces, found.slack, PROBES[0])
+        index = at.acting.nonzero()[0]
+        forces = np.zeros(slack.shape)
+        if not index.size and not len(driving):
+            return forces, driving
+        place = np.full(len(slack), -1)
+        place[index] = np.arange(index.size)
+        slipping = at.slips & at.acting[self._rows]
+        right = np.concatenate([-slack[index], driving])
+        rows, owner = place[self._rows[slipping]], self._owner[slipping]
+        pressure = np.maximum(found.forces[self._normal], 0.0)[slipping, None]
+        grown = np.where(at.limited[slipping, None], bounds[1][owner], bounds[0][owner] * pressure)
+        right[rows] = grown * at.direction[slipping, None]
+        if (slipping & self._curved).any():
+            own = self._rows[slipping]
+            right[rows] += self._turned(at, slipping, None, -at.measure[slipping, None] * slack[own])
+        factors, pivots, info = dgetrf(self._system(given, at, index, slipping, place))
+        if info != 0:
+            raise SingularError("the contacts that touch leave their forces undetermined")
+        solved = dgetrs(factors, pivots, right)[0]
+        forces[index] = solved[: index.size]
+        return forces, solved[index.size :]
+
+    def grazing(self, given: Increment, found: Sliding) -> np.ndarray:
+        """Rows about to change their status, where derivatives hold on one side only, (M,) bool."""
+        near = GRAZING * np.abs(found.forces).max(initial=0.0)
+        at = self._projected(given, found.forces, found.slack, PROBES[0])
+        moved = self.stiffness * np.abs(found.slack)
+        close = np.where(found.active, np.abs(found.forces) <= near, moved <= near)
+        size = self._length(found.forces[self._rows])
+        tangential = np.where(at.slips, moved[self._rows] <= near, size >= at.bound - near)
+        close[self._rows] = tangential & at.acting[self._normal]
+        return close
 
     def _projected(self, given: Increment, forces: np.ndarray, slack: np.ndarray, probe: float) -> _Iterate:
         """What forces and slacks say of statuses, and how far they are from a solution."""

@@ -21,7 +21,7 @@ from hhr_dolfinx.linear.sparse import FreeCholesky, ordering_of
 from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path, found_as
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
-from hhr_dolfinx.models.histories.path import checked_path, refuse_gradient, solve_along
+from hhr_dolfinx.models.histories.path import checked_path, solve_along
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.scene import Scene
 
@@ -295,8 +295,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         if self.friction is not None:
             from hhr_dolfinx.models.histories.sliding import slide_along
 
-            refuse_gradient(settings.gradient, "bodies with friction")
-            return slide_along(self, checked, settings, known=known, keep=keep)
+            return slide_along(self, checked, settings)
         if self.equilibrium is None:
             return solve_along(self, checked, settings, known=known, keep=keep)
         from hhr_dolfinx.models.histories.march import march

@@ -136,8 +136,7 @@ class AnsweringModel:
         if self.friction is not None:
             from hhr_dolfinx.models.histories.sliding import proportional
 
-            refuse_gradient(gradient, "bodies with friction")
-            return proportional(self, point, raise_on_failure, outside)
+            return proportional(self, point, raise_on_failure, outside, gradient)
         self.check_range(point, outside)
         try:
             answer = self._answered(point, start, outside, gradient)
@@ -184,7 +183,6 @@ class AnsweringModel:
         if self.friction is not None:
             from hhr_dolfinx.models.histories.sliding import slide_along
 
-            refuse_gradient(settings.gradient, "bodies with friction")
             return slide_along(self, checked_path(self.parameters, path), settings)
         if self.equilibrium is None:
             return solve_along(self, checked_path(self.parameters, path), settings)

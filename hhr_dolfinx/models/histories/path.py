@@ -106,10 +106,8 @@ def solve_along(
     return history
 
 
-def refuse_gradient(wanted: bool, of: str = "") -> None:
-    """Refuse the gradient of a single step of bodies that flow, or any ``of`` bodies whose paths have none yet."""
-    if wanted and of:
-        raise NotOfferedError(f"{of} have no gradient: that is not built in")
+def refuse_gradient(wanted: bool) -> None:
+    """Refuse the gradient of a single step of bodies that flow."""
     if wanted:
         raise NotOfferedError(
             "a single step of bodies that flow has no gradient: how they flow depends on the path, along which there "

@@ -7,7 +7,6 @@ forces differ by about what those of the halves are off, and is cut until that i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
 
@@ -20,6 +19,7 @@ from hhr_dolfinx.contact.sliding_set import Increment, Sliding, SlidingContact
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.models.answer import Answer, History, Path, outcome, unanswered
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact
+from hhr_dolfinx.models.gradient import Gradient
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings
 
@@ -38,6 +38,38 @@ class _Reached(NamedTuple):
     time: float
     forces: np.ndarray
     slip: SlipState
+    weights: np.ndarray
+    """Derivative of each parameter here along that of the whole history, (P,)."""
+    changes: np.ndarray
+    """Derivatives of the position of tangential rows, (T, P)."""
+
+
+class _Target(NamedTuple):
+    """Where an increment goes: time, point and weights as of :class:`_Reached`."""
+
+    time: float
+    point: np.ndarray
+    weights: np.ndarray
+
+    def halfway(self, before: _Reached) -> _Target:
+        """Half of the way from where a history has come to."""
+        return _Target(
+            0.5 * (before.time + self.time), 0.5 * (before.point + self.point), 0.5 * (before.weights + self.weights)
+        )
+
+
+class _Solved(NamedTuple):
+    """An increment: what was found, where it leads to, the contact problem there, and derivatives if wanted."""
+
+    found: Sliding
+    reached: _Reached
+    contact: CondensedContact
+    gradient: Gradient | None
+
+    @property
+    def settled(self) -> bool:
+        """Whether it is solved."""
+        return self.found.status is Status.CONVERGED
 
 
 class Slider:
@@ -45,19 +77,24 @@ class Slider:
 
     Args:
         model: full or condensed, with a ``friction``, and a ``contact_at`` for the contact problem of a point.
+        gradient: whether derivatives go along.
     """
 
-    def __init__(self, model: Any):
+    def __init__(self, model: Any, gradient: bool = False):
         self.model = model
+        self.gradient = gradient
         self.friction: Friction = model.friction
         self._sliding: SlidingContact | None = None
 
-    def at_rest(self, time: float, point: np.ndarray) -> _Reached:
+    def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> _Reached:
         """Undeformed bodies, of which nothing has slipped."""
-        return _Reached(point, time, np.zeros(self.model.own_conditions), SlipState.at_rest(self.friction))
+        forces = np.zeros(self.model.own_conditions)
+        changes = np.zeros((self.friction.tangential.size, point.size))
+        return _Reached(point, time, forces, SlipState.at_rest(self.friction), weights, changes)
 
-    def increment(self, before: _Reached, time: float, point: np.ndarray) -> tuple[Sliding, _Reached, CondensedContact]:
+    def increment(self, before: _Reached, target: _Target) -> _Solved:
         """One increment, settled or not."""
+        time, point, weights = target
         contact: CondensedContact = self.model.contact_at(point)
         taken = None if contact.floating is None else contact.floating.equalities.taken
         if self._sliding is None or self._sliding.schur is not contact.schur:
@@ -68,17 +105,50 @@ class Slider:
         given = Increment(slack, *self.friction.bounds(point), driving)
         found = self._sliding.increment(given, before.forces)
         slip = before.slip.after(self.friction, found.forces, found.slack, found.active)
-        return found, _Reached(point, time, found.forces, slip), contact
+        gradient = None
+        changes = before.changes
+        if self.gradient and found.status is Status.CONVERGED:
+            gradient = self._gradient(before, target, given, found, contact)
+            changes = changes + np.where(
+                found.active[self.friction.tangential, None], 0.0, gradient.slack[self.friction.tangential]
+            )
+        return _Solved(found, _Reached(point, time, found.forces, slip, weights, changes), contact, gradient)
 
-    def answer(self, found: Sliding, reached: _Reached, contact: CondensedContact) -> Answer:
+    def _gradient(
+        self, before: _Reached, target: _Target, given: Increment, found: Sliding, contact: CondensedContact
+    ) -> Gradient:
+        """Derivatives of an increment while its statuses, and those before, stay."""
+        assert self._sliding is not None
+        floating = contact.floating
+        unknown = _unknown(contact, found)
+        slack, of_unknown = (part * target.weights for part in contact.at_fixed_forces(found.forces, unknown))
+        slack = slack.copy()
+        slack[self.friction.tangential] -= before.changes
+        bounds = [part * target.weights for part in self.friction.bound_slopes(target.point)]
+        driving = np.zeros((0, slack.shape[1]))
+        if floating is not None:
+            driving = floating.drift(found.forces, unknown) * target.weights
+        forces, motions = self._sliding.changes(given, found, slack, (bounds[0], bounds[1]), driving)
+        slack = slack + contact.schur @ forces - self._sliding.taken @ motions
+        slack[found.active] = 0.0
+        of_unknown = of_unknown - contact.pushed(forces)
+        if floating is not None:
+            of_unknown = of_unknown + floating.modes @ motions
+        return Gradient(of_unknown, forces, self._sliding.grazing(given, found), slack)
+
+    def answer(self, solved: _Solved) -> Answer:
         """What is handed out of an increment."""
-        unknown = contact.unknown(found.forces)
-        if contact.floating is not None:
-            unknown = unknown + contact.floating.modes @ found.motions
+        found, reached, contact, gradient = solved
         return Answer(
-            reached.point, unknown, found.forces, found.active, found.iterations, found.status, found.sweeps > 0,
-            self.model.fields, time=reached.time, slip=reached.slip,
+            reached.point, _unknown(contact, found), found.forces, found.active, found.iterations, found.status,
+            found.sweeps > 0, self.model.fields, time=reached.time, gradient=gradient, slip=reached.slip,
         )  # fmt: skip
+
+
+def _unknown(contact: CondensedContact, found: Sliding) -> np.ndarray:
+    """The primal unknown under the forces of an increment, (n,)."""
+    unknown = contact.unknown(found.forces)
+    return unknown if contact.floating is None else unknown + contact.floating.modes @ found.motions
 
 
 class _Step:
@@ -94,36 +164,38 @@ class _Step:
         self.cycled = False
         self.ends: list[float] = []
 
-    def taken(self, before: _Reached, time: float, point: np.ndarray, depth: int = 0) -> tuple[Sliding, Any, Any]:
+    def taken(self, before: _Reached, target: _Target, depth: int = 0) -> _Solved:
         """The last increment of the step."""
-        whole = self._solved(before, time, point)
-        settled = whole[0].status is Status.CONVERGED
-        if whole[0].status is Status.NOT_FINITE or (settled and self.tolerance is None):
+        whole = self._solved(before, target)
+        if whole.found.status is Status.NOT_FINITE or (whole.settled and self.tolerance is None):
             return whole
-        if depth >= (self.cuts if not settled else CUTS):
+        if depth >= (CUTS if whole.settled else self.cuts):
             return whole
-        middle = 0.5 * (before.time + time), 0.5 * (before.point + point)
-        half = self._solved(before, *middle)
-        if settled and half[0].status is Status.CONVERGED:
-            second = self._solved(half[1], time, point)
-            if second[0].status is Status.CONVERGED:
-                self.largest = max(self.largest, float(np.linalg.norm(second[0].forces)))
-                error = np.linalg.norm(second[0].forces - whole[0].forces) / (self.largest or 1.0)
-                if error <= (self.tolerance or 0.0):
-                    self.error += float(error)
-                    self.ends.append(middle[0])
-                    return second
-        first = self.taken(before, *middle, depth + 1)
-        if first[0].status is not Status.CONVERGED:
+        middle = target.halfway(before)
+        half = self._solved(before, middle)
+        if whole.settled and half.settled:
+            second = self._solved(half.reached, target)
+            error = self._difference(second, whole)
+            if second.settled and error <= (self.tolerance or 0.0):
+                self.error += error
+                self.ends.append(middle.time)
+                return second
+        first = self.taken(before, middle, depth + 1)
+        if not first.settled:
             return first
-        self.ends.append(middle[0])
-        return self.taken(first[1], time, point, depth + 1)
+        self.ends.append(middle.time)
+        return self.taken(first.reached, target, depth + 1)
 
-    def _solved(self, before: _Reached, time: float, point: np.ndarray) -> tuple[Sliding, _Reached, CondensedContact]:
-        found = self.slider.increment(before, time, point)
-        self.iterations += found[0].iterations
-        self.cycled |= found[0].sweeps > 0
-        return found
+    def _difference(self, one: _Solved, other: _Solved) -> float:
+        """Of forces, by the largest of the history."""
+        self.largest = max(self.largest, float(np.linalg.norm(one.found.forces)))
+        return float(np.linalg.norm(one.found.forces - other.found.forces)) / (self.largest or 1.0)
+
+    def _solved(self, before: _Reached, target: _Target) -> _Solved:
+        solved = self.slider.increment(before, target)
+        self.iterations += solved.found.iterations
+        self.cycled |= solved.found.sweeps > 0
+        return solved
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
@@ -132,36 +204,33 @@ def slide_along(
     path: Path,
     settings: MarchSettings,
     *,
-    known: Sequence[Answer] = (),
-    keep: Callable[[Answer], None] = lambda answer: None,
+    weights: np.ndarray | None = None,
 ) -> History:
     """A history of elastic bodies with friction, from rest, undeformed, at the first time of the path.
 
     Args:
         model: see :class:`Slider`.
         path: as :func:`~hhr_dolfinx.models.histories.path.checked_path` returns it.
-        settings: of which ``cuts``, ``time_tolerance`` and ``outside`` count.
-        known, keep: see :meth:`FullOrderModel.march`.
+        settings: of which ``cuts``, ``time_tolerance``, ``outside`` and ``gradient`` count.
+        weights: derivatives of the parameters of each time of the path along those of the whole history, (times, P); 1
+            unless given: each is shifted by the same at all times.
     """
     check_settings(settings)
     history = History(*path[0], time_tolerance=settings.time_tolerance)
-    slider = Slider(model)
-    reached = slider.at_rest(*path[0])
+    slider = Slider(model, settings.gradient)
+    weights = np.ones((len(path), path[0][1].size)) if weights is None else weights
+    reached = slider.at_rest(*path[0], weights[0])
     largest = 0.0
     error = 0.0
     try:
-        for number, (time, point) in enumerate(path[1:]):
-            if number < len(known):
-                answer = known[number]
-            else:
-                model.check_range(point, settings.outside)
-                answer = _stepped(slider, reached, time, point, settings, largest)
-                answer = answer._replace(time_error=error + answer.time_error)
-                keep(answer)
-            assert answer.slip is not None
-            reached = _Reached(point, time, answer.multipliers, answer.slip)
+        for (time, point), weight in zip(path[1:], weights[1:], strict=True):
+            model.check_range(point, settings.outside)
+            step = _Step(slider, settings.cuts, settings.time_tolerance, largest)
+            solved = step.taken(reached, _Target(time, point, weight))
+            reached = solved.reached
+            error += np.nan if settings.time_tolerance is None else step.error
+            answer = _told(slider, step, solved)._replace(time_error=error)
             largest = max(largest, float(np.linalg.norm(answer.multipliers)))
-            error = answer.time_error
             history.cuts += answer.parts > 1
             history.answers.append(answer)
     except BaseException as stop:
@@ -171,23 +240,17 @@ def slide_along(
     return history
 
 
-def _stepped(
-    slider: Slider, reached: _Reached, time: float, point: np.ndarray, settings: MarchSettings, largest: float
-) -> Answer:
+def _told(slider: Slider, step: _Step, solved: _Solved) -> Answer:
     """The answer at the end of a step; an error where there is none."""
-    step = _Step(slider, settings.cuts, settings.time_tolerance, largest)
-    found, there, contact = step.taken(reached, time, point)
-    answer = slider.answer(found, there, contact)._replace(
-        iterations=step.iterations, cycled=step.cycled, ends=tuple(step.ends),
-        time_error=np.nan if settings.time_tolerance is None else step.error,
-    )  # fmt: skip
+    answer = slider.answer(solved)._replace(iterations=step.iterations, cycled=step.cycled, ends=tuple(step.ends))
+    found = solved.found
     advice = dict(slider.model.advice)
     if found.unsettled.size:
         advice[found.status] = f"conditions {found.unsettled[:8].tolist()} keep changing"
     return outcome(answer, True, advice)
 
 
-def proportional(model: Any, point: np.ndarray, raise_on_failure: bool, outside: str) -> Answer:
+def proportional(model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool) -> Answer:
     """The answer to a checked point, (P,), loaded in proportion from rest where the box is nearest to zero.
 
     Moduli, shapes and friction are those of the point all along. Increments are cut until forces have settled to
@@ -200,15 +263,31 @@ def proportional(model: Any, point: np.ndarray, raise_on_failure: bool, outside:
     shares = np.linspace(0.0, 1.0, PROPORTIONAL + 1)
     path = [(float(share), start + share * (point - start)) for share in shares]
     path[-1] = (1.0, point)
+    weights = np.tile(shares[:, None], point.size)
+    weights[:, fixed] = 1.0
     settings = MarchSettings(time_tolerance=TOLERANCE, outside="ignore")
     model.check_range(point, outside)
     try:
         history = slide_along(model, path, settings)
+        error = history.answers[-1].time_error
+        if gradient:  # on the parts that the tolerance asked for
+            path, weights = _parted(history, path, weights)
+            settings = MarchSettings(outside="ignore", gradient=True)
+            history = slide_along(model, path, settings, weights=weights)
     except (ConvergenceError, NotSolvableError):
         if raise_on_failure:
             raise
         return unanswered(point, model.sizes, model.fields, Status.UNSETTLED)
     answer = history.answers[-1]
     return answer._replace(
-        iterations=sum(history.iterations), cycled=any(one.cycled for one in history.answers), time=np.nan, ends=()
-    )
+        iterations=sum(history.iterations), cycled=any(one.cycled for one in history.answers), time=np.nan, ends=(),
+        time_error=error,
+    )  # fmt: skip
+
+
+def _parted(history: History, path: Path, weights: np.ndarray) -> tuple[Path, np.ndarray]:
+    """A path of shares with all parts of its steps, and the weights there."""
+    parts = history.solved_path
+    shares = np.array([time for time, _ in parts])
+    known = np.array([time for time, _ in path])
+    return parts, np.column_stack([np.interp(shares, known, column) for column in weights.T])
