@@ -352,10 +352,9 @@ def test_derivatives_are_those_of_differences(dimension):
             found = one.gradient.multipliers[:, axis]
             expected = (high.multipliers - low.multipliers) / (2 * step)
             np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max() + 1e-9)
-            moved = (high.displacement() - low.displacement()) / (2 * step)
-            changed = one.gradient.unknown[:, axis] if model is full else None
-            if changed is not None and axis > 1:
-                np.testing.assert_allclose(changed, moved, atol=1e-5 * np.abs(moved).max())
+            if model is full and axis > 1:  # lifts do not change with these
+                moved = (high.displacement() - low.displacement()) / (2 * step)
+                np.testing.assert_allclose(one.gradient.unknown[:, axis], moved, atol=1e-5 * np.abs(moved).max())
         high, low = (model.solve(lone + sign * shift).multipliers for sign in (1, -1))
         expected = (high - low) / (2 * step)
         np.testing.assert_allclose(

@@ -235,8 +235,8 @@ class SlidingContact:
         at = self._projected(given, found.forces, found.slack, PROBES[0])
         moved = self.stiffness * np.abs(found.slack)
         close = np.where(found.active, np.abs(found.forces) <= near, moved <= near)
-        size = self._length(found.forces[self._rows])
-        tangential = np.where(at.slips, moved[self._rows] <= near, size >= at.bound - near)
+        size, slip = (self._length(values[self._rows]) for values in (found.forces, moved))
+        tangential = np.where(at.slips, slip <= near, size >= at.bound - near)
         close[self._rows] = tangential & at.acting[self._normal]
         return close
 
