@@ -43,7 +43,8 @@ from hhr_dolfinx.reduction.condense_flow import CorrectionSettings, condense_flo
 OF_CONTRACT = tuple(
     kind
     for kind in contract.KINDS
-    if kind not in ("full", "naive", "fallback", "full, flowing", "interpolated condensation, floating")
+    if kind
+    not in ("full", "full, friction", "naive", "fallback", "full, flowing", "interpolated condensation, floating")
 )  # what needs no mesh
 PELLET = ("pellet", "local pellet", "condensed pellet", "flowing pellet")
 ALL = (*OF_CONTRACT, *PELLET)

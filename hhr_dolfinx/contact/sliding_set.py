@@ -23,11 +23,11 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dgetrf, dgetrs
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.floating import BALANCED, MOST_STEPS, NOTHING, WEAKNESS
 from hhr_dolfinx.contact.friction import Friction
+from hhr_dolfinx.contact.replaced_rows import ANEW, GIVEN, WHOLE, ReplacedRows
 from hhr_dolfinx.contact.sweeps import swept
 from hhr_dolfinx.errors import SingularError
 
@@ -41,12 +41,11 @@ NEWTON = 40
 """Iterations of Newton's method before another attempt; from the increment before two to five are usual."""
 SWEEPS = (10, 30, 100, 300, 1000, 3000)
 """Sweeps over all contacts between one attempt of Newton's method and the next."""
-SINGULAR = 1e-8
-"""Residual of a linear system, in parts of its right-hand side, from which on it is singular to round-off."""
+UP = 2
+DOWN = 3
+"""Codes of rows of what slips one way and the other, see :mod:`hhr_dolfinx.contact.replaced_rows`."""
 GRAZING = 1e-7
 """Part of the largest force by which a contact is about to change its status."""
-FACTORS = 4
-"""Factors of systems that are kept: the first one of an increment is mostly the last one of the increment before."""
 
 
 class Sliding(NamedTuple):
@@ -136,7 +135,10 @@ class SlidingContact:
         softness[rows] = _largest(softness[rows], owner, friction.normal.size)[owner]
         typical = softness[softness > 0].mean() if (softness > 0).any() else 1.0
         self.stiffness = 1.0 / np.where(softness > 0, softness, typical)
-        self._kept: dict[bytes, tuple] = {}
+        self._place = np.full(len(schur), -1)
+        self._place[rows] = np.arange(rows.size)
+        border = np.zeros((self.taken.shape[1],) * 2)
+        self._systems = ReplacedRows(np.block([[schur, -self.taken], [self.taken.T, border]]))
 
     def increment(self, given: Increment, start: np.ndarray) -> Sliding:
         """Solve an increment.
@@ -180,11 +182,13 @@ class SlidingContact:
                 break
             seen.add(key)
             least = min(least, worst)
-            solved = self._solved(given, at, key)
-            if solved is None:
+            try:
+                solved = self._solved(given, at)
+            except SingularError:
                 status = Status.SINGULAR
                 break
-            forces, motions = solved
+            forces = solved[: forces.size]
+            motions = solved[forces.size :]
         return Sliding(
             forces, at.acting, slack, motions, iteration, 0, status,
             self._pressures[np.abs(at.off[self._pressures]) > self._noise(given, forces)],
@@ -207,27 +211,20 @@ class SlidingContact:
             SingularError: where statuses leave forces undetermined.
         """
         at = self._projected(given, found.forces, found.slack, PROBES[0])
-        index = at.acting.nonzero()[0]
-        forces = np.zeros(slack.shape)
-        if not index.size and not len(driving):
-            return forces, driving
-        place = np.full(len(slack), -1)
-        place[index] = np.arange(index.size)
+        m = len(slack)
         slipping = at.slips & at.acting[self._rows]
-        right = np.concatenate([-slack[index], driving])
-        rows, owner = place[self._rows[slipping]], self._owner[slipping]
+        right = np.concatenate([-slack, driving])
+        right[:m][~at.acting] = 0.0
+        owner = self._owner[slipping]
         pressure = np.maximum(found.forces[self._normal], 0.0)[slipping, None]
         grown = np.where(at.limited[slipping, None], bounds[1][owner], bounds[0][owner] * pressure)
-        right[rows] = grown * at.direction[slipping, None]
-        if (slipping & self._curved).any():
-            own = self._rows[slipping]
-            right[rows] += self._turned(at, slipping, None, -at.measure[slipping, None] * slack[own])
-        factors, pivots, info = dgetrf(self._system(given, at, index, slipping, place))
-        if info != 0:
-            raise SingularError("the contacts that touch leave their forces undetermined")
-        solved = dgetrs(factors, pivots, right)[0]
-        forces[index] = solved[: index.size]
-        return forces, solved[index.size :]
+        right[self._rows[slipping]] = grown * at.direction[slipping, None]
+        turning = slipping & self._curved
+        if turning.any():
+            own = self._rows[turning]
+            right[own] += self._turned(at, turning, -at.measure[turning, None] * slack[own])
+        solved = self._solved(given, at, right)
+        return solved[:m], solved[m:]
 
     def grazing(self, given: Increment, found: Sliding) -> np.ndarray:
         """Rows about to change their status, where derivatives hold on one side only, (M,) bool."""
@@ -275,84 +272,70 @@ class SlidingContact:
         size = np.abs(given.driving) + np.abs(forces) @ np.abs(self.taken)
         return bool((left <= 1e-10 * size.max()).all())
 
-    def _solved(self, given: Increment, at: _Iterate, key: bytes) -> tuple[np.ndarray, np.ndarray] | None:
-        """Forces and motions on some statuses and directions; None where that is singular."""
-        index = at.acting.nonzero()[0]
-        count = self.taken.shape[1]
-        forces = np.zeros(given.slack.size)
-        if not index.size and not count:
-            return forces, np.zeros(0)
-        slipping = at.slips & at.acting[self._rows]
-        curved = bool((slipping & self._curved).any())
-        # what turns has a system of its own in each iteration
-        name = None if curved else key + given.coefficient.tobytes()
-        right = np.concatenate([-given.slack[index], given.driving])
-        place = np.full(given.slack.size, -1)
-        place[index] = np.arange(index.size)
-        rows = place[self._rows[slipping]]
-        kept = self._kept.get(name) if name is not None else None
-        if kept is None:
-            system = self._system(given, at, index, slipping, place)
-            factors, pivots, info = dgetrf(system)
-            if info != 0:
-                return None
-            kept = system, factors, pivots
-            if name is not None:
-                while len(self._kept) >= FACTORS:
-                    self._kept.pop(next(iter(self._kept)), None)
-                self._kept[name] = kept
-        system, factors, pivots = kept
-        right[rows] = np.where(at.limited, at.bound * at.direction, 0.0)[slipping]
-        if curved:
-            right[rows] += self._turned(at, slipping, -at.measure * given.slack[self._rows])
-        found, info = dgetrs(factors, pivots, right)
-        left = np.abs(system @ found - right).max(initial=0.0)
-        if not left <= SINGULAR * np.abs(right).max(initial=1e-300):
-            return None
-        forces[index] = found[: index.size]
-        return forces, found[index.size :]
+    def _solved(self, given: Increment, at: _Iterate, right: np.ndarray | None = None) -> np.ndarray:
+        """Forces and motions on some statuses and directions, or their changes, (M + r,) or (M + r, P).
 
-    def _system(
-        self, given: Increment, at: _Iterate, index: np.ndarray, slipping: np.ndarray, place: np.ndarray
-    ) -> np.ndarray:
-        """Matrix of one Newton step on the rows of closed contacts, and the balance of rigid motions."""
-        k = index.size
-        count = self.taken.shape[1]
-        system = np.zeros((k + count, k + count), order="F")
-        system[:k, :k] = self.schur[np.ix_(index, index)]
-        system[:k, k:] = -self.taken[index]
-        system[k:, :k] = self.taken[index].T
-        rows = place[self._rows[slipping]]
-        if not rows.size:
-            return system
-        # τ = b direction, and what turns: (b / |y|) (1 - direction direction^T) y
-        own = -at.measure[slipping, None] * system[rows]
-        own[np.arange(rows.size), rows] += 1.0
-        turned = self._turned(at, slipping, None, own) if (slipping & self._curved).any() else np.zeros_like(own)
-        system[rows] = -turned
-        system[rows, rows] += 1.0
-        # of a bound of zero the pressure may be zero too, with no column
-        carried = slipping & ~at.limited & at.acting[self._normal]
-        change = given.coefficient[self._owner[carried]] * at.direction[carried]
-        system[place[self._rows[carried]], place[self._normal[carried]]] -= change
-        return system
+        Args:
+            given: what drives the increment.
+            at: the statuses.
+            right: right-hand side; None for that of the increment.
 
-    def _turned(
-        self, at: _Iterate, slipping: np.ndarray, values: np.ndarray | None, own: np.ndarray | None = None
-    ) -> np.ndarray:
-        """(b / |y|) (1 - direction direction^T) times values of tangential rows, of those that slip.
-
-        ``values`` of all tangential rows, (T,), or ``own`` of those that slip, (s, k).
+        Raises:
+            SingularError: where that is singular.
         """
-        taken = values[slipping][:, None] if values is not None else own
-        assert taken is not None
-        direction = at.direction[slipping]
-        _, owner = np.unique(self._owner[slipping], return_inverse=True)
-        along = np.zeros((owner.max() + 1, taken.shape[1]))
-        np.add.at(along, owner, direction[:, None] * taken)
-        across = (taken - direction[:, None] * along[owner]) * at.shrunk[slipping, None]
-        across[~self._curved[slipping]] = 0.0
-        return across[:, 0] if values is not None else across
+        m = len(self.schur)
+        slipping = at.slips & at.acting[self._rows]
+        turning = slipping & self._curved
+        codes = np.ones(len(self._systems.whole), dtype=np.int8)
+        codes[:m] = np.where(at.acting, WHOLE, GIVEN)
+        codes[self._rows[slipping]] = np.where(at.direction > 0, UP, DOWN)[slipping]
+        codes[self._rows[slipping & at.limited]] = GIVEN
+        codes[self._rows[turning]] = ANEW
+        if right is None:
+            right = np.concatenate([-given.slack, given.driving])
+            right[:m][~at.acting] = 0.0
+            right[self._rows[slipping]] = np.where(at.limited, at.bound * at.direction, 0.0)[slipping]
+            if turning.any():
+                free = -at.measure * given.slack[self._rows]
+                right[self._rows[turning]] += self._turned(at, turning, free[turning][:, None])[:, 0]
+
+        def others(rows: np.ndarray) -> np.ndarray:
+            return self._slipping_rows(given, at, rows)
+
+        return self._systems.solve(codes, others, right, given.coefficient.tobytes())
+
+    def _slipping_rows(self, given: Increment, at: _Iterate, rows: np.ndarray) -> np.ndarray:
+        """Rows τ - b direction - (b / |y|) (1 - direction direction^T) y of what slips, (k, M + r)."""
+        whole = self._systems.whole
+        place = self._place[rows]
+        found = np.zeros((rows.size, len(whole)))
+        turning = self._curved[place]
+        if turning.any():
+            chosen = np.zeros(self._rows.size, dtype=bool)
+            chosen[place[turning]] = True
+            own = -at.measure[chosen, None] * whole[self._rows[chosen]]
+            own[np.arange(len(own)), self._rows[chosen]] += 1.0
+            turned = np.zeros((self._rows.size, len(whole)))
+            turned[chosen] = self._turned(at, chosen, own)
+            found -= turned[place]
+        places = np.arange(rows.size)
+        found[places, rows] += 1.0
+        # of a bound of zero the pressure may be zero too, with no column
+        carried = ~at.limited[place] & at.acting[self._normal[place]]
+        change = given.coefficient[self._owner[place[carried]]] * at.direction[place[carried]]
+        found[places[carried], self._normal[place[carried]]] -= change
+        return found
+
+    def _turned(self, at: _Iterate, chosen: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """(b / |y|) (1 - direction direction^T) times values, (k, p), of tangential rows that slip in space.
+
+        ``chosen`` are these rows, (T,) bool, with all of a contact.
+        """
+        direction = at.direction[chosen]
+        owner = self._owner[chosen]
+        along = np.zeros((self.friction.normal.size, values.shape[1]))
+        np.add.at(along, owner, direction[:, None] * values)
+        return (values - direction[:, None] * along[owner]) * at.shrunk[chosen, None]
 
     def _settled(
         self, given: Increment, at: _Iterate, forces: np.ndarray, slack: np.ndarray, motions: np.ndarray, count: int

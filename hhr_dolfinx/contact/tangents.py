@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from scipy import linalg
 from scipy.sparse import block_diag, csr_matrix, vstack
 
 from hhr_dolfinx.contact.friction import Friction, FrictionLaw
@@ -44,8 +45,7 @@ def with_tangents(
     normals = normals_of(own.matrix, own.slaves, dim)
     tangents = tangents_of(normals)
     matrix = tangential_rows(own.matrix, normals, tangents)
-    owner = np.repeat(np.arange(normal.size), dim - 1)
-    turns, owner = _movable(matrix, owner, free)
+    turns, owner = _movable(rows.matrix, matrix, normal, free, dim)
     matrix = csr_matrix(turns @ matrix)
     tangents = turns @ tangents.reshape(-1, dim)
     behind = ContactRows(matrix, np.zeros(owner.size), own.slaves[owner], own.points[owner], own.areas[owner])
@@ -57,22 +57,58 @@ def with_tangents(
     return joined([rows, behind]), np.concatenate([pairs, pairs[normal][owner]]), friction
 
 
-def _movable(matrix: csr_matrix, owner: np.ndarray, free: np.ndarray) -> tuple[csr_matrix, np.ndarray]:
-    """Combinations of the tangential rows of each contact, (T', T), that are independent on free dofs, and their owner.
+def _movable(
+    pressing: csr_matrix, matrix: csr_matrix, normal: np.ndarray, free: np.ndarray, dim: int
+) -> tuple[csr_matrix, np.ndarray]:
+    """Combinations of the tangential rows of each contact, (T', T), that say something of their own, and their contact.
 
-    Where all of its rows are they stay as they are; else they are turned, and what is held is left out.
+    Where all rows of a contact are independent on free dofs, also of conditions on the same nodes, they stay as they
+    are. Else they are turned, and what is held, or is another condition already, is left out: in a corner between two
+    surfaces a tangent of one is the normal of the other, and what bears the force there is undetermined.
+
+    Args:
+        pressing: rows of all pressures, (n, N).
+        matrix: tangential rows, dim - 1 for each contact, (T, N).
+        normal: row of the pressure of each contact, (C,).
+        free: dofs that are not imposed, (N,) bool.
+        dim: components of the displacement at a node.
     """
-    moving = csr_matrix(matrix.multiply(free.astype(float)))
+    normals, moving = (csr_matrix(item.multiply(free.astype(float))) for item in (pressing, matrix))
     every = np.asarray(matrix.multiply(matrix).sum(axis=1)).ravel()
-    k = int(np.bincount(owner).max(initial=1))
+    corners = _sharing_nodes(normals, normal, dim)
     blocks = []
-    for first in range(0, owner.size, k):
-        rows = moving[first : first + k]
-        sizes, ways = np.linalg.eigh((rows @ rows.T).toarray())
-        kept = sizes > DEPENDENT * every[first : first + k].max()
-        blocks.append(np.eye(k) if kept.all() else ways[:, kept].T)
+    known: dict[int, csr_matrix] = {}
+    for contact in range(normal.size):
+        first = contact * (dim - 1)
+        rows = moving[first : first + dim - 1]
+        left = rows.toarray()[:, rows.indices] if contact not in corners else None
+        if left is None:
+            others = [normals[corners[contact]], *(known[one] for one in known if normal[one] in corners[contact])]
+            columns = np.unique(np.concatenate([rows.indices, *(item.indices for item in others)]))
+            span = linalg.orth(vstack(others)[:, columns].toarray().T)
+            left = rows[:, columns].toarray()
+            left = left - (left @ span) @ span.T
+        sizes, ways = np.linalg.eigh(left @ left.T)
+        kept = sizes > DEPENDENT * every[first : first + dim - 1].max()
+        blocks.append(np.eye(dim - 1) if kept.all() else ways[:, kept].T)
+        if contact in corners:
+            known[contact] = csr_matrix(blocks[-1] @ rows)
     turns = csr_matrix(block_diag([csr_matrix(block) for block in blocks]))
-    return turns, np.repeat(owner[::k], [len(block) for block in blocks])
+    return turns, np.repeat(np.arange(normal.size), [len(block) for block in blocks])
+
+
+def _sharing_nodes(normals: csr_matrix, normal: np.ndarray, dim: int) -> dict[int, np.ndarray]:
+    """Contacts on whose free nodes there are other conditions that touch no other free node, and these conditions."""
+    entries = normals.tocoo()
+    shape = normals.shape[0], normals.shape[1] // dim
+    touches = csr_matrix((np.ones(entries.nnz), (entries.row, entries.col // dim)), shape=shape)
+    touches.data[:] = 1.0
+    common = (touches[normal] @ touches.T).tocoo()
+    inside = (common.data == np.diff(touches.indptr)[common.col]) & (common.col != normal[common.row])
+    found: dict[int, list[int]] = {}
+    for contact, row in zip(common.row[inside].tolist(), common.col[inside].tolist(), strict=True):
+        found.setdefault(contact, []).append(row)
+    return {contact: np.array(rows) for contact, rows in found.items()}
 
 
 def normals_of(matrix: csr_matrix, slaves: np.ndarray, dimension: int) -> np.ndarray:

@@ -6,7 +6,7 @@ eliminates, see :mod:`hhr_dolfinx.models.eliminations.elimination`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from copy import copy
 from functools import cached_property
 from types import MappingProxyType
@@ -80,9 +80,9 @@ class CondensedModel(KeptModel):
             start = self.known.start(point)
         return answer_of(self.eliminated(point), point, start, self._pairs, self.fields, gradient=gradient)
 
-    def contact_at(self, point: np.ndarray) -> CondensedContact:
+    def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
         """See :class:`AnsweringModel`."""
-        return self.eliminated(point)
+        return self.eliminated.along_path()
 
     def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
         """Answer many parameters, (n, P), at once; as :meth:`solve` does, to round-off, and quicker the more there are.

@@ -6,7 +6,7 @@ answers paths.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -154,8 +154,8 @@ class AnsweringModel:
         if self._range is not None:
             self._range.check(point, outside)
 
-    def contact_at(self, point: np.ndarray) -> CondensedContact:
-        """The contact problem at a point, (P,), without its primal unknown, which friction asks along a path."""
+    def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
+        """What makes the contact problem of each point, (P,), of one path, without its primal unknown."""
         raise NotOfferedError(f"{type(self).__name__} knows no contact problem of a point for itself")
 
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
@@ -252,6 +252,8 @@ class KeptModel(AnsweringModel):
             yield f"{sizes.get('N')} dofs are no nodes of dimension {self.fields.dimension}, which must be 2 or 3"
         if empty := [name for name in ("N_lambda", "m", "ell") if sizes.get(name, 1) == 0]:
             yield f"sizes {empty} are zero"
+        if self.friction is not None and self.friction.tangents.shape[1] != self.fields.dimension:
+            yield f"tangents of friction have {self.friction.tangents.shape[1]} components, not {self.fields.dimension}"
         if self.trained is not None and self.trained.names != tuple(self.parameters.names):
             yield f"it was trained on {self.trained.names}, and its parameters are {self.parameters.names}"
         if self.fields.functionals is not None:

@@ -103,6 +103,10 @@ class Elimination(ABC):
             NotSolvableError, ParameterError: where there is nothing to factor, or surfaces slide off what is known.
         """
 
+    def along_path(self) -> Callable[[np.ndarray], CondensedContact]:
+        """What eliminates at the points of one path, and may keep what neighbours share."""
+        return self.__call__
+
     def table_of(self, known: KnownStatuses) -> AnswerTable | None:
         """Answers of known statuses as maps of the parameters; None where these are not affine."""
         return None

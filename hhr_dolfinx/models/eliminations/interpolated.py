@@ -297,6 +297,17 @@ class Compliances(Elimination):
         """Whether two points, (P,), have the same S."""
         return bool((one[self.stiffness_axes] == other[self.stiffness_axes]).all())
 
+    def along_path(self) -> Callable[[np.ndarray], CondensedContact]:
+        """Neighbours that share their stiffness share S."""
+        shared: list[tuple[np.ndarray, InterpolatedStiffness]] = []
+
+        def made(point: np.ndarray) -> CondensedContact:
+            if not shared or not self.same_stiffness(shared[0][0], point):
+                shared[:] = [(point, self.stiffness(point))]
+            return self(point, shared[0][1])
+
+        return made
+
     def answers(self, model: Any, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
         """Neighbours that share their stiffness share S and its factors."""
         from hhr_dolfinx.models.many import ManyAnswers

@@ -7,6 +7,7 @@ forces differ by about what those of the halves are off, and is cut until that i
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, NamedTuple
 
@@ -76,7 +77,7 @@ class Slider:
     """Solves increments of one model.
 
     Args:
-        model: full or condensed, with a ``friction``, and a ``contact_at`` for the contact problem of a point.
+        model: full or condensed, with a ``friction``, and ``contacts`` for the contact problem of each point.
         gradient: whether derivatives go along.
     """
 
@@ -84,6 +85,7 @@ class Slider:
         self.model = model
         self.gradient = gradient
         self.friction: Friction = model.friction
+        self._contact_at: Callable[[np.ndarray], CondensedContact] = model.contacts()
         self._sliding: SlidingContact | None = None
 
     def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> _Reached:
@@ -95,7 +97,7 @@ class Slider:
     def increment(self, before: _Reached, target: _Target) -> _Solved:
         """One increment, settled or not."""
         time, point, weights = target
-        contact: CondensedContact = self.model.contact_at(point)
+        contact = self._contact_at(point)
         taken = None if contact.floating is None else contact.floating.equalities.taken
         if self._sliding is None or self._sliding.schur is not contact.schur:
             self._sliding = SlidingContact(contact.schur, self.friction, taken)
