@@ -21,7 +21,7 @@ ANEW = -1
 """Code of a row that is another one each time."""
 SINGULAR = 1e-8
 """Residual of a system, in parts of its right-hand side, from which on it is singular to round-off."""
-PART = 0.2
+PART = 0.3
 """Part of the size of the factored block that may differ before another one is factored."""
 FEW = 8
 """Rows that may differ in any case."""
@@ -34,6 +34,8 @@ Rows = Callable[[np.ndarray], np.ndarray]
 
 class ReplacedRows:
     """Solves systems of rows of one matrix, of the identity, and others.
+
+    Corrections add round-off: who meets too much of it lets it :meth:`forget` what is kept, and solves anew.
 
     Args:
         whole: the matrix, (n, n).
@@ -61,15 +63,19 @@ class ReplacedRows:
         if changed is None:
             self._factor(codes, others, label)
         found = self._solved(right)
-        if changed is not None and changed.size:
-            found = self._updated(found, changed, codes, others, right)
-        left = np.abs(self._product(codes, others, found) - right).max(initial=0.0)
-        if left <= SINGULAR * np.abs(right).max(initial=1e-300):
-            return found
-        self._codes = None
-        if changed is None:
+        if changed is not None:
+            return self._updated(found, changed, codes, others, right) if changed.size else found
+        left = np.abs(self._whole_rows @ found - right[self._acting]).max(initial=0.0)
+        if not left <= SINGULAR * np.abs(right).max(initial=1e-300):
+            self.forget()
             raise SingularError(DEPENDENT)
-        return self.solve(codes, others, right, label)
+        return found
+
+    def forget(self) -> bool:
+        """Factor the next system, whatever it is; whether another one was kept."""
+        kept = self._codes is not None
+        self._codes = None
+        return kept
 
     def _changed(self, codes: np.ndarray, label: bytes) -> np.ndarray | None:
         """Rows that differ from the factored system; None where another one is to be factored."""
@@ -88,8 +94,7 @@ class ReplacedRows:
             if info != 0:
                 raise SingularError(DEPENDENT)
         self._acting = acting
-        self._beside = rows
-        self._beside[:, acting] = 0.0  # what given unknowns add to the rows
+        self._whole_rows = rows
         self._codes = codes.copy()
         self._label = label
         self._columns: dict[int, np.ndarray] = {}
@@ -112,7 +117,7 @@ class ReplacedRows:
         found[self._acting] = 0.0
         own = right[self._acting]
         if found.any():
-            own = own - self._beside @ found
+            own = own - self._whole_rows @ found
         found[self._acting] = dgetrs(self._block, self._pivots, own)[0] if self._acting.size else own
         return found
 
@@ -131,13 +136,3 @@ class ReplacedRows:
         if info != 0:
             raise SingularError(DEPENDENT)
         return found - columns.T @ step
-
-    def _product(self, codes: np.ndarray, others: Rows, found: np.ndarray) -> np.ndarray:
-        """A system times a vector, or several."""
-        product = self.whole @ found
-        given = codes == GIVEN
-        product[given] = found[given]
-        special = np.flatnonzero(~given & (codes != WHOLE))
-        if special.size:
-            product[special] = others(special) @ found
-        return product

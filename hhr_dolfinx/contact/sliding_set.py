@@ -19,6 +19,7 @@ of its own, with the contacts that still change.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import cached_property
 from typing import NamedTuple
 
@@ -138,30 +139,52 @@ class SlidingContact:
         self._place = np.full(len(schur), -1)
         self._place[rows] = np.arange(rows.size)
         border = np.zeros((self.taken.shape[1],) * 2)
-        self._systems = ReplacedRows(np.block([[schur, -self.taken], [self.taken.T, border]]))
+        # rows in the unit of forces, as those of what is given are: products of corrections cancel else
+        slacks = np.hstack([schur, -self.taken]) * self.stiffness[:, None]
+        self._systems = ReplacedRows(np.vstack([slacks, np.hstack([self.taken.T, border])]))
 
-    def increment(self, given: Increment, start: np.ndarray) -> Sliding:
+    def increment(self, given: Increment, start: np.ndarray, active: np.ndarray | None = None) -> Sliding:
         """Solve an increment.
 
         Args:
             given: what drives it.
             start: forces to start from, (M,): those of the increment before.
+            active: statuses there, (M,) bool, with which the first system is solved; None takes those that the forces
+                and what drives the increment suggest.
         """
         if not (np.isfinite(given.slack).all() and np.isfinite(given.driving).all()):
             return self._failed(given, start, Status.NOT_FINITE)
-        found = self._tried(given, start, np.zeros(self.taken.shape[1]))
+        motions = np.zeros(self.taken.shape[1])
+        if active is not None and not motions.size:
+            with suppress(SingularError):
+                start = self._solved(given, self._as_before(given, start, active))
+        found = self._tried(given, start, motions)
         if found.status is Status.CONVERGED:
             return found
         return self._by_sweeps(given, found) if not self.taken.shape[1] else self._by_springs(given, found)
 
+    def _as_before(self, given: Increment, forces: np.ndarray, active: np.ndarray) -> _Iterate:
+        """Statuses and directions of an increment that is solved."""
+        acting = active.copy()
+        own = forces[self._rows]
+        size = self._length(own)
+        bound = np.minimum(self._carried(given, np.maximum(forces, 0.0)), given.limit)[self._owner]
+        acting[self._rows] = (bound > 0) | active[self._normal]
+        limited = (self._carried(given, np.maximum(forces, 0.0)) >= given.limit)[self._owner]
+        direction = own / np.where(size > 0, size, 1.0)
+        slips = ~active[self._rows] & (size > 0)
+        measure = PROBES[0] * self.stiffness[self._rows]
+        return _Iterate(acting, limited, bound, slips, direction, _share(bound, size), measure, np.zeros(0))
+
     def _tried(self, given: Increment, start: np.ndarray, motions: np.ndarray) -> Sliding:
         """Newton's method, by one measure of slip after another."""
         iterations = 0
-        for probe in PROBES:
+        for probe in (PROBES[0], *PROBES):  # the first one again without what round-off may have spoilt
             found = self._newton(given, start, motions, probe)
             iterations += found.iterations
             if found.status is Status.CONVERGED:
                 break
+            self._systems.forget()
         return found._replace(iterations=iterations)
 
     def _newton(self, given: Increment, start: np.ndarray, motions: np.ndarray, probe: float) -> Sliding:
@@ -213,7 +236,7 @@ class SlidingContact:
         at = self._projected(given, found.forces, found.slack, PROBES[0])
         m = len(slack)
         slipping = at.slips & at.acting[self._rows]
-        right = np.concatenate([-slack, driving])
+        right = np.concatenate([-slack * self.stiffness[:, None], driving])
         right[:m][~at.acting] = 0.0
         owner = self._owner[slipping]
         pressure = np.maximum(found.forces[self._normal], 0.0)[slipping, None]
@@ -242,8 +265,7 @@ class SlidingContact:
         y = forces - self.stiffness * slack
         projected = np.maximum(y, 0.0)
         acting = y > 0
-        with np.errstate(invalid="ignore"):
-            carried = np.where(given.free, np.inf, given.coefficient * projected[self.friction.normal])
+        carried = self._carried(given, projected)
         bound = np.minimum(carried, given.limit)[self._owner]
         projected[self._rows] = y[self._rows] * _share(bound, self._length(y[self._rows]))
         measure = probe * self.stiffness[self._rows]
@@ -254,6 +276,11 @@ class SlidingContact:
         limited = (carried >= given.limit)[self._owner]
         direction = tangential / np.where(size > 0, size, 1.0)
         return _Iterate(acting, limited, bound, size > bound, direction, share, measure, forces - projected)
+
+    def _carried(self, given: Increment, pressures: np.ndarray) -> np.ndarray:
+        """What pressures let tangential forces be, (C,); infinite of Tresca's law."""
+        with np.errstate(invalid="ignore"):
+            return np.where(given.free, np.inf, given.coefficient * pressures[self.friction.normal])
 
     def _length(self, tangential: np.ndarray) -> np.ndarray:
         """Length of the vector of each contact, on each of its tangential rows, (T,)."""
@@ -292,7 +319,7 @@ class SlidingContact:
         codes[self._rows[slipping & at.limited]] = GIVEN
         codes[self._rows[turning]] = ANEW
         if right is None:
-            right = np.concatenate([-given.slack, given.driving])
+            right = np.concatenate([-given.slack * self.stiffness, given.driving])
             right[:m][~at.acting] = 0.0
             right[self._rows[slipping]] = np.where(at.limited, at.bound * at.direction, 0.0)[slipping]
             if turning.any():
@@ -309,15 +336,15 @@ class SlidingContact:
         whole = self._systems.whole
         place = self._place[rows]
         found = np.zeros((rows.size, len(whole)))
-        turning = self._curved[place]
-        if turning.any():
+        turning = np.flatnonzero(self._curved[place])
+        if turning.size:
+            turning = turning[np.argsort(place[turning])]
             chosen = np.zeros(self._rows.size, dtype=bool)
             chosen[place[turning]] = True
-            own = -at.measure[chosen, None] * whole[self._rows[chosen]]
-            own[np.arange(len(own)), self._rows[chosen]] += 1.0
-            turned = np.zeros((self._rows.size, len(whole)))
-            turned[chosen] = self._turned(at, chosen, own)
-            found -= turned[place]
+            own = whole[rows[turning]]
+            own *= -(at.measure / self.stiffness[self._rows])[chosen, None]
+            own[np.arange(len(own)), rows[turning]] += 1.0
+            found[turning] = -self._turned(at, chosen, own)
         places = np.arange(rows.size)
         found[places, rows] += 1.0
         # of a bound of zero the pressure may be zero too, with no column
@@ -331,11 +358,13 @@ class SlidingContact:
 
         ``chosen`` are these rows, (T,) bool, with all of a contact.
         """
-        direction = at.direction[chosen]
-        owner = self._owner[chosen]
-        along = np.zeros((self.friction.normal.size, values.shape[1]))
-        np.add.at(along, owner, direction[:, None] * values)
-        return (values - direction[:, None] * along[owner]) * at.shrunk[chosen, None]
+        # the two rows of a contact follow each other
+        direction = at.direction[chosen].reshape(-1, 2, 1)
+        pairs = values.reshape(-1, 2, values.shape[1])
+        along = direction[:, 0] * pairs[:, 0] + direction[:, 1] * pairs[:, 1]
+        across = pairs - direction * along[:, None]
+        across *= at.shrunk[chosen].reshape(-1, 2, 1)
+        return across.reshape(values.shape)
 
     def _settled(
         self, given: Increment, at: _Iterate, forces: np.ndarray, slack: np.ndarray, motions: np.ndarray, count: int

@@ -158,8 +158,11 @@ def _contacts(discretisation: Discretisation, point: np.ndarray) -> Iterator[str
     for place, (item, law) in enumerate(zip(scene.contacts, scene.friction, strict=True)):
         yield from (f"*SURFACE INTERACTION, NAME=CONTACT{place}", "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR")
         yield f"{penalty:.6e}, {1e-6 * stiffest:.6e}"
+        coefficient = 0.0
         if law is not None and law.coefficient is not None:
-            yield from ("*FRICTION", f"{_number(law.coefficient, discretisation, point):.6g}, {STICK * penalty:.6e}")
+            coefficient = _number(law.coefficient, discretisation, point)
+        if coefficient > 0.0:  # CalculiX refuses zero
+            yield from ("*FRICTION", f"{coefficient:.6g}, {STICK * penalty:.6e}")
         yield f"*CONTACT PAIR, INTERACTION=CONTACT{place}, TYPE=SURFACE TO SURFACE"
         yield f"{_word(item.tags[0])}, {_word(item.tags[1])}"
 

@@ -38,6 +38,7 @@ class _Reached(NamedTuple):
     point: np.ndarray
     time: float
     forces: np.ndarray
+    active: np.ndarray | None
     slip: SlipState
     weights: np.ndarray
     """Derivative of each parameter here along that of the whole history, (P,)."""
@@ -92,7 +93,7 @@ class Slider:
         """Undeformed bodies, of which nothing has slipped."""
         forces = np.zeros(self.model.own_conditions)
         changes = np.zeros((self.friction.tangential.size, point.size))
-        return _Reached(point, time, forces, SlipState.at_rest(self.friction), weights, changes)
+        return _Reached(point, time, forces, None, SlipState.at_rest(self.friction), weights, changes)
 
     def increment(self, before: _Reached, target: _Target) -> _Solved:
         """One increment, settled or not."""
@@ -105,7 +106,7 @@ class Slider:
         slack[self.friction.tangential] -= before.slip.position
         driving = np.zeros(0) if contact.floating is None else contact.floating.driving
         given = Increment(slack, *self.friction.bounds(point), driving)
-        found = self._sliding.increment(given, before.forces)
+        found = self._sliding.increment(given, before.forces, before.active)
         slip = before.slip.after(self.friction, found.forces, found.slack, found.active)
         gradient = None
         changes = before.changes
@@ -114,7 +115,9 @@ class Slider:
             changes = changes + np.where(
                 found.active[self.friction.tangential, None], 0.0, gradient.slack[self.friction.tangential]
             )
-        return _Solved(found, _Reached(point, time, found.forces, slip, weights, changes), contact, gradient)
+        return _Solved(
+            found, _Reached(point, time, found.forces, found.active, slip, weights, changes), contact, gradient
+        )
 
     def _gradient(
         self, before: _Reached, target: _Target, given: Increment, found: Sliding, contact: CondensedContact
