@@ -5,7 +5,7 @@ export OPENBLAS_NUM_THREADS = 1
 # what is said comes as it is said, into a file or a pipe too
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo pellet nonmatching plastic sphere materials rod press calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes lint test quick slow setup
+.PHONY: demo pellet nonmatching plastic sphere materials rod press fretting friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes lint test quick slow setup
 
 demo: setup
 	.venv/bin/python demos/hertz_half_discs.py
@@ -27,6 +27,12 @@ materials: setup
 
 rod: setup
 	.venv/bin/python demos/fuel_rod.py
+
+fretting: setup
+	.venv/bin/python demos/fretting.py
+
+friction: setup
+	.venv/bin/python benchmarks/friction.py
 
 press: setup
 	.venv/bin/python demos/press_fit.py

@@ -15,6 +15,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+import _demos  # noqa: F401
+import fretting
 import numpy as np
 from mpi4py import MPI
 
@@ -25,10 +27,7 @@ from hhr_dolfinx.study import cli
 from hhr_dolfinx.study.report import report
 
 Row = dict[str, Any]
-FRICTION = 0.3
-YOUNG, POISSON = 1000.0, 0.3
-RADIUS = 1000.0
-"""Far above the width of the contact: surfaces are those of half-planes."""
+FRICTION, YOUNG, POISSON, RADIUS = 0.3, fretting.YOUNG, fretting.POISSON, fretting.RADIUS
 
 
 def row(case: str, quantity: str, reference: float, ours: float) -> Row:
@@ -42,54 +41,6 @@ def row(case: str, quantity: str, reference: float, ours: float) -> Row:
     }
 
 
-def even_within(position: np.ndarray, part: float) -> np.ndarray:
-    """Map [-1, 1] onto itself: two thirds evenly onto the inner part, the rest ever coarser."""
-    share = 2 / 3
-    slope = part / share
-    beyond = np.maximum(np.abs(position) - share, 0.0) / (1 - share)
-    power = 3.0
-    outer = slope * (1 - share) * beyond + (1 - part - slope * (1 - share)) * beyond**power
-    return np.sign(position) * (slope * np.minimum(np.abs(position), share) + outer)
-
-
-def cylinders(cells: int, *, size: float = 40.0, profile: Any = None, friction: float | None = FRICTION) -> hhr.Scene:
-    """Two square blocks of one material; the upper one has a profile, that of a cylinder unless given.
-
-    Args:
-        cells: along the contact; half as many behind each surface.
-        size: half of a side, and the height of a block.
-        profile: height of the lower side of the upper block at x, (n,).
-        friction: coefficient.
-    """
-    height = profile or (lambda x: x**2 / (2 * RADIUS))
-
-    def warp(points: np.ndarray, tag: int) -> np.ndarray:
-        x = size * even_within(points[:, 0], 3.0 / size)
-        y = size * even_within(points[:, 1], 3.0 / size)
-        if tag == SECOND:
-            y = y + height(np.clip(x, -5.0, 5.0)) * (1 - points[:, 1])
-        return np.column_stack([x, y])
-
-    boxes = ((-1.0, -1.0), (1.0, 0.0), (cells, cells // 2)), ((-1.0, 0.0), (1.0, 1.0), (cells, cells // 2))
-    top = side(SECOND, 1, True)
-    moved = {0: "shear", 1: "push"}
-    return hhr.Scene(
-        name="cattaneo",
-        geometry=lambda comm: two_blocks(comm, first=boxes[0], second=boxes[1], warp=warp),
-        hypothesis="plane_strain",
-        bodies=(hhr.Body(FIRST, YOUNG, POISSON), hhr.Body(SECOND, YOUNG, POISSON)),
-        contacts=(hhr.NodeToNode(side(FIRST, 1, True), side(SECOND, 1, False), (0.0, 1.0), friction=friction),),
-        displacements=(
-            *hhr.Displacement.clamp(side(FIRST, 1, False), 2),
-            *(
-                hhr.Displacement(top, axis, hhr.Amplitude(slopes={name: (1.0, -1.0)[axis]}))
-                for axis, name in moved.items()
-            ),
-        ),
-        parameters=hhr.ParameterSpace(("push", "shear"), (0.0, -0.01), (0.01, 0.01)),
-    )
-
-
 def resultants(model: Any, answer: Any) -> tuple[np.ndarray, np.ndarray]:
     """Pressures and tangential forces on the slave along x of the contacts with friction, (C,) each."""
     friction = model.problem.friction
@@ -100,7 +51,7 @@ def resultants(model: Any, answer: Any) -> tuple[np.ndarray, np.ndarray]:
 
 def cattaneo(cells: int) -> Iterator[Row]:
     """Equal cylinders: width, stick width, traction, and the loop of a cycle."""
-    full = hhr.FullOrderModel(cylinders(cells), MPI.COMM_SELF)
+    full = hhr.FullOrderModel(fretting.scene(cells, friction=FRICTION), MPI.COMM_SELF)
     problem = full.problem
     x = problem.contact_points[problem.friction.normal, 0]
     area = problem.friction.area
@@ -148,7 +99,7 @@ def mindlin(cells: int) -> Iterator[Row]:
     shape = (2 * cells, cells, cells // 2)
 
     def warp(points: np.ndarray, tag: int) -> np.ndarray:
-        x, y, z = (size * even_within(column, 2.0 / size) for column in points.T)
+        x, y, z = (size * fretting.even_within(column, 2.0 / size) for column in points.T)
         if tag == SECOND:
             near = np.minimum(x**2 + y**2, 9.0)
             z = z + near / (2 * RADIUS) * (1 - points[:, 2])
@@ -205,8 +156,8 @@ def rounded_punch(cells: int) -> Iterator[Row]:
     def profile(x: np.ndarray) -> np.ndarray:
         return np.maximum(np.abs(x) - 1.0, 0.0) ** 2 / (2 * RADIUS)
 
-    full = hhr.FullOrderModel(cylinders(cells, profile=profile), MPI.COMM_SELF)
-    smooth = hhr.FullOrderModel(cylinders(cells, profile=profile, friction=None), MPI.COMM_SELF)
+    full = hhr.FullOrderModel(fretting.scene(cells, profile, FRICTION), MPI.COMM_SELF)
+    smooth = hhr.FullOrderModel(fretting.scene(cells, profile, None), MPI.COMM_SELF)
     push, most = 0.004, 0.0014
     steps = [(push, shear) for shear in np.linspace(0.0, most, 8)]
     answer = full.march([(float(k), point) for k, point in enumerate([(0.0, 0.0), *steps])]).answers[-1]

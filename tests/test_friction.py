@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from types import SimpleNamespace
 
+import fretting
+import friction as benchmark
 import numpy as np
 import pytest
 from mpi4py import MPI
+from parts import fretting_study
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.friction import Friction
 from hhr_dolfinx.contact.sliding_set import Increment, SlidingContact
+from hhr_dolfinx.contact.uniqueness import coupling, error_bound
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, SceneError
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
@@ -232,6 +237,23 @@ def test_a_plate_on_a_plane():
     assert {0, 1, 2} == set(statuses.tolist())
     # the load grows in proportion, and so does all: one increment is enough
     assert answer.time_error < 1e-10
+
+
+def test_cylinders_and_a_punch_beside_closed_forms():
+    """Mindlin and Ciavarella on coarse meshes; of cells of .075 mm the half width that sticks is known to .04 of .7."""
+    errors = {(line["case"], line["quantity"]): line["error"] for line in benchmark.cattaneo(80)}
+    errors |= {(line["case"], line["quantity"]): line["error"] for line in benchmark.rounded_punch(60)}
+    for (_, quantity), error in errors.items():
+        assert error < (0.06 if "stick" in quantity else 0.01), quantity
+
+
+def test_the_fretting_demo_closes_its_loop(tmp_path):
+    found = fretting_study.study(fretting.scene(120), SimpleNamespace(out=tmp_path))["friction"]
+    assert (tmp_path / "fretting.png").stat().st_size > 10_000
+    assert max(found["errors"].values()) < 1e-11 and found["fallbacks"] == 0
+    assert found["cycles"]["dissipated"] == pytest.approx(found["cycles"]["area of the loop"], rel=0.02)
+    tractions = [line["error"] for line in found["reference"] if "traction" in line["quantity"]]
+    assert len(tractions) == 2 and max(tractions) < 0.01
 
 
 def test_a_wedge_that_friction_holds():
@@ -476,3 +498,59 @@ def test_along_what_is_held_nothing_slips():
     answer = full.march([(0.0, (0.0, 0.0)), (1.0, (0.02, 0.0)), (2.0, (0.02, 0.1))]).answers[-1]
     pressure, shear = resultants(full, answer)
     assert shear == pytest.approx(0.3 * pressure, rel=0.02)  # part of it across where Poisson's ratios differ
+
+
+def definite(rng, m):
+    root = rng.normal(size=(m, m))
+    return root @ root.T + m * np.eye(m)
+
+
+@pytest.mark.parametrize("directions", [1, 2])
+def test_bounds_of_increments_hold_and_are_sharp(directions):
+    """Forces that were disturbed, and settled on their statuses again: 1000 increments of each kind."""
+    rng = np.random.default_rng(directions)
+    shares = []
+    for _ in range(1000):
+        friction, m = layout(rng.integers(1, 6), directions)
+        count = friction.normal.size
+        schur = definite(rng, m)
+        coefficient = rng.random(count) + 0.1
+        coefficient *= rng.uniform(0.05, 0.9) / coupling(schur, friction, coefficient)
+        given = Increment(schur @ rng.normal(size=m), coefficient, np.full(count, np.inf), NONE)
+        exact = SlidingContact(schur, friction).increment(given, np.zeros(m)).forces
+        moved = given._replace(slack=given.slack + 0.1 * rng.normal(size=m) * np.abs(given.slack).max())
+        forces = SlidingContact(schur, friction).increment(moved, np.zeros(m)).forces
+        off = forces - exact
+        error = np.sqrt(off @ schur @ off)
+        bound = error_bound(schur, friction, given, forces)
+        assert error <= bound * (1 + 1e-9) + 1e-12
+        if error > 1e-9 and coupling(schur, friction, coefficient) < 0.5:
+            shares.append(bound / error)
+    assert np.median(shares) < 3
+
+
+def test_below_one_there_is_one_answer_and_far_above_there_may_be_two():
+    rng = np.random.default_rng(0)
+    several = 0
+    for _ in range(300):
+        friction, m = layout(2, 1)
+        root = rng.normal(size=(m, m))
+        schur = root @ root.T + 0.02 * np.eye(m)
+        given = Increment(schur @ rng.normal(size=m), rng.random(2) * 3, np.full(2, np.inf), NONE)
+        answers = by_enumeration(schur, friction, given)
+        size = max(np.abs(one).max() for one in answers) or 1.0
+        distinct = [
+            one for k, one in enumerate(answers) if all(np.abs(one - two).max() > 1e-6 * size for two in answers[:k])
+        ]
+        assert distinct
+        if len(distinct) > 1:
+            several += 1
+            assert coupling(schur, friction, given.coefficient) >= 1
+    assert several > 3
+
+
+def test_a_model_says_whether_its_answers_are_the_only_ones():
+    model = hhr.condense(rubbing("mu", box={"mu": (0.0, 3.0)}))
+    few, many = model.coupling((0.03, 0.05, 0.05)), model.coupling((0.03, 0.05, 1.0))
+    assert 0 < few < 1 < many == pytest.approx(20 * few)
+    assert model.coupling((0.03, 0.05, 0.0)) == 0.0

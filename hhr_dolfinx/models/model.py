@@ -158,6 +158,21 @@ class AnsweringModel:
         """What makes the contact problem of each point, (P,), of one path, without its primal unknown."""
         raise NotOfferedError(f"{type(self).__name__} knows no contact problem of a point for itself")
 
+    def coupling(self, mu: Any) -> float:
+        """How strongly friction couples pressures and slip at a parameter: below one each increment has one answer.
+
+        From one on there may be several, of which one is found; see :mod:`hhr_dolfinx.contact.uniqueness`. Zero without
+        friction, NaN where it is not known: of bodies that contact alone holds, or an S that is not symmetric.
+        """
+        if self.friction is None:
+            return 0.0
+        from hhr_dolfinx.contact.uniqueness import coupling
+
+        point = self.parameters.point(mu)
+        contact = self.contacts()(point)
+        coefficient, _ = self.friction.bounds(point)
+        return np.nan if contact.floating is not None else coupling(contact.schur, self.friction, coefficient)
+
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
         """The answer to a checked point, (P,), converged or not, from a checked start."""
         raise NotImplementedError

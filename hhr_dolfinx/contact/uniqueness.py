@@ -1,0 +1,90 @@
+"""How far contact with friction is from having several answers, and how far given forces are from the one there is.
+
+Let x and x' solve an increment with slacks w and w' = w + S (x' - x), the second one but for a residual r. Of monotone
+laws (x' - x)·(w' - w) is at most what their bounds differ by, the sum of coefficient |λ' - λ| |slip' - slip|, so that
+with e = x' - x
+
+    |e|_S^2 <= |r|_{S^-1} |e|_S + sum_c f_c |e_n| |(S e)_t|,        sum_c f_c |e_n| |(S e)_t| <= f κ |e|_S^2,
+
+    (f κ)^2 = λ_max(D f (S^-1)_nn f D) λ_max(D^-1 S_tt D^-1)
+
+for any positive diagonal D of contacts. Below one there is one answer, and |e|_S <= |r|_{S^-1} / (1 - f κ).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy import linalg
+
+from hhr_dolfinx.contact.friction import Friction
+from hhr_dolfinx.contact.sliding_set import Increment
+
+SYMMETRIC = 1e-8
+"""Part of the largest entry of S by which it may differ from its transpose."""
+
+
+def coupling(schur: np.ndarray, friction: Friction, coefficient: np.ndarray) -> float:
+    """f κ; below one each increment has one answer. Infinite where S is singular, NaN where it is not symmetric.
+
+    Args:
+        schur: S, (M, M).
+        friction: which of the rows are tangential.
+        coefficient: of each contact, (C,); an infinite one is Tresca's law, whose bound knows no pressure.
+    """
+    if np.abs(schur - schur.T).max() > SYMMETRIC * np.abs(schur).max():
+        return np.nan
+    rubs = np.isfinite(coefficient) & (coefficient > 0)
+    kept = rubs[friction.owner]
+    if not kept.any():
+        return 0.0
+    rows = friction.tangential[kept]
+    owner = friction.owner[kept]
+    own, place = np.unique(owner, return_inverse=True)
+    try:
+        factor = linalg.cho_factor(schur)
+    except linalg.LinAlgError:
+        return np.inf
+    normal = friction.normal[own]
+    unit = np.zeros((len(schur), own.size))
+    unit[normal, np.arange(own.size)] = 1.0
+    inverse = linalg.cho_solve(factor, unit)[normal] * np.outer(coefficient[own], coefficient[own])
+    tangential = schur[np.ix_(rows, rows)]
+    largest = np.zeros(own.size)
+    np.maximum.at(largest, place, np.diag(tangential))
+    weights = (largest / np.diag(inverse)) ** 0.25
+    pushed = np.linalg.eigvalsh(inverse * np.outer(weights, weights))[-1]
+    slid = np.linalg.eigvalsh(tangential / np.outer(weights[place], weights[place]))[-1]
+    return math.sqrt(float(pushed) * float(slid))
+
+
+def residual(schur: np.ndarray, friction: Friction, given: Increment, forces: np.ndarray) -> np.ndarray:
+    """What is to be added to the slack of an increment so that forces solve it, (M,): no more than that of their law.
+
+    The forces must lie in the cones: pressures not negative, tangential forces within their bounds.
+    """
+    slack = given.slack + schur @ forces
+    found = np.where((forces > 0) | (slack < 0), slack, 0.0)
+    count = friction.normal.size
+    rows, owner = friction.tangential, friction.owner
+    with np.errstate(invalid="ignore"):
+        carried = np.where(given.free, np.inf, given.coefficient * np.maximum(forces[friction.normal], 0.0))
+    bound = np.minimum(carried, given.limit)
+    size = np.sqrt(np.bincount(owner, forces[rows] ** 2, count))
+    # what bears all that it may slips against its force, as far as it slips so; all else is a residual
+    slides = (size >= bound * (1 - 1e-12)) & (bound > 0)
+    direction = forces[rows] / np.where(size > 0, size, 1.0)[owner]
+    along = np.minimum(np.bincount(owner, slack[rows] * direction, count), 0.0)
+    left = slack[rows] - np.where(slides[owner], along[owner] * direction, 0.0)
+    found[rows] = np.where(bound[owner] > 0, left, 0.0)
+    return found
+
+
+def error_bound(schur: np.ndarray, friction: Friction, given: Increment, forces: np.ndarray) -> float:
+    """Bound of |forces - those of the increment| in the norm of S; infinite where several answers may exist."""
+    factor = coupling(schur, friction, given.coefficient)
+    if not factor < 1.0:
+        return np.inf
+    left = residual(schur, friction, given, forces)
+    return math.sqrt(max(float(left @ np.linalg.solve(schur, left)), 0.0)) / (1.0 - factor)
