@@ -138,6 +138,7 @@ def rubbing(kind: str) -> hhr.FullOrderModel:
         "constant": lambda: blocks(friction=0.1),
         "moduli": lambda: blocks(("E1", 0.3), friction="0.05 * E1", box=MODULI),
         "floating": lambda: blocks(free=True, friction=0.1),
+        "shape": lambda: blocks(friction=0.1, box=SHAPE, shapes=(CROWNED,)),
     }[kind]()
     return hhr.FullOrderModel(scene, MPI.COMM_SELF)
 
@@ -194,6 +195,9 @@ KINDS = {
     "exact condensation, friction": _rubbing("constant", hhr.condense, MIDDLE),
     "exact condensation, friction and floating": _rubbing("floating", hhr.condense, PRESSED),
     "interpolated condensation, friction": _rubbing("moduli", lambda full: hhr.condense(full, fields=True), VARIED),
+    "interpolated condensation, friction and shape": _rubbing(
+        "shape", lambda full: hhr.condense(full, fields=True), {**MIDDLE, "crown": 0.01}
+    ),
     "local histories": _flowing(lambda item: item.local([np.repeat([0, 1], [4, 2])] * 2, recipe=FLOW, checked=False)),
 }
 

@@ -18,7 +18,7 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.friction import Friction
 from hhr_dolfinx.contact.sliding_set import Increment, SlidingContact
 from hhr_dolfinx.contact.uniqueness import coupling, error_bound
-from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, SceneError
+from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, ParameterError, SceneError
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
 
@@ -32,7 +32,7 @@ def layout(contacts: int, directions: int, smooth: int = 0) -> tuple[Friction, i
     rows = np.arange(smooth + contacts, count)
     tangents = np.tile(np.eye(directions + 1)[:directions], (contacts, 1))
     law = np.zeros(contacts, dtype=np.int64)
-    return Friction(np.arange(contacts), np.ones(contacts), law, rows, owner, tangents, (), law[:0]), count
+    return Friction(np.arange(contacts), np.ones(contacts), law, rows, owner, tangents, (), law[:0], law[:0]), count
 
 
 def violation(schur, friction, given, forces):
@@ -342,6 +342,28 @@ def test_moduli_and_the_coefficient_are_parameters():
     values = expected.answers[-1].outputs()
     assert values["friction"] == pytest.approx(shear) == values["force"]
     assert values["sticks"] + values["slips"] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_the_shape_is_a_parameter(dimension):
+    box = {"mu": (0.0, 0.8), "crown": (0.0, 0.05), "E": (1.0, 6.0)}
+    bulge = "crown * (x - 0.5)**2" if dimension == 2 else "crown * ((x - 0.5)**2 + (y - 0.5)**2)"
+    height = "xyz"[dimension - 1]
+    maps = (*"xyz"[: dimension - 1], f"{height} - {height} * {bulge}")
+    bodies = hhr.Body(FIRST, "E", 0.3), hhr.Body(SECOND, 5.0, 0.2)
+    shapes = (hhr.Shape(FIRST, maps),)
+    scene = rubbing("mu", 8 if dimension == 2 else 3, dimension=dimension, box=box, bodies=bodies, shapes=shapes)
+    full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
+    model = hhr.condense(full)
+    fixed = (0.3, 0.04, 2.5)
+    path = [(time, (*point, *fixed)) for time, point in PATH]
+    # 1e-6 was measured
+    assert worst(model.march(path), full.march(path)) < 1e-5
+    assert worst(model.march(path), model.march([(time, (*point[:3], 0.0, 2.5)) for time, point in path])) > 0.01
+    with pytest.raises(ParameterError, match="crown changes along the path"):
+        model.march([path[0], (1.0, (0.03, 0.0, 0.3, 0.02, 2.5))])
+    with pytest.raises(SceneError, match="limit of its stress"):
+        rubbing(hhr.Tresca(0.1), box=box, shapes=shapes)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

@@ -134,6 +134,7 @@ class Friction(Rebuilt):
         laws: of the pairs.
         fixed: places of the parameters on which laws, moduli or shapes depend: they stay while loads grow in
             proportion.
+        shaped: those of shapes, which stay along a path.
     """
 
     normal: Annotated[Integers, "frictional"]
@@ -144,6 +145,7 @@ class Friction(Rebuilt):
     tangents: Annotated[Floats, "tangential", "dimension"]
     laws: tuple[FrictionLaw, ...]
     fixed: Annotated[Integers, "fixed parameters"]
+    shaped: Annotated[Integers, "shaping parameters"]
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Rows that are not there, or not in order."""
@@ -195,8 +197,8 @@ class Friction(Rebuilt):
         number[kept] = np.arange(kept.size)
         own = np.flatnonzero((place[self.tangential] >= 0) & (number[self.owner] >= 0))
         return Friction(
-            place[self.normal[kept]], self.area[kept], self.law[kept],
-            place[self.tangential[own]], number[self.owner[own]], self.tangents[own], self.laws, self.fixed,
+            place[self.normal[kept]], self.area[kept], self.law[kept], place[self.tangential[own]],
+            number[self.owner[own]], self.tangents[own], self.laws, self.fixed, self.shaped,
         )  # fmt: skip
 
 

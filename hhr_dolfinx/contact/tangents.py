@@ -18,12 +18,19 @@ from hhr_dolfinx.errors import SceneError
 
 PARALLEL = 1e-9
 """Part of a row that may not be along its normal; more, and the row has no tangents."""
+STEEP = 0.9
+"""Cosine between a normal and an axis above which tangents along the axis say little."""
 DEPENDENT = 1e-9
 """Part of a tangential row, in its own length, below which imposed displacements leave nothing of it."""
 
 
 def with_tangents(
-    rows: ContactRows, pairs: np.ndarray, laws: Mapping[int, FrictionLaw], free: np.ndarray, fixed: np.ndarray
+    rows: ContactRows,
+    pairs: np.ndarray,
+    laws: Mapping[int, FrictionLaw],
+    free: np.ndarray,
+    fixed: np.ndarray,
+    shaped: np.ndarray,
 ) -> tuple[ContactRows, np.ndarray, Friction]:
     """Conditions with the tangential rows of some pairs behind them, the pair of each, and the friction on them.
 
@@ -34,7 +41,7 @@ def with_tangents(
         pairs: contact pair of each, (n,).
         laws: of the pairs that have friction.
         free: dofs that are not imposed, (N,) bool.
-        fixed: see :class:`Friction`.
+        fixed, shaped: see :class:`Friction`.
 
     Raises:
         SceneError: for rows that are not along one normal each.
@@ -52,7 +59,7 @@ def with_tangents(
     numbers = np.array(list(laws))
     friction = Friction(
         normal, own.areas, np.searchsorted(numbers, pairs[normal]),
-        len(pairs) + np.arange(owner.size), owner, tangents, tuple(laws.values()), fixed,
+        len(pairs) + np.arange(owner.size), owner, tangents, tuple(laws.values()), fixed, shaped,
     )  # fmt: skip
     return joined([rows, behind]), np.concatenate([pairs, pairs[normal][owner]]), friction
 
@@ -124,9 +131,11 @@ def tangents_of(normals: np.ndarray) -> np.ndarray:
     m, dim = normals.shape
     if dim == 2:
         return np.stack([-normals[:, 1], normals[:, 0]], axis=1)[:, None, :]
-    # the axis that is most nearly tangential for the whole surface, so that neighbours agree
+    # one axis for the whole surface where it is nowhere a normal: neighbours agree, and so do shapes of it
+    common = np.abs(normals).max(axis=0)
+    places = np.full(m, common.argmin()) if common.min() < STEEP else np.abs(normals).argmin(axis=1)
     axis = np.zeros((m, 3))
-    axis[np.arange(m), np.abs(normals).argmin(axis=1)] = 1.0
+    axis[np.arange(m), places] = 1.0
     first = axis - (axis * normals).sum(axis=1)[:, None] * normals
     first /= np.linalg.norm(first, axis=1)[:, None]
     return np.stack([first, np.cross(normals, first)], axis=1)

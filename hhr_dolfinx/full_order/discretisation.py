@@ -159,8 +159,12 @@ class Discretisation(DiscreteSpace):
             for place, law in enumerate(scene.friction)
             if law is not None
         }
-        fixed = np.array(sorted(scene.parameters.names.index(name) for name in scene.named), dtype=np.int64)
-        return with_tangents(rows, pairs, laws, free, fixed)
+        shaped: set[str] = set().union(*(shape.variables for shape in scene.shapes))
+
+        def places(some: set[str]) -> np.ndarray:
+            return np.array([k for k, name in enumerate(scene.parameters.names) if name in some], dtype=np.int64)
+
+        return with_tangents(rows, pairs, laws, free, places(scene.named), places(shaped))
 
     def load_terms(self) -> list[Term]:
         """Terms of all loads on the mesh as it lies, those that are affine first, as θ counts them."""

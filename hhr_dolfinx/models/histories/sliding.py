@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.friction import Friction, SlipState
 from hhr_dolfinx.contact.sliding_set import Increment, Sliding, SlidingContact
-from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
+from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ParameterError
 from hhr_dolfinx.models.answer import Answer, History, Path, outcome, unanswered
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 from hhr_dolfinx.models.gradient import Gradient
@@ -221,6 +221,7 @@ def slide_along(
             unless given: each is shifted by the same at all times.
     """
     check_settings(settings)
+    _check_shape(model, path)
     history = History(*path[0], time_tolerance=settings.time_tolerance)
     slider = Slider(model, settings.gradient)
     weights = np.ones((len(path), path[0][1].size)) if weights is None else weights
@@ -243,6 +244,21 @@ def slide_along(
             stop.history = history  # type: ignore[attr-defined]
         raise
     return history
+
+
+def _check_shape(model: Any, path: Path) -> None:
+    """Refuse a checked path along which bodies change their shape: slip is measured on one.
+
+    Raises:
+        ParameterError: with the parameter that changes.
+    """
+    points = np.array([point for _, point in path])
+    for place in model.friction.shaped.tolist():
+        if np.ptp(points[:, place]) > 0:
+            raise ParameterError(
+                f"{model.parameters.names[place]} changes along the path, and the shape of bodies depends on it: what "
+                "slips is measured on one shape. Keep it as it is along the path"
+            )
 
 
 def _told(slider: Slider, step: _Step, solved: _Solved) -> Answer:
