@@ -363,7 +363,7 @@ def test_the_shape_is_a_parameter(dimension):
     with pytest.raises(ParameterError, match="crown changes along the path"):
         model.march([path[0], (1.0, (0.03, 0.0, 0.3, 0.02, 2.5))])
     with pytest.raises(SceneError, match="limit of its stress"):
-        rubbing(hhr.Tresca(0.1), box=box, shapes=shapes)
+        rubbing(hhr.Tresca(0.1), dimension=dimension, box=box, shapes=shapes)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
