@@ -97,7 +97,8 @@ class ReplacedRows:
         self._whole_rows = rows
         self._codes = codes.copy()
         self._label = label
-        self._columns: dict[int, np.ndarray] = {}
+        self._columns = np.zeros((0, len(codes)))  # of its inverse, those asked for, as rows
+        self._slots = np.full(len(codes), -1)  # where those of each row are among them
 
     def _rows(self, rows: np.ndarray, codes: np.ndarray, others: Rows) -> np.ndarray:
         """Rows of a system, (k, n)."""
@@ -125,12 +126,13 @@ class ReplacedRows:
         self, found: np.ndarray, changed: np.ndarray, codes: np.ndarray, others: Rows, right: np.ndarray
     ) -> np.ndarray:
         """Correct a solution of the factored system for rows that changed."""
-        new = [row for row in changed.tolist() if row not in self._columns]
-        if new:
-            unit = np.zeros((len(found), len(new)))
-            unit[new, np.arange(len(new))] = 1.0
-            self._columns |= dict(zip(new, self._solved(unit).T, strict=True))
-        columns = np.array([self._columns[row] for row in changed.tolist()])
+        new = changed[self._slots[changed] < 0]
+        if new.size:
+            unit = np.zeros((len(found), new.size))
+            unit[new, np.arange(new.size)] = 1.0
+            self._slots[new] = len(self._columns) + np.arange(new.size)
+            self._columns = np.concatenate([self._columns, self._solved(unit).T])
+        columns = self._columns[self._slots[changed]]
         rows = self._rows(changed, codes, others)
         _, _, step, info = dgesv(rows @ columns.T, rows @ found - right[changed])
         if info != 0:

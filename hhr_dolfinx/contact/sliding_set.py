@@ -28,7 +28,7 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.floating import BALANCED, MOST_STEPS, NOTHING, WEAKNESS
 from hhr_dolfinx.contact.friction import Friction
-from hhr_dolfinx.contact.replaced_rows import ANEW, GIVEN, WHOLE, ReplacedRows
+from hhr_dolfinx.contact.replaced_rows import ANEW, GIVEN, ReplacedRows
 from hhr_dolfinx.contact.sweeps import swept
 from hhr_dolfinx.errors import SingularError
 
@@ -112,6 +112,9 @@ class _Iterate(NamedTuple):
         return self.acting.tobytes() + self.slips.tobytes() + self.limited[self.slips].tobytes() + signs.tobytes()
 
 
+_NOWHERE = np.zeros(0, dtype=bool)
+
+
 class SlidingContact:
     """The contact problem with friction on one S, for any number of increments; answers are the callers' own.
 
@@ -131,6 +134,7 @@ class SlidingContact:
         self._normal = friction.normal[owner]  # row of pressure of each tangential row
         self._pressures = friction.pressures(len(schur))
         self._curved = np.bincount(owner, minlength=friction.normal.size)[owner] > 1
+        self._turns = bool(self._curved.any())
         softness = np.abs(np.diag(schur)).copy()
         # both directions of one contact alike: the projection is that on a disc
         softness[rows] = _largest(softness[rows], owner, friction.normal.size)[owner]
@@ -279,11 +283,16 @@ class SlidingContact:
 
     def _carried(self, given: Increment, pressures: np.ndarray) -> np.ndarray:
         """What pressures let tangential forces be, (C,); infinite of Tresca's law."""
+        own = pressures[self.friction.normal]
+        if np.isfinite(given.coefficient).all():
+            return given.coefficient * own
         with np.errstate(invalid="ignore"):
-            return np.where(given.free, np.inf, given.coefficient * pressures[self.friction.normal])
+            return np.where(given.free, np.inf, given.coefficient * own)
 
     def _length(self, tangential: np.ndarray) -> np.ndarray:
         """Length of the vector of each contact, on each of its tangential rows, (T,)."""
+        if not self._turns:
+            return np.abs(tangential)
         return np.sqrt(np.bincount(self._owner, tangential**2, self.friction.normal.size))[self._owner]
 
     def _noise(self, given: Increment, forces: np.ndarray) -> float:
@@ -312,17 +321,18 @@ class SlidingContact:
         """
         m = len(self.schur)
         slipping = at.slips & at.acting[self._rows]
-        turning = slipping & self._curved
+        turning = slipping & self._curved if self._turns else _NOWHERE
         codes = np.ones(len(self._systems.whole), dtype=np.int8)
-        codes[:m] = np.where(at.acting, WHOLE, GIVEN)
-        codes[self._rows[slipping]] = np.where(at.direction > 0, UP, DOWN)[slipping]
-        codes[self._rows[slipping & at.limited]] = GIVEN
-        codes[self._rows[turning]] = ANEW
+        codes[:m] = at.acting  # WHOLE where they do, GIVEN elsewhere
+        own = np.where(at.limited, GIVEN, np.where(at.direction > 0, UP, DOWN))
+        codes[self._rows[slipping]] = own[slipping]
+        if turning.size:
+            codes[self._rows[turning]] = ANEW
         if right is None:
             right = np.concatenate([-given.slack * self.stiffness, given.driving])
-            right[:m][~at.acting] = 0.0
-            right[self._rows[slipping]] = np.where(at.limited, at.bound * at.direction, 0.0)[slipping]
-            if turning.any():
+            right[:m] *= at.acting
+            right[self._rows[slipping]] = (at.limited * at.bound * at.direction)[slipping]
+            if turning.size:
                 free = -at.measure * given.slack[self._rows]
                 right[self._rows[turning]] += self._turned(at, turning, free[turning][:, None])[:, 0]
 
