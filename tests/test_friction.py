@@ -10,10 +10,13 @@ import fretting
 import friction as benchmark
 import numpy as np
 import pytest
+import pyvista
+from click.testing import CliRunner
 from mpi4py import MPI
 from parts import fretting_study
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.command.main import hhr as hhr_command
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.friction import Friction
 from hhr_dolfinx.contact.sliding_set import Increment, SlidingContact
@@ -480,6 +483,35 @@ def test_increments_are_cut_until_their_error_is_small():
 def test_bad_friction_is_refused_at_the_door(friction, message):
     with pytest.raises(SceneError, match=message):
         rubbing(friction)
+
+
+def test_the_command_knows_friction(tmp_path):
+    """check, train --model condensed, answer and solve of a scene in a file; the sum of forces is that of pressures."""
+    runner = CliRunner()
+
+    def said(*words: str) -> str:
+        result = runner.invoke(hhr_command, [str(word) for word in words])
+        assert result.exit_code == 0, result.output
+        return result.output
+
+    scene = tmp_path / "rubbed.py"
+    scene.write_text("import fretting\nscene = fretting.scene(40)\n")
+    assert "friction friction" in said("check", scene, "--picture", tmp_path / "check.png")
+    told = said("train", scene, "--model", "condensed", "--out", tmp_path / "out")
+    assert "exact condensation has no reduction error" in told
+    (tmp_path / "asked.csv").write_text("push,shear,friction\n0.004,0.002,0.1\n")
+    said("answer", tmp_path / "out/condensed.npz", tmp_path / "asked.csv", "--out", tmp_path / "found.csv")
+    head, row = ((line.split(",")) for line in (tmp_path / "found.csv").read_text().splitlines())
+    found = dict(zip(head, row, strict=True))
+    model = hhr.load_model(tmp_path / "out/condensed.npz")
+    answer = model.solve((0.004, 0.002, 0.1))
+    assert float(found["total_force"]) == pytest.approx(answer.forces()[model.friction.normal].sum(), rel=1e-9)
+    words = said("solve", scene, "--at", "push=0.004,shear=0.002,friction=0.1", "--out", tmp_path / "fields.vtu")
+    assert "contacts that slip" in words
+    grid = pyvista.read(tmp_path / "fields.vtu")
+    statuses = model.friction.statuses(answer.active)
+    assert (grid["stick_slip"] == 2).sum() == (statuses == 2).sum()
+    assert np.abs(grid["friction_traction"]).max() > 0
 
 
 def test_what_is_not_built_in_says_so():

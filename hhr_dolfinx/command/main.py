@@ -159,16 +159,28 @@ def train(scene: str, out: Path | None, kind: str, **how: Any) -> None:
     console, progress = spoken()
     made = scene_of(scene)
     folder = out or Path("out") / made.name
-    training = trained(made, _training_of(how, _settings_of(scene)), folder=folder / "snapshots", progress=progress)
-    if MPI.COMM_WORLD.rank:
-        return
-    for item in training.log.skipped:
-        if item["stage"] == "snapshots":  # what was there already
-            console.print(item["why"], highlight=False)
-    model = getattr(training, KINDS[kind])()
+    if kind == "condensed" and any(law is not None for law in made.friction):
+        # contact with friction is condensed without a training
+        from hhr_dolfinx.full_order.full import FullOrderModel
+        from hhr_dolfinx.study.condensing import condense
+
+        if MPI.COMM_WORLD.rank:
+            return
+        full = FullOrderModel(made, MPI.COMM_SELF)
+        model = condense(full, fields=True)
+    else:
+        training = trained(made, _training_of(how, _settings_of(scene)), folder=folder / "snapshots", progress=progress)
+        if MPI.COMM_WORLD.rank:
+            return
+        for item in training.log.skipped:
+            if item["stage"] == "snapshots":  # what was there already
+                console.print(item["why"], highlight=False)
+        full = training.full_order
+        model = getattr(training, KINDS[kind])()
     target = folder / f"{'model' if kind == 'hhr' else kind}.npz"
+    target.parent.mkdir(parents=True, exist_ok=True)
     save_model(target, model)
-    problem = training.full_order.problem
+    problem = full.problem
     console.print(f"{made.name}: {problem.free.size} dofs and {len(problem.gaps)} contacts -> {_described(model)}")
     console.print(f"errors of its answers: {model.known_error}", highlight=False, markup=False)
     console.print(f"model: {target}")

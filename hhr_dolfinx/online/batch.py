@@ -51,6 +51,7 @@ class Answers(NamedTuple):
         largest_displacement: of any node, (S,); None where it was not asked for, since it needs the whole field.
         fell_back: whether the full model answered, (S,) bool; None of a model that cannot fall back.
         model: number of the local model that answered, (S,) int; -1 where none of them did. None of a single model.
+        total_force: sum of the pressures' forces, (S,), where there are tangential ones too; None without friction.
     """
 
     points: np.ndarray
@@ -61,6 +62,7 @@ class Answers(NamedTuple):
     largest_displacement: np.ndarray | None = None
     fell_back: np.ndarray | None = None
     model: np.ndarray | None = None
+    total_force: np.ndarray | None = None
 
     @classmethod
     def joined(cls, parts: list[Answers]) -> Answers:
@@ -210,6 +212,8 @@ class Query:
         table["forces"] = np.full((count, self.model.conditions), np.nan)
         if self.displacement:
             table["largest_displacement"] = np.full(count, np.nan)
+        if self.model.friction is not None:
+            table["total_force"] = np.full(count, np.nan)
         if isinstance(self.model, FallbackModel):
             table["fell_back"] = np.zeros(count, dtype=bool)
         if isinstance(self._reduced, LocalModels):
@@ -221,6 +225,8 @@ class Query:
         if not rows.size:
             return
         found: dict[str, Any] = {"forces": many.forces()}
+        if self.model.friction is not None:
+            found["total_force"] = np.delete(found["forces"], self.model.friction.tangential, axis=1).sum(axis=1)
         if self.heads:
             found |= dict(zip(self.heads, many.outputs().values(), strict=True))
         if self.estimate_heads:

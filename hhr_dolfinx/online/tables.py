@@ -272,7 +272,7 @@ def write_answers(
 def _columns_of(answers: Answers) -> dict[str, np.ndarray]:
     """Numbers of all rows by the heads of their columns, in their order."""
     columns = {} if answers.largest_displacement is None else {"largest_displacement": answers.largest_displacement}
-    columns["total_force"] = answers.forces.sum(axis=1)
+    columns["total_force"] = answers.forces.sum(axis=1) if answers.total_force is None else answers.total_force
     columns |= {**answers.outputs, **answers.estimates}
     if answers.fell_back is not None:
         columns["fell_back"] = answers.fell_back.astype(float)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mpi4py import MPI
@@ -17,6 +17,9 @@ from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.study.scene.findings import MISTAKE, NOTE, OK, SceneCheck
 from hhr_dolfinx.study.scene.mesh import depth_inside, look_at_common_nodes, look_at_joints, look_at_mesh
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.contact.friction import Law
 
 TOUCHING = 1e-6
 """Gaps below so many times the sag of facets are none: bodies are drawn in touch."""
@@ -100,6 +103,15 @@ def _pairs(found: SceneCheck) -> None:
         found.pairs.append((surfaces, rows))
 
 
+def _rubs(law: Law | None) -> str:
+    """What a law of friction says, behind what is said of its contact."""
+    if law is None:
+        return ""
+    parts = [] if law.coefficient is None else [f"friction {law.coefficient}"]
+    parts += [] if law.limit is None else [f"shear stress up to {law.limit}"]
+    return ", " + ", ".join(parts)
+
+
 def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None:
     """Distances of the surfaces beside the sag of their facets."""
     gaps = problem.gaps @ problem.amplitudes(point)
@@ -116,7 +128,7 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
         found.say(
             OK,
             f"contact {place} of {names}: {own.size} conditions, gaps from {own.min():.3g} to {own.max():.3g}{unit}, "
-            f"facets sag by {sag:.2g}{unit}",
+            f"facets sag by {sag:.2g}{unit}{_rubs(found.scene.friction[place])}",
         )
         _overlap(found, place, -float(own.min()), sag, point)
         small = [float(own.min()), _least_gap(problem, rows)]

@@ -271,7 +271,7 @@ def _checked(scene: Scene, training: Any, held_out: Any, seed: Any) -> tuple[Any
     if any(law is not None for law in scene.friction):
         raise NotOfferedError(
             f"scene '{scene.name}' has friction, whose histories no model is trained on yet: its contact is condensed "
-            "without a training, hhr.condense(scene)"
+            "without a training, hhr.condense(scene) or hhr train --model condensed"
         )
     check_counts(seed=(seed, 0))
     chooses = _chooses(training)
