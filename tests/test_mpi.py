@@ -17,6 +17,7 @@ import dataclasses, json, sys
 sys.path[:0] = [{tests!r}, {demos!r}, {demos!r}[:-5] + "benchmarks"]
 import numpy as np
 import contact_patch_test as patch
+import fretting
 import hertz_half_discs as demo
 from mpi4py import MPI
 from scenes import pressed_block
@@ -72,6 +73,10 @@ for _ in range(2):
     again = hhr.compute_snapshots(full_order, snapshots.points[:3], store=kept)
 out["kept"] = np.linalg.norm(again.displacements - snapshots.displacements[:, :3]), comm.bcast(kept.found)
 out["solid"] = hhr.FullOrderModel(pressed_block("solid", simplices=True)).solve(0.05).forces().tolist()
+points = (0.0, 0.0, 0.3), (0.004, 0.0, 0.3), (0.004, 0.0013, 0.3), (0.004, -0.001, 0.3)
+for answer in hhr.FullOrderModel(fretting.scene(24)).march(list(enumerate(points))).answers:
+    out[f"rubbed {{answer.time}}"] = answer.forces().tolist()
+    out[f"slipped {{answer.time}}"] = answer.slip.path.tolist()
 for name, pairing in patch.PAIRINGS.items():
     for dim in (2, 3):
         cells = ((4, 3), (7, 3)) if dim == 2 else ((2, 2, 2), (3, 3, 2))
