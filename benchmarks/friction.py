@@ -228,7 +228,7 @@ def pulled(angle: float, name: str, reference: float) -> Row:
 
 def references(quick: bool) -> Iterator[Row]:
     """All cases."""
-    for cells in (80, 160) if quick else (80, 160, 320, 640):
+    for cells in (80, 160) if quick else (80, 160, 320):
         yield from cattaneo(cells)
     for cells in (12,) if quick else (12, 18, 24):
         yield from mindlin(cells)

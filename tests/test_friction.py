@@ -35,7 +35,9 @@ def layout(contacts: int, directions: int, smooth: int = 0) -> tuple[Friction, i
     rows = np.arange(smooth + contacts, count)
     tangents = np.tile(np.eye(directions + 1)[:directions], (contacts, 1))
     law = np.zeros(contacts, dtype=np.int64)
-    return Friction(np.arange(contacts), np.ones(contacts), law, rows, owner, tangents, (), law[:0], law[:0]), count
+    return Friction(
+        np.arange(contacts), np.ones(contacts), law, rows, owner, tangents, (), law[:0], law[:0], law[:0]
+    ), count
 
 
 def violation(schur, friction, given, forces):
@@ -238,8 +240,10 @@ def test_a_plate_on_a_plane():
         assert moved[node] == pytest.approx(expected, rel=5e-3)
     statuses = full.problem.friction.statuses(answer.active)
     assert {0, 1, 2} == set(statuses.tolist())
-    # the load grows in proportion, and so does all: one increment is enough
-    assert answer.time_error < 1e-10
+    # the load grows in proportion, and so do forces: one increment is enough
+    alone = full.march([(0.0, [0.0]), (1.0, [1.0])]).answers[-1]
+    np.testing.assert_allclose(alone.multipliers, answer.multipliers, atol=1e-9 * answer.multipliers.max())
+    assert answer.time_error < 1e-3
 
 
 def test_cylinders_and_a_punch_beside_closed_forms():
@@ -442,6 +446,81 @@ def test_no_friction_is_contact_without_it():
     assert smooth.friction is None and not found.multipliers[full.problem.friction.tangential].any()
 
 
+def test_a_contact_that_closes_on_the_way_sticks_where_it_closes():
+    """One cell lowered and sheared at once: what it was sheared by before it touched strains nothing."""
+    scene = lowered_cell()
+    model = hhr.condense(hhr.FullOrderModel(scene, MPI.COMM_SELF))
+    for depth in (0.5, 0.8):
+        path = [(0.0, (0.0,)), (1.0, (depth,))]
+        history = model.march(path, hhr.MarchSettings(time_tolerance=1e-3))
+        fine = model.march([(float(t), (t * depth,)) for t in np.linspace(0, 1, 2001)]).answers[-1]
+        found = history.answers[-1].multipliers[model.friction.tangential].sum()
+        exact = fine.multipliers[model.friction.tangential].sum()
+        size = np.linalg.norm(fine.multipliers)
+        # without a look at what closes both a step and its halves stick it to the start: off by .78 of the shear
+        assert abs(found - exact) / size < history.time_error[-1] < 2e-2
+        assert abs(found - exact) < 0.02 * abs(exact)
+
+
+def lowered_cell() -> hhr.Scene:
+    """A block .25 above a rough plane, lowered by its top and pulled along by as much."""
+    top = block.side(1, True)
+    return hhr.Scene(
+        name="lowered",
+        geometry=lambda comm: block.block(comm, lower=(0.0, 0.25), upper=(1.0, 1.25), cells=(1, 1)),
+        hypothesis="plane_strain",
+        bodies=(hhr.Body(block.SOLID, 1.0, 0.0),),
+        contacts=(hhr.Obstacle(block.side(1, False), (0.0, -1.0), 0.0, friction=5.0),),
+        displacements=(
+            hhr.Displacement(top, 0, hhr.Amplitude(slopes={"down": 1.0})),
+            hhr.Displacement(top, 1, hhr.Amplitude(slopes={"down": -1.0})),
+        ),
+        parameters=hhr.ParameterSpace(("down",), (0.0,), (1.0,)),
+    )
+
+
+@pytest.mark.parametrize("last", [False, True])
+def test_a_pair_that_never_touches_takes_no_friction(last):
+    """Another pair names the same nodes, a tangent of one is the normal of the other: an open contact bears nothing."""
+    floor = hhr.Obstacle(block.side(1, False), (0.0, -1.0), 0.0, friction=0.3)
+    stop = hhr.Obstacle(block.side(1, False), (1.0, 0.0), 3.0, friction=0.1)
+    pairs = (floor, stop) if last else (stop, floor)
+    scene = hhr.Scene(
+        name="stopped",
+        geometry=lambda comm: block.block(comm, lower=(0.0, 0.0), upper=(2.0, 1.0), cells=(8, 4)),
+        hypothesis="plane_strain",
+        bodies=(hhr.Body(block.SOLID, 1000.0, 0.3),),
+        contacts=pairs,
+        displacements=(hhr.Displacement(block.side(1, True), 0, hhr.Amplitude(slopes={"pull": 1.0})),),
+        loads=(hhr.Pressure(block.side(1, True), hhr.Amplitude(slopes={"weight": 1.0})),),
+        parameters=hhr.ParameterSpace(("weight", "pull"), (0.0, 0.0), (1.0, 0.1)),
+        outputs=(
+            hhr.ContactForce("along", pairs.index(floor), (1.0, 0.0)),
+            hhr.ContactForce("up", pairs.index(floor), (0.0, 1.0)),
+            hhr.StickArea("sticks", pairs.index(floor)),
+        ),
+    )
+    full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
+    assert full.friction.twice.size == 18
+    outputs = full.march([(0.0, (0.0, 0.0)), (1.0, (1.0, 0.0)), (2.0, (1.0, 0.1))]).answers[-1].outputs()
+    assert -outputs["along"] / outputs["up"] == pytest.approx(0.3, rel=1e-9) and outputs["sticks"] == 0.0
+
+
+def test_a_singular_problem_is_never_answered_by_its_round_off():
+    """S of rank one, hundreds of increments on one model: corrections of systems must not hide what is singular."""
+    rng = np.random.default_rng(3)
+    friction, m = layout(2, 1)
+    for _ in range(40):
+        vector = rng.normal(size=m)
+        schur = np.outer(vector, vector)
+        model = SlidingContact(schur, friction)
+        for _ in range(30):
+            given = Increment(vector * rng.normal(), np.full(2, 0.3), np.full(2, np.inf), NONE)
+            found = model.increment(given, np.zeros(m))
+            if found.status is Status.CONVERGED:
+                assert violation(schur, friction, given, found.forces) < 1e-7
+
+
 def test_trescas_law_bears_its_stress():
     full = hhr.FullOrderModel(rubbing(hhr.Tresca(0.004)), MPI.COMM_SELF)
     answer = full.march([(0.0, (0.0, 0.0)), (1.0, (0.02, 0.0)), (2.0, (0.02, 0.1))]).answers[-1]
@@ -465,7 +544,7 @@ def test_increments_are_cut_until_their_error_is_small():
     ]
     # .034 and .006 were measured
     assert errors[1] < 0.3 * errors[0] and cut.cuts > 0
-    assert errors[1] < max(cut.time_error) < 0.05
+    assert errors[1] < max(cut.time_error) < 0.1
     assert np.isnan(plain.time_error).all()
 
 

@@ -135,6 +135,7 @@ class Friction(Rebuilt):
         fixed: places of the parameters on which laws, moduli or shapes depend: they stay while loads grow in
             proportion.
         shaped: those of shapes, which stay along a path.
+        twice: tangential rows that other conditions on the same nodes say too, as in corners; numbers of rows, (k,).
     """
 
     normal: Annotated[Integers, "frictional"]
@@ -146,6 +147,7 @@ class Friction(Rebuilt):
     laws: tuple[FrictionLaw, ...]
     fixed: Annotated[Integers, "fixed parameters"]
     shaped: Annotated[Integers, "shaping parameters"]
+    twice: Annotated[Integers, "said twice"]
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Rows that are not there, or not in order."""
@@ -156,6 +158,12 @@ class Friction(Rebuilt):
             yield "rows of friction are there twice"
         if self.owner.size and (np.diff(self.owner).min(initial=0) < 0 or self.owner.max() >= self.normal.size):
             yield "tangential rows belong to no contact"
+        if np.bincount(self.owner, minlength=1).max() > self.tangents.shape[1] - 1:
+            yield "a contact has more tangential rows than there are directions"
+        if not np.isin(self.twice, self.tangential).all():
+            yield "rows that are said twice are not tangential"
+        if (self.area < 0).any():
+            yield "areas of contacts with friction are negative"
         if self.law.size and not (0 <= self.law.min() and self.law.max() < len(self.laws)):
             yield "contacts have a law of friction that is not there"
 
@@ -199,6 +207,7 @@ class Friction(Rebuilt):
         return Friction(
             place[self.normal[kept]], self.area[kept], self.law[kept], place[self.tangential[own]],
             number[self.owner[own]], self.tangents[own], self.laws, self.fixed, self.shaped,
+            place[self.twice[place[self.twice] >= 0]],
         )  # fmt: skip
 
 
@@ -210,24 +219,39 @@ class SlipState(NamedTuple):
         path: length that each contact has slipped while it was closed, (C,).
         work: energy that friction has dissipated there, (C,).
         wear: integral of the pressure along what has slipped, (C,): Archard's wear in depth per unit of his constant.
+        pressure: force of its pressure now, (C,).
+        bound: largest tangential force that it may bear now, (C,).
     """
 
     position: np.ndarray
     path: np.ndarray
     work: np.ndarray
     wear: np.ndarray
+    pressure: np.ndarray
+    bound: np.ndarray
 
     @classmethod
     def at_rest(cls, friction: Friction) -> SlipState:
-        """Nothing has slipped."""
-        nothing = np.zeros((3, friction.normal.size))
+        """Nothing has slipped, and nothing presses."""
+        nothing = np.zeros((5, friction.normal.size))
         return cls(np.zeros(friction.tangential.size), *nothing)
 
-    def after(self, friction: Friction, forces: np.ndarray, slack: np.ndarray, active: np.ndarray) -> SlipState:
-        """After an increment, with forces and slack of all rows, (M,) each; tangential slack is what slipped."""
+    def after(self, friction: Friction, forces: np.ndarray, slack: np.ndarray, bound: np.ndarray) -> SlipState:
+        """After an increment, with forces and slack of all rows, (M,) each, and the bounds then, (C,).
+
+        Tangential slack is what slipped. Bounds and pressures along it are the means of both ends, so that what grows
+        in proportion is exact; what opens has slipped half of its way while it was closed.
+        """
         moved = slack[friction.tangential]
         count = friction.normal.size
-        slipped = np.sqrt(np.bincount(friction.owner, moved**2, count)) * active[friction.normal]
-        work = np.bincount(friction.owner, -moved * forces[friction.tangential], count)
-        pressure = np.divide(forces[friction.normal], friction.area, out=np.zeros(count), where=friction.area > 0)
-        return SlipState(self.position + moved, self.path + slipped, self.work + work, self.wear + pressure * slipped)
+        pressure = np.maximum(forces[friction.normal], 0.0)
+        slipped = np.sqrt(np.bincount(friction.owner, moved**2, count))
+        closed = 0.5 * ((self.pressure > 0).astype(float) + (pressure > 0))
+        # of a first increment both ends are the same but for the load, which grew from nothing
+        mean = 0.5 * (self.pressure + pressure)
+        stress = np.divide(mean, friction.area, out=np.zeros(count), where=friction.area > 0)
+        work = 0.5 * (self.bound + bound) * slipped
+        return SlipState(
+            self.position + moved, self.path + slipped * closed, self.work + work, self.wear + stress * slipped,
+            pressure, bound,
+        )  # fmt: skip

@@ -21,6 +21,10 @@ ANEW = -1
 """Code of a row that is another one each time."""
 SINGULAR = 1e-8
 """Residual of a system, in parts of its right-hand side, from which on it is singular to round-off."""
+ROUND_OFF = 1e-13
+"""Residual in parts of the solution, in units in which rows are about one."""
+HUGE = 1e9
+"""Factor by which a solution may be above its right-hand side: what elastic slip holds reaches 1e6."""
 PART = 0.3
 """Part of the size of the factored block that may differ before another one is factored."""
 FEW = 8
@@ -63,13 +67,24 @@ class ReplacedRows:
         if changed is None:
             self._factor(codes, others, label)
         found = self._solved(right)
+        if changed is not None and changed.size:
+            updated = self._updated(found, changed, codes, others, right)
+            if self._holds(updated, right, np.isin(self._acting, changed, invert=True)):
+                return updated
+            self.forget()  # nearly singular, of which corrections know nothing
+            return self.solve(codes, others, right, label)
         if changed is not None:
-            return self._updated(found, changed, codes, others, right) if changed.size else found
-        left = np.abs(self._whole_rows @ found - right[self._acting]).max(initial=0.0)
-        if not left <= SINGULAR * np.abs(right).max(initial=1e-300):
+            return found
+        if not self._holds(found, right, np.ones(self._acting.size, dtype=bool)):
             self.forget()
             raise SingularError(DEPENDENT)
         return found
+
+    def _holds(self, found: np.ndarray, right: np.ndarray, rows: np.ndarray) -> bool:
+        """Whether some of the factored rows, (k,) bool, hold, and the solution is no round-off of a singular system."""
+        left = np.abs((self._whole_rows @ found - right[self._acting])[rows]).max(initial=0.0)
+        size, given = np.abs(found).max(initial=0.0), np.abs(right).max(initial=1e-300)
+        return bool(left <= SINGULAR * given + ROUND_OFF * size and size <= HUGE * given)
 
     def forget(self) -> bool:
         """Factor the next system, whatever it is; whether another one was kept."""

@@ -42,6 +42,8 @@ NEWTON = 40
 """Iterations of Newton's method before another attempt; from the increment before two to five are usual."""
 SWEEPS = (10, 30, 100, 300, 1000, 3000)
 """Sweeps over all contacts between one attempt of Newton's method and the next."""
+ELASTIC_SLIP = 1e-6
+"""Part of the compliance of a contact by which it gives where another condition says the same as its friction."""
 UP = 2
 DOWN = 3
 """Codes of rows of what slips one way and the other, see :mod:`hhr_dolfinx.contact.replaced_rows`."""
@@ -125,7 +127,8 @@ class SlidingContact:
     """
 
     def __init__(self, schur: np.ndarray, friction: Friction, taken: np.ndarray | None = None):
-        self.schur = schur
+        self.given = schur
+        self.schur = schur = _softened(schur, friction.twice)
         self.friction = friction
         self.taken = np.zeros((len(schur), 0)) if taken is None else taken
         rows, owner = friction.tangential, friction.owner
@@ -280,6 +283,10 @@ class SlidingContact:
         limited = (carried >= given.limit)[self._owner]
         direction = tangential / np.where(size > 0, size, 1.0)
         return _Iterate(acting, limited, bound, size > bound, direction, share, measure, forces - projected)
+
+    def bounds(self, given: Increment, forces: np.ndarray) -> np.ndarray:
+        """Largest tangential force that each contact may bear under some forces, (C,)."""
+        return np.minimum(self._carried(given, np.maximum(forces, 0.0)), given.limit)
 
     def _carried(self, given: Increment, pressures: np.ndarray) -> np.ndarray:
         """What pressures let tangential forces be, (C,); infinite of Tresca's law."""
@@ -446,6 +453,15 @@ class SlidingContact:
             if (np.abs(left) <= BALANCED * largest + nothing).all():
                 return found._replace(motions=ends, iterations=iterations, sweeps=sweeps)
         return failed._replace(status=Status.ADRIFT, iterations=iterations, sweeps=sweeps)
+
+
+def _softened(schur: np.ndarray, twice: np.ndarray) -> np.ndarray:
+    """S with some elastic slip of rows that other conditions say too, (k,), which settles what bears a force there."""
+    if not twice.size:
+        return schur
+    found = schur.copy()
+    found[twice, twice] *= 1 + ELASTIC_SLIP
+    return found
 
 
 def _largest(values: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:

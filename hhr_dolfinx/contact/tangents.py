@@ -52,56 +52,70 @@ def with_tangents(
     normals = normals_of(own.matrix, own.slaves, dim)
     tangents = tangents_of(normals)
     matrix = tangential_rows(own.matrix, normals, tangents)
-    turns, owner = _movable(rows.matrix, matrix, normal, free, dim)
+    turns, owner = _movable(matrix, free, dim)
     matrix = csr_matrix(turns @ matrix)
     tangents = turns @ tangents.reshape(-1, dim)
     behind = ContactRows(matrix, np.zeros(owner.size), own.slaves[owner], own.points[owner], own.areas[owner])
+    held = csr_matrix(rows.matrix.multiply(free.astype(float)))
+    twice = _said_twice(held, csr_matrix(matrix.multiply(free.astype(float))), normal, owner, dim)
     numbers = np.array(list(laws))
     friction = Friction(
         normal, own.areas, np.searchsorted(numbers, pairs[normal]),
-        len(pairs) + np.arange(owner.size), owner, tangents, tuple(laws.values()), fixed, shaped,
+        len(pairs) + np.arange(owner.size), owner, tangents, tuple(laws.values()), fixed, shaped, len(pairs) + twice,
     )  # fmt: skip
     return joined([rows, behind]), np.concatenate([pairs, pairs[normal][owner]]), friction
 
 
-def _movable(
-    pressing: csr_matrix, matrix: csr_matrix, normal: np.ndarray, free: np.ndarray, dim: int
-) -> tuple[csr_matrix, np.ndarray]:
-    """Combinations of the tangential rows of each contact, (T', T), that say something of their own, and their contact.
+def _movable(matrix: csr_matrix, free: np.ndarray, dim: int) -> tuple[csr_matrix, np.ndarray]:
+    """Combinations of the tangential rows of each contact, (T', T), independent on free dofs, and the contact of each.
 
-    Where all rows of a contact are independent on free dofs, also of conditions on the same nodes, they stay as they
-    are. Else they are turned, and what is held, or is another condition already, is left out: in a corner between two
-    surfaces a tangent of one is the normal of the other, and what bears the force there is undetermined.
+    Where all of its rows are they stay as they are. Else they are turned, and what is held is left out.
 
     Args:
-        pressing: rows of all pressures, (n, N).
         matrix: tangential rows, dim - 1 for each contact, (T, N).
-        normal: row of the pressure of each contact, (C,).
         free: dofs that are not imposed, (N,) bool.
         dim: components of the displacement at a node.
     """
-    normals, moving = (csr_matrix(item.multiply(free.astype(float))) for item in (pressing, matrix))
+    moving = csr_matrix(matrix.multiply(free.astype(float)))
     every = np.asarray(matrix.multiply(matrix).sum(axis=1)).ravel()
-    corners = _sharing_nodes(normals, normal, dim)
     blocks = []
-    known: dict[int, csr_matrix] = {}
-    for contact in range(normal.size):
-        first = contact * (dim - 1)
+    for first in range(0, matrix.shape[0], dim - 1):
         rows = moving[first : first + dim - 1]
-        left = rows.toarray()[:, rows.indices] if contact not in corners else None
-        if left is None:
-            others = [normals[corners[contact]], *(known[one] for one in known if normal[one] in corners[contact])]
-            columns = np.unique(np.concatenate([rows.indices, *(item.indices for item in others)]))
-            span = linalg.orth(vstack(others)[:, columns].toarray().T)
-            left = rows[:, columns].toarray()
-            left = left - (left @ span) @ span.T
-        sizes, ways = np.linalg.eigh(left @ left.T)
+        sizes, ways = np.linalg.eigh((rows @ rows.T).toarray())
         kept = sizes > DEPENDENT * every[first : first + dim - 1].max()
         blocks.append(np.eye(dim - 1) if kept.all() else ways[:, kept].T)
-        if contact in corners:
-            known[contact] = csr_matrix(blocks[-1] @ rows)
     turns = csr_matrix(block_diag([csr_matrix(block) for block in blocks]))
-    return turns, np.repeat(np.arange(normal.size), [len(block) for block in blocks])
+    return turns, np.repeat(np.arange(len(blocks)), [len(block) for block in blocks])
+
+
+def _said_twice(
+    pressing: csr_matrix, matrix: csr_matrix, normal: np.ndarray, owner: np.ndarray, dim: int
+) -> np.ndarray:
+    """Tangential rows of contacts on whose nodes other conditions say the same, (k,).
+
+    In a corner between two surfaces a tangent of one is the normal of the other: where both touch and stick, what bears
+    the force is undetermined.
+
+    Args:
+        pressing: rows of all pressures on free dofs, (n, N).
+        matrix: tangential rows on free dofs, (T, N).
+        normal: row of the pressure of each contact, (C,).
+        owner: contact of each tangential row, (T,).
+        dim: components of the displacement at a node.
+    """
+    found = []
+    for contact, others in _sharing_nodes(pressing, normal, dim).items():
+        neighbours = np.flatnonzero(np.isin(normal[owner], others))
+        span = vstack([pressing[others], matrix[neighbours]])
+        own = np.flatnonzero(owner == contact)
+        columns = np.unique(np.concatenate([span.indices, matrix[own].indices]))
+        basis = linalg.orth(span[:, columns].toarray().T)
+        rows = matrix[own][:, columns].toarray()
+        left = rows - (rows @ basis) @ basis.T
+        least = np.linalg.svd(left, compute_uv=False).min(initial=1.0) ** 2
+        if least <= DEPENDENT * (rows**2).sum(axis=1).max(initial=0.0):
+            found.append(own)
+    return np.sort(np.concatenate(found)) if found else np.zeros(0, dtype=np.int64)
 
 
 def _sharing_nodes(normals: csr_matrix, normal: np.ndarray, dim: int) -> dict[int, np.ndarray]:

@@ -405,6 +405,10 @@ def _energy(
             f"output '{output.name}': bodies of scene '{discretisation.scene.name}' flow, and the work of forces is "
             "not their elastic energy: leave it out"
         )
+    if problem.friction is not None:
+        raise SceneError(
+            f"output '{output.name}': with friction the work of forces is not elastic energy alone: leave it out"
+        )
     whole = problem.gathered(discretisation.comm)
     names = problem.parameters.names
     moduli = tuple(f"({modulus.factor}) * ({modulus.rest})" for modulus in problem.moduli) or ("1",)

@@ -269,5 +269,6 @@ def _check_scene(full: Any) -> None:
     if problem.pins is not None:
         raise NotOfferedError(
             f"contact alone holds bodies of scene '{full.scene.name}', and their elasticity depends on parameters: "
-            "interpolated condensation is not built in for these. Take a reduced model, training.build()"
+            "interpolated condensation is not built in for these. Take "
+            + ("the full model itself" if problem.friction is not None else "a reduced model, training.build()")
         )

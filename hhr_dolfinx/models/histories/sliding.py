@@ -2,7 +2,9 @@
 
 An increment goes from one point of a path to the next and slips in a straight line, backward Euler for the rate of
 slip. A step that does not settle is halved. With a tolerance each step is solved at once and in two halves, whose
-forces differ by about what those of the halves are off, and is cut until that is small enough.
+forces and dissipated work differ by about what those of the halves are off, and is cut until that is small enough. A
+contact that closes within an increment sticks to where it was at the beginning, which both ways do alike: what holds it
+since counts as an error too.
 """
 
 from __future__ import annotations
@@ -28,6 +30,10 @@ PROPORTIONAL = 4
 """Increments from rest to a single parameter before any is cut: one and two of a single step may agree by chance."""
 TOLERANCE = 1e-3
 """Error of forces that increments to a single parameter may make, relative to the largest force."""
+WORK = 1e-3
+"""Part of the elastic energy of contact beside which dissipated work is small: far below it nothing has slipped."""
+APART = 1e-9
+"""Part of the largest gap above which a contact is open."""
 CUTS = 12
 """How often a step may be halved for the sake of a tolerance."""
 
@@ -39,6 +45,8 @@ class _Reached(NamedTuple):
     time: float
     forces: np.ndarray
     active: np.ndarray | None
+    gap: np.ndarray
+    """Gaps of contacts with friction, (C,)."""
     slip: SlipState
     weights: np.ndarray
     """Derivative of each parameter here along that of the whole history, (P,)."""
@@ -80,6 +88,9 @@ class Slider:
     Args:
         model: full or condensed, with a ``friction``, and ``contacts`` for the contact problem of each point.
         gradient: whether derivatives go along.
+
+    Attributes:
+        largest, energy: largest norm of forces, and elastic energy of contact, so far: what errors are measured by.
     """
 
     def __init__(self, model: Any, gradient: bool = False):
@@ -88,26 +99,30 @@ class Slider:
         self.friction: Friction = model.friction
         self._contact_at: Callable[[np.ndarray], CondensedContact] = model.contacts()
         self._sliding: SlidingContact | None = None
+        self.largest = 0.0
+        self.energy = 0.0
 
     def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> _Reached:
         """Undeformed bodies, of which nothing has slipped."""
         forces = np.zeros(self.model.own_conditions)
         changes = np.zeros((self.friction.tangential.size, point.size))
-        return _Reached(point, time, forces, None, SlipState.at_rest(self.friction), weights, changes)
+        gap = self._contact_at(point).free_slack[self.friction.normal]
+        return _Reached(point, time, forces, None, gap, SlipState.at_rest(self.friction), weights, changes)
 
     def increment(self, before: _Reached, target: _Target) -> _Solved:
         """One increment, settled or not."""
         time, point, weights = target
         contact = self._contact_at(point)
         taken = None if contact.floating is None else contact.floating.equalities.taken
-        if self._sliding is None or self._sliding.schur is not contact.schur:
+        if self._sliding is None or self._sliding.given is not contact.schur:
             self._sliding = SlidingContact(contact.schur, self.friction, taken)
         slack = contact.free_slack.copy()
         slack[self.friction.tangential] -= before.slip.position
         driving = np.zeros(0) if contact.floating is None else contact.floating.driving
         given = Increment(slack, *self.friction.bounds(point), driving)
         found = self._sliding.increment(given, before.forces, before.active)
-        slip = before.slip.after(self.friction, found.forces, found.slack, found.active)
+        bound = self._sliding.bounds(given, found.forces)
+        slip = before.slip.after(self.friction, found.forces, found.slack, bound)
         gradient = None
         changes = before.changes
         if self.gradient and found.status is Status.CONVERGED:
@@ -115,8 +130,12 @@ class Slider:
             changes = changes + np.where(
                 found.active[self.friction.tangential, None], 0.0, gradient.slack[self.friction.tangential]
             )
+        gap = found.slack[self.friction.normal]
+        if found.status is Status.CONVERGED:
+            self.largest = max(self.largest, float(np.linalg.norm(found.forces)))
+            self.energy = max(self.energy, 0.5 * float(found.forces @ (contact.schur @ found.forces)))
         return _Solved(
-            found, _Reached(point, time, found.forces, found.active, slip, weights, changes), contact, gradient
+            found, _Reached(point, time, found.forces, found.active, gap, slip, weights, changes), contact, gradient
         )
 
     def _gradient(
@@ -134,7 +153,7 @@ class Slider:
         if floating is not None:
             driving = floating.drift(found.forces, unknown) * target.weights
         forces, motions = self._sliding.changes(given, found, slack, (bounds[0], bounds[1]), driving)
-        slack = slack + contact.schur @ forces - self._sliding.taken @ motions
+        slack = slack + self._sliding.schur @ forces - self._sliding.taken @ motions
         slack[found.active] = 0.0
         of_unknown = of_unknown - contact.pushed(forces)
         if floating is not None:
@@ -159,11 +178,10 @@ def _unknown(contact: CondensedContact, found: Sliding) -> np.ndarray:
 class _Step:
     """One step of a path, cut as far as it must be."""
 
-    def __init__(self, slider: Slider, cuts: int, tolerance: float | None, largest: float):
+    def __init__(self, slider: Slider, cuts: int, tolerance: float | None):
         self.slider = slider
         self.cuts = cuts
         self.tolerance = tolerance
-        self.largest = largest
         self.iterations = 0
         self.error = 0.0
         self.cycled = False
@@ -180,8 +198,8 @@ class _Step:
         half = self._solved(before, middle)
         if whole.settled and half.settled:
             second = self._solved(half.reached, target)
-            error = self._difference(second, whole)
-            if second.settled and error <= (self.tolerance or 0.0):
+            error = self._difference(before, half, second, whole)
+            if second.settled and (error <= (self.tolerance or 0.0) or depth + 1 >= CUTS):
                 self.error += error
                 self.ends.append(middle.time)
                 return second
@@ -191,10 +209,22 @@ class _Step:
         self.ends.append(middle.time)
         return self.taken(first.reached, target, depth + 1)
 
-    def _difference(self, one: _Solved, other: _Solved) -> float:
-        """Of forces, by the largest of the history."""
-        self.largest = max(self.largest, float(np.linalg.norm(one.found.forces)))
-        return float(np.linalg.norm(one.found.forces - other.found.forces)) / (self.largest or 1.0)
+    def _difference(self, before: _Reached, half: _Solved, second: _Solved, whole: _Solved) -> float:
+        """What a step in two halves is off: of forces by the largest of the history, of work by what was dissipated."""
+        closing = np.linalg.norm([self._held(before, half.reached), self._held(half.reached, second.reached)])
+        off = np.linalg.norm(second.found.forces - whole.found.forces) + closing
+        work = float(second.reached.slip.work.sum())
+        change = abs(work - float(whole.reached.slip.work.sum()))
+        size = self.slider.largest or 1.0
+        return max(float(off) / size, change / (work + WORK * self.slider.energy or 1.0))
+
+    def _held(self, before: _Reached, after: _Reached) -> float:
+        """Tangential force on contacts that closed in an increment, which sticks them to where they had been before."""
+        friction = self.slider.friction
+        assert after.active is not None
+        # what touched at the beginning has moved nowhere before it was pressed
+        closed = after.active[friction.normal] & (before.gap > APART * np.abs(before.gap).max(initial=0.0))
+        return float(np.linalg.norm(after.forces[friction.tangential][closed[friction.owner]]))
 
     def _solved(self, before: _Reached, target: _Target) -> _Solved:
         solved = self.slider.increment(before, target)
@@ -226,17 +256,15 @@ def slide_along(
     slider = Slider(model, settings.gradient)
     weights = np.ones((len(path), path[0][1].size)) if weights is None else weights
     reached = slider.at_rest(*path[0], weights[0])
-    largest = 0.0
     error = 0.0
     try:
         for (time, point), weight in zip(path[1:], weights[1:], strict=True):
             model.check_range(point, settings.outside)
-            step = _Step(slider, settings.cuts, settings.time_tolerance, largest)
+            step = _Step(slider, settings.cuts, settings.time_tolerance)
             solved = step.taken(reached, _Target(time, point, weight))
             reached = solved.reached
             error += np.nan if settings.time_tolerance is None else step.error
             answer = _told(slider, step, solved)._replace(time_error=error)
-            largest = max(largest, float(np.linalg.norm(answer.multipliers)))
             history.cuts += answer.parts > 1
             history.answers.append(answer)
     except BaseException as stop:
@@ -266,9 +294,15 @@ def _told(slider: Slider, step: _Step, solved: _Solved) -> Answer:
     answer = slider.answer(solved)._replace(iterations=step.iterations, cycled=step.cycled, ends=tuple(step.ends))
     found = solved.found
     advice = dict(slider.model.advice)
-    if found.unsettled.size:
+    if found.status is Status.ADRIFT:
+        advice[found.status] = "friction does not bear its loads, or nothing presses on it"
+    elif found.unsettled.size:
         advice[found.status] = f"conditions {found.unsettled[:8].tolist()} keep changing"
-    return outcome(answer, True, advice)
+    try:
+        return outcome(answer, True, advice)
+    except (ConvergenceError, NotSolvableError) as error:
+        vars(error)["status"] = answer.status
+        raise
 
 
 def proportional(model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool) -> Answer:
@@ -295,10 +329,10 @@ def proportional(model: Any, point: np.ndarray, raise_on_failure: bool, outside:
             path, weights = _parted(history, path, weights)
             settings = MarchSettings(outside="ignore", gradient=True)
             history = slide_along(model, path, settings, weights=weights)
-    except (ConvergenceError, NotSolvableError):
+    except (ConvergenceError, NotSolvableError) as error:
         if raise_on_failure:
             raise
-        return unanswered(point, model.sizes, model.fields, Status.UNSETTLED)
+        return unanswered(point, model.sizes, model.fields, vars(error).get("status", Status.UNSETTLED))
     answer = history.answers[-1]
     return answer._replace(
         iterations=sum(history.iterations), cycled=any(one.cycled for one in history.answers), time=np.nan, ends=(),
