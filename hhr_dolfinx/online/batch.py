@@ -206,13 +206,18 @@ class Query:
         """The reduced model or models, of one that falls back too."""
         return self.model.reduced if isinstance(self.model, FallbackModel) else self.model
 
+    @property
+    def _friction(self) -> Any:
+        """Which conditions are tangential; None without friction, and of models of a user's own, which know none."""
+        return getattr(self.model, "friction", None)
+
     def _blank(self, count: int) -> dict[str, np.ndarray]:
         """Columns by name, without a number yet."""
         table = {head: np.full(count, np.nan) for head in (*self.heads, *self.estimate_heads)}
         table["forces"] = np.full((count, self.model.conditions), np.nan)
         if self.displacement:
             table["largest_displacement"] = np.full(count, np.nan)
-        if self.model.friction is not None:
+        if self._friction is not None:
             table["total_force"] = np.full(count, np.nan)
         if isinstance(self.model, FallbackModel):
             table["fell_back"] = np.zeros(count, dtype=bool)
@@ -225,8 +230,8 @@ class Query:
         if not rows.size:
             return
         found: dict[str, Any] = {"forces": many.forces()}
-        if self.model.friction is not None:
-            found["total_force"] = np.delete(found["forces"], self.model.friction.tangential, axis=1).sum(axis=1)
+        if self._friction is not None:
+            found["total_force"] = np.delete(found["forces"], self._friction.tangential, axis=1).sum(axis=1)
         if self.heads:
             found |= dict(zip(self.heads, many.outputs().values(), strict=True))
         if self.estimate_heads:
