@@ -191,25 +191,6 @@ class Friction(Rebuilt):
         sticks = np.bincount(self.owner, ~active[self.tangential], self.normal.size) == 0
         return np.where(active[self.normal], np.where(sticks, 1, 2), 0)
 
-    def take(self, rows: np.ndarray, count: int) -> Friction | None:
-        """What is left on some of so many rows, numbered as in ``rows``; None without a contact.
-
-        A contact whose pressure is not among them is left out, with its tangential rows.
-        """
-        place = np.full(count, -1)
-        place[rows] = np.arange(rows.size)
-        kept = np.flatnonzero(place[self.normal] >= 0)
-        if not kept.size:
-            return None
-        number = np.full(self.normal.size, -1)
-        number[kept] = np.arange(kept.size)
-        own = np.flatnonzero((place[self.tangential] >= 0) & (number[self.owner] >= 0))
-        return Friction(
-            place[self.normal[kept]], self.area[kept], self.law[kept], place[self.tangential[own]],
-            number[self.owner[own]], self.tangents[own], self.laws, self.fixed, self.shaped,
-            place[self.twice[place[self.twice] >= 0]],
-        )  # fmt: skip
-
 
 class SlipState(NamedTuple):
     """What friction remembers (T tangential rows, C contacts).
@@ -247,7 +228,6 @@ class SlipState(NamedTuple):
         pressure = np.maximum(forces[friction.normal], 0.0)
         slipped = np.sqrt(np.bincount(friction.owner, moved**2, count))
         closed = 0.5 * ((self.pressure > 0).astype(float) + (pressure > 0))
-        # of a first increment both ends are the same but for the load, which grew from nothing
         mean = 0.5 * (self.pressure + pressure)
         stress = np.divide(mean, friction.area, out=np.zeros(count), where=friction.area > 0)
         work = 0.5 * (self.bound + bound) * slipped

@@ -83,14 +83,13 @@ class ReplacedRows:
     def _holds(self, found: np.ndarray, right: np.ndarray, rows: np.ndarray) -> bool:
         """Whether some of the factored rows, (k,) bool, hold, and the solution is no round-off of a singular system."""
         left = np.abs((self._whole_rows @ found - right[self._acting])[rows]).max(initial=0.0)
-        size, given = np.abs(found).max(initial=0.0), np.abs(right).max(initial=1e-300)
+        size = np.abs(found).max(initial=0.0)
+        given = np.abs(right).max(initial=1e-300)
         return bool(left <= SINGULAR * given + ROUND_OFF * size and size <= HUGE * given)
 
-    def forget(self) -> bool:
-        """Factor the next system, whatever it is; whether another one was kept."""
-        kept = self._codes is not None
+    def forget(self) -> None:
+        """Factor the next system, whatever it is."""
         self._codes = None
-        return kept
 
     def _changed(self, codes: np.ndarray, label: bytes) -> np.ndarray | None:
         """Rows that differ from the factored system; None where another one is to be factored."""

@@ -131,7 +131,8 @@ class SlidingContact:
         self.schur = schur = _softened(schur, friction.twice)
         self.friction = friction
         self.taken = np.zeros((len(schur), 0)) if taken is None else taken
-        rows, owner = friction.tangential, friction.owner
+        rows = friction.tangential
+        owner = friction.owner
         self._rows = rows
         self._owner = owner
         self._normal = friction.normal[owner]  # row of pressure of each tangential row
@@ -175,9 +176,10 @@ class SlidingContact:
         acting = active.copy()
         own = forces[self._rows]
         size = self._length(own)
-        bound = np.minimum(self._carried(given, np.maximum(forces, 0.0)), given.limit)[self._owner]
+        carried = self._carried(given, np.maximum(forces, 0.0))
+        bound = np.minimum(carried, given.limit)[self._owner]
         acting[self._rows] = (bound > 0) | active[self._normal]
-        limited = (self._carried(given, np.maximum(forces, 0.0)) >= given.limit)[self._owner]
+        limited = (carried >= given.limit)[self._owner]
         direction = own / np.where(size > 0, size, 1.0)
         slips = ~active[self._rows] & (size > 0)
         measure = PROBES[0] * self.stiffness[self._rows]
@@ -401,7 +403,7 @@ class SlidingContact:
         nothing = np.zeros(0, dtype=np.int64)
         return Sliding(np.zeros(len(start)), none, given.slack, np.zeros(self.taken.shape[1]), 0, 0, status, nothing)
 
-    def _by_sweeps(self, given: Increment, found: Sliding, schur: np.ndarray | None = None) -> Sliding:
+    def _by_sweeps(self, given: Increment, found: Sliding) -> Sliding:
         """Sweeps over single contacts, and Newton's method from what they find."""
         forces = np.where(np.isfinite(found.forces), found.forces, 0.0)
         iterations = found.iterations

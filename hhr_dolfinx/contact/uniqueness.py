@@ -67,7 +67,8 @@ def residual(schur: np.ndarray, friction: Friction, given: Increment, forces: np
     slack = given.slack + schur @ forces
     found = np.where((forces > 0) | (slack < 0), slack, 0.0)
     count = friction.normal.size
-    rows, owner = friction.tangential, friction.owner
+    rows = friction.tangential
+    owner = friction.owner
     with np.errstate(invalid="ignore"):
         carried = np.where(given.free, np.inf, given.coefficient * np.maximum(forces[friction.normal], 0.0))
     bound = np.minimum(carried, given.limit)

@@ -120,7 +120,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         self.parameters = problem.parameters
         self.friction = problem.friction
         self._own = problem.rows
-        self._at_hand: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        self._at_hand: tuple[np.ndarray, csr_matrix, np.ndarray, np.ndarray] | None = None
         # a stiffness factored for each query, with a solve for each condition: at 14,140 dofs and 162 conditions MUMPS
         # takes 24 + 138 ms, nd 45 + 272 ms, qmd 70 + 308 ms; that of bodies that flow serves whole histories
         anew = problem.varies and all(body.law is None for body in self.scene.bodies) and self.scaled is None
@@ -197,14 +197,17 @@ class FullOrderModel(AnsweringModel, ModelFields):
         Along a path mostly loads change, and moduli stay.
         """
         weights = self.problem.weights(point)
-        if self.problem.reshaped is None and self._at_hand is not None and np.array_equal(weights, self._at_hand[0]):
-            return self._at_hand[1:]
+        known = self._at_hand
+        if self.problem.reshaped is None and known is not None and np.array_equal(weights, known[0]):
+            self._solver.refactor(known[1])  # no work, unless whoever reduces or checks has put others in their place
+            return known[2:]
         self._at_hand = None
-        self._solver.refactor(problem.own_stiffness)
+        stiffness = problem.own_stiffness
+        self._solver.refactor(stiffness)
         contact = problem.contact[:, problem.rows]
         per_force = self.solved_columns(contact.T)
         schur = self.comm.allreduce(contact @ per_force)
-        self._at_hand = weights, per_force, schur
+        self._at_hand = weights, stiffness, per_force, schur
         return per_force, schur
 
     @property
@@ -272,7 +275,11 @@ class FullOrderModel(AnsweringModel, ModelFields):
         """See :class:`AnsweringModel`; what K of the point before leaves is at hand."""
         from hhr_dolfinx.full_order.elimination import FullStiffness
 
-        return lambda point: FullStiffness.at(self, point).contact()
+        def made(point: np.ndarray) -> CondensedContact:
+            with self.factors.lock:  # of which another thread might make those of another point
+                return FullStiffness.at(self, point).contact()
+
+        return made
 
     @property
     def sizes(self) -> tuple[int, int]:
@@ -291,11 +298,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
         ``known`` are answers to its first steps, solved before; ``keep`` is told of each new one as it is there.
         """
+        if self.friction is not None:  # of which nothing is kept
+            return super().march(path, settings)
         checked = checked_path(self.parameters, path)
-        if self.friction is not None:
-            from hhr_dolfinx.models.histories.sliding import slide_along
-
-            return slide_along(self, checked, settings)
         if self.equilibrium is None:
             return solve_along(self, checked, settings, known=known, keep=keep)
         from hhr_dolfinx.models.histories.march import march

@@ -133,7 +133,6 @@ class Slider:
         gap = found.slack[self.friction.normal]
         if found.status is Status.CONVERGED:
             self.largest = max(self.largest, float(np.linalg.norm(found.forces)))
-            self.energy = max(self.energy, 0.5 * float(found.forces @ (contact.schur @ found.forces)))
         return _Solved(
             found, _Reached(point, time, found.forces, found.active, gap, slip, weights, changes), contact, gradient
         )
@@ -228,6 +227,9 @@ class _Step:
 
     def _solved(self, before: _Reached, target: _Target) -> _Solved:
         solved = self.slider.increment(before, target)
+        if self.tolerance is not None and solved.settled:
+            forces = solved.found.forces
+            self.slider.energy = max(self.slider.energy, 0.5 * float(forces @ (solved.contact.schur @ forces)))
         self.iterations += solved.found.iterations
         self.cycled |= solved.found.sweeps > 0
         return solved
