@@ -28,7 +28,7 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.floating import BALANCED, MOST_STEPS, NOTHING, WEAKNESS
 from hhr_dolfinx.contact.friction import Friction
-from hhr_dolfinx.contact.replaced_rows import ANEW, GIVEN, ReplacedRows
+from hhr_dolfinx.contact.sliding_system import HUGE, ROUND_OFF, SINGULAR, Rows, SlidingSystem, SlidingSystems, Statuses
 from hhr_dolfinx.contact.sweeps import swept
 from hhr_dolfinx.errors import SingularError
 
@@ -44,9 +44,8 @@ SWEEPS = (10, 30, 100, 300, 1000, 3000)
 """Sweeps over all contacts between one attempt of Newton's method and the next."""
 ELASTIC_SLIP = 1e-6
 """Part of the compliance of a contact by which it gives where another condition says the same as its friction."""
-UP = 2
-DOWN = 3
-"""Codes of rows of what slips one way and the other, see :mod:`hhr_dolfinx.contact.replaced_rows`."""
+STALLED = 0.2
+"""Part of how far forces were off, above which a step with old factors has not served, and new ones are made."""
 GRAZING = 1e-7
 """Part of the largest force by which a contact is about to change its status."""
 
@@ -102,19 +101,16 @@ class _Iterate(NamedTuple):
     acting: np.ndarray  # rows that bear a force: closed contacts, and tangential rows that friction resists, (M,) bool
     limited: np.ndarray  # tangential rows whose bound is the limit, (T,) bool
     bound: np.ndarray  # b of each tangential row, (T,)
-    slips: np.ndarray  # tangential rows that slip, (T,) bool
+    slips: np.ndarray  # acting tangential rows that slip, (T,) bool
     direction: np.ndarray  # y_t / |y_t|, (T,)
     shrunk: np.ndarray  # b / |y_t|, (T,)
-    measure: np.ndarray  # force by which a slip counts, (T,)
+    measure: float  # part of its stiffness by which a slip counts
     off: np.ndarray  # forces less their projection, (M,)
 
     def key(self) -> bytes:
         """What tells sets of statuses apart."""
         signs = np.sign(self.direction[self.slips])
         return self.acting.tobytes() + self.slips.tobytes() + self.limited[self.slips].tobytes() + signs.tobytes()
-
-
-_NOWHERE = np.zeros(0, dtype=bool)
 
 
 class SlidingContact:
@@ -144,12 +140,11 @@ class SlidingContact:
         softness[rows] = _largest(softness[rows], owner, friction.normal.size)[owner]
         typical = softness[softness > 0].mean() if (softness > 0).any() else 1.0
         self.stiffness = 1.0 / np.where(softness > 0, softness, typical)
-        self._place = np.full(len(schur), -1)
-        self._place[rows] = np.arange(rows.size)
-        border = np.zeros((self.taken.shape[1],) * 2)
-        # rows in the unit of forces, as those of what is given are: products of corrections cancel else
-        slacks = np.hstack([schur, -self.taken]) * self.stiffness[:, None]
-        self._systems = ReplacedRows(np.vstack([slacks, np.hstack([self.taken.T, border])]))
+        unit = self.stiffness[:, None]
+        balance = np.ascontiguousarray(self.taken.T)
+        scaled = np.hstack([schur, -self.taken]) * unit
+        self._problem = Rows(self.stiffness, scaled, balance, rows, self._normal, self._curved)
+        self._systems = SlidingSystems(self._problem)
 
     def increment(self, given: Increment, start: np.ndarray, active: np.ndarray | None = None) -> Sliding:
         """Solve an increment.
@@ -165,7 +160,7 @@ class SlidingContact:
         motions = np.zeros(self.taken.shape[1])
         if active is not None and not motions.size:
             with suppress(SingularError):
-                start = self._solved(given, self._as_before(given, start, active))
+                start = self._solved(given, self._as_before(given, start, active), start)
         found = self._tried(given, start, motions)
         if found.status is Status.CONVERGED:
             return found
@@ -181,41 +176,58 @@ class SlidingContact:
         acting[self._rows] = (bound > 0) | active[self._normal]
         limited = (carried >= given.limit)[self._owner]
         direction = own / np.where(size > 0, size, 1.0)
-        slips = ~active[self._rows] & (size > 0)
-        measure = PROBES[0] * self.stiffness[self._rows]
-        return _Iterate(acting, limited, bound, slips, direction, _share(bound, size), measure, np.zeros(0))
+        slips = ~active[self._rows] & (size > 0) & acting[self._rows]
+        return _Iterate(acting, limited, bound, slips, direction, _share(bound, size), PROBES[0], np.zeros(0))
 
     def _tried(self, given: Increment, start: np.ndarray, motions: np.ndarray) -> Sliding:
         """Newton's method, by one measure of slip after another."""
         iterations = 0
-        for probe in (PROBES[0], *PROBES):  # the first one again without what round-off may have spoilt
-            found = self._newton(given, start, motions, probe)
+        # the first one again without what old factors may have spoilt
+        for probe, old in ((PROBES[0], True), *((probe, False) for probe in PROBES)):
+            found = self._newton(given, start, motions, probe, old)
             iterations += found.iterations
             if found.status is Status.CONVERGED:
                 break
             self._systems.forget()
         return found._replace(iterations=iterations)
 
-    def _newton(self, given: Increment, start: np.ndarray, motions: np.ndarray, probe: float) -> Sliding:
-        """Newton's method; the status is ``UNSETTLED`` where statuses repeat, or ``SINGULAR``."""
+    def _newton(self, given: Increment, start: np.ndarray, motions: np.ndarray, probe: float, old: bool) -> Sliding:
+        """Newton's method; the status is ``UNSETTLED`` where statuses repeat, or ``SINGULAR``.
+
+        Args:
+            given: what drives the increment.
+            start, motions: forces and motions to start from.
+            probe: of :data:`PROBES`.
+            old: whether steps may be made with factors of other directions, as long as they serve.
+        """
         forces = start
         seen: set[bytes] = set()
         least = np.inf
+        before = np.inf
         status = Status.UNSETTLED
+        pushed = (self.stiffness * np.abs(given.slack)).max(initial=0.0)
+        wanted = max(pushed, np.abs(given.driving).max(initial=0.0), given.limit[given.limit < np.inf].max(initial=0.0))
         for iteration in range(NEWTON + 1):
             slack = given.slack + self.schur @ forces - self.taken @ motions
             at = self._projected(given, forces, slack, probe)
             worst = np.abs(at.off).max(initial=0.0)
             balanced = self._balanced(given, forces)
-            if worst <= self._noise(given, forces) and balanced:
+            largest = np.abs(forces).max(initial=0.0)
+            if iteration and largest > HUGE * wanted:
+                status = Status.SINGULAR
+                break
+            noise = min(TOLERANCE * largest + 1e-15 * pushed, SINGULAR * wanted + ROUND_OFF * largest)
+            if worst <= noise and balanced:
                 return self._settled(given, at, forces, slack, motions, iteration)
             key = at.key()
             if iteration == NEWTON or (key in seen and not worst < 0.5 * least):
                 break
             seen.add(key)
             least = min(least, worst)
+            near = np.concatenate([forces, motions]) if old and worst < STALLED * before else None
+            before = worst
             try:
-                solved = self._solved(given, at)
+                solved = self._solved(given, at, near)
             except SingularError:
                 status = Status.SINGULAR
                 break
@@ -223,7 +235,7 @@ class SlidingContact:
             motions = solved[forces.size :]
         return Sliding(
             forces, at.acting, slack, motions, iteration, 0, status,
-            self._pressures[np.abs(at.off[self._pressures]) > self._noise(given, forces)],
+            self._pressures[np.abs(at.off[self._pressures]) > noise],
         )  # fmt: skip
 
     def changes(
@@ -243,20 +255,12 @@ class SlidingContact:
             SingularError: where statuses leave forces undetermined.
         """
         at = self._projected(given, found.forces, found.slack, PROBES[0])
-        m = len(slack)
-        slipping = at.slips & at.acting[self._rows]
-        right = np.concatenate([-slack * self.stiffness[:, None], driving])
-        right[:m][~at.acting] = 0.0
-        owner = self._owner[slipping]
-        pressure = np.maximum(found.forces[self._normal], 0.0)[slipping, None]
-        grown = np.where(at.limited[slipping, None], bounds[1][owner], bounds[0][owner] * pressure)
-        right[self._rows[slipping]] = grown * at.direction[slipping, None]
-        turning = slipping & self._curved
-        if turning.any():
-            own = self._rows[turning]
-            right[own] += self._turned(at, turning, -at.measure[turning, None] * slack[own])
-        solved = self._solved(given, at, right)
-        return solved[:m], solved[m:]
+        owner = self._owner
+        pressure = np.maximum(found.forces[self._normal], 0.0)[:, None]
+        grown = np.where(at.limited[:, None], bounds[1][owner], bounds[0][owner] * pressure) * at.direction[:, None]
+        right = self._right(at, slack, grown, driving)
+        solved = SlidingSystem(self._problem, self._statuses(given, at)).solve(right)
+        return solved[: len(slack)], solved[len(slack) :]
 
     def grazing(self, given: Increment, found: Sliding) -> np.ndarray:
         """Rows about to change their status, where derivatives hold on one side only, (M,) bool."""
@@ -276,15 +280,17 @@ class SlidingContact:
         acting = y > 0
         carried = self._carried(given, projected)
         bound = np.minimum(carried, given.limit)[self._owner]
-        projected[self._rows] = y[self._rows] * _share(bound, self._length(y[self._rows]))
-        measure = probe * self.stiffness[self._rows]
-        tangential = forces[self._rows] - measure * slack[self._rows]
+        pushed = y[self._rows]
+        projected[self._rows] = pushed * _share(bound, self._length(pushed))
+        own = forces[self._rows]
+        tangential = own + probe * (pushed - own)
         size = self._length(tangential)
-        share = _share(bound, size)
-        acting[self._rows] = (bound > 0) | acting[self._normal]
+        bears = (bound > 0) | acting[self._normal]
+        acting[self._rows] = bears
         limited = (carried >= given.limit)[self._owner]
         direction = tangential / np.where(size > 0, size, 1.0)
-        return _Iterate(acting, limited, bound, size > bound, direction, share, measure, forces - projected)
+        share = _share(bound, size)
+        return _Iterate(acting, limited, bound, (size > bound) & bears, direction, share, probe, forces - projected)
 
     def bounds(self, given: Increment, forces: np.ndarray) -> np.ndarray:
         """Largest tangential force that each contact may bear under some forces, (C,)."""
@@ -304,11 +310,6 @@ class SlidingContact:
             return np.abs(tangential)
         return np.sqrt(np.bincount(self._owner, tangential**2, self.friction.normal.size))[self._owner]
 
-    def _noise(self, given: Increment, forces: np.ndarray) -> float:
-        """Force that is round-off."""
-        largest = np.abs(forces).max(initial=0.0)
-        return TOLERANCE * largest + 1e-15 * (self.stiffness * np.abs(given.slack)).max(initial=0.0)
-
     def _balanced(self, given: Increment, forces: np.ndarray) -> bool:
         """Whether forces balance the loads along rigid motions."""
         if not given.driving.size:
@@ -317,73 +318,54 @@ class SlidingContact:
         size = np.abs(given.driving) + np.abs(forces) @ np.abs(self.taken)
         return bool((left <= 1e-10 * size.max()).all())
 
-    def _solved(self, given: Increment, at: _Iterate, right: np.ndarray | None = None) -> np.ndarray:
-        """Forces and motions on some statuses and directions, or their changes, (M + r,) or (M + r, P).
+    def _solved(self, given: Increment, at: _Iterate, near: np.ndarray | None = None) -> np.ndarray:
+        """Forces and motions on some statuses and directions, (M + r,).
 
         Args:
             given: what drives the increment.
             at: the statuses.
-            right: right-hand side; None for that of the increment.
+            near: forces and motions that are near to them, (M + r,): where nothing but directions differs from what was
+                factored, they are made nearer, which is cheaper.
 
         Raises:
-            SingularError: where that is singular.
+            SingularError: where they are undetermined.
         """
-        m = len(self.schur)
-        slipping = at.slips & at.acting[self._rows]
-        turning = slipping & self._curved if self._turns else _NOWHERE
-        codes = np.ones(len(self._systems.whole), dtype=np.int8)
-        codes[:m] = at.acting  # WHOLE where they do, GIVEN elsewhere
-        own = np.where(at.limited, GIVEN, np.where(at.direction > 0, UP, DOWN))
-        codes[self._rows[slipping]] = own[slipping]
-        if turning.size:
-            codes[self._rows[turning]] = ANEW
-        if right is None:
-            right = np.concatenate([-given.slack * self.stiffness, given.driving])
-            right[:m] *= at.acting
-            right[self._rows[slipping]] = (at.limited * at.bound * at.direction)[slipping]
-            if turning.size:
-                free = -at.measure * given.slack[self._rows]
-                right[self._rows[turning]] += self._turned(at, turning, free[turning][:, None])[:, 0]
+        known = np.where(at.limited, at.bound * at.direction, 0.0)
+        right = self._right(at, given.slack[:, None], known[:, None], given.driving[:, None])[:, 0]
+        statuses = self._statuses(given, at)
+        label = given.coefficient.tobytes()
+        if near is not None and self._turns and (at.slips & self._curved).any():
+            nearer = self._systems.nearer(statuses, right, label, near)
+            if nearer is not None:
+                return nearer
+        return self._systems.solve(statuses, right, label)
 
-        def others(rows: np.ndarray) -> np.ndarray:
-            return self._slipping_rows(given, at, rows)
+    def _statuses(self, given: Increment, at: _Iterate) -> Statuses:
+        """What the linear system needs to know of an iterate."""
+        followed = np.where(at.limited, 0.0, given.coefficient[self._owner])
+        return Statuses(at.acting, at.slips, followed, at.direction, at.shrunk, at.measure)
 
-        return self._systems.solve(codes, others, right, given.coefficient.tobytes())
+    def _right(self, at: _Iterate, slack: np.ndarray, known: np.ndarray, driving: np.ndarray) -> np.ndarray:
+        """Right-hand sides of all rows, (M + r, P).
 
-    def _slipping_rows(self, given: Increment, at: _Iterate, rows: np.ndarray) -> np.ndarray:
-        """Rows τ - b direction - (b / |y|) (1 - direction direction^T) y of what slips, (k, M + r)."""
-        whole = self._systems.whole
-        place = self._place[rows]
-        found = np.zeros((rows.size, len(whole)))
-        turning = np.flatnonzero(self._curved[place])
-        if turning.size:
-            turning = turning[np.argsort(place[turning])]
-            chosen = np.zeros(self._rows.size, dtype=bool)
-            chosen[place[turning]] = True
-            own = whole[rows[turning]]
-            own *= -(at.measure / self.stiffness[self._rows])[chosen, None]
-            own[np.arange(len(own)), rows[turning]] += 1.0
-            found[turning] = -self._turned(at, chosen, own)
-        places = np.arange(rows.size)
-        found[places, rows] += 1.0
-        # of a bound of zero the pressure may be zero too, with no column
-        carried = ~at.limited[place] & at.acting[self._normal[place]]
-        change = given.coefficient[self._owner[place[carried]]] * at.direction[place[carried]]
-        found[places[carried], self._normal[place[carried]]] -= change
-        return found
-
-    def _turned(self, at: _Iterate, chosen: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """(b / |y|) (1 - direction direction^T) times values, (k, p), of tangential rows that slip in space.
-
-        ``chosen`` are these rows, (T,) bool, with all of a contact.
+        Args:
+            at: the statuses.
+            slack: without contact forces, (M, P).
+            known: tangential forces of what slips that do not follow a pressure, (T, P).
+            driving: loads along rigid motions, (r, P).
         """
-        # the two rows of a contact follow each other
-        direction = at.direction[chosen].reshape(-1, 2, 1)
-        pairs = values.reshape(-1, 2, values.shape[1])
-        along = direction[:, 0] * pairs[:, 0] + direction[:, 1] * pairs[:, 1]
-        across = pairs - direction * along[:, None]
-        across *= at.shrunk[chosen].reshape(-1, 2, 1)
-        return across.reshape(values.shape)
+        right = self.stiffness[:, None] * slack
+        np.negative(right, out=right)
+        right[~at.acting] = 0.0
+        turning = at.slips & self._curved
+        across = at.measure * right[self._rows[turning]].reshape(-1, 2, slack.shape[1])
+        right[self._rows[at.slips]] = known[at.slips]
+        if across.size:
+            direction = at.direction[turning].reshape(-1, 2, 1)
+            across -= direction * (direction * across).sum(axis=1, keepdims=True)
+            across *= at.shrunk[turning].reshape(-1, 2, 1)
+            right[self._rows[turning]] += across.reshape(-1, slack.shape[1])
+        return np.concatenate([right, driving]) if len(driving) else right
 
     def _settled(
         self, given: Increment, at: _Iterate, forces: np.ndarray, slack: np.ndarray, motions: np.ndarray, count: int

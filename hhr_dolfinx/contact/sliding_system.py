@@ -1,0 +1,330 @@
+"""The linear system of an increment with friction on some statuses, in which what slips has no unknowns along its slip.
+
+Closed contacts bear a pressure, what sticks a tangential force, and both have no slack. What slips bears b along its
+direction d, which follows the pressure, or is given where a limit or Tresca's law bounds it: in the plane that is all.
+In space it may turn: Newton's step for the projection on a disc is the row
+
+    τ - b d - (b / |y|) (1 - d d^T) y,      y = τ - c slack.
+
+Along d it says τ·d = b; across, with e in the plane of the contact, τ·e = α is the unknown of something that sticks
+across, with a compliance of its own that grows as slip does. So forces are x = known + E z with the unknowns z, R,
+which is E without what follows, tests the slack, and R^T S E has as many rows as there are pressures, sticking rows and
+turning contacts.
+
+Statuses that differ in few rows share factors: with E the columns of the identity at the rows that differ and V these
+rows, (M + E (V - M_E))^-1 right = x - Y (V Y)^-1 (V x - right_E), where x = M^-1 right and Y = M^-1 E (Sherman,
+Morrison and Woodbury).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg.lapack import dgesv, dgetrf, dgetrs
+
+from hhr_dolfinx.errors import SingularError
+
+SINGULAR = 1e-8
+"""Residual of a system, in parts of its right-hand side, from which on it is singular to round-off."""
+ROUND_OFF = 1e-13
+"""Residual in parts of the solution, in units in which rows are about one."""
+HUGE = 1e9
+"""Factor by which a solution may be above its right-hand side: what elastic slip holds reaches 1e6."""
+PART = 0.3
+"""Part of the factored rows that may differ before another system is factored."""
+FEW = 8
+"""Rows that may differ in any case."""
+GIVEN = 0
+"""Code of a row that gives its force."""
+HELD = 1
+"""Code of a row without slack."""
+UP = 2
+DOWN = 3
+"""Codes of rows of what slips one way and the other, with a bound that follows the pressure."""
+TURNING = -1
+"""Code of a row of what slips in space: another one each time."""
+
+DEPENDENT = "the contacts that touch leave their forces undetermined"
+
+
+class Rows(NamedTuple):
+    """The problem that statuses are chosen of (M rows, T tangential ones, r rigid motions).
+
+    Attributes:
+        stiffness: by which rows of S are made of the unit of forces: products with what is given cancel else, (M,).
+        scaled: S with rows multiplied by it, and what rigid motions take from the slack behind, likewise, (M, M + r).
+        balance: what forces bear along rigid motions, (r, M).
+        tangential: tangential rows, contact by contact, (T,).
+        normal: row of the pressure of each, (T,).
+        curved: which of them are of contacts that slip in two directions, (T,) bool.
+    """
+
+    stiffness: np.ndarray
+    scaled: np.ndarray
+    balance: np.ndarray
+    tangential: np.ndarray
+    normal: np.ndarray
+    curved: np.ndarray
+
+
+class Statuses(NamedTuple):
+    """What a Newton step takes for granted.
+
+    Attributes:
+        acting: rows that bear a force: closed contacts, and tangential rows that friction resists, (M,) bool.
+        slips: acting tangential rows that slip, (T,) bool.
+        followed: coefficient of those whose bound moves with their pressure, 0 of others, (T,).
+        direction: d = y_t / |y_t|, (T,).
+        shrunk: b / |y_t|, (T,).
+        measure: part of its stiffness by which a slip counts in y.
+    """
+
+    acting: np.ndarray
+    slips: np.ndarray
+    followed: np.ndarray
+    direction: np.ndarray
+    shrunk: np.ndarray
+    measure: float
+
+    def codes(self, rows: Rows) -> np.ndarray:
+        """Kind of each row, (M,) int8."""
+        found = self.acting.astype(np.int8)
+        slips = self.slips
+        own = np.where(self.direction > 0, np.int8(UP), np.int8(DOWN))
+        own[self.followed == 0] = GIVEN
+        own[rows.curved] = TURNING
+        found[rows.tangential[slips]] = own[slips]
+        return found
+
+
+class SlidingSystem:
+    """Factors of the system on some statuses.
+
+    Args:
+        rows: the problem.
+        at: the statuses.
+
+    Raises:
+        SingularError: where it is singular.
+    """
+
+    def __init__(self, rows: Rows, at: Statuses):
+        self._rows = rows
+        held = at.acting.copy()
+        held[rows.tangential[at.slips]] = False
+        self._held = np.flatnonzero(held)
+        self.size = self._held.size
+        follows = np.flatnonzero(at.slips & (at.followed != 0) & at.acting[rows.normal])
+        self._followers = rows.tangential[follows]
+        self._leaders = rows.normal[follows]
+        self._share = (at.followed[follows] * at.direction[follows])[:, None]
+        turning = at.slips & rows.curved
+        self._turning = rows.tangential[turning].reshape(-1, 2)
+        self._along = at.direction[turning].reshape(-1, 2)
+        self._across = self._along[:, ::-1] * (-1.0, 1.0)
+        self._yielding = at.shrunk[turning][::2]
+        self._measure = at.measure
+        m = len(rows.scaled)
+        moving = np.arange(m, m + len(rows.balance))
+        self._tests = np.concatenate([self._held, self._turning[:, 0], moving])
+        tested = self._tested_rows()
+        self._tested = np.concatenate([tested[:, :m], rows.balance]) if moving.size else tested
+        self._matrix = self._assembled(tested[:, m:])
+        if self._matrix.size:  # LAPACK knows no matrix of nothing
+            self._factors, self._pivots, info = dgetrf(self._matrix)
+            if info != 0:
+                raise SingularError(DEPENDENT)
+
+    def _tested_rows(self) -> np.ndarray:
+        """R^T S, with what rigid motions take behind, (k, M + r)."""
+        every = self._rows.scaled
+        if not self._yielding.size:
+            return every[self._held]
+        weights = (self._measure * self._yielding)[:, None] * self._across
+        first, second = self._turning.T
+        across = weights[:, :1] * every[first] + weights[:, 1:] * every[second]
+        return np.concatenate([every[self._held], across])
+
+    def _assembled(self, border: np.ndarray) -> np.ndarray:
+        """R^T S E, bordered by rigid motions, (k + r, k + r)."""
+        found = self._expanded(self._tested)
+        if self._yielding.size:
+            turned = np.arange(self.size, self.size + self._yielding.size)
+            found[turned, turned] += 1.0 - self._yielding
+        if border.shape[1]:
+            corner = np.zeros((border.shape[1],) * 2)
+            found = np.concatenate([found, np.concatenate([border, corner])], axis=1)
+        return found
+
+    def _expanded(self, values: np.ndarray) -> np.ndarray:
+        """Rows times E, (p, M) to (p, k)."""
+        own = values[:, self._held]
+        if self._followers.size:
+            place = np.searchsorted(self._held, self._leaders)
+            second = np.zeros(place.size, dtype=bool)
+            second[1:] = place[1:] == place[:-1]
+            for part in (~second, second):  # two rows of one contact follow the same pressure
+                if part.any():
+                    own[:, place[part]] += values[:, self._followers[part]] * self._share[part, 0]
+        if self._yielding.size:
+            first, second = self._turning.T
+            across = values[:, first] * self._across[:, 0] + values[:, second] * self._across[:, 1]
+            own = np.concatenate([own, across], axis=1)
+        return own
+
+    def solve(self, right: np.ndarray, check: bool = True) -> np.ndarray:
+        """Forces and sizes of rigid motions, (M + r, P).
+
+        Args:
+            right: right-hand sides of all rows, (M + r, P).
+            check: whether to look if they are round-off.
+
+        Raises:
+            SingularError: where they are undetermined.
+        """
+        m = len(self._rows.scaled)
+        known = right.copy()
+        known[self._held] = 0.0
+        known[m:] = 0.0
+        own = right[self._tests]
+        if self._yielding.size:
+            pairs = right[self._turning]  # (contacts, 2, P)
+            along, across = ((pairs * way[:, :, None]).sum(axis=1) for way in (self._along, self._across))
+            known[self._turning] = self._along[:, :, None] * along[:, None]
+            own[self.size : self.size + len(across)] = across
+        if known.any():
+            own -= self._tested @ known[:m]
+        unknown = dgetrs(self._factors, self._pivots, own)[0] if own.size else own
+        if check:
+            self._check(unknown, own)
+        known[self._held] = unknown[: self.size]
+        known[m:] = unknown[self.size + self._yielding.size :]
+        if self._followers.size:
+            known[self._followers] += self._share * known[self._leaders]
+        if self._yielding.size:
+            turns = unknown[self.size : self.size + self._yielding.size]
+            known[self._turning] += self._across[:, :, None] * turns[:, None]
+        return known
+
+    def _check(self, unknown: np.ndarray, right: np.ndarray) -> None:
+        """Refuse what is round-off of a singular system."""
+        left = np.abs(self._matrix @ unknown - right).max(initial=0.0)
+        size = np.abs(unknown).max(initial=0.0)
+        wanted = np.abs(right).max(initial=1e-300)
+        if not (left <= SINGULAR * wanted + ROUND_OFF * size and size <= HUGE * wanted):
+            raise SingularError(DEPENDENT)
+
+
+class SlidingSystems:
+    """Solves systems of statuses one after another, from factors of one like them as long as they differ little.
+
+    Args:
+        rows: the problem.
+    """
+
+    def __init__(self, rows: Rows):
+        self._rows = rows
+        self._place = np.full(len(rows.scaled), -1)  # of each row among the tangential ones
+        self._place[rows.tangential] = np.arange(rows.tangential.size)
+        self._factored: SlidingSystem | None = None
+        self._codes = np.full(len(rows.scaled), TURNING, dtype=np.int8)
+        self._label = b""
+
+    def solve(self, at: Statuses, right: np.ndarray, label: bytes) -> np.ndarray:
+        """Forces and sizes of rigid motions, (M + r,).
+
+        Args:
+            at: the statuses.
+            right: right-hand sides of all rows, (M + r,).
+            label: what coefficients are.
+
+        Raises:
+            SingularError: where they are undetermined.
+        """
+        codes = at.codes(self._rows)
+        factored = self._factored if label == self._label else None
+        changed = self._changed(codes)
+        if factored is None or changed.size > max(FEW, PART * factored.size):
+            self._factored = None  # and stays so where the next one is singular
+            self._factored = SlidingSystem(self._rows, at)
+            self._codes = codes
+            self._label = label
+            self._columns = np.zeros((0, len(right)))  # of its inverse, those asked for, as rows
+            self._slots = np.full(len(codes), -1)  # where those of each row are among them
+            self._right = right
+            self._found = self._factored.solve(right[:, None])[:, 0]
+            return self._found
+        same = right == self._right
+        same[changed] = True  # whatever these rows are given, they are corrected
+        if not same.all():
+            self._right = right
+            self._found = factored.solve(right[:, None], check=False)[:, 0]
+        return self._corrected(self._found, changed, codes, at, right) if changed.size else self._found
+
+    def nearer(self, at: Statuses, right: np.ndarray, label: bytes, unknowns: np.ndarray) -> np.ndarray | None:
+        """Forces and motions nearer to the solution than some are, by factors of other directions of what turns.
+
+        Arguments are those of :meth:`solve`, and ``unknowns``, (M + r,). None where the statuses are others.
+        """
+        codes = at.codes(self._rows)
+        if self._factored is None or label != self._label or not np.array_equal(codes, self._codes):
+            return None
+        left = -right
+        left[: codes.size] += self._values(unknowns[None], np.arange(codes.size), codes, at)[:, 0]
+        left[codes.size :] += self._rows.balance @ unknowns[: codes.size]
+        return unknowns - self._factored.solve(left[:, None], check=False)[:, 0]
+
+    def _changed(self, codes: np.ndarray) -> np.ndarray:
+        """Rows that differ from the factored system."""
+        return np.flatnonzero((codes != self._codes) | (codes == TURNING))
+
+    def forget(self) -> None:
+        """Factor the next system, whatever it is: corrections add round-off."""
+        self._factored = None
+
+    def _corrected(
+        self, found: np.ndarray, changed: np.ndarray, codes: np.ndarray, at: Statuses, right: np.ndarray
+    ) -> np.ndarray:
+        """A solution of the factored system, (M + r,), corrected for rows that changed."""
+        assert self._factored is not None
+        new = changed[self._slots[changed] < 0]
+        if new.size:
+            unit = np.zeros((len(found), new.size))
+            unit[new, np.arange(new.size)] = 1.0
+            self._slots[new] = len(self._columns) + np.arange(new.size)
+            self._columns = np.concatenate([self._columns, self._factored.solve(unit, check=False).T])
+        columns = self._columns[self._slots[changed]]
+        values = self._values(np.vstack([columns, found]), changed, codes, at)
+        _, _, step, info = dgesv(values[:, :-1], values[:, -1] - right[changed])
+        if info != 0:
+            raise SingularError(DEPENDENT)
+        return found - step @ columns
+
+    def _values(self, unknowns: np.ndarray, chosen: np.ndarray, codes: np.ndarray, at: Statuses) -> np.ndarray:
+        """Left-hand sides of some rows, (k, P), for some unknowns, (P, M + r)."""
+        rows = self._rows
+        own = codes[chosen]
+        found = unknowns[:, chosen].T
+        scaled = rows.scaled if chosen.size == codes.size else rows.scaled[chosen]
+        moved = scaled @ unknowns.T
+        held = own == HELD
+        found[held] = moved[held]
+        slips = own >= UP
+        if slips.any():
+            place = self._place[chosen[slips]]
+            share = at.followed[place] * at.direction[place]
+            found[slips] -= share[:, None] * unknowns[:, rows.normal[place]].T
+        turns = np.flatnonzero(own == TURNING)
+        if turns.size:
+            place = self._place[chosen[turns]]
+            turns = turns[np.argsort(place)]
+            place.sort()
+            direction = at.direction[place].reshape(-1, 2, 1)
+            y = (found[turns] - at.measure * moved[turns]).reshape(len(direction), 2, -1)
+            y -= direction * (direction * y).sum(axis=1, keepdims=True)
+            y *= at.shrunk[place].reshape(-1, 2, 1)
+            share = (at.followed[place] * at.direction[place])[:, None]
+            # of what a limit bounds the pressure may be zero, with no column
+            found[turns] -= y.reshape(turns.size, -1) + share * unknowns[:, rows.normal[place]].T
+        return found
