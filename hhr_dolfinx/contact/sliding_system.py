@@ -128,34 +128,34 @@ class SlidingSystem:
         m = len(rows.scaled)
         moving = np.arange(m, m + len(rows.balance))
         self._tests = np.concatenate([self._held, self._turning[:, 0], moving])
-        tested = self._tested_rows()
-        self._tested = np.concatenate([tested[:, :m], rows.balance]) if moving.size else tested
-        self._matrix = self._assembled(tested[:, m:])
+        self._tested = self._tested_rows()
+        self._matrix = self._assembled()
         if self._matrix.size:  # LAPACK knows no matrix of nothing
             self._factors, self._pivots, info = dgetrf(self._matrix)
             if info != 0:
                 raise SingularError(DEPENDENT)
 
     def _tested_rows(self) -> np.ndarray:
-        """R^T S, with what rigid motions take behind, (k, M + r)."""
+        """R^T S and the balance below it, with what rigid motions take behind, (k + r, M + r)."""
         every = self._rows.scaled
-        if not self._yielding.size:
-            return every[self._held]
-        weights = (self._measure * self._yielding)[:, None] * self._across
-        first, second = self._turning.T
-        across = weights[:, :1] * every[first] + weights[:, 1:] * every[second]
-        return np.concatenate([every[self._held], across])
+        parts = [every[self._held]]
+        if self._yielding.size:
+            weights = (self._measure * self._yielding)[:, None] * self._across
+            first, second = self._turning.T
+            parts.append(weights[:, :1] * every[first] + weights[:, 1:] * every[second])
+        balance = self._rows.balance
+        if len(balance):
+            parts.append(np.hstack([balance, np.zeros((len(balance),) * 2)]))
+        return np.concatenate(parts) if len(parts) > 1 else parts[0]
 
-    def _assembled(self, border: np.ndarray) -> np.ndarray:
+    def _assembled(self) -> np.ndarray:
         """R^T S E, bordered by rigid motions, (k + r, k + r)."""
-        found = self._expanded(self._tested)
+        m = len(self._rows.scaled)
+        found = self._expanded(self._tested[:, :m])
         if self._yielding.size:
             turned = np.arange(self.size, self.size + self._yielding.size)
             found[turned, turned] += 1.0 - self._yielding
-        if border.shape[1]:
-            corner = np.zeros((border.shape[1],) * 2)
-            found = np.concatenate([found, np.concatenate([border, corner])], axis=1)
-        return found
+        return np.concatenate([found, self._tested[:, m:]], axis=1) if len(self._rows.balance) else found
 
     def _expanded(self, values: np.ndarray) -> np.ndarray:
         """Rows times E, (p, M) to (p, k)."""
@@ -194,7 +194,7 @@ class SlidingSystem:
             known[self._turning] = self._along[:, :, None] * along[:, None]
             own[self.size : self.size + len(across)] = across
         if known.any():
-            own -= self._tested @ known[:m]
+            own -= self._tested[:, :m] @ known[:m]
         unknown = dgetrs(self._factors, self._pivots, own)[0] if own.size else own
         if check:
             self._check(unknown, own)
@@ -207,13 +207,45 @@ class SlidingSystem:
             known[self._turning] += self._across[:, :, None] * turns[:, None]
         return known
 
+    def columns(self, chosen: np.ndarray) -> np.ndarray:
+        """Columns of the inverse at some rows, (k,), as rows, (k, M + r)."""
+        if self._yielding.size:
+            unit = np.zeros((self._rows.scaled.shape[1], chosen.size))
+            unit[chosen, np.arange(chosen.size)] = 1.0
+            return self.solve(unit, check=False).T
+        held = np.searchsorted(self._held, chosen)
+        inside = held < self.size
+        inside[inside] = self._held[held[inside]] == chosen[inside]
+        own = -self._tested[:, chosen]
+        own[:, inside] = 0.0
+        own[held[inside], inside] = 1.0
+        unknown = dgetrs(self._factors, self._pivots, own)[0].T if own.size else own.T
+        found = np.zeros((chosen.size, self._rows.scaled.shape[1]))
+        found[~inside, chosen[~inside]] = 1.0
+        found[:, self._held] = unknown[:, : self.size]
+        found[:, len(self._rows.scaled) :] = unknown[:, self.size :]
+        if self._followers.size:
+            found[:, self._followers] += self._share[:, 0] * found[:, self._leaders]
+        return found
+
     def _check(self, unknown: np.ndarray, right: np.ndarray) -> None:
         """Refuse what is round-off of a singular system."""
-        left = np.abs(self._matrix @ unknown - right).max(initial=0.0)
-        size = np.abs(unknown).max(initial=0.0)
-        wanted = np.abs(right).max(initial=1e-300)
-        if not (left <= SINGULAR * wanted + ROUND_OFF * size and size <= HUGE * wanted):
+        if not _sound(self._matrix @ unknown - right, unknown, right):
             raise SingularError(DEPENDENT)
+
+    def holds(self, unknowns: np.ndarray, right: np.ndarray, changed: np.ndarray) -> bool:
+        """Whether rows without slack but some, (k,), hold for unknowns and right-hand sides, (M + r,), of all rows."""
+        kept = np.ones(len(self._rows.scaled), dtype=bool)
+        kept[changed] = False
+        left = self._tested[: self.size] @ unknowns - right[self._held]
+        return _sound(left[kept[self._held]], unknowns, right)
+
+
+def _sound(left: np.ndarray, found: np.ndarray, right: np.ndarray) -> bool:
+    """Whether a solution is no round-off of a singular system, by its residual and its size."""
+    size = np.abs(found).max(initial=0.0)
+    wanted = np.abs(right).max(initial=1e-300)
+    return bool(np.abs(left).max(initial=0.0) <= SINGULAR * wanted + ROUND_OFF * size and size <= HUGE * wanted)
 
 
 class SlidingSystems:
@@ -230,6 +262,7 @@ class SlidingSystems:
         self._factored: SlidingSystem | None = None
         self._codes = np.full(len(rows.scaled), TURNING, dtype=np.int8)
         self._label = b""
+        self._columns = np.empty((len(rows.scaled), rows.scaled.shape[1]))  # of the inverse, as rows
 
     def solve(self, at: Statuses, right: np.ndarray, label: bytes) -> np.ndarray:
         """Forces and sizes of rigid motions, (M + r,).
@@ -247,20 +280,27 @@ class SlidingSystems:
         changed = self._changed(codes)
         if factored is None or changed.size > max(FEW, PART * factored.size):
             self._factored = None  # and stays so where the next one is singular
-            self._factored = SlidingSystem(self._rows, at)
+            factored = SlidingSystem(self._rows, at)
+            self._found = factored.solve(right[:, None])[:, 0]
+            self._factored = factored
             self._codes = codes
             self._label = label
-            self._columns = np.zeros((0, len(right)))  # of its inverse, those asked for, as rows
-            self._slots = np.full(len(codes), -1)  # where those of each row are among them
+            self._slots = np.full(len(codes), -1)  # of each row among the columns of the inverse that are known
+            self._known = 0
             self._right = right
-            self._found = self._factored.solve(right[:, None])[:, 0]
             return self._found
         same = right == self._right
         same[changed] = True  # whatever these rows are given, they are corrected
         if not same.all():
             self._right = right
             self._found = factored.solve(right[:, None], check=False)[:, 0]
-        return self._corrected(self._found, changed, codes, at, right) if changed.size else self._found
+        if not changed.size:
+            return self._found
+        found = self._corrected(changed, codes, at, right)
+        if factored.holds(found, right, changed):
+            return found
+        self.forget()  # nearly singular, of which corrections know nothing
+        return self.solve(at, right, label)
 
     def nearer(self, at: Statuses, right: np.ndarray, label: bytes, unknowns: np.ndarray) -> np.ndarray | None:
         """Forces and motions nearer to the solution than some are, by factors of other directions of what turns.
@@ -283,19 +323,19 @@ class SlidingSystems:
         """Factor the next system, whatever it is: corrections add round-off."""
         self._factored = None
 
-    def _corrected(
-        self, found: np.ndarray, changed: np.ndarray, codes: np.ndarray, at: Statuses, right: np.ndarray
-    ) -> np.ndarray:
-        """A solution of the factored system, (M + r,), corrected for rows that changed."""
+    def _corrected(self, changed: np.ndarray, codes: np.ndarray, at: Statuses, right: np.ndarray) -> np.ndarray:
+        """The solution of the factored system, (M + r,), corrected for rows that changed."""
         assert self._factored is not None
+        found = self._found
         new = changed[self._slots[changed] < 0]
         if new.size:
-            unit = np.zeros((len(found), new.size))
-            unit[new, np.arange(new.size)] = 1.0
-            self._slots[new] = len(self._columns) + np.arange(new.size)
-            self._columns = np.concatenate([self._columns, self._factored.solve(unit, check=False).T])
-        columns = self._columns[self._slots[changed]]
-        values = self._values(np.vstack([columns, found]), changed, codes, at)
+            self._slots[new] = self._known + np.arange(new.size)
+            self._columns[self._slots[new]] = self._factored.columns(new)
+            self._known += new.size
+        columns = self._columns[np.append(self._slots[changed], -1)]
+        columns[-1] = found
+        values = self._values(columns, changed, codes, at)
+        columns = columns[:-1]
         _, _, step, info = dgesv(values[:, :-1], values[:, -1] - right[changed])
         if info != 0:
             raise SingularError(DEPENDENT)
