@@ -35,7 +35,15 @@ def side(body: int, axis: int, upper: bool) -> int:
     return 100 * body + block.side(axis, upper)
 
 
-def two_blocks(comm: Comm, *, first: Box, second: Box, simplices: bool = False, warp: Warp | None = None) -> TaggedMesh:
+def two_blocks(
+    comm: Comm,
+    *,
+    first: Box,
+    second: Box,
+    simplices: bool = False,
+    warp: Warp | None = None,
+    closed: int | None = None,
+) -> TaggedMesh:
     """Build two structured blocks with every side tagged by :func:`side`.
 
     Args:
@@ -44,11 +52,12 @@ def two_blocks(comm: Comm, *, first: Box, second: Box, simplices: bool = False, 
         simplices: triangles or tetrahedra instead of quadrilaterals or hexahedra.
         warp: maps the coordinates of all nodes of a body and its tag to new ones, ``((n, dim), tag) -> (n, dim)``,
             for instance to grade a mesh, to bend a surface or to turn both; None leaves the blocks as they are.
+        closed: axis along which the last cells of both blocks end where the first begin, for a warp to rings.
     """
     shapes = {FIRST: first, SECOND: second}
     for shape in shapes.values():
         block.check_box(*shape)
-    parts = {tag: _grid(shape, simplices) for tag, shape in shapes.items()}
+    parts = {tag: _grid(shape, simplices, closed) for tag, shape in shapes.items()}
     dim = len(first[0])
     per_cell = parts[FIRST][1].shape[1]
     count = len(parts[FIRST][1])
@@ -70,13 +79,17 @@ def two_blocks(comm: Comm, *, first: Box, second: Box, simplices: bool = False, 
     return mesh, cell_tags, facet_tags
 
 
-def _grid(box: Box, simplices: bool) -> tuple[np.ndarray, np.ndarray]:
+def _grid(box: Box, simplices: bool, closed: int | None) -> tuple[np.ndarray, np.ndarray]:
     """Points (n, dim) and cells (c, 2^dim), or simplices (c, dim + 1), of one block."""
     lower, upper, cells = box
     dim = len(lower)
     axes = [np.linspace(low, high, count + 1) for low, high, count in zip(lower, upper, cells, strict=True)]
+    if closed is not None:
+        axes[closed] = axes[closed][:-1]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, dim)
-    numbers = np.arange(len(points)).reshape([count + 1 for count in cells])
+    numbers = np.arange(len(points)).reshape([axis.size for axis in axes])
+    if closed is not None:
+        numbers = np.concatenate([numbers, numbers.take([0], axis=closed)], axis=closed)
     # corners in tensor order: the first axis changes fastest
     corners = [
         numbers[tuple(slice(bit, count + bit) for bit, count in zip(bits[::-1], cells, strict=True))].ravel()

@@ -30,14 +30,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Displacement:
-    """Imposed displacement of one component on tagged facets: ``u[component] = amplitude(mu)``.
+    """Imposed displacement of one component on tagged facets: ``u[component] = amplitude(mu) field(x)``.
 
-    The amplitude is a number, an :class:`Amplitude`, or a formula of the parameters as text, ``"lift * sin(angle)"``.
+    Attributes:
+        tag: of the facets.
+        component: 0, 1 or 2.
+        amplitude: a number, an :class:`Amplitude`, or a formula of the parameters as text, ``"lift * sin(angle)"``.
+        field: formula of the coordinates as text, named x, y, z, in axisymmetry r, z; None for 1. Those of the mesh as
+            it is given, before any shape moves it. A turn about the axis z is ``Displacement(tag, 0, angle, "-y")`` and
+            ``Displacement(tag, 1, angle, "x")``.
     """
 
     tag: Tag
     component: int
     amplitude: Amplitude | Formula = Amplitude()
+    field: Formula | None = None
 
     def __post_init__(self):
         check_tag("displacement", self.tag)
@@ -47,6 +54,33 @@ class Displacement:
                 "give each component that is imposed a Displacement of its own"
             )
         check_amplitude(self, f"the displacement on tag {self.tag}", formulas=True)
+        if self.field is not None:
+            from hhr_dolfinx.formulas import formula_of
+
+            what = f"the field of the displacement on tag {self.tag}"
+            object.__setattr__(self, "field", formula_of(self.field, what))
+
+    def at(self, points: np.ndarray, hypothesis: str) -> np.ndarray:
+        """Values of the field at points, (n, dim).
+
+        Raises:
+            SceneError: for a field that names what is no coordinate, or is not finite somewhere.
+        """
+        if self.field is None:
+            return np.ones(len(points))
+        from hhr_dolfinx.shapes import coordinate_names
+
+        names = coordinate_names(hypothesis)
+        unknown = set(self.field.variables) - set(names)
+        what = f"the field '{self.field.text}' of the displacement on tag {self.tag}"
+        if unknown:
+            raise SceneError(f"{what} names {sorted(unknown)}: coordinates are {names}")
+        with np.errstate(all="ignore"):
+            values = np.broadcast_to(self.field(dict(zip(names, points.T, strict=True))), len(points)).astype(float)
+        if not np.isfinite(values).all():
+            place = points[np.flatnonzero(~np.isfinite(values))[0]].tolist()
+            raise SceneError(f"{what} is not finite at {place}: change the formula")
+        return values
 
     @classmethod
     def clamp(cls, tag: Tag, dimension: int) -> tuple[Displacement, ...]:

@@ -49,6 +49,10 @@ class Discretisation(DiscreteSpace):
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
         super().__init__(scene, comm)
+        points = self._points()  # of the mesh before shapes move it
+        self._fields = [
+            None if item.field is None else item.at(points, scene.hypothesis) for item in scene.displacements
+        ]
         if scene.shapes:
             from hhr_dolfinx.full_order.reshaped import Reshaped
 
@@ -191,15 +195,23 @@ class Discretisation(DiscreteSpace):
             dofs = self._tagged_dofs(item.tag, item.component)
             clash = dofs[owner[dofs] >= 0]
             for other in set(owner[clash].tolist()):
-                if self.scene.displacements[other].amplitude != item.amplitude:
-                    self._refuse_clash(number, other, int(clash[owner[clash] == other][0]))
+                both = clash[owner[clash] == other]
+                before = self.scene.displacements[other]
+                same = np.array_equal(self._imposed(number, both), self._imposed(other, both))
+                if before.amplitude != item.amplitude or not same:
+                    self._refuse_clash(number, other, int(both[0]))
             dofs = np.setdiff1d(dofs, clash)
             owner[dofs] = number
             amplitude = bound(item.amplitude, self.scene.parameters)
             if amplitude != Amplitude():
-                entries = np.ones(dofs.size), (dofs, np.zeros_like(dofs))
+                entries = self._imposed(number, dofs), (dofs, np.zeros_like(dofs))
                 terms.append(Term(amplitude, csc_matrix(entries, shape=(self.size, 1))))
         return terms, owner < 0
+
+    def _imposed(self, number: int, dofs: np.ndarray) -> np.ndarray:
+        """What a displacement, by its place in the scene, imposes on dofs where its amplitude is 1."""
+        values = self._fields[number]
+        return np.ones(dofs.size) if values is None else values[dofs // self.mesh.geometry.dim]
 
     def _refuse_clash(self, number: int, other: int, dof: int) -> NoReturn:
         """Raise SceneError for two displacements, by their places in the scene, that differ at a dof."""
