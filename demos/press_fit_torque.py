@@ -17,7 +17,6 @@ once for a design, and solves increments as the condensed model does.
 from typing import Any
 
 import numpy as np
-from dolfinx import mesh as dmesh
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
@@ -37,6 +36,7 @@ LOWER, UPPER = (0.0, 0.01, 0.05, 0.0, 70e3, 8.0), (2e-3, 0.03, 0.3, 30.0, 210e3,
 
 def geometry(comm: Any, around: int = 32, along: int = 14, radial: int = 6) -> Any:
     """Rings of hexahedra whose facets lie on each other: ``along`` cells on the length of the fit."""
+    from dolfinx import mesh as dmesh  # behind hhr_dolfinx, which finds it
 
     def warp(points: np.ndarray, _: int) -> np.ndarray:
         angle = 2 * np.pi * points[:, 1]
