@@ -80,6 +80,7 @@ from .snapshots.store import SnapshotStore as SnapshotStore
 from .study.condensing import condense as condense
 from .study.report.fields import write_fields as write_fields
 from .study.report.view import View as View
+from .study.sliding import slide as slide
 from .study.study import Rival as Rival
 from .study.study import StudySettings as StudySettings
 from .study.study import run_study as run_study

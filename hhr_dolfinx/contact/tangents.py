@@ -134,8 +134,11 @@ def _sharing_nodes(normals: csr_matrix, normal: np.ndarray, dim: int) -> dict[in
 
 def normals_of(matrix: csr_matrix, slaves: np.ndarray, dimension: int) -> np.ndarray:
     """Unit normal of each row of B, at its slave, (m, dim)."""
-    rows = np.arange(matrix.shape[0])
-    found = np.column_stack([np.asarray(matrix[rows, slaves * dimension + axis]).ravel() for axis in range(dimension)])
+    entries = matrix.tocoo()
+    node, component = np.divmod(entries.col, dimension)
+    own = node == slaves[entries.row]
+    found = np.zeros((matrix.shape[0], dimension))
+    found[entries.row[own], component[own]] = entries.data[own]
     lengths = np.linalg.norm(found, axis=1)
     return found / np.where(lengths > 0, lengths, 1.0)[:, None]
 

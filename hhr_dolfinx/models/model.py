@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.models.functionals.functional import Outputs
+    from hhr_dolfinx.models.histories.sliding import Slider
     from hhr_dolfinx.parameters import ParameterSpace
 
 
@@ -157,6 +158,12 @@ class AnsweringModel:
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
         """What makes the contact problem of each point, (P,), of one path, without its primal unknown."""
         raise NotOfferedError(f"{type(self).__name__} knows no contact problem of a point for itself")
+
+    def slider(self, gradient: bool) -> Slider:
+        """What solves increments with friction, with derivatives or without."""
+        from hhr_dolfinx.models.histories.sliding import Slider
+
+        return Slider(self, gradient)
 
     def coupling(self, mu: Any) -> float:
         """How strongly friction couples pressures and slip at a parameter: below one each increment has one answer.

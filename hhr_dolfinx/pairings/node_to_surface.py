@@ -73,6 +73,19 @@ class NodeToSurface:
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
         """One row for each slave node that faces the master surface."""
         slave, master = surfaces
+        rows, facets, weights = self._paired(slave, master, dofs)
+        warn_of_overlap(slave, rows)
+        bulges = master.bulges(facets, weights)
+        warn_of_sag(slave, master, rows, float(np.abs(bulges) @ rows.areas / rows.areas.sum()))
+        return rows
+
+    def rows_anew(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
+        """The same of surfaces that have moved, without a word about their mesh."""
+        slave, master = surfaces
+        return self._paired(slave, master, dofs)[0]
+
+    def _paired(self, slave: Surface, master: Surface, dofs: int) -> tuple[ContactRows, np.ndarray, np.ndarray]:
+        """Rows, the facet of the master that each node faces, and the values of its shape functions there."""
         if self.normal is None:
             kept, closest, normals = _closest(slave, master)
         else:
@@ -91,10 +104,7 @@ class NodeToSurface:
             points=points,
             areas=slave.areas[order],
         )
-        warn_of_overlap(slave, rows)
-        bulges = master.bulges(closest.facets[order], weights[order])
-        warn_of_sag(slave, master, rows, float(np.abs(bulges) @ rows.areas / rows.areas.sum()))
-        return rows
+        return rows, closest.facets[order], weights[order]
 
 
 @dataclass(frozen=True)

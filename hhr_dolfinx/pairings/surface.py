@@ -167,7 +167,7 @@ def make_surface(
     middles = middles[order]
     nodes, local = np.unique(facet_nodes, return_inverse=True)
     corners = points[facet_nodes]
-    vectors = _area_vectors(corners)
+    vectors = area_vectors(corners)
     sizes = np.linalg.norm(vectors, axis=1)
     flat = _without_area(corners, sizes)
     if flat.any():
@@ -197,7 +197,7 @@ def make_surface(
     )
 
 
-def _area_vectors(corners: np.ndarray) -> np.ndarray:
+def area_vectors(corners: np.ndarray) -> np.ndarray:
     """Normal of each facet times its area, orientation free; of a warped quadrilateral that of its diagonals."""
     if corners.shape[1] == 2:
         along = corners[:, 1] - corners[:, 0]

@@ -38,7 +38,7 @@ CUTS = 12
 """How often a step may be halved for the sake of a tolerance."""
 
 
-class _Reached(NamedTuple):
+class Reached(NamedTuple):
     """Where a history has come to."""
 
     point: np.ndarray
@@ -52,27 +52,30 @@ class _Reached(NamedTuple):
     """Derivative of each parameter here along that of the whole history, (P,)."""
     changes: np.ndarray
     """Derivatives of the position of tangential rows, (T, P)."""
+    moved: np.ndarray | None = None
+    pushed: np.ndarray | None = None
+    """Displacement of, and forces on, all dofs of surfaces, (n,), where rows are made anew."""
 
 
-class _Target(NamedTuple):
-    """Where an increment goes: time, point and weights as of :class:`_Reached`."""
+class Target(NamedTuple):
+    """Where an increment goes: time, point and weights as of :class:`Reached`."""
 
     time: float
     point: np.ndarray
     weights: np.ndarray
 
-    def halfway(self, before: _Reached) -> _Target:
+    def halfway(self, before: Reached) -> Target:
         """Half of the way from where a history has come to."""
-        return _Target(
+        return Target(
             0.5 * (before.time + self.time), 0.5 * (before.point + self.point), 0.5 * (before.weights + self.weights)
         )
 
 
-class _Solved(NamedTuple):
+class Solved(NamedTuple):
     """An increment: what was found, where it leads to, the contact problem there, and derivatives if wanted."""
 
     found: Sliding
-    reached: _Reached
+    reached: Reached
     contact: CondensedContact
     gradient: Gradient | None
 
@@ -102,14 +105,14 @@ class Slider:
         self.largest = 0.0
         self.energy = 0.0
 
-    def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> _Reached:
+    def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> Reached:
         """Undeformed bodies, of which nothing has slipped."""
         forces = np.zeros(self.model.own_conditions)
         changes = np.zeros((self.friction.tangential.size, point.size))
         gap = self._contact_at(point).free_slack[self.friction.normal]
-        return _Reached(point, time, forces, None, gap, SlipState.at_rest(self.friction), weights, changes)
+        return Reached(point, time, forces, None, gap, SlipState.at_rest(self.friction), weights, changes)
 
-    def increment(self, before: _Reached, target: _Target) -> _Solved:
+    def increment(self, before: Reached, target: Target) -> Solved:
         """One increment, settled or not."""
         time, point, weights = target
         contact = self._contact_at(point)
@@ -133,12 +136,12 @@ class Slider:
         gap = found.slack[self.friction.normal]
         if found.status is Status.CONVERGED:
             self.largest = max(self.largest, float(np.linalg.norm(found.forces)))
-        return _Solved(
-            found, _Reached(point, time, found.forces, found.active, gap, slip, weights, changes), contact, gradient
+        return Solved(
+            found, Reached(point, time, found.forces, found.active, gap, slip, weights, changes), contact, gradient
         )
 
     def _gradient(
-        self, before: _Reached, target: _Target, given: Increment, found: Sliding, contact: CondensedContact
+        self, before: Reached, target: Target, given: Increment, found: Sliding, contact: CondensedContact
     ) -> Gradient:
         """Derivatives of an increment while its statuses, and those before, stay."""
         assert self._sliding is not None
@@ -159,7 +162,12 @@ class Slider:
             of_unknown = of_unknown + floating.modes @ motions
         return Gradient(of_unknown, forces, self._sliding.grazing(given, found), slack)
 
-    def answer(self, solved: _Solved) -> Answer:
+    def elastic_energy(self, solved: Solved) -> float:
+        """Elastic energy of contact forces."""
+        forces = solved.found.forces
+        return 0.5 * float(forces @ (solved.contact.schur @ forces))
+
+    def answer(self, solved: Solved) -> Answer:
         """What is handed out of an increment."""
         found, reached, contact, gradient = solved
         return Answer(
@@ -186,7 +194,7 @@ class _Step:
         self.cycled = False
         self.ends: list[float] = []
 
-    def taken(self, before: _Reached, target: _Target, depth: int = 0) -> _Solved:
+    def taken(self, before: Reached, target: Target, depth: int = 0) -> Solved:
         """The last increment of the step."""
         whole = self._solved(before, target)
         if whole.found.status is Status.NOT_FINITE or (whole.settled and self.tolerance is None):
@@ -208,7 +216,7 @@ class _Step:
         self.ends.append(middle.time)
         return self.taken(first.reached, target, depth + 1)
 
-    def _difference(self, before: _Reached, half: _Solved, second: _Solved, whole: _Solved) -> float:
+    def _difference(self, before: Reached, half: Solved, second: Solved, whole: Solved) -> float:
         """What a step in two halves is off: of forces by the largest of the history, of work by what was dissipated."""
         closing = np.linalg.norm([self._held(before, half.reached), self._held(half.reached, second.reached)])
         off = np.linalg.norm(second.found.forces - whole.found.forces) + closing
@@ -217,7 +225,7 @@ class _Step:
         size = self.slider.largest or 1.0
         return max(float(off) / size, change / (work + WORK * self.slider.energy or 1.0))
 
-    def _held(self, before: _Reached, after: _Reached) -> float:
+    def _held(self, before: Reached, after: Reached) -> float:
         """Tangential force on contacts that closed in an increment, which sticks them to where they had been before."""
         friction = self.slider.friction
         assert after.active is not None
@@ -225,11 +233,10 @@ class _Step:
         closed = after.active[friction.normal] & (before.gap > APART * np.abs(before.gap).max(initial=0.0))
         return float(np.linalg.norm(after.forces[friction.tangential][closed[friction.owner]]))
 
-    def _solved(self, before: _Reached, target: _Target) -> _Solved:
+    def _solved(self, before: Reached, target: Target) -> Solved:
         solved = self.slider.increment(before, target)
         if self.tolerance is not None and solved.settled:
-            forces = solved.found.forces
-            self.slider.energy = max(self.slider.energy, 0.5 * float(forces @ (solved.contact.schur @ forces)))
+            self.slider.energy = max(self.slider.energy, self.slider.elastic_energy(solved))
         self.iterations += solved.found.iterations
         self.cycled |= solved.found.sweeps > 0
         return solved
@@ -255,7 +262,7 @@ def slide_along(
     check_settings(settings)
     _check_shape(model, path)
     history = History(*path[0], time_tolerance=settings.time_tolerance)
-    slider = Slider(model, settings.gradient)
+    slider = model.slider(settings.gradient)
     weights = np.ones((len(path), path[0][1].size)) if weights is None else weights
     reached = slider.at_rest(*path[0], weights[0])
     error = 0.0
@@ -263,7 +270,7 @@ def slide_along(
         for (time, point), weight in zip(path[1:], weights[1:], strict=True):
             model.check_range(point, settings.outside)
             step = _Step(slider, settings.cuts, settings.time_tolerance)
-            solved = step.taken(reached, _Target(time, point, weight))
+            solved = step.taken(reached, Target(time, point, weight))
             reached = solved.reached
             error += np.nan if settings.time_tolerance is None else step.error
             answer = _told(slider, step, solved)._replace(time_error=error)
@@ -291,7 +298,7 @@ def _check_shape(model: Any, path: Path) -> None:
             )
 
 
-def _told(slider: Slider, step: _Step, solved: _Solved) -> Answer:
+def _told(slider: Slider, step: _Step, solved: Solved) -> Answer:
     """The answer at the end of a step; an error where there is none."""
     answer = slider.answer(solved)._replace(iterations=step.iterations, cycled=step.cycled, ends=tuple(step.ends))
     found = solved.found

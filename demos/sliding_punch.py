@@ -1,0 +1,85 @@
+"""Round punch pressed on a block and drawn over it, by many times the width of its contact.
+
+Parameters are how deep the punch is pushed and how far it is drawn. Rows of contact are made anew in every increment,
+on the compliance between all dofs of both surfaces, which is made once.
+
+    S = R C R^T,    R = R(u)      rows R where the punch has come to; C of 290 dofs
+    P, a, p0                      Hertz, line contact: peak and width go along with the punch
+
+What to see: the same pressure goes along with the punch, the tangential force grows until all of it slips, and stays;
+towards the end of the block the compliance grows, and the forces fall.
+
+    python demos/sliding_punch.py [--out DIR] [--quick] [--seed N]
+"""
+
+from typing import Any
+
+import numpy as np
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
+from hhr_dolfinx.study import cli
+from hhr_dolfinx.study.report import report
+
+RADIUS, START, FRICTION = 4.0, -4.0, 0.3
+PUSH, WAY, STEPS = 0.03, 8.0, 80
+BLOCK_E, PUNCH_E, POISSON = 1000.0, 3000.0, 0.3
+
+
+def geometry(comm: Any, cells: int = 120, start: float = START) -> Any:
+    """A block of 12 by 4, and a punch of 2 by 1 with a round side above ``start``."""
+
+    def warp(points: np.ndarray, tag: int) -> np.ndarray:
+        if tag == FIRST:
+            return points
+        round_ = points[:, 0] ** 2 / (2 * RADIUS) * (1 - points[:, 1])
+        return np.column_stack([points[:, 0] + start, points[:, 1] + round_])
+
+    lower = (-6.0, -4.0), (6.0, 0.0), (cells, cells // 4)
+    upper = (-1.0, 0.0), (1.0, 1.0), (cells // 5, cells // 10)
+    return two_blocks(comm, first=lower, second=upper, warp=warp)
+
+
+def scene(friction: float = FRICTION, **mesh: Any) -> hhr.Scene:
+    """The scene in mm and MPa."""
+    top = side(SECOND, 1, True)
+    moved = {0: hhr.Amplitude(slopes={"way": 1.0}), 1: hhr.Amplitude(slopes={"push": -1.0})}
+    return hhr.Scene(
+        name="sliding_punch",
+        geometry=lambda comm: geometry(comm, **mesh),
+        hypothesis="plane_strain",
+        bodies=(hhr.Body(FIRST, BLOCK_E, POISSON), hhr.Body(SECOND, PUNCH_E, POISSON)),
+        contacts=(hhr.NodeToSurface(side(SECOND, 1, False), side(FIRST, 1, True), friction=friction),),
+        displacements=(
+            *hhr.Displacement.clamp(side(FIRST, 1, False), 2),
+            *(hhr.Displacement(top, axis, amplitude) for axis, amplitude in moved.items()),
+        ),
+        parameters=hhr.ParameterSpace(("push", "way"), (0.0, 0.0), (0.05, WAY)),
+        outputs=(hhr.ContactForce("pressed", 0, (0.0, 1.0)), hhr.ContactForce("drawn", 0, (-1.0, 0.0))),
+    )
+
+
+def path(steps: int = STEPS) -> list:
+    """Pushed, then drawn."""
+    return [(0.0, (0.0, 0.0)), *((1.0 + k, (PUSH, way)) for k, way in enumerate(np.linspace(0.0, WAY, steps + 1)))]
+
+
+def main() -> None:
+    """Condense, draw the punch over the block, compare with the full order, draw the picture."""
+    options = cli.parse_on_first_rank(cli.demo_parser("sliding_punch", __doc__))
+    from parts import sliding_punch_study
+
+    cells = 60 if options.quick else 120
+    found = sliding_punch_study.study(scene(cells=cells), cells, options)
+    report.write_report({"scene": "sliding_punch", **found, **report.environment()}, options.out)
+    report.print_rows("a punch drawn over a block", found["friction"]["reference"], options.console)
+    times = found["friction"]["times"]
+    options.console.print(
+        f"drawn by {found['friction']['widths']:.1f} widths of its contact; an increment: condensed "
+        f"{1e3 * times['condensed']:.1f} ms, full order {1e3 * times['full order']:.1f} ms, forces differ by "
+        f"{found['friction']['errors']['forces']:.1e}"
+    )
+
+
+if __name__ == "__main__":
+    main()

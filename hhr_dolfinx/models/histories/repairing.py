@@ -1,0 +1,226 @@
+"""Histories of bodies that slide past the mesh on which they were paired: rows are made anew in every increment.
+
+Strains and turns are small, sliding is not. What is kept is the compliance C between all dofs of the surfaces, whose
+displacement is u = free - C f under nodal forces f. With the rows R that a pairing makes where the surfaces have come
+to, contact is the problem
+
+    slack = gap + R (u_paired - free) + S x,      S = R C R^T,      f = R^T x,
+
+with the gap there. Tangential rows see what slips since the increment before. An increment is paired where free motion
+takes the bodies under the forces before, and once more where it has led them.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.contact.friction import Friction, SlipState
+from hhr_dolfinx.contact.problem import ContactRows
+from hhr_dolfinx.contact.sliding_set import Increment, SlidingContact
+from hhr_dolfinx.contact.tangents import normals_of, tangents_of
+from hhr_dolfinx.errors import PairingWarning, SceneError
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.histories.sliding import Reached, Slider, Solved, Target
+from hhr_dolfinx.pairings.surface import Surface
+from hhr_dolfinx.pairings.surface_dofs import moved
+
+PAIRINGS = 5
+"""How often an increment is paired at most."""
+SETTLED = 1e-3
+"""Part of the smallest facet by which one more pairing may move the surfaces."""
+APART = 10.0
+"""Gap of what faces nothing, in sizes of the surfaces."""
+
+
+class SlidingPair(NamedTuple):
+    """Two surfaces that are paired anew.
+
+    Attributes:
+        pairing: with a ``rows`` that gives each node of the slave one row at most.
+        slave, master: surfaces as they are meshed, whose nodes are counted among those of both.
+        first: place of the first dof of the pair among all rows of its model.
+        nodes: how many nodes both have.
+    """
+
+    pairing: Any
+    slave: Surface
+    master: Surface
+    first: int
+    nodes: int
+
+    def rows(self, displacement: np.ndarray) -> tuple[ContactRows | None, np.ndarray]:
+        """Rows where the nodes have moved, (nodes, dim), and the slave node of each by its number there.
+
+        None where the surfaces do not face each other.
+        """
+        dim = displacement.shape[1]
+        surfaces = moved(self.slave, displacement), moved(self.master, displacement)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PairingWarning)  # of what faces nothing any more
+            try:
+                rows = getattr(self.pairing, "rows_anew", self.pairing.rows)(surfaces, self.nodes * dim)
+            except SceneError:
+                return None, np.zeros(0, dtype=np.int64)
+        return rows, np.searchsorted(self.slave.nodes, rows.slaves)
+
+
+class Paired(NamedTuple):
+    """All pairs at one place (C slave nodes, T tangential rows, n dofs of surfaces).
+
+    Attributes:
+        matrix: R, rows of pressures and behind them tangential ones, sparse, (C + T, n).
+        gap: of the slave nodes, (C,).
+        at: displacement with which they were paired, (n,).
+    """
+
+    matrix: csr_matrix
+    gap: np.ndarray
+    at: np.ndarray
+
+
+class RepairingSlider(Slider):
+    """Solves increments of a model whose rows are all dofs of its surfaces.
+
+    Args:
+        model: with ``pairs`` beside what :class:`Slider` asks for.
+        gradient: must be False.
+    """
+
+    def __init__(self, model: Any, gradient: bool = False):
+        super().__init__(model, gradient)
+        self.pairs: Sequence[SlidingPair] = model.pairs
+        self.dim = model.dimension
+        places = np.concatenate([surface.points for pair in self.pairs for surface in (pair.slave, pair.master)])
+        self.size = float(np.ptp(places, axis=0).max())
+        self.facet = min(surface.lengths().min() for pair in self.pairs for surface in (pair.slave, pair.master))
+
+    def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> Reached:
+        """Undeformed bodies where they are meshed, of which nothing has slipped."""
+        count = len(self._contact_at(point).free_slack)
+        rows = self.friction.normal.size + self.friction.tangential.size
+        nothing = np.zeros(count)
+        changes = np.zeros((self.friction.tangential.size, point.size))
+        gap = self.paired(nothing).gap
+        slip = SlipState.at_rest(self.friction)
+        return Reached(point, time, np.zeros(rows), None, gap, slip, weights, changes, nothing, nothing)
+
+    def increment(self, before: Reached, target: Target) -> Solved:
+        """One increment, settled or not."""
+        time, point, weights = target
+        contact = self._contact_at(point)
+        free = -contact.free_slack
+        assert before.moved is not None and before.pushed is not None
+        moved_to = free - contact.schur @ before.pushed
+        last = 1e-300
+        for _ in range(PAIRINGS):
+            paired = self.paired(moved_to)
+            found = self._solved_on(contact.schur, free, paired, before, point)
+            pushed = paired.matrix.T @ found.forces
+            moved_to = free - contact.schur @ pushed
+            change = np.abs(moved_to - paired.at).max() / self.facet
+            # the next change would be as much smaller as this one is
+            if found.status is not Status.CONVERGED or change * min(change / last, 1.0) <= SETTLED:
+                break
+            last = change
+        bound = np.minimum(*self._bounds(point, found.forces))
+        slip = before.slip.after(self.friction, found.forces, found.slack, bound)
+        if found.status is Status.CONVERGED:
+            self.largest = max(self.largest, float(np.linalg.norm(found.forces)))
+        gap = found.slack[self.friction.normal]
+        changes = before.changes
+        reached = Reached(point, time, found.forces, found.active, gap, slip, weights, changes, moved_to, pushed)
+        return Solved(found, reached, contact, None)
+
+    def _bounds(self, point: np.ndarray, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What pressures and limits let tangential forces be, (C,) each."""
+        coefficient, limit = self.friction.bounds(point)
+        pressures = np.maximum(forces[self.friction.normal], 0.0)
+        return np.where(np.isinf(coefficient), np.inf, np.nan_to_num(coefficient) * pressures), limit
+
+    def _solved_on(
+        self, compliance: np.ndarray, free: np.ndarray, paired: Paired, before: Reached, point: np.ndarray
+    ) -> Any:
+        """The outcome of an increment on some pairing."""
+        rows = paired.matrix
+        count = self.friction.normal.size
+        schur = rows @ (rows @ compliance).T
+        slack = np.empty(rows.shape[0])
+        slack[:count] = paired.gap + rows[:count] @ (paired.at - free)
+        slack[count:] = rows[count:] @ (before.moved - free)
+        given = Increment(slack, *self.friction.bounds(point), np.zeros(0))
+        return SlidingContact(schur, self.friction).increment(given, before.forces, before.active)
+
+    def paired(self, displacement: np.ndarray) -> Paired:
+        """All pairs where the dofs of surfaces have moved, (n,)."""
+        count = self.friction.normal.size
+        gap = np.full(count, APART * self.size)
+        entries = []
+        first = 0
+        for pair in self.pairs:
+            own = slice(pair.first, pair.first + pair.nodes * self.dim)
+            rows, slaves = pair.rows(displacement[own].reshape(-1, self.dim))
+            if rows is not None:
+                gap[first + slaves] = rows.gap
+                entries += self._entries(rows, first + slaves, pair.first)
+            first += pair.slave.nodes.size
+        values, places, columns = (np.concatenate(part) for part in zip(*entries, strict=True)) if entries else [[]] * 3
+        shape = count + self.friction.tangential.size, displacement.size
+        return Paired(csr_matrix((values, (places, columns)), shape=shape), gap, displacement)
+
+    def _entries(self, rows: ContactRows, contacts: np.ndarray, first: int) -> list[tuple[np.ndarray, ...]]:
+        """Values, rows and columns of the pressures and tangential rows of some contacts, (c,)."""
+        dim = self.dim
+        normals = normals_of(rows.matrix, rows.slaves, dim)
+        whole = rows.matrix.tocoo()
+        weights = np.zeros((len(normals), rows.matrix.shape[1] // dim))
+        np.add.at(weights, (whole.row, whole.col // dim), whole.data * normals[whole.row, whole.col % dim])
+        row, node = np.nonzero(weights)
+        values = weights[row, node][:, None]
+        columns = first + node[:, None] * dim + np.arange(dim)
+        vectors = np.concatenate([normals[:, None], tangents_of(normals)], axis=1)
+        tangential = self.friction.normal.size + contacts * (dim - 1)
+        places = np.column_stack([contacts, *(tangential + k for k in range(dim - 1))])
+        return [
+            ((values * vectors[row, k]).ravel(), np.repeat(places[row, k], dim), columns.ravel()) for k in range(dim)
+        ]
+
+    def elastic_energy(self, solved: Solved) -> float:
+        """See :class:`Slider`."""
+        pushed = solved.reached.pushed
+        return 0.5 * float(pushed @ (solved.contact.schur @ pushed))
+
+    def answer(self, solved: Solved) -> Answer:
+        """What is handed out of an increment: forces are those on all dofs of surfaces."""
+        found, reached, contact, _ = solved
+        pushed = reached.pushed
+        assert pushed is not None
+        return Answer(
+            reached.point, contact.unknown(pushed), pushed, pushed != 0.0, found.iterations, found.status,
+            found.sweeps > 0, self.model.fields, time=reached.time, slip=reached.slip,
+        )  # fmt: skip
+
+
+def layout(pairs: Sequence[SlidingPair], laws: Sequence[Any], dim: int) -> Friction:
+    """Friction of all slave nodes of some pairs, whose tangential rows follow those of pressures.
+
+    Args:
+        pairs: the pairs.
+        laws: of each.
+        dim: components of the displacement at a node.
+    """
+    counts = [pair.slave.nodes.size for pair in pairs]
+    count = sum(counts)
+    owner = np.repeat(np.arange(count), dim - 1)
+    areas = np.concatenate([pair.slave.areas for pair in pairs])
+    law = np.repeat(np.arange(len(pairs)), counts)
+    nothing = np.zeros(0, dtype=np.int64)
+    return Friction(
+        np.arange(count), areas, law, count + np.arange(owner.size), owner, np.zeros((owner.size, dim)), tuple(laws),
+        nothing, nothing, nothing,
+    )  # fmt: skip

@@ -1,0 +1,100 @@
+"""Models of scenes whose surfaces slide past the mesh on which they were paired."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from hhr_dolfinx.baselines.condensation import exact_condensation
+from hhr_dolfinx.contact.friction import Coulomb, FrictionLaw
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.models.histories.repairing import SlidingPair, layout
+from hhr_dolfinx.models.sliding_model import SlidingModel
+from hhr_dolfinx.models.starts import KnownStatuses
+from hhr_dolfinx.outputs import ContactForce, ContactMoment, DisplacementAt, LinearForm, VonMises
+from hhr_dolfinx.pairings.mortar import Mortar
+from hhr_dolfinx.pairings.node_to_surface import NodeToSurface
+from hhr_dolfinx.pairings.surface_dofs import SurfaceDofs, nodes_of, renumbered
+from hhr_dolfinx.scene import Scene
+
+PAIRINGS = (NodeToSurface, Mortar)
+OUTPUTS = (ContactForce, ContactMoment, DisplacementAt, LinearForm, VonMises)
+
+
+def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
+    """A model of a scene whose surfaces are paired anew in every increment of a path.
+
+    Strains and turns must be small, sliding need not be. Where nothing slides by more than a facet, ``hhr.condense`` is
+    the cheaper model of the same.
+
+    Args:
+        scene: with contact pairs that are ``NodeToSurface`` or ``Mortar``, of bodies that nothing but imposed
+            displacements hold.
+        condensed: whether the compliance of the surfaces is made once; else the full order makes it for each path.
+
+    Raises:
+        SceneError: for a scene that is not of that kind, with what is not.
+    """
+    _check(scene)
+    pairs = tuple(SurfaceDofs(*item.tags) for item in scene.contacts)
+    full = FullOrderModel(dataclasses.replace(scene, contacts=pairs), MPI.COMM_SELF)
+    problem = full.problem
+    if problem.rigid is not None:
+        raise SceneError(f"contact alone holds bodies of scene '{scene.name}', which slide: hold them")
+    if problem.varies and condensed:
+        raise SceneError(
+            f"moduli or shapes of scene '{scene.name}' depend on parameters: condensed models of bodies that slide are "
+            "of constant ones. Give numbers, or take condensed=False"
+        )
+    found = tuple(_pairs(full, scene))
+    if sum(pair.nodes for pair in found) * problem.block_size != len(problem.gaps):
+        raise SceneError(
+            f"surfaces of scene '{scene.name}' that slide have nodes whose displacement is imposed: end either before "
+            "the other"
+        )
+    laws = [
+        FrictionLaw.of(Coulomb(0.0) if law is None else law, scene.parameters, f"contact {place}")
+        for place, law in enumerate(scene.friction)
+    ]
+    base: Any = full
+    if condensed:
+        nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
+        base = exact_condensation(full, nothing, field=False)
+    return SlidingModel(base, found, layout(found, laws, problem.block_size))
+
+
+def _check(scene: Scene) -> None:
+    for place, item in enumerate(scene.contacts):
+        if not isinstance(item, PAIRINGS) or getattr(item, "multipliers", "dual") != "dual":
+            names = " and ".join(kind.__name__ for kind in PAIRINGS)
+            raise SceneError(
+                f"contact {place} of scene '{scene.name}' is a {type(item).__name__}: {names} with dual multipliers "
+                "can be made anew as bodies slide"
+            )
+    if scene.openings or scene.shapes or any(body.law is not None for body in scene.bodies):
+        raise SceneError(
+            f"scene '{scene.name}' has openings, shapes, or bodies that flow: they are not built in where surfaces "
+            "slide past their mesh"
+        )
+    for output in scene.outputs:
+        if not isinstance(output, OUTPUTS):
+            names = ", ".join(kind.__name__ for kind in OUTPUTS)
+            raise SceneError(
+                f"output '{output.name}' is not built in where surfaces slide past their mesh: {names} are; pressures, "
+                "slip and wear are in an answer's slip"
+            )
+
+
+def _pairs(full: FullOrderModel, scene: Scene) -> Any:
+    """The surfaces of each pair."""
+    first = 0
+    for item in scene.contacts:
+        surfaces = [full.discretisation.surface(tag) for tag in item.tags]
+        nodes, points = nodes_of(surfaces)
+        slave, master = (renumbered(surface, nodes) for surface in surfaces)
+        yield SlidingPair(item, slave, master, first, nodes.size)
+        first += points.size

@@ -1,0 +1,157 @@
+"""Bodies that slide past the mesh they were paired on: beside other meshes, the full order, and the laws."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+import sliding_punch as demo
+from mpi4py import MPI
+from parts import sliding_punch_study as study
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import NotOfferedError, SceneError
+from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
+from hhr_dolfinx.models.histories.repairing import RepairingSlider
+
+CELLS = 60
+
+
+def drawn(model, *ways, push=demo.PUSH):
+    """A history of a punch that is pushed, and drawn to some ways."""
+    return model.march([(0.0, (0.0, 0.0)), (1.0, (push, 0.0)), *((2.0 + k, (push, way)) for k, way in enumerate(ways))])
+
+
+@pytest.fixture(scope="module")
+def smooth():
+    return hhr.slide(demo.scene(None, cells=CELLS))
+
+
+@pytest.fixture(scope="module")
+def rough():
+    return hhr.slide(demo.scene(cells=CELLS))
+
+
+def test_without_friction_it_is_as_if_meshed_there(smooth):
+    """A mesh of its own, paired where it lies; rows of the pushed place and of the meshed one differ by .3 %."""
+    history = drawn(smooth, 1.1, 6.05, 3.0)
+    for answer, way in zip(history.answers[1:], (1.1, 6.05, 3.0), strict=True):
+        assert answer.outputs()["pressed"] == pytest.approx(study.pressed_at(way, CELLS), rel=0.01)
+        assert abs(answer.outputs()["drawn"]) < 0.02 * answer.outputs()["pressed"]
+    # back where it began, along whichever way, there is no memory
+    back = drawn(smooth, 7.9, 0.0).answers
+    np.testing.assert_allclose(back[-1].slip.pressure, back[0].slip.pressure, atol=2e-3 * back[0].slip.pressure.max())
+
+
+def test_rows_where_nothing_has_moved_are_those_of_the_pairing():
+    """Pressures and tangential rows on the mesh, from those of the dofs of surfaces; far nodes face nothing."""
+    scene = demo.scene(cells=CELLS)
+    fixed = hhr.FullOrderModel(scene, MPI.COMM_SELF).problem
+    model = hhr.slide(scene, condensed=False)
+    paired = RepairingSlider(model).paired(np.zeros(len(model.base.problem.gaps)))
+    rows = (paired.matrix @ model.base.problem.contact).toarray()
+    x = [model.slave_points()[:, 0], fixed.contact_points[fixed.friction.normal, 0]]
+    order, other = (np.argsort(values) for values in x)
+    count = order.size
+    np.testing.assert_allclose(paired.gap[order], fixed.gaps[:count, 0][other], atol=1e-12)
+    for shift in (0, count):
+        np.testing.assert_allclose(rows[shift + order], fixed.contact.toarray()[shift + other], atol=1e-12)
+
+
+def test_what_is_drawn_bears_coulomb_and_forgets_where_it_was(rough):
+    history = drawn(rough, *np.linspace(0.1, 4.0, 40))
+    values = study.forces(history)
+    # the normals of the punch's place are tilted, by as much on either side: 1 % was measured
+    np.testing.assert_allclose(values[10:, 1], demo.FRICTION * values[10:, 0], rtol=0.015)
+    assert abs(values[0, 1]) < 0.1 * values[0, 0]
+    middles = [answer.slip.pressure @ (rough.slave_points()[:, 0] + answer.parameter[1]) / answer.slip.pressure.sum()
+               for answer in history.answers]  # fmt: skip
+    np.testing.assert_allclose(np.diff(middles[5:]), 0.1, atol=0.03)
+    # Archard: pressure times the way along which it slid
+    worn = float(history.answers[-1].slip.wear @ rough.friction.area)
+    assert worn == pytest.approx(values[5:, 0].mean() * 3.9, rel=0.1)
+
+
+def test_condensed_is_the_full_order(rough):
+    full = hhr.slide(demo.scene(cells=CELLS), condensed=False)
+    ways = (0.2, 1.0, 5.0, 4.0)
+    one, other = drawn(rough, *ways), drawn(full, *ways)
+    for found, wanted in zip(one.answers, other.answers, strict=True):
+        np.testing.assert_allclose(found.multipliers, wanted.multipliers, atol=1e-9 * wanted.multipliers.max())
+        np.testing.assert_allclose(found.displacement(), wanted.displacement(), atol=1e-10)
+
+
+def test_a_punch_that_leaves_the_block_bears_nothing(smooth):
+    box = hhr.ParameterSpace(("push", "way"), (0.0, 0.0), (0.05, 40.0))
+    model = hhr.slide(dataclasses.replace(demo.scene(None, cells=CELLS), parameters=box))
+    answers = drawn(model, 30.0, 1.0).answers
+    assert answers[0].outputs()["pressed"] > 1 and answers[1].outputs()["pressed"] == 0.0
+    assert answers[2].outputs()["pressed"] == pytest.approx(
+        drawn(smooth, 1.0).answers[1].outputs()["pressed"], rel=1e-3
+    )
+
+
+def in_space(axis: int) -> hhr.Scene:
+    """A pad on a slab, pushed and drawn along x or y; the scene of one is that of the other, turned."""
+
+    def geometry(comm):
+        def warp(points, tag):
+            if tag == FIRST:
+                return points
+            bulge = 0.15 * (points[:, :2] ** 2).sum(axis=1) * (1 - points[:, 2])
+            return points + np.column_stack([0 * bulge, 0 * bulge, bulge])
+
+        first = (-2.0, -2.0, -1.0), (2.0, 2.0, 0.0), (16, 16, 3)
+        second = (-0.5, -0.5, 0.0), (0.5, 0.5, 1.0), (5, 5, 3)
+        return two_blocks(comm, first=first, second=second, warp=warp)
+
+    top = side(SECOND, 2, True)
+    moved = {k: hhr.Amplitude() for k in range(3)}
+    moved |= {axis: hhr.Amplitude(slopes={"way": 1.0}), 2: hhr.Amplitude(slopes={"push": -1.0})}
+    return hhr.Scene(
+        name="pad",
+        geometry=geometry,
+        hypothesis="solid",
+        bodies=(hhr.Body(FIRST, 1000.0, 0.3), hhr.Body(SECOND, 1000.0, 0.3)),
+        contacts=(hhr.NodeToSurface(side(SECOND, 2, False), side(FIRST, 2, True), friction=0.2),),
+        displacements=(
+            *hhr.Displacement.clamp(side(FIRST, 2, False), 3),
+            *(hhr.Displacement(top, k, amplitude) for k, amplitude in moved.items()),
+        ),
+        parameters=hhr.ParameterSpace(("push", "way"), (0.0, 0.0), (0.05, 1.2)),
+        outputs=tuple(hhr.ContactForce(name, 0, tuple(np.eye(3)[k])) for k, name in enumerate("xyz")),
+    )
+
+
+def test_in_space_it_knows_no_directions():
+    along = []
+    for axis in (0, 1):
+        model = hhr.slide(in_space(axis))
+        answers = drawn(model, *np.linspace(0.1, 1.2, 12)).answers
+        values = np.array([[answer.outputs()[name] for name in "xyz"] for answer in answers])
+        assert answers[0].slip.pressure.max() > 0
+        np.testing.assert_allclose(values[5:, axis], -0.2 * values[5:, 2], rtol=0.03)
+        np.testing.assert_allclose(values[:, 1 - axis], 0.0, atol=2e-3 * values[:, 2].max())
+        along.append(values[:, [axis, 2]])
+    np.testing.assert_allclose(along[0], along[1], atol=1e-6 * np.abs(along[0]).max())
+
+
+def test_what_is_not_built_in_is_refused_by_name(rough):
+    with pytest.raises(NotOfferedError, match="derivatives of bodies that slide"):
+        rough.march(demo.path(2), hhr.MarchSettings(gradient=True))
+    with pytest.raises(NotOfferedError, match="its pairings are code"):
+        hhr.save_model("nowhere.npz", rough)
+    scene = demo.scene(cells=CELLS)
+    faces = side(SECOND, 1, False), side(FIRST, 1, True)
+    pressed = hhr.Pressure(side(SECOND, 1, True), hhr.Amplitude(slopes={"push": 1.0}))
+    changes = {
+        "is a NodeToNode": {"contacts": (hhr.NodeToNode(*faces, (0.0, -1.0)),)},
+        "'peak' is not built in": {"outputs": (hhr.LargestPressure("peak", 0),)},
+        "has openings, shapes": {"openings": (hhr.Opening(0, hhr.Amplitude(constant=0.1)),)},
+        "contact alone holds": {"displacements": scene.displacements[:3], "loads": (pressed,)},
+        "moduli or shapes": {"bodies": (hhr.Body(FIRST, "1000 + push", 0.3), scene.bodies[1])},
+    }
+    for message, change in changes.items():
+        with pytest.raises(SceneError, match=message):
+            hhr.slide(dataclasses.replace(scene, **change))
