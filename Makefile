@@ -5,7 +5,7 @@ export OPENBLAS_NUM_THREADS = 1
 # what is said comes as it is said, into a file or a pipe too
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo pellet nonmatching plastic sphere materials rod press fretting friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes lint test quick slow setup
+.PHONY: demo pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes lint test quick slow setup
 
 demo: setup
 	.venv/bin/python demos/hertz_half_discs.py
@@ -30,6 +30,12 @@ rod: setup
 
 fretting: setup
 	.venv/bin/python demos/fretting.py
+
+punch: setup
+	.venv/bin/python demos/sliding_punch.py
+
+torque: setup
+	.venv/bin/python demos/press_fit_torque.py
 
 friction: setup
 	.venv/bin/python benchmarks/friction.py

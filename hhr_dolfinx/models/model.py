@@ -159,11 +159,11 @@ class AnsweringModel:
         """What makes the contact problem of each point, (P,), of one path, without its primal unknown."""
         raise NotOfferedError(f"{type(self).__name__} knows no contact problem of a point for itself")
 
-    def slider(self, gradient: bool) -> Slider:
-        """What solves increments with friction, with derivatives or without."""
+    def slider(self, settings: MarchSettings) -> Slider:
+        """What solves increments with friction."""
         from hhr_dolfinx.models.histories.sliding import Slider
 
-        return Slider(self, gradient)
+        return Slider(self, settings.gradient)
 
     def coupling(self, mu: Any) -> float:
         """How strongly friction couples pressures and slip at a parameter: below one each increment has one answer.

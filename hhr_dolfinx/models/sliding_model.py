@@ -14,6 +14,7 @@ from hhr_dolfinx.models.model import AnsweringModel
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
+    from hhr_dolfinx.models.histories.equilibrium import MarchSettings
     from hhr_dolfinx.models.histories.repairing import RepairingSlider, SlidingPair
 
 ADVICE = {
@@ -57,16 +58,16 @@ class SlidingModel(AnsweringModel):
         """That of its base."""
         self.base.check_range(point, outside)
 
-    def slider(self, gradient: bool) -> RepairingSlider:
+    def slider(self, settings: MarchSettings) -> RepairingSlider:
         """See :class:`AnsweringModel`; without derivatives."""
-        if gradient:
+        if settings.gradient:
             raise NotOfferedError(
                 "derivatives of bodies that slide past their mesh are not built in: pairings change along a path. Take "
                 "differences of answers"
             )
         from hhr_dolfinx.models.histories.repairing import RepairingSlider
 
-        return RepairingSlider(self)
+        return RepairingSlider(self, exactly=settings.time_tolerance is not None)
 
     def coupling(self, mu: Any) -> float:
         """Not known: rows change along a path."""

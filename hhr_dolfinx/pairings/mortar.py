@@ -80,6 +80,10 @@ class Mortar:
         """Slave and master."""
         return (self.slave, self.master)
 
+    def rows_anew(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
+        """:meth:`rows` of surfaces that have moved."""
+        return self.rows(surfaces, dofs)
+
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
         """One row for each slave node whose surroundings face the master surface."""
         slave, master = surfaces

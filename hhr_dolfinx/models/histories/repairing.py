@@ -30,10 +30,12 @@ from hhr_dolfinx.models.histories.sliding import Reached, Slider, Solved, Target
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.pairings.surface_dofs import moved
 
-PAIRINGS = 5
+PAIRINGS = 8
 """How often an increment is paired at most."""
 SETTLED = 1e-3
 """Part of the smallest facet by which one more pairing may move the surfaces."""
+EXACTLY = 1e-7
+"""The same where increments are cut by their errors, of which pairing should be none."""
 APART = 10.0
 """Gap of what faces nothing, in sizes of the surfaces."""
 
@@ -42,7 +44,7 @@ class SlidingPair(NamedTuple):
     """Two surfaces that are paired anew.
 
     Attributes:
-        pairing: with a ``rows`` that gives each node of the slave one row at most.
+        pairing: with ``rows_anew``, which gives each node of the slave one row at most.
         slave, master: surfaces as they are meshed, whose nodes are counted among those of both.
         first: place of the first dof of the pair among all rows of its model.
         nodes: how many nodes both have.
@@ -64,7 +66,7 @@ class SlidingPair(NamedTuple):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PairingWarning)  # of what faces nothing any more
             try:
-                rows = getattr(self.pairing, "rows_anew", self.pairing.rows)(surfaces, self.nodes * dim)
+                rows = self.pairing.rows_anew(surfaces, self.nodes * dim)
             except SceneError:
                 return None, np.zeros(0, dtype=np.int64)
         return rows, np.searchsorted(self.slave.nodes, rows.slaves)
@@ -89,11 +91,12 @@ class RepairingSlider(Slider):
 
     Args:
         model: with ``pairs`` beside what :class:`Slider` asks for.
-        gradient: must be False.
+        exactly: whether increments are paired until nothing changes.
     """
 
-    def __init__(self, model: Any, gradient: bool = False):
-        super().__init__(model, gradient)
+    def __init__(self, model: Any, *, exactly: bool = False):
+        super().__init__(model)
+        self.settled = EXACTLY if exactly else SETTLED
         self.pairs: Sequence[SlidingPair] = model.pairs
         self.dim = model.dimension
         places = np.concatenate([surface.points for pair in self.pairs for surface in (pair.slave, pair.master)])
@@ -125,7 +128,7 @@ class RepairingSlider(Slider):
             moved_to = free - contact.schur @ pushed
             change = np.abs(moved_to - paired.at).max() / self.facet
             # the next change would be as much smaller as this one is
-            if found.status is not Status.CONVERGED or change * min(change / last, 1.0) <= SETTLED:
+            if found.status is not Status.CONVERGED or change * min(change / last, 1.0) <= self.settled:
                 break
             last = change
         bound = np.minimum(*self._bounds(point, found.forces))

@@ -262,7 +262,7 @@ def slide_along(
     check_settings(settings)
     _check_shape(model, path)
     history = History(*path[0], time_tolerance=settings.time_tolerance)
-    slider = model.slider(settings.gradient)
+    slider = model.slider(settings)
     weights = np.ones((len(path), path[0][1].size)) if weights is None else weights
     reached = slider.at_rest(*path[0], weights[0])
     error = 0.0
