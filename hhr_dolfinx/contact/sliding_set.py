@@ -95,22 +95,41 @@ class Increment(NamedTuple):
         return np.isinf(self.coefficient)
 
 
+class _Given(NamedTuple):
+    """What drives an increment, as its rows need it.
+
+    Attributes:
+        slack, driving: as of :class:`Increment`.
+        coefficient, limit: of each tangential row, (T,).
+        plain: whether nothing but finite coefficients bounds tangential forces.
+        unforced: forces that would make up for the slack, row by row, (M,).
+        round_off: force that is round-off of the slack.
+        label: what tells coefficients apart.
+    """
+
+    slack: np.ndarray
+    driving: np.ndarray
+    coefficient: np.ndarray
+    limit: np.ndarray
+    plain: bool
+    unforced: np.ndarray
+    round_off: float
+    label: bytes
+
+
 class _Iterate(NamedTuple):
     """Statuses and directions that a Newton step takes for granted, and how far the forces are off their projection."""
 
-    acting: np.ndarray  # rows that bear a force: closed contacts, and tangential rows that friction resists, (M,) bool
+    statuses: Statuses
     limited: np.ndarray  # tangential rows whose bound is the limit, (T,) bool
     bound: np.ndarray  # b of each tangential row, (T,)
-    slips: np.ndarray  # acting tangential rows that slip, (T,) bool
-    direction: np.ndarray  # y_t / |y_t|, (T,)
-    shrunk: np.ndarray  # b / |y_t|, (T,)
-    measure: float  # part of its stiffness by which a slip counts
     off: np.ndarray  # forces less their projection, (M,)
 
     def key(self) -> bytes:
         """What tells sets of statuses apart."""
-        signs = np.sign(self.direction[self.slips])
-        return self.acting.tobytes() + self.slips.tobytes() + self.limited[self.slips].tobytes() + signs.tobytes()
+        at = self.statuses
+        signs = np.sign(at.direction[at.slips])
+        return at.acting.tobytes() + at.slips.tobytes() + self.limited[at.slips].tobytes() + signs.tobytes()
 
 
 class SlidingContact:
@@ -143,7 +162,8 @@ class SlidingContact:
         unit = self.stiffness[:, None]
         balance = np.ascontiguousarray(self.taken.T)
         scaled = np.hstack([schur, -self.taken]) * unit
-        self._problem = Rows(self.stiffness, scaled, balance, rows, self._normal, self._curved)
+        self._problem = Rows(scaled, balance, rows, self._normal, self._curved)
+        self._nowhere = np.zeros(rows.size, dtype=bool)
         self._systems = SlidingSystems(self._problem)
 
     def increment(self, given: Increment, start: np.ndarray, active: np.ndarray | None = None) -> Sliding:
@@ -159,61 +179,70 @@ class SlidingContact:
             return self._failed(given, start, Status.NOT_FINITE)
         motions = np.zeros(self.taken.shape[1])
         if active is not None and not motions.size:
+            own = self._prepared(given)
             with suppress(SingularError):
-                start = self._solved(given, self._as_before(given, start, active), start)
+                start = self._solved(own, self._as_before(own, start, active), start)
         found = self._tried(given, start, motions)
         if found.status is Status.CONVERGED:
             return found
         return self._by_sweeps(given, found) if not self.taken.shape[1] else self._by_springs(given, found)
 
-    def _as_before(self, given: Increment, forces: np.ndarray, active: np.ndarray) -> _Iterate:
+    def _prepared(self, given: Increment) -> _Given:
+        """What drives an increment, as its rows need it."""
+        unforced = -self.stiffness * given.slack
+        plain = bool(np.isfinite(given.coefficient).all() and np.isinf(given.limit).all())
+        return _Given(
+            given.slack, given.driving, given.coefficient[self._owner], given.limit[self._owner], plain, unforced,
+            1e-15 * np.abs(unforced).max(initial=0.0), given.coefficient.tobytes(),
+        )  # fmt: skip
+
+    def _as_before(self, given: _Given, forces: np.ndarray, active: np.ndarray) -> _Iterate:
         """Statuses and directions of an increment that is solved."""
         acting = active.copy()
         own = forces[self._rows]
         size = self._length(own)
-        carried = self._carried(given, np.maximum(forces, 0.0))
-        bound = np.minimum(carried, given.limit)[self._owner]
+        bound, limited = self._bound(given, np.maximum(forces, 0.0))
         acting[self._rows] = (bound > 0) | active[self._normal]
-        limited = (carried >= given.limit)[self._owner]
-        direction = own / np.where(size > 0, size, 1.0)
         slips = ~active[self._rows] & (size > 0) & acting[self._rows]
-        return _Iterate(acting, limited, bound, slips, direction, _share(bound, size), PROBES[0], np.zeros(0))
+        return self._iterate(given, acting, slips, limited, bound, own, size, PROBES[0], np.zeros(0))
 
     def _tried(self, given: Increment, start: np.ndarray, motions: np.ndarray) -> Sliding:
         """Newton's method, by one measure of slip after another."""
         iterations = 0
+        own = self._prepared(given)
         # the first one again without what old factors may have spoilt
         for probe, old in ((PROBES[0], True), *((probe, False) for probe in PROBES)):
-            found = self._newton(given, start, motions, probe, old)
+            found = self._newton(own, start, motions, probe, old)
             iterations += found.iterations
             if found.status is Status.CONVERGED:
                 break
             self._systems.forget()
         return found._replace(iterations=iterations)
 
-    def _newton(self, given: Increment, start: np.ndarray, motions: np.ndarray, probe: float, old: bool) -> Sliding:
+    def _newton(self, given: _Given, start: np.ndarray, motions: np.ndarray, probe: float, old: bool) -> Sliding:
         """Newton's method; the status is ``UNSETTLED`` where statuses repeat, or ``SINGULAR``.
 
         Args:
             given: what drives the increment.
             start, motions: forces and motions to start from.
             probe: of :data:`PROBES`.
-            old: whether steps may be made with factors of other directions, as long as they serve.
+            old: whether steps may be made with factors of other statuses, as long as they serve.
         """
         forces = start
         seen: set[bytes] = set()
         least = np.inf
         before = np.inf
         status = Status.UNSETTLED
-        round_off = 1e-15 * (self.stiffness * np.abs(given.slack)).max(initial=0.0)
         for iteration in range(NEWTON + 1):
             slack = given.slack + self.schur @ forces - self.taken @ motions
             at = self._projected(given, forces, slack, probe)
             worst = np.abs(at.off).max(initial=0.0)
             balanced = self._balanced(given, forces)
-            noise = TOLERANCE * np.abs(forces).max(initial=0.0) + round_off
+            noise = TOLERANCE * np.abs(forces).max(initial=0.0) + given.round_off
             if worst <= noise and balanced:
-                return self._settled(given, at, forces, slack, motions, iteration)
+                if old and not self._sound(given, at, forces, motions):
+                    break
+                return self._settled(at.statuses, forces, slack, motions, iteration)
             key = at.key()
             if iteration == NEWTON or (key in seen and not worst < 0.5 * least):
                 break
@@ -221,6 +250,8 @@ class SlidingContact:
             least = min(least, worst)
             near = np.concatenate([forces, motions]) if old and worst < STALLED * before else None
             before = worst
+            if not old:
+                self._systems.forget()
             try:
                 solved = self._solved(given, at, near)
             except SingularError:
@@ -229,7 +260,7 @@ class SlidingContact:
             forces = solved[: forces.size]
             motions = solved[forces.size :]
         return Sliding(
-            forces, at.acting, slack, motions, iteration, 0, status,
+            forces, at.statuses.acting, slack, motions, iteration, 0, status,
             self._pressures[np.abs(at.off[self._pressures]) > noise],
         )  # fmt: skip
 
@@ -249,55 +280,71 @@ class SlidingContact:
         Raises:
             SingularError: where statuses leave forces undetermined.
         """
-        at = self._projected(given, found.forces, found.slack, PROBES[0])
+        at = self._projected(self._prepared(given), found.forces, found.slack, PROBES[0])
         owner = self._owner
         pressure = np.maximum(found.forces[self._normal], 0.0)[:, None]
-        grown = np.where(at.limited[:, None], bounds[1][owner], bounds[0][owner] * pressure) * at.direction[:, None]
-        right = self._right(at, slack, grown, driving)
-        solved = SlidingSystem(self._problem, self._statuses(given, at)).solve(right)
+        grown = np.where(at.limited[:, None], bounds[1][owner], bounds[0][owner] * pressure)
+        right = self._right(
+            at.statuses, -self.stiffness[:, None] * slack, grown * at.statuses.direction[:, None], driving
+        )
+        solved = SlidingSystem(self._problem, at.statuses).solve(right)
         return solved[: len(slack)], solved[len(slack) :]
 
     def grazing(self, given: Increment, found: Sliding) -> np.ndarray:
         """Rows about to change their status, where derivatives hold on one side only, (M,) bool."""
         near = GRAZING * np.abs(found.forces).max(initial=0.0)
-        at = self._projected(given, found.forces, found.slack, PROBES[0])
+        at = self._projected(self._prepared(given), found.forces, found.slack, PROBES[0])
         moved = self.stiffness * np.abs(found.slack)
         close = np.where(found.active, np.abs(found.forces) <= near, moved <= near)
         size, slip = (self._length(values[self._rows]) for values in (found.forces, moved))
-        tangential = np.where(at.slips, slip <= near, size >= at.bound - near)
-        close[self._rows] = tangential & at.acting[self._normal]
+        tangential = np.where(at.statuses.slips, slip <= near, size >= at.bound - near)
+        close[self._rows] = tangential & at.statuses.acting[self._normal]
         return close
 
-    def _projected(self, given: Increment, forces: np.ndarray, slack: np.ndarray, probe: float) -> _Iterate:
+    def _projected(self, given: _Given, forces: np.ndarray, slack: np.ndarray, probe: float) -> _Iterate:
         """What forces and slacks say of statuses, and how far they are from a solution."""
         y = forces - self.stiffness * slack
         projected = np.maximum(y, 0.0)
         acting = y > 0
-        carried = self._carried(given, projected)
-        bound = np.minimum(carried, given.limit)[self._owner]
+        bound, limited = self._bound(given, projected)
         pushed = y[self._rows]
-        projected[self._rows] = pushed * _share(bound, self._length(pushed))
+        if self._turns:
+            projected[self._rows] = pushed * _share(bound, self._length(pushed))
+        else:
+            projected[self._rows] = np.minimum(np.maximum(pushed, -bound), bound)
         own = forces[self._rows]
         tangential = own + probe * (pushed - own)
         size = self._length(tangential)
-        bears = (bound > 0) | acting[self._normal]
+        bears = acting[self._normal] if given.plain else (bound > 0) | acting[self._normal]
         acting[self._rows] = bears
-        limited = (carried >= given.limit)[self._owner]
+        slips = (size > bound) & bears
+        return self._iterate(given, acting, slips, limited, bound, tangential, size, probe, forces - projected)
+
+    def _iterate(
+        self, given: _Given, acting: np.ndarray, slips: np.ndarray, limited: np.ndarray, bound: np.ndarray,
+        tangential: np.ndarray, size: np.ndarray, probe: float, off: np.ndarray,
+    ) -> _Iterate:  # fmt: skip
+        """Statuses with directions of tangential vectors, (T,), of some length, (T,)."""
+        followed = given.coefficient if given.plain else np.where(limited, 0.0, given.coefficient)
+        if not self._turns:
+            return _Iterate(Statuses(acting, slips, followed, np.sign(tangential), size, probe), limited, bound, off)
         direction = tangential / np.where(size > 0, size, 1.0)
-        share = _share(bound, size)
-        return _Iterate(acting, limited, bound, (size > bound) & bears, direction, share, probe, forces - projected)
+        return _Iterate(Statuses(acting, slips, followed, direction, _share(bound, size), probe), limited, bound, off)
 
     def bounds(self, given: Increment, forces: np.ndarray) -> np.ndarray:
         """Largest tangential force that each contact may bear under some forces, (C,)."""
-        return np.minimum(self._carried(given, np.maximum(forces, 0.0)), given.limit)
-
-    def _carried(self, given: Increment, pressures: np.ndarray) -> np.ndarray:
-        """What pressures let tangential forces be, (C,); infinite of Tresca's law."""
-        own = pressures[self.friction.normal]
-        if np.isfinite(given.coefficient).all():
-            return given.coefficient * own
         with np.errstate(invalid="ignore"):
-            return np.where(given.free, np.inf, given.coefficient * own)
+            carried = given.coefficient * np.maximum(forces[self.friction.normal], 0.0)
+        return np.minimum(np.where(given.free, np.inf, carried), given.limit)
+
+    def _bound(self, given: _Given, pressures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Largest force of each tangential row, (T,), and where that is the limit, (T,) bool."""
+        own = pressures[self._normal]
+        if given.plain:
+            return given.coefficient * own, self._nowhere
+        with np.errstate(invalid="ignore"):
+            carried = np.where(np.isinf(given.coefficient), np.inf, given.coefficient * own)
+        return np.minimum(carried, given.limit), carried >= given.limit
 
     def _length(self, tangential: np.ndarray) -> np.ndarray:
         """Length of the vector of each contact, on each of its tangential rows, (T,)."""
@@ -305,7 +352,7 @@ class SlidingContact:
             return np.abs(tangential)
         return np.sqrt(np.bincount(self._owner, tangential**2, self.friction.normal.size))[self._owner]
 
-    def _balanced(self, given: Increment, forces: np.ndarray) -> bool:
+    def _balanced(self, given: _Given, forces: np.ndarray) -> bool:
         """Whether forces balance the loads along rigid motions."""
         if not given.driving.size:
             return True
@@ -313,7 +360,7 @@ class SlidingContact:
         size = np.abs(given.driving) + np.abs(forces) @ np.abs(self.taken)
         return bool((left <= 1e-10 * size.max()).all())
 
-    def _solved(self, given: Increment, at: _Iterate, near: np.ndarray | None = None) -> np.ndarray:
+    def _solved(self, given: _Given, at: _Iterate, near: np.ndarray | None = None) -> np.ndarray:
         """Forces and motions on some statuses and directions, (M + r,).
 
         Args:
@@ -325,46 +372,49 @@ class SlidingContact:
         Raises:
             SingularError: where they are undetermined.
         """
-        known = np.where(at.limited, at.bound * at.direction, 0.0)
-        right = self._right(at, given.slack[:, None], known[:, None], given.driving[:, None])[:, 0]
-        statuses = self._statuses(given, at)
-        label = given.coefficient.tobytes()
-        if near is not None and self._turns and (at.slips & self._curved).any():
-            nearer = self._systems.nearer(statuses, right, label, near)
+        statuses = at.statuses
+        right = self._right_of(given, at)
+        if near is not None and self._turns and (statuses.slips & self._curved).any():
+            nearer = self._systems.nearer(statuses, right, given.label, near)
             if nearer is not None:
                 return nearer
-        return self._systems.solve(statuses, right, label)
+        return self._systems.solve(statuses, right, given.label)
 
-    def _statuses(self, given: Increment, at: _Iterate) -> Statuses:
-        """What the linear system needs to know of an iterate."""
-        followed = np.where(at.limited, 0.0, given.coefficient[self._owner])
-        return Statuses(at.acting, at.slips, followed, at.direction, at.shrunk, at.measure)
+    def _sound(self, given: _Given, at: _Iterate, forces: np.ndarray, motions: np.ndarray) -> bool:
+        """Whether a solution is no round-off of corrected factors."""
+        return self._systems.holds(at.statuses, self._right_of(given, at), np.concatenate([forces, motions]))
 
-    def _right(self, at: _Iterate, slack: np.ndarray, known: np.ndarray, driving: np.ndarray) -> np.ndarray:
+    def _right_of(self, given: _Given, at: _Iterate) -> np.ndarray:
+        """Right-hand sides of an increment on some statuses, (M + r,)."""
+        statuses = at.statuses
+        if given.plain and not self._turns:  # what slips follows its pressure, and nothing else is known of it
+            right = np.where(statuses.acting, given.unforced, 0.0)
+            right[self._rows[statuses.slips]] = 0.0
+            return np.concatenate([right, given.driving]) if given.driving.size else right
+        known = np.where(at.limited, at.bound * statuses.direction, 0.0)[:, None]
+        return self._right(statuses, given.unforced[:, None], known, given.driving[:, None])[:, 0]
+
+    def _right(self, at: Statuses, unforced: np.ndarray, known: np.ndarray, driving: np.ndarray) -> np.ndarray:
         """Right-hand sides of all rows, (M + r, P).
 
         Args:
             at: the statuses.
-            slack: without contact forces, (M, P).
+            unforced: forces that would make up for the slack, row by row, (M, P).
             known: tangential forces of what slips that do not follow a pressure, (T, P).
             driving: loads along rigid motions, (r, P).
         """
-        right = self.stiffness[:, None] * slack
-        np.negative(right, out=right)
-        right[~at.acting] = 0.0
+        right = np.where(at.acting[:, None], unforced, 0.0)
         turning = at.slips & self._curved
-        across = at.measure * right[self._rows[turning]].reshape(-1, 2, slack.shape[1])
+        across = at.measure * right[self._rows[turning]].reshape(-1, 2, unforced.shape[1])
         right[self._rows[at.slips]] = known[at.slips]
         if across.size:
             direction = at.direction[turning].reshape(-1, 2, 1)
             across -= direction * (direction * across).sum(axis=1, keepdims=True)
             across *= at.shrunk[turning].reshape(-1, 2, 1)
-            right[self._rows[turning]] += across.reshape(-1, slack.shape[1])
+            right[self._rows[turning]] += across.reshape(-1, unforced.shape[1])
         return np.concatenate([right, driving]) if len(driving) else right
 
-    def _settled(
-        self, given: Increment, at: _Iterate, forces: np.ndarray, slack: np.ndarray, motions: np.ndarray, count: int
-    ) -> Sliding:
+    def _settled(self, at: Statuses, forces: np.ndarray, slack: np.ndarray, motions: np.ndarray, count: int) -> Sliding:
         """A solution, with the statuses of its rows."""
         active = at.acting.copy()
         active[self._rows] &= ~at.slips

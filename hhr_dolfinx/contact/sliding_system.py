@@ -52,15 +52,14 @@ class Rows(NamedTuple):
     """The problem that statuses are chosen of (M rows, T tangential ones, r rigid motions).
 
     Attributes:
-        stiffness: by which rows of S are made of the unit of forces: products with what is given cancel else, (M,).
-        scaled: S with rows multiplied by it, and what rigid motions take from the slack behind, likewise, (M, M + r).
+        scaled: S, and behind it what rigid motions take from the slack, with rows multiplied by what makes them of the
+            unit of forces: products with what is given cancel else, (M, M + r).
         balance: what forces bear along rigid motions, (r, M).
         tangential: tangential rows, contact by contact, (T,).
         normal: row of the pressure of each, (T,).
         curved: which of them are of contacts that slip in two directions, (T,) bool.
     """
 
-    stiffness: np.ndarray
     scaled: np.ndarray
     balance: np.ndarray
     tangential: np.ndarray
@@ -296,11 +295,15 @@ class SlidingSystems:
             self._found = factored.solve(right[:, None], check=False)[:, 0]
         if not changed.size:
             return self._found
-        found = self._corrected(changed, codes, at, right)
-        if factored.holds(found, right, changed):
-            return found
-        self.forget()  # nearly singular, of which corrections know nothing
-        return self.solve(at, right, label)
+        return self._corrected(changed, codes, at, right)
+
+    def holds(self, at: Statuses, right: np.ndarray, unknowns: np.ndarray) -> bool:
+        """Whether unknowns, (M + r,), solve the system of some statuses, of which corrections do not make sure.
+
+        Where a system is nearly singular they may be round-off. Arguments are those of :meth:`solve`.
+        """
+        changed = self._changed(at.codes(self._rows))
+        return self._factored is not None and self._factored.holds(unknowns, right, changed)
 
     def nearer(self, at: Statuses, right: np.ndarray, label: bytes, unknowns: np.ndarray) -> np.ndarray | None:
         """Forces and motions nearer to the solution than some are, by factors of other directions of what turns.
