@@ -42,8 +42,9 @@ NEWTON = 40
 """Iterations of Newton's method before another attempt; from the increment before two to five are usual."""
 SWEEPS = (10, 30, 100, 300, 1000, 3000)
 """Sweeps over all contacts between one attempt of Newton's method and the next."""
-ELASTIC_SLIP = 1e-6
-"""Part of the compliance of a contact by which it gives where another condition says the same as its friction."""
+ELASTIC_SLIP = 1e-4
+"""Part of the compliance of a contact by which it gives where another condition says the same as its friction. With
+1e-6 one of 40,000 random jumps of the pellet, which has such a corner, did not settle; with 1e-4 all do."""
 STALLED = 0.2
 """Part of how far forces were off, above which a step with old factors has not served, and new ones are made."""
 GRAZING = 1e-7
