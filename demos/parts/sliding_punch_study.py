@@ -79,7 +79,7 @@ def draw(model: Any, history: hhr.History, values: np.ndarray, file: Path) -> No
         way = answer.parameter[1]
         profile.plot(x + way, answer.slip.pressure / model.friction.area, ".-", label=f"{way:.1f} mm")
     profile.set(xlabel="x [mm]", ylabel="pressure [MPa]", title="pressure goes along")
-    profile.legend(fontsize=8, ncols=2, title="drawn by")
+    profile.legend(fontsize=8, ncols=5, title="drawn by", loc="upper center", bbox_to_anchor=(0.5, -0.14))
     ways = [answer.parameter[1] for answer in history.answers]
     for column, name in enumerate(("pressed", "drawn")):
         loop.plot(ways, values[:, column], label=name)
