@@ -22,7 +22,7 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.friction import Friction, SlipState
 from hhr_dolfinx.contact.problem import ContactRows
-from hhr_dolfinx.contact.sliding_set import Increment, SlidingContact
+from hhr_dolfinx.contact.sliding_set import Increment, Sliding, SlidingContact
 from hhr_dolfinx.contact.tangents import normals_of, tangents_of
 from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.models.answer import Answer
@@ -36,6 +36,8 @@ SETTLED = 1e-3
 """Part of the smallest facet by which one more pairing may move the surfaces."""
 EXACTLY = 1e-7
 """The same where increments are cut by their errors, of which pairing should be none."""
+FAR = 0.1
+"""Part of the smallest facet by which pairings that do not settle may differ: gaps differ by its square."""
 APART = 10.0
 """Gap of what faces nothing, in sizes of the surfaces."""
 
@@ -123,7 +125,7 @@ class RepairingSlider(Slider):
         last = 1e-300
         for _ in range(PAIRINGS):
             paired = self.paired(moved_to)
-            found = self._solved_on(contact.schur, free, paired, before, point)
+            found, bound = self._solved_on(contact.schur, free, paired, before, point)
             pushed = paired.matrix.T @ found.forces
             moved_to = free - contact.schur @ pushed
             change = np.abs(moved_to - paired.at).max() / self.facet
@@ -131,7 +133,9 @@ class RepairingSlider(Slider):
             if found.status is not Status.CONVERGED or change * min(change / last, 1.0) <= self.settled:
                 break
             last = change
-        bound = np.minimum(*self._bounds(point, found.forces))
+        else:
+            if change > FAR:
+                found = found._replace(status=Status.UNSETTLED)
         slip = before.slip.after(self.friction, found.forces, found.slack, bound)
         if found.status is Status.CONVERGED:
             self.largest = max(self.largest, float(np.linalg.norm(found.forces)))
@@ -140,16 +144,10 @@ class RepairingSlider(Slider):
         reached = Reached(point, time, found.forces, found.active, gap, slip, weights, changes, moved_to, pushed)
         return Solved(found, reached, contact, None)
 
-    def _bounds(self, point: np.ndarray, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What pressures and limits let tangential forces be, (C,) each."""
-        coefficient, limit = self.friction.bounds(point)
-        pressures = np.maximum(forces[self.friction.normal], 0.0)
-        return np.where(np.isinf(coefficient), np.inf, np.nan_to_num(coefficient) * pressures), limit
-
     def _solved_on(
         self, compliance: np.ndarray, free: np.ndarray, paired: Paired, before: Reached, point: np.ndarray
-    ) -> Any:
-        """The outcome of an increment on some pairing."""
+    ) -> tuple[Sliding, np.ndarray]:
+        """The outcome of an increment on some pairing, and what tangential forces may be, (C,)."""
         rows = paired.matrix
         count = self.friction.normal.size
         schur = rows @ (rows @ compliance).T
@@ -157,7 +155,9 @@ class RepairingSlider(Slider):
         slack[:count] = paired.gap + rows[:count] @ (paired.at - free)
         slack[count:] = rows[count:] @ (before.moved - free)
         given = Increment(slack, *self.friction.bounds(point), np.zeros(0))
-        return SlidingContact(schur, self.friction).increment(given, before.forces, before.active)
+        sliding = SlidingContact(schur, self.friction)
+        found = sliding.increment(given, before.forces, before.active)
+        return found, sliding.bounds(given, found.forces)
 
     def paired(self, displacement: np.ndarray) -> Paired:
         """All pairs where the dofs of surfaces have moved, (n,)."""
