@@ -7,9 +7,10 @@ wall, which moves the mesh. A design is loaded as it is built: shrunk, heated, t
     S(μ) x >= -g,  |τ| <= f λ        at each contact; S of 1,400 rows, interpolated between walls, exact in E
     M = 2 π R² L f p                 with Lame's p of long rings, for what slips as a whole
 
-What to see: slip begins where the shaft is turned and runs along the fit, and torque ends to grow when all of it
-slips. It is above what Lame's pressure says, since flange and shaft go on where the fit ends. The full order makes S
-once for a design, and solves increments as the condensed model does.
+What to see: shrinking alone slides the fit along its axis, so that it yields from the first turn on, most where it is
+turned, and slip turns from along to around until torque grows no more. It is above what Lame's pressure says, since
+flange and shaft go on where the fit ends. The full order makes S once for a design, and solves increments as the
+condensed model does.
 
     python demos/press_fit_torque.py [--out DIR] [--quick] [--seed N]
 """
