@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.friction import Friction
 from hhr_dolfinx.errors import NotOfferedError
-from hhr_dolfinx.models.model import AnsweringModel
+from hhr_dolfinx.models.condensed import CondensedModel
+from hhr_dolfinx.models.model import KeptModel
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
@@ -23,7 +24,7 @@ ADVICE = {
 }
 
 
-class SlidingModel(AnsweringModel):
+class SlidingModel(KeptModel):
     """Answers paths along which surfaces slide by any length; see :mod:`hhr_dolfinx.models.histories.repairing`.
 
     Forces of an answer are nodal ones, on all dofs of the surfaces, and so are its ``multipliers``; pressures, slip and
@@ -35,15 +36,42 @@ class SlidingModel(AnsweringModel):
         friction: its contacts are the slave nodes, pair by pair.
     """
 
-    instead: ClassVar[str] = "its pairings are code. Keep the scene, and condense it again"
+    kept = ("base", "pairs", "friction")
 
-    def __init__(self, base: Any, pairs: Sequence[SlidingPair], friction: Friction):
+    def __init__(self, base: CondensedModel, pairs: tuple[SlidingPair, ...], friction: Friction):
         self.base = base
         self.parameters = base.parameters
         self.fields = base.fields
         self.pairs = tuple(pairs)
-        self.friction = friction
+        self.friction: Friction = friction
         self.advice: Mapping[Status, str] = ADVICE
+
+    def for_file(self) -> SlidingModel:
+        """The model of plain data.
+
+        Raises:
+            NotOfferedError: for one of the full order.
+        """
+        if not isinstance(self.base, KeptModel):
+            raise NotOfferedError(f"a {type(self).__name__} of the full order cannot be kept in a file: {self.instead}")
+        base = self.base.for_file()
+        return self if base is self.base else self.changed(base=base)
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """Contacts that are no slave nodes, and pairs that do not go with the base, which says itself what it is."""
+        contacts = np.arange(sum(pair.slave.nodes.size for pair in self.pairs))
+        along = self.dimension - 1
+        if not np.array_equal(self.friction.normal, contacts) or not np.array_equal(
+            self.friction.tangential, contacts.size + np.arange(along * contacts.size)
+        ):
+            yield "its contacts are not the slave nodes of its pairs"
+        first = 0
+        for pair in self.pairs:
+            if pair.first != first or pair.slave.points.shape[1] != self.dimension:
+                yield "dofs of its pairs are not the rows of its base"
+            first += pair.nodes * self.dimension
+        if first != self.base.own_conditions:
+            yield "its pairs do not have as many dofs as its base has rows"
 
     @property
     def sizes(self) -> tuple[int, int]:

@@ -6,11 +6,13 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Annotated
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactRows
+from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.parameters import Tag
 
@@ -48,14 +50,14 @@ class Surface:
     """
 
     tag: Tag
-    nodes: np.ndarray
-    points: np.ndarray
-    facets: np.ndarray
-    outward: np.ndarray
-    sizes: np.ndarray
-    weights: np.ndarray
-    areas: np.ndarray
-    depths: np.ndarray
+    nodes: Annotated[Integers, "surface nodes"]
+    points: Annotated[Floats, "surface nodes", "dimension"]
+    facets: Annotated[Integers, "facets", "corners", "< surface nodes"]
+    outward: Annotated[Floats, "facets", "dimension"]
+    sizes: Annotated[Floats, "facets"]
+    weights: Annotated[Floats, "surface nodes"]
+    areas: Annotated[Floats, "surface nodes"]
+    depths: Annotated[Floats, "facets"]
 
     @property
     def corners(self) -> np.ndarray:

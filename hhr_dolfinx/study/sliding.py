@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from hhr_dolfinx.pairings.node_to_surface import NodeToSurface
 from hhr_dolfinx.pairings.surface_dofs import SurfaceDofs, nodes_of, renumbered
 from hhr_dolfinx.scene import Scene
 
-PAIRINGS = (NodeToSurface, Mortar)
+PAIRINGS = NodeToSurface, Mortar
 OUTPUTS = (ContactForce, ContactMoment, DisplacementAt, LinearForm, VonMises)
 
 
@@ -89,12 +90,14 @@ def _check(scene: Scene) -> None:
             )
 
 
-def _pairs(full: FullOrderModel, scene: Scene) -> Any:
+def _pairs(full: FullOrderModel, scene: Scene) -> Iterator[SlidingPair]:
     """The surfaces of each pair."""
     first = 0
     for item in scene.contacts:
+        assert isinstance(item, PAIRINGS)
         surfaces = [full.discretisation.surface(tag) for tag in item.tags]
         nodes, points = nodes_of(surfaces)
         slave, master = (renumbered(surface, nodes) for surface in surfaces)
-        yield SlidingPair(item, slave, master, first, nodes.size)
+        pairing = dataclasses.replace(item, friction=None)  # a law of the model, not of rows
+        yield SlidingPair(pairing, slave, master, first, nodes.size)
         first += points.size

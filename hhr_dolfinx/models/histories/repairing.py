@@ -13,7 +13,8 @@ takes the bodies under the forces before, and once more where it has led them.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,6 +28,8 @@ from hhr_dolfinx.contact.tangents import normals_of, tangents_of
 from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.sliding import Reached, Slider, Solved, Target
+from hhr_dolfinx.pairings.mortar import Mortar
+from hhr_dolfinx.pairings.node_to_surface import NodeToSurface
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.pairings.surface_dofs import moved
 
@@ -42,21 +45,30 @@ APART = 10.0
 """Gap of what faces nothing, in sizes of the surfaces."""
 
 
-class SlidingPair(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class SlidingPair:
     """Two surfaces that are paired anew.
 
     Attributes:
-        pairing: with ``rows_anew``, which gives each node of the slave one row at most.
+        pairing: gives each node of the slave one row at most.
         slave, master: surfaces as they are meshed, whose nodes are counted among those of both.
         first: place of the first dof of the pair among all rows of its model.
         nodes: how many nodes both have.
     """
 
-    pairing: Any
+    pairing: NodeToSurface | Mortar
     slave: Surface
     master: Surface
     first: int
     nodes: int
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """Surfaces whose nodes are not among those of both."""
+        for surface in (self.slave, self.master):
+            if not (0 <= surface.nodes.min(initial=0) and surface.nodes.max(initial=0) < self.nodes):
+                yield f"nodes of surface {surface.tag} are not among the {self.nodes} of its pair"
+            if np.any(np.diff(surface.nodes) <= 0) or not surface.facets.size:
+                yield f"nodes of surface {surface.tag} are not in order, or it has no facets"
 
     def rows(self, displacement: np.ndarray) -> tuple[ContactRows | None, np.ndarray]:
         """Rows where the nodes have moved, (nodes, dim), and the slave node of each by its number there.
