@@ -202,6 +202,7 @@ class SlipState(NamedTuple):
         wear: integral of the pressure along what has slipped, (C,): Archard's wear in depth per unit of his constant.
         pressure: force of its pressure now, (C,).
         bound: largest tangential force that it may bear now, (C,).
+        active: rows without slack now, (M,) bool, for :meth:`Friction.statuses`.
     """
 
     position: np.ndarray
@@ -210,15 +211,18 @@ class SlipState(NamedTuple):
     wear: np.ndarray
     pressure: np.ndarray
     bound: np.ndarray
+    active: np.ndarray
 
     @classmethod
     def at_rest(cls, friction: Friction) -> SlipState:
         """Nothing has slipped, and nothing presses."""
         nothing = np.zeros((5, friction.normal.size))
-        return cls(np.zeros(friction.tangential.size), *nothing)
+        return cls(np.zeros(friction.tangential.size), *nothing, active=np.zeros(0, dtype=bool))
 
-    def after(self, friction: Friction, forces: np.ndarray, slack: np.ndarray, bound: np.ndarray) -> SlipState:
-        """After an increment, with forces and slack of all rows, (M,) each, and the bounds then, (C,).
+    def after(
+        self, friction: Friction, forces: np.ndarray, slack: np.ndarray, active: np.ndarray, bound: np.ndarray
+    ) -> SlipState:
+        """After an increment, with forces, slack and statuses of all rows, (M,) each, and the bounds then, (C,).
 
         Tangential slack is what slipped. Bounds and pressures along it are the means of both ends, so that what grows
         in proportion is exact; what opens has slipped half of its way while it was closed.
@@ -233,5 +237,5 @@ class SlipState(NamedTuple):
         work = 0.5 * (self.bound + bound) * slipped
         return SlipState(
             self.position + moved, self.path + slipped * closed, self.work + work, self.wear + stress * slipped,
-            pressure, bound,
+            pressure, bound, active,
         )  # fmt: skip

@@ -28,7 +28,7 @@ class SlidingModel(KeptModel):
     """Answers paths along which surfaces slide by any length; see :mod:`hhr_dolfinx.models.histories.repairing`.
 
     Forces of an answer are nodal ones, on all dofs of the surfaces, and so are its ``multipliers``; pressures, slip and
-    wear of the slave nodes are in its ``slip``.
+    wear of the slave nodes are in its ``slip``, and what sticks is ``friction.statuses(answer.slip.active)``.
 
     Args:
         base: full or condensed, with a row for each dof of the surfaces.

@@ -148,7 +148,7 @@ class RepairingSlider(Slider):
         else:
             if change > FAR:
                 found = found._replace(status=Status.UNSETTLED)
-        slip = before.slip.after(self.friction, found.forces, found.slack, bound)
+        slip = before.slip.after(self.friction, found.forces, found.slack, found.active, bound)
         if found.status is Status.CONVERGED:
             self.largest = max(self.largest, float(np.linalg.norm(found.forces)))
         gap = found.slack[self.friction.normal]

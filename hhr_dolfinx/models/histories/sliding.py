@@ -125,7 +125,7 @@ class Slider:
         given = Increment(slack, *self.friction.bounds(point), driving)
         found = self._sliding.increment(given, before.forces, before.active)
         bound = self._sliding.bounds(given, found.forces)
-        slip = before.slip.after(self.friction, found.forces, found.slack, bound)
+        slip = before.slip.after(self.friction, found.forces, found.slack, found.active, bound)
         gradient = None
         changes = before.changes
         if self.gradient and found.status is Status.CONVERGED:
