@@ -216,8 +216,9 @@ class SlipState(NamedTuple):
     @classmethod
     def at_rest(cls, friction: Friction) -> SlipState:
         """Nothing has slipped, and nothing presses."""
-        nothing = np.zeros((5, friction.normal.size))
-        return cls(np.zeros(friction.tangential.size), *nothing, active=np.zeros(0, dtype=bool))
+        nothing = np.zeros(friction.normal.size)
+        rows = np.zeros(friction.tangential.size)
+        return cls(rows, nothing, nothing, nothing, nothing, nothing, np.zeros(0, dtype=bool))
 
     def after(
         self, friction: Friction, forces: np.ndarray, slack: np.ndarray, active: np.ndarray, bound: np.ndarray
