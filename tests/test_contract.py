@@ -68,7 +68,7 @@ import hhr_dolfinx as hhr
 found = {}
 for name, mu in json.loads(sys.argv[1]).items():
     answer = hhr.load_model(f"{name}.npz").solve(mu, outside="ignore")
-    found[name] = [answer.forces().tolist(), float(abs(answer.displacement()).max()), answer.outputs()["peak"]]
+    found[name] = [answer.forces().tolist(), float(abs(answer.displacement()).max()), answer.outputs()["force"]]
 print(json.dumps(found))
 """
 
@@ -95,7 +95,7 @@ def test_files_answer_where_there_is_nothing_but_numpy_and_scipy(tmp_path):
         # another library of linear algebra, and for flow iterations that end a little elsewhere
         assert forces == pytest.approx(answer.forces(), rel=1e-9, abs=1e-9 * answer.forces().max())
         assert largest == pytest.approx(np.abs(answer.displacement()).max(), rel=1e-9)
-        assert peak == pytest.approx(answer.outputs()["peak"], rel=1e-9)
+        assert peak == pytest.approx(answer.outputs()["force"], rel=1e-9)
 
 
 class Failing(Elimination):
@@ -123,7 +123,7 @@ def test_a_problem_that_cannot_be_made_is_no_answer(kind, error, monkeypatch):
     answer = model.solve(mu, raise_on_failure=False, outside="ignore")
     assert answer.status is Status.UNDEFINED and np.isnan(answer.multipliers).all()
     assert answer.unknown.shape == good.unknown.shape and np.isnan(answer.displacement()).all()
-    assert answer.estimate() is None and np.isnan(answer.outputs()["peak"])
+    assert answer.estimate() is None and np.isnan(answer.outputs()["force"])
     with pytest.raises(type(error)):
         model.solve(mu, outside="ignore")
     point = np.array([list(mu.values())])
