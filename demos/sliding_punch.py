@@ -26,21 +26,26 @@ PUSH, WAY, STEPS = 0.03, 8.0, 80
 BLOCK_E, PUNCH_E, POISSON = 1000.0, 3000.0, 0.3
 
 
-def geometry(comm: Any, cells: int = 120, start: float = START) -> Any:
-    """A block of 12 by 4, and a punch of 2 by 1 with a round side above ``start``."""
+def punch(start: float, height: float = 0.0) -> Any:
+    """What makes the lower side of the upper block round, and puts it above ``start``."""
 
     def warp(points: np.ndarray, tag: int) -> np.ndarray:
         if tag == FIRST:
             return points
-        round_ = points[:, 0] ** 2 / (2 * RADIUS) * (1 - points[:, 1])
-        return np.column_stack([points[:, 0] + start, points[:, 1] + round_])
+        bulge = points[:, 0] ** 2 / (2 * RADIUS) * (1 - points[:, 1])
+        return np.column_stack([points[:, 0] + start, points[:, 1] + bulge + height])
 
+    return warp
+
+
+def geometry(comm: Any, cells: int = 120, start: float = START, height: float = 0.0) -> Any:
+    """A block of 12 by 4, and a punch of 2 by 1 above ``start``."""
     lower = (-6.0, -4.0), (6.0, 0.0), (cells, cells // 4)
     upper = (-1.0, 0.0), (1.0, 1.0), (cells // 5, cells // 10)
-    return two_blocks(comm, first=lower, second=upper, warp=warp)
+    return two_blocks(comm, first=lower, second=upper, warp=punch(start, height))
 
 
-def scene(friction: float = FRICTION, **mesh: Any) -> hhr.Scene:
+def scene(friction: float | None = FRICTION, **mesh: Any) -> hhr.Scene:
     """The scene in mm and MPa."""
     top = side(SECOND, 1, True)
     moved = {0: hhr.Amplitude(slopes={"way": 1.0}), 1: hhr.Amplitude(slopes={"push": -1.0})}

@@ -57,6 +57,8 @@ def two_blocks(
     shapes = {FIRST: first, SECOND: second}
     for shape in shapes.values():
         block.check_box(*shape)
+        if closed is not None:
+            _check_closed(shape, closed)
     parts = {tag: _grid(shape, simplices, closed) for tag, shape in shapes.items()}
     dim = len(first[0])
     per_cell = parts[FIRST][1].shape[1]
@@ -77,6 +79,15 @@ def two_blocks(
             nodes = np.unique(cell_nodes[cell_tags.find(tag)])
             mesh.geometry.x[nodes, :dim] = warp(mesh.geometry.x[nodes, :dim], tag)
     return mesh, cell_tags, facet_tags
+
+
+def _check_closed(box: Box, axis: int) -> None:
+    """Raise ValueError where a block does not close along an axis: two cells would have the same corners."""
+    cells = box[2]
+    if isinstance(axis, bool) or axis not in range(len(cells)) or cells[axis] < 3:
+        raise ValueError(
+            f"closed = {axis!r} must be an axis of the mesh, from 0, with three cells at least: {tuple(cells)}"
+        )
 
 
 def _grid(box: Box, simplices: bool, closed: int | None) -> tuple[np.ndarray, np.ndarray]:

@@ -9,6 +9,10 @@ class SceneError(HHRError, ValueError):
     """The scene cannot be built: a missing tag, surfaces that do not face each other, an unknown name."""
 
 
+class NeverFacingError(SceneError):
+    """Surfaces that are a contact pair do not face each other where they lie."""
+
+
 class StudyError(HHRError, ValueError):
     """A training or study cannot be run: an invalid count, seed or folder."""
 

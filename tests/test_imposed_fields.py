@@ -70,6 +70,14 @@ def test_a_ring_that_is_turned_bears_the_torque_of_its_section():
     np.testing.assert_allclose(along, 0.5 * turn * OUTER, rtol=1e-10)
 
 
+@pytest.mark.parametrize(("cells", "closed"), [(2, 1), (1, 1), (8, 5), (8, True), (8, "z")])
+def test_rings_that_cannot_close(cells, closed):
+    """Of two cells both would have the same corners, of which no mesh can be made."""
+    box = (0.0, 0.0), (1.0, 1.0), (2, cells)
+    with pytest.raises(ValueError, match="three cells at least"):
+        two_blocks(MPI.COMM_SELF, first=box, second=((2.0, 0.0), (3.0, 1.0), (2, 8)), closed=closed)
+
+
 @pytest.mark.parametrize(
     ("field", "message"),
     [("turn * x", "names .*'turn'.*coordinates are"), ("1 / (x - x)", "is not finite"), ("x +", "cannot be read")],

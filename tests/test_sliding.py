@@ -49,7 +49,8 @@ def test_rows_where_nothing_has_moved_are_those_of_the_pairing():
     scene = demo.scene(cells=CELLS)
     fixed = hhr.FullOrderModel(scene, MPI.COMM_SELF).problem
     model = hhr.slide(scene, condensed=False)
-    paired = RepairingSlider(model).paired(np.zeros(len(model.base.problem.gaps)))
+    nothing = np.zeros(len(model.base.problem.gaps))
+    paired = RepairingSlider(model).paired(nothing, nothing)
     rows = (paired.matrix @ model.base.problem.contact).toarray()
     x = [model.slave_points()[:, 0], fixed.contact_points[fixed.friction.normal, 0]]
     order, other = (np.argsort(values) for values in x)
@@ -57,6 +58,58 @@ def test_rows_where_nothing_has_moved_are_those_of_the_pairing():
     np.testing.assert_allclose(paired.gap[order], fixed.gaps[:count, 0][other], atol=1e-12)
     for shift in (0, count):
         np.testing.assert_allclose(rows[shift + order], fixed.contact.toarray()[shift + other], atol=1e-12)
+
+
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar])
+def test_a_long_step_does_not_pass_through(pairing):
+    """Trial overlaps of .25 among cells .05 deep: what lies behind by more than a cell was taken for another side."""
+    scene = demo.scene(None, cells=CELLS)
+    pair = pairing(*scene.contacts[0].tags)
+    lower, upper = ((-6.0, -4.0), (6.0, 0.0), (CELLS, 80)), ((-1.0, 0.0), (1.0, 1.0), (12, 20))
+    thin = dataclasses.replace(
+        scene, contacts=(pair,), parameters=hhr.ParameterSpace(("push", "way"), (0.0, 0.0), (0.3, 8.0)),
+        geometry=lambda comm: two_blocks(comm, first=lower, second=upper, warp=demo.punch(demo.START)),
+    )  # fmt: skip
+    model = hhr.slide(thin)
+    pushes = [(float(k), (push, 0.0)) for k, push in enumerate(np.linspace(0.0, 0.25, 11))]
+    drawn_ = [(11.0 + k, (0.25, way)) for k, way in enumerate(np.linspace(0.5, 4.0, 8))]
+    wanted = model.march([*pushes, *drawn_]).answers[-1].outputs()["pressed"]
+    for path in ([pushes[0], pushes[-1]], [pushes[0], pushes[-1], drawn_[-1]]):
+        found = model.march(path).answers[-1].outputs()["pressed"]
+        exact = wanted if len(path) == 3 else model.march(pushes).answers[-1].outputs()["pressed"]
+        assert found > 100
+        # pairings settle to a thousandth of a facet: 2e-4 was measured
+        assert found == pytest.approx(exact, rel=2e-3)
+
+
+def test_mistakes_of_a_pair_are_those_of_the_pairing():
+    """What never faces where it is meshed is no pair that has left: wrong normals, and bodies in each other."""
+    scene = demo.scene(cells=CELLS)
+    tags = scene.contacts[0].tags
+    for normal in ((0.0, 1.0), (1.0, 0.0), (0.0, 0.0), (0.0, -1.0, 0.0)):
+        for pairing in (hhr.NodeToSurface, hhr.Mortar):
+            wrong = dataclasses.replace(scene, contacts=(pairing(*tags, normal),))
+            for make in (hhr.slide, lambda scene: hhr.FullOrderModel(scene, MPI.COMM_SELF)):
+                with pytest.raises(SceneError):
+                    make(wrong)
+    deep = dataclasses.replace(scene, geometry=lambda comm: demo.geometry(comm, CELLS, height=-0.5))
+    with pytest.raises(SceneError, match="more than a cell"):
+        hhr.slide(deep)
+    with pytest.raises(SceneError, match="no Scene"):
+        hhr.slide(None)
+
+
+def test_friction_of_a_single_parameter_is_that_of_the_point():
+    """While loads grow in proportion the coefficient does not: 27 % of the force else."""
+    box = hhr.ParameterSpace(("push", "way", "mu"), (0.0, 0.0, 0.0), (0.05, 8.0, 0.6))
+    scene = demo.scene(cells=CELLS)
+    pair = dataclasses.replace(scene.contacts[0], friction="mu")
+    scene = dataclasses.replace(scene, parameters=box, contacts=(pair,))
+    model = hhr.slide(scene)
+    found = model.solve((0.03, 0.03, 0.4)).outputs()["drawn"]
+    steps = [(float(share), (0.03 * share, 0.03 * share, 0.4)) for share in np.linspace(0, 1, 41)]
+    # the tolerance of increments to a single parameter is 1e-3
+    assert found == pytest.approx(model.march(steps).answers[-1].outputs()["drawn"], rel=5e-3)
 
 
 def test_what_is_drawn_bears_coulomb_and_forgets_where_it_was(rough):
@@ -160,6 +213,8 @@ def test_what_is_not_built_in_is_refused_by_name(rough):
     changes = {
         "is a NodeToNode": {"contacts": (hhr.NodeToNode(*faces, (0.0, -1.0)),)},
         "'peak' is not built in": {"outputs": (hhr.LargestPressure("peak", 0),)},
+        # arms are those of the mesh
+        "'turns' is not built in": {"outputs": (hhr.ContactMoment("turns", 0, (0.0, 0.0)),)},
         "has openings, shapes": {"openings": (hhr.Opening(0, hhr.Amplitude(constant=0.1)),)},
         "contact alone holds": {"displacements": scene.displacements[:3], "loads": (pressed,)},
         "moduli or shapes": {"bodies": (hhr.Body(FIRST, "1000 + push", 0.3), scene.bodies[1])},

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 ADVICE = {
     Status.SINGULAR: "rows are dependent where the surfaces have come to, or friction is too large",
-    Status.UNSETTLED: "friction is too large for one answer, or the step too long: take smaller steps",
+    Status.UNSETTLED: "friction is too large for one answer, or where surfaces touch changes with each pairing",
 }
 
 

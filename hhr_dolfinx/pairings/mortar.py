@@ -17,7 +17,7 @@ from scipy.sparse import csc_matrix, csr_matrix, diags, identity
 from scipy.spatial import cKDTree
 
 from hhr_dolfinx.contact.problem import ContactRows
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import NeverFacingError, SceneError
 from hhr_dolfinx.pairings.projection import near_pairs
 from hhr_dolfinx.pairings.segments import Segments, common_parts
 from hhr_dolfinx.pairings.surface import (
@@ -80,12 +80,12 @@ class Mortar:
         """Slave and master."""
         return (self.slave, self.master)
 
-    def rows_anew(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """:meth:`rows` of surfaces that have moved."""
-        return self.rows(surfaces, dofs)
-
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
         """One row for each slave node whose surroundings face the master surface."""
+        return self.rows_anew(surfaces, dofs, 0.0)
+
+    def rows_anew(self, surfaces: Sequence[Surface], dofs: int, overlap: float) -> ContactRows:
+        """The same of surfaces that have moved, and may overlap by a length for it."""
         slave, master = surfaces
         dim = slave.points.shape[1]
         normals = None
@@ -108,9 +108,9 @@ class Mortar:
         pairs = _opposite(slave, master, directions, *pairs, cosine)
         segments = common_parts(slave, master, directions, *pairs)
         if not segments.measures.size:
-            raise SceneError(never_facing(slave, master, "no facet of one lies in front of a facet of the other"))
+            raise NeverFacingError(never_facing(slave, master, "no facet of one lies in front of a facet of the other"))
         if self.normal is None:
-            segments = _meeting(slave, master, segments, reach)
+            segments = _meeting(slave, master, segments, reach, overlap)
         _check_one_layer(slave, master, segments)
         return self._rows(slave, master, normals, segments, dofs)
 
@@ -128,7 +128,7 @@ class Mortar:
             normals = _facing_normals(slave, by_facet)
         covered = area > COVERED * slave.areas
         if not covered.any():
-            raise SceneError(never_facing(slave, master, "no slave node is covered by the master"))
+            raise NeverFacingError(never_facing(slave, master, "no slave node is covered by the master"))
         warn_beyond_edge(slave, master, ~covered)
         scale = diags(1 / np.where(covered, area, 1.0))
         # dual functions are biorthogonal to the shape functions of the slave
@@ -184,16 +184,17 @@ def _overlapping(
     return here[close], there[close]
 
 
-def _meeting(slave: Surface, master: Surface, segments: Segments, reach: float) -> Segments:
+def _meeting(slave: Surface, master: Surface, segments: Segments, reach: float, overlap: float) -> Segments:
     """Leave out what is opposite and can yet not meet, because a body lies between.
 
     A back side lies behind by the thickness of both bodies, and a body is no thinner than a cell of it; what lies in
-    front, but behind another part of the slave's own body, is hidden by that.
+    front, but behind another part of the slave's own body, is hidden by that. Bodies that have moved may ``overlap`` by
+    more than a cell.
     """
     distance = _distances(slave, master, segments)
-    behind = distance < -np.maximum(slave.depths[segments.slave], master.depths[segments.master])
+    behind = distance < -np.maximum(slave.depths[segments.slave], master.depths[segments.master]) - overlap
     if behind.all():
-        raise SceneError(never_facing(slave, master, beyond_overlap(-distance.min())))
+        raise NeverFacingError(never_facing(slave, master, beyond_overlap(-distance.min())))
     # a body can only stand in the way where there is room for it
     roomy = np.unique(segments.slave[distance > slave.depths[segments.slave]])
     seen = ~behind & (distance <= _own_body(slave, roomy, reach)[segments.slave])

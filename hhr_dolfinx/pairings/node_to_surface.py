@@ -11,7 +11,7 @@ from scipy import linalg
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactRows, joined
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import NeverFacingError, SceneError
 from hhr_dolfinx.pairings.projection import ClosestPoints, closest_points, project
 from hhr_dolfinx.pairings.surface import (
     FACING,
@@ -79,15 +79,17 @@ class NodeToSurface:
         warn_of_sag(slave, master, rows, float(np.abs(bulges) @ rows.areas / rows.areas.sum()))
         return rows
 
-    def rows_anew(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """The same of surfaces that have moved, without a word about their mesh."""
+    def rows_anew(self, surfaces: Sequence[Surface], dofs: int, overlap: float) -> ContactRows:
+        """The same of surfaces that have moved, and may overlap by a length for it, without a word about their mesh."""
         slave, master = surfaces
-        return self._paired(slave, master, dofs)[0]
+        return self._paired(slave, master, dofs, overlap)[0]
 
-    def _paired(self, slave: Surface, master: Surface, dofs: int) -> tuple[ContactRows, np.ndarray, np.ndarray]:
+    def _paired(
+        self, slave: Surface, master: Surface, dofs: int, overlap: float = 0.0
+    ) -> tuple[ContactRows, np.ndarray, np.ndarray]:
         """Rows, the facet of the master that each node faces, and the values of its shape functions there."""
         if self.normal is None:
-            kept, closest, normals = _closest(slave, master)
+            kept, closest, normals = _closest(slave, master, overlap)
         else:
             kept, closest, normals = _along(slave, master, unit(self.normal, slave.points.shape[1]))
         nodes = master.facets[closest.facets]
@@ -168,7 +170,7 @@ def _along(slave: Surface, master: Surface, normal: np.ndarray) -> tuple[np.ndar
         warn_of_tilt(surface, normal)
     facing = master.outward @ normal < -GRAZING
     if not facing.any():
-        raise SceneError(never_facing(slave, master, f"no facet of {master.tag} looks against {normal.tolist()}"))
+        raise NeverFacingError(never_facing(slave, master, f"no facet of {master.tag} looks against {normal.tolist()}"))
     along = np.outer(normal, normal)
     flat = np.eye(normal.size) - along
     corners = master.corners[facing]
@@ -183,8 +185,11 @@ def _along(slave: Surface, master: Surface, normal: np.ndarray) -> tuple[np.ndar
     return _kept(slave, master, beyond | ~looking), closest, np.tile(normal, (len(slave.nodes), 1))
 
 
-def _closest(slave: Surface, master: Surface) -> tuple[np.ndarray, ClosestPoints, np.ndarray]:
-    """Closest-point projection of the slave nodes; kept slave nodes, and the closest and normals of all."""
+def _closest(slave: Surface, master: Surface, allowed: float) -> tuple[np.ndarray, ClosestPoints, np.ndarray]:
+    """Closest-point projection of the slave nodes; kept slave nodes, and the closest and normals of all.
+
+    Bodies may overlap by a cell, and by a length that is allowed beside.
+    """
     closest = closest_points(slave.points, master.corners)
     corner_normals = master.corner_normals()[closest.facets]
     outward = master.outward[closest.facets]
@@ -192,26 +197,26 @@ def _closest(slave: Surface, master: Surface) -> tuple[np.ndarray, ClosestPoints
     normals = -smooth / np.linalg.norm(smooth, axis=1, keepdims=True)
     facing = np.einsum("md,md->m", slave.node_normals(), normals) > FACING
     if not facing.any():
-        raise SceneError(never_facing(slave, master, "the closest facets all look the same way as the slave"))
+        raise NeverFacingError(never_facing(slave, master, "the closest facets all look the same way as the slave"))
     # a back side lies behind by the thickness of both bodies, and no body is thinner than a cell
     overlap = np.einsum("md,md->m", closest.offsets, normals)
-    behind = overlap > np.maximum(slave.node_depths(), master.depths[closest.facets])
+    behind = overlap > np.maximum(slave.node_depths(), master.depths[closest.facets]) + allowed
     if not (facing & ~behind).any():
-        raise SceneError(never_facing(slave, master, beyond_overlap(overlap[facing].max())))
+        raise NeverFacingError(never_facing(slave, master, beyond_overlap(overlap[facing].max())))
     # beyond an edge of the master the closest point lies on that edge and not below the node; on a curved surface
     # facets are turned against the true normal, by no more than twice what the averages over neighbours are
     height = np.einsum("md,md->m", closest.offsets, outward)
     sideways = np.linalg.norm(closest.offsets - outward * height[:, None], axis=1)
     cosine = np.clip(np.einsum("mkd,md->mk", corner_normals, outward).min(axis=1), -1.0, 1.0)
-    allowed = np.tan(np.minimum(2 * np.arccos(cosine), 1.0)) * np.abs(height)
-    beyond = sideways > BEYOND * master.lengths()[closest.facets] + 1.001 * allowed
+    turned = np.tan(np.minimum(2 * np.arccos(cosine), 1.0)) * np.abs(height)
+    beyond = sideways > BEYOND * master.lengths()[closest.facets] + 1.001 * turned
     return _kept(slave, master, beyond | behind | ~facing), closest, normals
 
 
 def _kept(slave: Surface, master: Surface, lost: np.ndarray) -> np.ndarray:
     """Leave out slave nodes that face nothing, with a warning that names a place."""
     if lost.all():
-        raise SceneError(never_facing(slave, master, "no slave node lies in front of a master facet"))
+        raise NeverFacingError(never_facing(slave, master, "no slave node lies in front of a master facet"))
     warn_beyond_edge(slave, master, lost, ": swap slave and master, or tag only what can touch")
     return np.flatnonzero(~lost)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,19 +12,22 @@ from mpi4py import MPI
 
 from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.contact.friction import Coulomb, FrictionLaw
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import SceneError, SceneWarning
+from hhr_dolfinx.full_order.checks import warn_of_idle_parameters
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.histories.repairing import SlidingPair, layout
 from hhr_dolfinx.models.sliding_model import SlidingModel
 from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.outputs import ContactForce, ContactMoment, DisplacementAt, LinearForm, VonMises
+from hhr_dolfinx.outputs import ContactForce, DisplacementAt, LinearForm, VonMises
 from hhr_dolfinx.pairings.mortar import Mortar
 from hhr_dolfinx.pairings.node_to_surface import NodeToSurface
 from hhr_dolfinx.pairings.surface_dofs import SurfaceDofs, nodes_of, renumbered
 from hhr_dolfinx.scene import Scene
 
-PAIRINGS = NodeToSurface, Mortar
-OUTPUTS = (ContactForce, ContactMoment, DisplacementAt, LinearForm, VonMises)
+REPEATED = NodeToSurface, Mortar
+"""Pairings that can be made anew as bodies slide."""
+OUTPUTS = (ContactForce, DisplacementAt, LinearForm, VonMises)
+"""Outputs that do not depend on where the surfaces have come to."""
 
 
 def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
@@ -42,8 +46,11 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
     """
     _check(scene)
     pairs = tuple(SurfaceDofs(*item.tags) for item in scene.contacts)
-    full = FullOrderModel(dataclasses.replace(scene, contacts=pairs), MPI.COMM_SELF)
+    with warnings.catch_warnings():  # rows of dofs have no law of friction, whose parameters the scene names
+        warnings.filterwarnings("ignore", ".* have no effect", SceneWarning)
+        full = FullOrderModel(dataclasses.replace(scene, contacts=pairs), MPI.COMM_SELF)
     problem = full.problem
+    warn_of_idle_parameters(scene, problem.amplitudes)
     if problem.rigid is not None:
         raise SceneError(f"contact alone holds bodies of scene '{scene.name}', which slide: hold them")
     if problem.varies and condensed:
@@ -65,13 +72,18 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
     if condensed:
         nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
         base = exact_condensation(full, nothing, field=False)
-    return SlidingModel(base, found, layout(found, laws, problem.block_size))
+    fixed = np.array([k for k, name in enumerate(scene.parameters.names) if name in scene.named], dtype=np.int64)
+    return SlidingModel(base, found, layout(found, laws, fixed, problem.block_size))
 
 
 def _check(scene: Scene) -> None:
+    if not isinstance(scene, Scene):
+        raise SceneError(
+            f"{type(scene).__name__} is no Scene: hhr.slide takes the scene itself, and makes what it needs"
+        )
     for place, item in enumerate(scene.contacts):
-        if not isinstance(item, PAIRINGS) or getattr(item, "multipliers", "dual") != "dual":
-            names = " and ".join(kind.__name__ for kind in PAIRINGS)
+        if not isinstance(item, REPEATED) or getattr(item, "multipliers", "dual") != "dual":
+            names = " and ".join(kind.__name__ for kind in REPEATED)
             raise SceneError(
                 f"contact {place} of scene '{scene.name}' is a {type(item).__name__}: {names} with dual multipliers "
                 "can be made anew as bodies slide"
@@ -91,13 +103,21 @@ def _check(scene: Scene) -> None:
 
 
 def _pairs(full: FullOrderModel, scene: Scene) -> Iterator[SlidingPair]:
-    """The surfaces of each pair."""
+    """The surfaces of each pair, which face each other where they are meshed.
+
+    Raises:
+        SceneError: where they do not, or lie in each other; see the pairing.
+
+    Warns:
+        PairingWarning: as the pairing does.
+    """
     first = 0
     for item in scene.contacts:
-        assert isinstance(item, PAIRINGS)
+        assert isinstance(item, REPEATED)
+        pairing = dataclasses.replace(item, friction=None)  # a law of the model, not of rows
         surfaces = [full.discretisation.surface(tag) for tag in item.tags]
         nodes, points = nodes_of(surfaces)
         slave, master = (renumbered(surface, nodes) for surface in surfaces)
-        pairing = dataclasses.replace(item, friction=None)  # a law of the model, not of rows
+        pairing.rows((slave, master), points.size)
         yield SlidingPair(pairing, slave, master, first, nodes.size)
         first += points.size

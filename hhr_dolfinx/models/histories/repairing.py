@@ -25,7 +25,7 @@ from hhr_dolfinx.contact.friction import Friction, SlipState
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.contact.sliding_set import Increment, Sliding, SlidingContact
 from hhr_dolfinx.contact.tangents import normals_of, tangents_of
-from hhr_dolfinx.errors import PairingWarning, SceneError
+from hhr_dolfinx.errors import NeverFacingError, PairingWarning
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.sliding import Reached, Slider, Solved, Target
 from hhr_dolfinx.pairings.mortar import Mortar
@@ -70,18 +70,21 @@ class SlidingPair:
             if np.any(np.diff(surface.nodes) <= 0) or not surface.facets.size:
                 yield f"nodes of surface {surface.tag} are not in order, or it has no facets"
 
-    def rows(self, displacement: np.ndarray) -> tuple[ContactRows | None, np.ndarray]:
+    def rows(self, displacement: np.ndarray, before: np.ndarray) -> tuple[ContactRows | None, np.ndarray]:
         """Rows where the nodes have moved, (nodes, dim), and the slave node of each by its number there.
 
-        None where the surfaces do not face each other.
+        None where the surfaces do not face each other. Bodies did not overlap ``before``, (nodes, dim): now they do by
+        no more than they have moved since, however thin their cells are.
         """
         dim = displacement.shape[1]
+        ways = np.linalg.norm(displacement - before, axis=1)
+        overlap = float(ways[self.slave.nodes].max() + ways[self.master.nodes].max())
         surfaces = moved(self.slave, displacement), moved(self.master, displacement)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PairingWarning)  # of what faces nothing any more
             try:
-                rows = self.pairing.rows_anew(surfaces, self.nodes * dim)
-            except SceneError:
+                rows = self.pairing.rows_anew(surfaces, self.nodes * dim, overlap)
+            except NeverFacingError:  # one has left the other
                 return None, np.zeros(0, dtype=np.int64)
         return rows, np.searchsorted(self.slave.nodes, rows.slaves)
 
@@ -123,7 +126,7 @@ class RepairingSlider(Slider):
         rows = self.friction.normal.size + self.friction.tangential.size
         nothing = np.zeros(count)
         changes = np.zeros((self.friction.tangential.size, point.size))
-        gap = self.paired(nothing).gap
+        gap = self.paired(nothing, nothing).gap
         slip = SlipState.at_rest(self.friction)
         return Reached(point, time, np.zeros(rows), None, gap, slip, weights, changes, nothing, nothing)
 
@@ -136,7 +139,7 @@ class RepairingSlider(Slider):
         moved_to = free - contact.schur @ before.pushed
         last = 1e-300
         for _ in range(PAIRINGS):
-            paired = self.paired(moved_to)
+            paired = self.paired(moved_to, before.moved)
             found, bound = self._solved_on(contact.schur, free, paired, before, point)
             pushed = paired.matrix.T @ found.forces
             moved_to = free - contact.schur @ pushed
@@ -171,15 +174,15 @@ class RepairingSlider(Slider):
         found = sliding.increment(given, before.forces, before.active)
         return found, sliding.bounds(given, found.forces)
 
-    def paired(self, displacement: np.ndarray) -> Paired:
-        """All pairs where the dofs of surfaces have moved, (n,)."""
+    def paired(self, displacement: np.ndarray, before: np.ndarray) -> Paired:
+        """All pairs where the dofs of surfaces have moved, (n,), from where they were before."""
         count = self.friction.normal.size
         gap = np.full(count, APART * self.size)
         entries = []
         first = 0
         for pair in self.pairs:
             own = slice(pair.first, pair.first + pair.nodes * self.dim)
-            rows, slaves = pair.rows(displacement[own].reshape(-1, self.dim))
+            rows, slaves = pair.rows(*(values[own].reshape(-1, self.dim) for values in (displacement, before)))
             if rows is not None:
                 gap[first + slaves] = rows.gap
                 entries += self._entries(rows, first + slaves, pair.first)
@@ -221,12 +224,13 @@ class RepairingSlider(Slider):
         )  # fmt: skip
 
 
-def layout(pairs: Sequence[SlidingPair], laws: Sequence[Any], dim: int) -> Friction:
+def layout(pairs: Sequence[SlidingPair], laws: Sequence[Any], fixed: np.ndarray, dim: int) -> Friction:
     """Friction of all slave nodes of some pairs, whose tangential rows follow those of pressures.
 
     Args:
         pairs: the pairs.
         laws: of each.
+        fixed: places of the parameters that stay while loads grow in proportion, see :class:`Friction`.
         dim: components of the displacement at a node.
     """
     counts = [pair.slave.nodes.size for pair in pairs]
@@ -237,5 +241,5 @@ def layout(pairs: Sequence[SlidingPair], laws: Sequence[Any], dim: int) -> Frict
     nothing = np.zeros(0, dtype=np.int64)
     return Friction(
         np.arange(count), areas, law, count + np.arange(owner.size), owner, np.zeros((owner.size, dim)), tuple(laws),
-        nothing, nothing, nothing,
+        fixed, nothing, nothing,
     )  # fmt: skip
