@@ -67,7 +67,7 @@ def cattaneo(cells: int) -> Iterator[Row]:
     c = a * np.sqrt(1 - Q / (FRICTION * P))
     name = f"Cattaneo, cylinders, {cells} cells"
     yield row(name, "half width a", a, 2 * np.sqrt(pressure @ x**2 / P))
-    statuses = problem.friction.statuses(answer.active)
+    statuses = answer.slip.statuses
     yield row(name, "half width that sticks", c, area[statuses == 1].sum() / 2)
     yield traction(name, 2 * P / (np.pi * a), a, c, np.abs(x), np.abs(shear) / area)
     yield loop(full, history.answers[7:], name)
@@ -82,7 +82,7 @@ def loop(full: Any, answers: list[Any], name: str) -> Row:
     for answer in answers[1:]:
         _, shear = resultants(full, answer)
         share = 1 - abs(first - shear.sum()) / (2 * FRICTION * P)
-        stuck = problem.friction.area[problem.friction.statuses(answer.active) == 1].sum()
+        stuck = problem.friction.area[answer.slip.statuses == 1].sum()
         widths.append((stuck, share**0.5))
     found, expected = np.array(widths).T
     whole = problem.friction.area[pressure > 0].sum()
@@ -136,7 +136,7 @@ def mindlin(cells: int) -> Iterator[Row]:
     name = f"Mindlin, spheres, {cells} cells"
     # of a Hertzian pressure the mean of r^2 is 2 a^2 / 5
     yield row(name, "radius a", a, np.sqrt(2.5 * pressure @ r**2 / pressure.sum()))
-    stuck = friction.area[friction.statuses(answer.active) == 1].sum()
+    stuck = friction.area[answer.slip.statuses == 1].sum()
     yield row(name, "radius that sticks", c, np.sqrt(2 * stuck / np.pi))
     yield traction(name, 3 * P / (2 * np.pi * a**2), a, c, r, np.abs(shear) / friction.area)
 

@@ -66,8 +66,7 @@ class Displacement:
         Raises:
             SceneError: for a field that names what is no coordinate, or is not finite somewhere.
         """
-        if self.field is None:
-            return np.ones(len(points))
+        assert self.field is not None
         from hhr_dolfinx.shapes import coordinate_names
 
         names = coordinate_names(hypothesis)

@@ -164,7 +164,7 @@ def test_all_that_slips_bears_coulomb_whatever_the_pairing(name):
     path = [(0.0, (0.0, 0.0)), (1.0, (0.02, 0.0)), (2.0, (0.02, 0.1)), (3.0, (0.02, -0.1))]
     for answer, sign in zip(full.march(path).answers[1:], (1.0, -1.0), strict=True):
         pressure, shear = resultants(full, answer)
-        assert set(full.problem.friction.statuses(answer.active).tolist()) <= {0, 2}
+        assert set(answer.slip.statuses.tolist()) <= {0, 2}
         # the upper body drags the lower one, the slave, along
         assert shear == pytest.approx(sign * 0.3 * pressure, rel=1e-10)
         np.testing.assert_allclose(answer.slip.work, 0.3 * answer.slip.wear * full.problem.friction.area, rtol=1e-9)
@@ -191,7 +191,7 @@ def test_a_plate_on_a_plane():
     for place, expected in ((0.0, 2.86e-5), (0.00125, 2.72e-5), (0.005, 2.28e-5)):
         node = np.linalg.norm(points - (place, 0.0), axis=1).argmin()
         assert moved[node] == pytest.approx(expected, rel=5e-3)
-    statuses = full.problem.friction.statuses(answer.active)
+    statuses = answer.slip.statuses
     assert {0, 1, 2} == set(statuses.tolist())
     # the load grows in proportion, and so do forces: one increment is enough
     alone = full.march([(0.0, [0.0]), (1.0, [1.0])]).answers[-1]
@@ -345,7 +345,7 @@ def test_derivatives_are_those_of_differences(dimension):
         return shifted
 
     history = model.march(along(np.zeros(4)), hhr.MarchSettings(gradient=True))
-    statuses = {status for one in history.answers for status in model.friction.statuses(one.active).tolist()}
+    statuses = {status for one in history.answers for status in one.slip.statuses.tolist()}
     assert statuses == {1, 2} and not any(answer.gradient.one_sided for answer in history.answers)
     lone = np.array([0.03, 0.06, 2.5, 0.15])
     answer = model.solve(lone, gradient=True)
@@ -541,7 +541,7 @@ def test_the_command_knows_friction(tmp_path):
     words = said("solve", scene, "--at", "push=0.004,shear=0.002,friction=0.1", "--out", tmp_path / "fields.vtu")
     assert "contacts that slip" in words
     grid = pyvista.read(tmp_path / "fields.vtu")
-    statuses = model.friction.statuses(answer.active)
+    statuses = answer.slip.statuses
     assert (grid["stick_slip"] == 2).sum() == (statuses == 2).sum()
     assert np.abs(grid["friction_traction"]).max() > 0
 

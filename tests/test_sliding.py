@@ -118,7 +118,7 @@ def test_what_is_drawn_bears_coulomb_and_forgets_where_it_was(rough):
     # the normals of the punch's place are tilted, by as much on either side: 1 % was measured
     np.testing.assert_allclose(values[10:, 1], demo.FRICTION * values[10:, 0], rtol=0.015)
     assert abs(values[0, 1]) < 0.1 * values[0, 0]
-    first, last = (rough.friction.statuses(history.answers[k].slip.active) for k in (0, -1))
+    first, last = (history.answers[k].slip.statuses for k in (0, -1))
     pressed = [history.answers[k].slip.pressure > 0 for k in (0, -1)]
     assert 1 in first and set(last[pressed[1]].tolist()) == {2} and not last[~pressed[1]].any()
     middles = [answer.slip.pressure @ (rough.slave_points()[:, 0] + answer.parameter[1]) / answer.slip.pressure.sum()

@@ -74,9 +74,6 @@ def test_a_system_without_slip_is_the_one_with_all_rows(directions, motions):
         right = rng.normal(size=(rows.scaled.shape[1], 3))
         found = SlidingSystem(rows, at).solve(right)
         np.testing.assert_allclose(dense(rows, at) @ found, right, atol=1e-9)
-        inverse = np.linalg.inv(dense(rows, at))
-        chosen = rng.permutation(len(rows.scaled))[:4]
-        np.testing.assert_allclose(SlidingSystem(rows, at).columns(chosen), inverse[:, chosen].T, atol=1e-9)
 
 
 @pytest.mark.parametrize("directions", [1, 2])

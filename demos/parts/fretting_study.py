@@ -73,7 +73,7 @@ def study(scene: hhr.Scene, options: Any) -> dict[str, Any]:
     for number, name, turned in ((turn, "sheared", None), (back, "back", shears[turn].sum())):
         form = Mindlin(pressures[number].sum(), shears[number].sum(), turned)
         closed[number] = form.traction(x)
-        stuck = model.friction.area[model.friction.statuses(found.answers[number].active) == 1].sum() / 2
+        stuck = model.friction.area[found.answers[number].slip.statuses == 1].sum() / 2
         references += list(beside(name, form, x, shears[number] / model.friction.area, stuck))
     draw_friction(
         model.friction, x, found, options.out / "fretting.png", direction=(1.0, 0.0),

@@ -119,7 +119,7 @@ def draw(full: Any, model: Any, cases: np.ndarray, curves: np.ndarray, file: Pat
         slipped = answers[number].slip.path - answers[0].slip.path
         shades = axis.scatter(angle, height, c=slipped * 1e3, s=14, cmap="magma_r", vmin=0.0)
         bottom.colorbar(shades, ax=axis, label="slip since it turns [um]")
-        stuck = model.friction.statuses(answers[number].active) == 1
+        stuck = answers[number].slip.statuses == 1
         axis.scatter(angle[stuck], height[stuck], s=3, c="k")
         axis.set(xlabel="angle [°]", title=f"turned by {1e3 * demo.UPPER[0] * number / STEPS:.1f} mrad")
     figure.savefig(file, dpi=130)

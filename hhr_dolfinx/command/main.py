@@ -19,13 +19,12 @@ from hhr_dolfinx.command.speaking import Command, first_rank, guarded, spoken
 from hhr_dolfinx.compat import extra
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.models.answer import Answer
     from hhr_dolfinx.scene import Scene
 
 
 def largest_values(
-    answer: Answer, dimension: int, scene: Scene | None, pairs: np.ndarray | None, friction: Friction | None = None
+    answer: Answer, dimension: int, scene: Scene | None, pairs: np.ndarray | None, forces: np.ndarray
 ) -> dict[str, float]:
     """The largest displacement, the sum of the forces of each contact, and how many conditions touch.
 
@@ -33,19 +32,17 @@ def largest_values(
         answer: of any model.
         dimension: of the mesh.
         scene: where it is there, else None: a model in a file does not say its units.
-        pairs: contact of each condition, (N_lambda,); None where that is not known: the sum is then that of all.
-        friction: which conditions are tangential; None without friction.
+        pairs: contact pair of each of the forces, (c,); None where that is not known: the sum is then that of all.
+        forces: of pressures, (c,).
     """
     units = None if scene is None else scene.units
     per_depth = scene is not None and scene.hypothesis.startswith("plane")
     length, force = ("", "") if units is None else (units.length, units.force + f"/{units.length}" * per_depth)
     displacement = answer.displacement().reshape(-1, dimension)
-    forces = answer.forces()
     slips = {}
-    if friction is not None:
-        statuses = friction.statuses(answer.active)
+    if answer.slip is not None:
+        statuses = answer.slip.statuses
         slips = {"contacts that stick": int((statuses == 1).sum()), "contacts that slip": int((statuses == 2).sum())}
-        forces[friction.tangential] = 0.0
     rows = {_with_unit("largest displacement", length): float(np.linalg.norm(displacement, axis=1).max())}
     several = pairs is not None and np.unique(pairs).size > 1
     if pairs is None or scene is None:
@@ -267,8 +264,9 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
         raise click.UsageError("nothing flows: leave out --duration")
     answer = model.solve(point, **step)
     rows = {"seconds of one step from rest": step["duration"]} if step else {}
-    scene, pairs = (None, None) if is_model(what) else (model.scene, model.problem.contact_pairs)
-    rows |= largest_values(answer, model.dimension, scene, pairs, model.friction)
+    scene = None if is_model(what) else model.scene
+    pairs = None if is_model(what) else model.problem.contact_pairs[model.problem.pressing]
+    rows |= largest_values(answer, model.dimension, scene, pairs, model.pressures(answer))
     outputs = answer.outputs() if model.fields.functionals is not None else None
     if outputs is not None:
         heads = {name: f"{name} [{unit}]" if unit else name for name, unit in outputs.units.items()}

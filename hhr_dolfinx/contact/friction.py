@@ -202,7 +202,7 @@ class SlipState(NamedTuple):
         wear: integral of the pressure along what has slipped, (C,): Archard's wear in depth per unit of his constant.
         pressure: force of its pressure now, (C,).
         bound: largest tangential force that it may bear now, (C,).
-        active: rows without slack now, (M,) bool, for :meth:`Friction.statuses`.
+        statuses: 0 open, 1 sticks, 2 slips, (C,).
     """
 
     position: np.ndarray
@@ -211,14 +211,14 @@ class SlipState(NamedTuple):
     wear: np.ndarray
     pressure: np.ndarray
     bound: np.ndarray
-    active: np.ndarray
+    statuses: np.ndarray
 
     @classmethod
     def at_rest(cls, friction: Friction) -> SlipState:
         """Nothing has slipped, and nothing presses."""
         nothing = np.zeros(friction.normal.size)
         rows = np.zeros(friction.tangential.size)
-        return cls(rows, nothing, nothing, nothing, nothing, nothing, np.zeros(0, dtype=bool))
+        return cls(rows, nothing, nothing, nothing, nothing, nothing, np.zeros(friction.normal.size, dtype=np.int64))
 
     def after(
         self, friction: Friction, forces: np.ndarray, slack: np.ndarray, active: np.ndarray, bound: np.ndarray
@@ -238,5 +238,5 @@ class SlipState(NamedTuple):
         work = 0.5 * (self.bound + bound) * slipped
         return SlipState(
             self.position + moved, self.path + slipped * closed, self.work + work, self.wear + stress * slipped,
-            pressure, bound, active,
+            pressure, bound, friction.statuses(active),
         )  # fmt: skip

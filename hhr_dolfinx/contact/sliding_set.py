@@ -90,10 +90,16 @@ class Increment(NamedTuple):
     limit: np.ndarray
     driving: np.ndarray
 
-    @property
-    def free(self) -> np.ndarray:
-        """Contacts whose bound does not know their pressure, (C,) bool."""
-        return np.isinf(self.coefficient)
+    def bounds(self, friction: Friction, forces: np.ndarray) -> np.ndarray:
+        """Largest tangential force that each contact may bear under some forces, (M,): (C,)."""
+        return bounds(self.coefficient, self.limit, forces[friction.normal])
+
+
+def bounds(coefficient: np.ndarray, limit: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    """min(coefficient max(0, pressure), limit), where an infinite coefficient does not know its pressure."""
+    with np.errstate(invalid="ignore"):
+        carried = coefficient * np.maximum(forces, 0.0)
+    return np.minimum(np.where(np.isinf(coefficient), np.inf, carried), limit)
 
 
 class _Given(NamedTuple):
@@ -179,14 +185,14 @@ class SlidingContact:
         if not (np.isfinite(given.slack).all() and np.isfinite(given.driving).all()):
             return self._failed(given, start, Status.NOT_FINITE)
         motions = np.zeros(self.taken.shape[1])
+        own = self._prepared(given)
         if active is not None and not motions.size:
-            own = self._prepared(given)
             with suppress(SingularError):
                 start = self._solved(own, self._as_before(own, start, active), start)
-        found = self._tried(given, start, motions)
+        found = self._tried(own, start, motions)
         if found.status is Status.CONVERGED:
             return found
-        return self._by_sweeps(given, found) if not self.taken.shape[1] else self._by_springs(given, found)
+        return self._by_sweeps(given, own, found) if not motions.size else self._by_springs(given, own, found)
 
     def _prepared(self, given: Increment) -> _Given:
         """What drives an increment, as its rows need it."""
@@ -207,13 +213,12 @@ class SlidingContact:
         slips = ~active[self._rows] & (size > 0) & acting[self._rows]
         return self._iterate(given, acting, slips, limited, bound, own, size, PROBES[0], np.zeros(0))
 
-    def _tried(self, given: Increment, start: np.ndarray, motions: np.ndarray) -> Sliding:
+    def _tried(self, given: _Given, start: np.ndarray, motions: np.ndarray) -> Sliding:
         """Newton's method, by one measure of slip after another."""
         iterations = 0
-        own = self._prepared(given)
         # the first one again without what old factors may have spoilt
         for probe, old in ((PROBES[0], True), *((probe, False) for probe in PROBES)):
-            found = self._newton(own, start, motions, probe, old)
+            found = self._newton(given, start, motions, probe, old)
             iterations += found.iterations
             if found.status is Status.CONVERGED:
                 break
@@ -332,20 +337,13 @@ class SlidingContact:
         direction = tangential / np.where(size > 0, size, 1.0)
         return _Iterate(Statuses(acting, slips, followed, direction, _share(bound, size), probe), limited, bound, off)
 
-    def bounds(self, given: Increment, forces: np.ndarray) -> np.ndarray:
-        """Largest tangential force that each contact may bear under some forces, (C,)."""
-        with np.errstate(invalid="ignore"):
-            carried = given.coefficient * np.maximum(forces[self.friction.normal], 0.0)
-        return np.minimum(np.where(given.free, np.inf, carried), given.limit)
-
     def _bound(self, given: _Given, pressures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Largest force of each tangential row, (T,), and where that is the limit, (T,) bool."""
         own = pressures[self._normal]
         if given.plain:
             return given.coefficient * own, self._nowhere
-        with np.errstate(invalid="ignore"):
-            carried = np.where(np.isinf(given.coefficient), np.inf, given.coefficient * own)
-        return np.minimum(carried, given.limit), carried >= given.limit
+        bound = bounds(given.coefficient, given.limit, own)
+        return bound, bound >= given.limit
 
     def _length(self, tangential: np.ndarray) -> np.ndarray:
         """Length of the vector of each contact, on each of its tangential rows, (T,)."""
@@ -431,7 +429,7 @@ class SlidingContact:
         nothing = np.zeros(0, dtype=np.int64)
         return Sliding(np.zeros(len(start)), none, given.slack, np.zeros(self.taken.shape[1]), 0, 0, status, nothing)
 
-    def _by_sweeps(self, given: Increment, found: Sliding) -> Sliding:
+    def _by_sweeps(self, given: Increment, own: _Given, found: Sliding) -> Sliding:
         """Sweeps over single contacts, and Newton's method from what they find."""
         forces = np.where(np.isfinite(found.forces), found.forces, 0.0)
         iterations = found.iterations
@@ -441,7 +439,7 @@ class SlidingContact:
             total += count
             if not np.isfinite(forces).all():
                 break
-            found = self._tried(given, forces, found.motions)
+            found = self._tried(own, forces, found.motions)
             iterations += found.iterations
             if found.status is Status.CONVERGED:
                 break
@@ -457,7 +455,7 @@ class SlidingContact:
             (one, SlidingContact(self.schur + (self.taken * one) @ self.taken.T, self.friction)) for one in every
         )
 
-    def _by_springs(self, given: Increment, failed: Sliding) -> Sliding:
+    def _by_springs(self, given: Increment, own: _Given, failed: Sliding) -> Sliding:
         """Weak springs hold the bodies, and their ends move along, see :mod:`hhr_dolfinx.contact.floating`."""
         ends = np.zeros(given.driving.size)
         iterations = failed.iterations
@@ -475,7 +473,7 @@ class SlidingContact:
             forces = found.forces
             left = given.driving - forces @ self.taken
             ends = ends + compliance * left
-            direct = self._tried(given, forces, ends)
+            direct = self._tried(own, forces, ends)
             iterations += direct.iterations
             largest = (np.abs(given.driving) + np.abs(forces) @ np.abs(self.taken)).max()
             if direct.status is Status.CONVERGED:

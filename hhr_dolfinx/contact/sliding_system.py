@@ -206,27 +206,6 @@ class SlidingSystem:
             known[self._turning] += self._across[:, :, None] * turns[:, None]
         return known
 
-    def columns(self, chosen: np.ndarray) -> np.ndarray:
-        """Columns of the inverse at some rows, (k,), as rows, (k, M + r)."""
-        if self._yielding.size:
-            unit = np.zeros((self._rows.scaled.shape[1], chosen.size))
-            unit[chosen, np.arange(chosen.size)] = 1.0
-            return self.solve(unit, check=False).T
-        held = np.searchsorted(self._held, chosen)
-        inside = held < self.size
-        inside[inside] = self._held[held[inside]] == chosen[inside]
-        own = -self._tested[:, chosen]
-        own[:, inside] = 0.0
-        own[held[inside], inside] = 1.0
-        unknown = dgetrs(self._factors, self._pivots, own)[0].T if own.size else own.T
-        found = np.zeros((chosen.size, self._rows.scaled.shape[1]))
-        found[~inside, chosen[~inside]] = 1.0
-        found[:, self._held] = unknown[:, : self.size]
-        found[:, len(self._rows.scaled) :] = unknown[:, self.size :]
-        if self._followers.size:
-            found[:, self._followers] += self._share[:, 0] * found[:, self._leaders]
-        return found
-
     def _check(self, unknown: np.ndarray, right: np.ndarray) -> None:
         """Refuse what is round-off of a singular system."""
         if not _sound(self._matrix @ unknown - right, unknown, right):
@@ -333,7 +312,9 @@ class SlidingSystems:
         new = changed[self._slots[changed] < 0]
         if new.size:
             self._slots[new] = self._known + np.arange(new.size)
-            self._columns[self._slots[new]] = self._factored.columns(new)
+            unit = np.zeros((self._columns.shape[1], new.size))
+            unit[new, np.arange(new.size)] = 1.0
+            self._columns[self._slots[new]] = self._factored.solve(unit, check=False).T
             self._known += new.size
         columns = self._columns[np.append(self._slots[changed], -1)]
         columns[-1] = found

@@ -69,9 +69,7 @@ def residual(schur: np.ndarray, friction: Friction, given: Increment, forces: np
     count = friction.normal.size
     rows = friction.tangential
     owner = friction.owner
-    with np.errstate(invalid="ignore"):
-        carried = np.where(given.free, np.inf, given.coefficient * np.maximum(forces[friction.normal], 0.0))
-    bound = np.minimum(carried, given.limit)
+    bound = given.bounds(friction, forces)
     size = np.sqrt(np.bincount(owner, forces[rows] ** 2, count))
     # what bears all that it may slips against its force, as far as it slips so; all else is a residual
     slides = (size >= bound * (1 - 1e-12)) & (bound > 0)

@@ -49,10 +49,12 @@ class Discretisation(DiscreteSpace):
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
         super().__init__(scene, comm)
-        points = self._points()  # of the mesh before shapes move it
-        self._fields = [
-            None if item.field is None else item.at(points, scene.hypothesis) for item in scene.displacements
-        ]
+        # on the mesh before shapes move it
+        self._fields = {
+            number: item.at(self._points(), scene.hypothesis)
+            for number, item in enumerate(scene.displacements)
+            if item.field is not None
+        }
         if scene.shapes:
             from hhr_dolfinx.full_order.reshaped import Reshaped
 
@@ -210,8 +212,9 @@ class Discretisation(DiscreteSpace):
 
     def _imposed(self, number: int, dofs: np.ndarray) -> np.ndarray:
         """What a displacement, by its place in the scene, imposes on dofs where its amplitude is 1."""
-        values = self._fields[number]
-        return np.ones(dofs.size) if values is None else values[dofs // self.mesh.geometry.dim]
+        if number not in self._fields:
+            return np.ones(dofs.size)
+        return self._fields[number][dofs // self.mesh.geometry.dim]
 
     def _refuse_clash(self, number: int, other: int, dof: int) -> NoReturn:
         """Raise SceneError for two displacements, by their places in the scene, that differ at a dof."""

@@ -159,6 +159,11 @@ class AnsweringModel:
         """What makes the contact problem of each point, (P,), of one path, without its primal unknown."""
         raise NotOfferedError(f"{type(self).__name__} knows no contact problem of a point for itself")
 
+    def pressures(self, answer: Answer) -> np.ndarray:
+        """Forces of an answer along the normals of its contacts, (c,), of which a sum is that of all contact."""
+        forces = answer.forces()
+        return forces if self.friction is None else np.delete(forces, self.friction.tangential)
+
     def slider(self, settings: MarchSettings) -> Slider:
         """What solves increments with friction."""
         from hhr_dolfinx.models.histories.sliding import Slider

@@ -14,6 +14,7 @@ from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.model import KeptModel
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import Answer
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.models.histories.equilibrium import MarchSettings
     from hhr_dolfinx.models.histories.repairing import RepairingSlider, SlidingPair
@@ -28,7 +29,7 @@ class SlidingModel(KeptModel):
     """Answers paths along which surfaces slide by any length; see :mod:`hhr_dolfinx.models.histories.repairing`.
 
     Forces of an answer are nodal ones, on all dofs of the surfaces, and so are its ``multipliers``; pressures, slip and
-    wear of the slave nodes are in its ``slip``, and what sticks is ``friction.statuses(answer.slip.active)``.
+    wear of the slave nodes, and what sticks, are in its ``slip``.
 
     Args:
         base: full or condensed, with a row for each dof of the surfaces.
@@ -85,6 +86,10 @@ class SlidingModel(KeptModel):
     def check_range(self, point: np.ndarray, outside: str) -> None:
         """That of its base."""
         self.base.check_range(point, outside)
+
+    def pressures(self, answer: Answer) -> np.ndarray:
+        """Those of the slave nodes, (C,): forces of an answer have all directions, on both surfaces."""
+        return np.full(self.friction.normal.size, np.nan) if answer.slip is None else answer.slip.pressure
 
     def slider(self, settings: MarchSettings) -> RepairingSlider:
         """See :class:`AnsweringModel`; without derivatives."""

@@ -231,7 +231,7 @@ class Query:
             return
         found: dict[str, Any] = {"forces": many.forces()}
         if self._friction is not None:
-            found["total_force"] = np.delete(found["forces"], self._friction.tangential, axis=1).sum(axis=1)
+            found["total_force"] = [self.model.pressures(answer).sum() for answer in many]
         if self.heads:
             found |= dict(zip(self.heads, many.outputs().values(), strict=True))
         if self.estimate_heads:

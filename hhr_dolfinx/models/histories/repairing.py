@@ -170,9 +170,8 @@ class RepairingSlider(Slider):
         slack[:count] = paired.gap + rows[:count] @ (paired.at - free)
         slack[count:] = rows[count:] @ (before.moved - free)
         given = Increment(slack, *self.friction.bounds(point), np.zeros(0))
-        sliding = SlidingContact(schur, self.friction)
-        found = sliding.increment(given, before.forces, before.active)
-        return found, sliding.bounds(given, found.forces)
+        found = SlidingContact(schur, self.friction).increment(given, before.forces, before.active)
+        return found, given.bounds(self.friction, found.forces)
 
     def paired(self, displacement: np.ndarray, before: np.ndarray) -> Paired:
         """All pairs where the dofs of surfaces have moved, (n,), from where they were before."""

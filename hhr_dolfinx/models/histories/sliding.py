@@ -124,7 +124,7 @@ class Slider:
         driving = np.zeros(0) if contact.floating is None else contact.floating.driving
         given = Increment(slack, *self.friction.bounds(point), driving)
         found = self._sliding.increment(given, before.forces, before.active)
-        bound = self._sliding.bounds(given, found.forces)
+        bound = given.bounds(self.friction, found.forces)
         slip = before.slip.after(self.friction, found.forces, found.slack, found.active, bound)
         gradient = None
         changes = before.changes

@@ -100,7 +100,7 @@ def friction_fields(problem: ContactProblem, answer: Answer, forces: np.ndarray)
     slip = np.zeros(count)
     slip[slaves] = answer.slip.path
     status = np.zeros(count)
-    status[slaves] = friction.statuses(answer.active)
+    status[slaves] = answer.slip.statuses
     return {"friction_traction": traction, "slip": slip, "stick_slip": status}
 
 
@@ -117,6 +117,11 @@ def grid_of(full: FullOrderModel, answer: Answer) -> pyvista.UnstructuredGrid:
     pressing = problem.pressing
     slaves = problem.contact_slaves[pressing]
     forces = answer.forces()
+    if len(forces) != len(problem.contact_areas):
+        raise SceneError(
+            f"the answer has {len(forces)} forces, and {full.scene.name} {len(problem.contact_areas)} contact "
+            "conditions: it is of another scene, or of bodies that slide past their mesh, whose fields are not built in"
+        )
     slack = problem.gaps @ theta - problem.contact @ (displacement - problem.lifts @ theta)
     np.add.at(pressure, slaves, (forces / problem.contact_areas)[pressing])
     gap[slaves] = slack[pressing]

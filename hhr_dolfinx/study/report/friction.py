@@ -54,7 +54,8 @@ def draw_friction(
         labels: of places, tractions and forces, with their units.
     """
     order = np.argsort(places)
-    statuses = np.array([friction.statuses(answer.active) for answer in history.answers])[:, order]
+    states = [answer.slip for answer in history.answers if answer.slip is not None]
+    statuses = np.array([state.statuses for state in states])[:, order]
     forces = tangential_forces(friction, history, np.array(direction))
     figure = Figure(figsize=(16, 4.6), layout="constrained")
     map_, profile, loop = figure.subplots(1, 3)
