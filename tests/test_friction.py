@@ -497,7 +497,8 @@ def test_increments_are_cut_until_their_error_is_small():
     ]
     # .034 and .006 were measured
     assert errors[1] < 0.3 * errors[0] and cut.cuts > 0
-    assert errors[1] < max(cut.time_error) < 0.1
+    # .052 was measured: estimates of steps add up
+    assert errors[1] < max(cut.time_error) < 0.06
     assert np.isnan(plain.time_error).all()
 
 

@@ -129,7 +129,7 @@ def test_fields_know_the_mesh_before_shapes_move_it():
     corner = np.linalg.norm(points - (2.0, 1.0), axis=1).argmin()
     np.testing.assert_allclose(answer.displacement().reshape(-1, 2)[corner], (0.0, -0.1), atol=1e-14)
     assert answer.active.any()
-    # what a model interpolates between shapes is the same
+    # what a model interpolates between shapes is the same, whose grid has settled to 1e-5 of what varies
     model = hhr.condense(full, fields=True)
     np.testing.assert_allclose(
         model.solve((0.07, 1.3)).displacement(), full.solve((0.07, 1.3)).displacement(), atol=1e-7
@@ -147,5 +147,6 @@ def test_a_press_fit_slips_as_a_whole_at_the_torque_of_its_pressures():
     last = exact.answers[-1]
     assert set(last.slip.statuses.tolist()) == {2}
     pressed = last.multipliers[full.problem.friction.normal].sum()
+    # torque already turns the slip along the axis, which the shrinking left, by some tenths of a percent
     assert wanted[-1] == pytest.approx(design[1] * pressed * press_fit_torque.RADIUS, rel=1e-2)
     assert wanted[0] == pytest.approx(0.0, abs=1e-6 * wanted[-1]) and (np.diff(wanted[:4]) > 0).all()

@@ -39,7 +39,7 @@ def test_without_friction_it_is_as_if_meshed_there(smooth):
     for answer, way in zip(history.answers[1:], (1.1, 6.05, 3.0), strict=True):
         assert answer.outputs()["pressed"] == pytest.approx(study.pressed_at(way, CELLS), rel=0.01)
         assert abs(answer.outputs()["drawn"]) < 0.02 * answer.outputs()["pressed"]
-    # back where it began, along whichever way, there is no memory
+    # back where it began, along whichever way, there is no memory: pairings settle to a thousandth of a facet
     back = drawn(smooth, 7.9, 0.0).answers
     np.testing.assert_allclose(back[-1].slip.pressure, back[0].slip.pressure, atol=2e-3 * back[0].slip.pressure.max())
 
@@ -222,3 +222,16 @@ def test_what_is_not_built_in_is_refused_by_name(rough):
     for message, change in changes.items():
         with pytest.raises(SceneError, match=message):
             hhr.slide(dataclasses.replace(scene, **change))
+
+
+def test_what_tables_and_fields_say_of_sliding(rough, tmp_path):
+    """The whole force of a table is that of the pressures of slave nodes; fields of dofs are refused."""
+    points = np.array([(0.03, 0.0), (0.02, 0.005)])
+    answers = hhr.answer_points(rough, points)
+    for point, total in zip(points, answers.total_force, strict=True):
+        answer = rough.solve(point)
+        assert total == pytest.approx(answer.slip.pressure.sum(), rel=1e-12)
+        assert total == pytest.approx(answer.outputs()["pressed"], rel=0.05)  # normals are tilted by .1 at most
+    full = hhr.FullOrderModel(demo.scene(cells=CELLS), MPI.COMM_SELF)
+    with pytest.raises(SceneError, match="past their mesh, whose fields are not built in"):
+        hhr.write_fields(tmp_path / "fields.vtu", full, answer)
