@@ -29,7 +29,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.errors import NotOfferedError, OutsideTrainingError, ParameterError
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.models.estimates import STRESS
+from hhr_dolfinx.models.estimates import FORCES, STRESS
 from hhr_dolfinx.models.local import LEAF, Choice
 from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 
@@ -143,6 +143,22 @@ def rubbing(kind: str) -> hhr.FullOrderModel:
     return hhr.FullOrderModel(scene, MPI.COMM_SELF)
 
 
+def hyper_reduced(full: hhr.FullOrderModel) -> Any:
+    """A model of paths that load, shear and turn round, at some points of what stays along each."""
+    space, fixed = full.parameters, full.friction.fixed
+    rest = np.clip(0.0, space.lower, space.upper)
+    histories = []
+    for point in space.random(12, seed=1):
+        start = rest.copy()
+        start[fixed] = point[fixed]
+        shares = (0.25, 0.5, 1.0, 0.6)
+        histories.append(
+            full.march([(0.0, start), *((1.0 + k, start + s * (point - start)) for k, s in enumerate(shares))])
+        )
+    recipe = hhr.Recipe.with_friction(domain=hhr.Rid(1, 1), enrichment=hhr.Enrich(2.0)).as_it_is()
+    return hhr.build(full, hhr.SnapshotSet.of_histories(histories), recipe)
+
+
 @cache
 def sliding(condensed: bool) -> Any:
     """A model of surfaces that are paired anew."""
@@ -216,6 +232,9 @@ KINDS = {
     "interpolated condensation, friction and shape": _rubbing(
         "shape", lambda full: hhr.condense(full, fields=True), {**MIDDLE, "crown": 0.01}
     ),
+    "HHR, friction": _rubbing("constant", hyper_reduced, MIDDLE),
+    "HHR, friction and moduli": _rubbing("moduli", hyper_reduced, VARIED),
+    "HHR, friction and floating": _rubbing("floating", hyper_reduced, PRESSED),
     "sliding past the mesh": Kind(lambda: sliding(True), lambda: sliding(False), {"push": 0.03, "load": 0.005}),
     "local histories": _flowing(lambda item: item.local([np.repeat([0, 1], [4, 2])] * 2, recipe=FLOW, checked=False)),
 }
@@ -315,7 +334,7 @@ def _estimate(item: Context) -> None:
     estimate = item.solved().estimate()
     if estimate is None:
         raise Unknown
-    assert estimate.kind in ("bound", "estimate", "indicator", STRESS) and estimate.dual_relative >= 0
+    assert estimate.kind in ("bound", "estimate", "indicator", STRESS, FORCES) and estimate.dual_relative >= 0
 
 
 def _field(name: str) -> Callable[[Context], None]:

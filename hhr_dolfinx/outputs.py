@@ -263,10 +263,7 @@ class StickArea(_OfContact):
         from hhr_dolfinx.models.functionals.friction import StatusArea
 
         own, friction = probe.sliding(self)
-        rows = np.flatnonzero(np.isin(friction.owner, own))
-        owner = np.searchsorted(own, friction.owner[rows])
-        places = friction.normal[own], friction.area[own], friction.tangential[rows], owner
-        return StatusArea(self.name, self.unit, *_no_rows(), *places, self.sticks)
+        return StatusArea(self.name, self.unit, *_no_rows(), own, friction.area[own], self.sticks)
 
 
 @dataclass(frozen=True)

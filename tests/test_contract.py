@@ -25,7 +25,7 @@ def cases():
 
 def test_every_case_answers_or_is_refused_by_name(cases):
     assert not [case for case in cases if case.outcome == "broken"]
-    assert len({case.kind for case in cases}) == 24 and len(cases) > 1000
+    assert len({case.kind for case in cases}) == 27 and len(cases) > 1000
 
 
 def test_the_page_says_what_is_refused(cases):
@@ -85,7 +85,7 @@ def test_files_answer_where_there_is_nothing_but_numpy_and_scipy(tmp_path):
         asked[str(number)] = contract.KINDS[kind].mu
         answer = model.solve(asked[str(number)], outside="ignore")
         expected[str(number)] = answer
-    assert len(asked) == 18
+    assert len(asked) == 21
     run = subprocess.run(
         [sys.executable, "-c", ALONE, json.dumps(asked)], cwd=tmp_path, capture_output=True, text=True, timeout=300
     )

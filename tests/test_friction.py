@@ -21,7 +21,7 @@ from hhr_dolfinx.command.main import hhr as hhr_command
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.sliding_set import Increment, SlidingContact
 from hhr_dolfinx.contact.uniqueness import coupling, error_bound
-from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, ParameterError, SceneError
+from hhr_dolfinx.errors import ConvergenceError, ParameterError, SceneError
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
 
@@ -549,8 +549,6 @@ def test_the_command_knows_friction(tmp_path):
 
 def test_what_is_not_built_in_says_so():
     scene = rubbing()
-    with pytest.raises(NotOfferedError, match="condense"):
-        hhr.train(scene, hhr.Sobol(4))
     model = hhr.condense(scene)
     assert model.known_error
     with pytest.raises(SceneError, match="flow"):

@@ -189,7 +189,11 @@ def test_a_study_of_histories_finds_what_was_solved(study, folder):
     ("scene", "changes", "message"),
     [
         (flowing, {"tests": 5}, r"bodies of scene 'stacked_blocks' flow: tests = 5 must be paths"),
-        (flowing, {"training": [8, 8]}, r"bodies of scene 'stacked_blocks' flow: train on a list of paths"),
+        (
+            flowing,
+            {"training": [8, 8]},
+            r"answers of scene 'stacked_blocks' depend on the path .* train on a list of paths",
+        ),
         (
             partial(patch.scene, hhr.NodeToSurface),
             {},

@@ -107,7 +107,8 @@ def compare_histories(
     """Errors of known histories, by label, solved by a model, and the signs of its steps by the same labels.
 
     The error of a history is the largest of its steps over the largest displacement or force of the history: the
-    first touch, with forces of a twentieth of the last ones, would otherwise decide. So with stress and plastic strain.
+    first touch, with forces of a twentieth of the last ones, would otherwise decide. So with stress and plastic strain
+    where bodies flow.
     A history that fails has infinite errors and no signs.
     """
     rows: list[Row] = []
@@ -121,9 +122,10 @@ def compare_histories(
                 found = model.march(exact.solved_path, MarchSettings(outside="ignore"))
             found = found.thinned([answer.time for answer in exact.answers])
         except HHRError:
-            rows.append((label, *[math.inf] * 4))
+            rows.append((label, *[math.inf] * (2 if full.equilibrium is None else 4)))
             continue
-        rows.append((label, *largest_errors(full, found, exact, floor), *_state_errors(found, exact)))
+        states = () if full.equilibrium is None else _state_errors(found, exact)
+        rows.append((label, *largest_errors(full, found, exact, floor), *states))
         signs[label] = found.signs
     return Comparison.of(rows), signs
 

@@ -100,10 +100,11 @@ class FullConstants:
         """
         if full not in _KNOWN:
             problem = full.problem
-            root = np.sqrt(full.problem.contact_areas)
-            whole = root[:, None] * full.schur * root
+            rows = problem.distinct
+            root = np.sqrt(problem.contact_areas[rows])
+            whole = root[:, None] * full.schur[np.ix_(rows, rows)] * root
             energy = math.sqrt(max(float(linalg.eigvalsh(whole)[0]), 0.0))
-            _KNOWN[full] = cls(smallest_singular_value(problem.contact), energy)
+            _KNOWN[full] = cls(smallest_singular_value(problem.contact[rows]), energy)
         return _KNOWN[full]
 
 

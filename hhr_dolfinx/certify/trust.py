@@ -174,6 +174,19 @@ def check_solvable(stability: Stability, problem: ContactProblem | None = None, 
     )
 
 
+def check_sticking(stability: Stability) -> None:
+    """Raise NotSolvableError where S of the RID is singular: what then sticks bears forces that nothing tells apart.
+
+    Without friction a body that contact alone holds may well have as few modes; with it a second answer was found, 10 %
+    off.
+    """
+    if abs(stability.contact_definite) < DEPENDENT:
+        raise NotSolvableError(
+            "the contact rows are dependent on the modes without rigid motions, so that friction has several answers: "
+            "keep more modes (a smaller POD tolerance, or a smaller kappa_max of Enrich)"
+        )
+
+
 def _check_parallel(problem: ContactProblem, sets: IndexSets) -> None:
     """Raise NotSolvableError where conditions of the RID say the same whatever the basis."""
     if same := _parallel_rows(problem.contact[sets.A_lambda]):
@@ -295,7 +308,7 @@ def check_door(trained: TrainedPaths, limits: TrustLimits) -> None:
 def warn_of_training(full: Any, snapshots: Solutions, held_out: Solutions | None) -> None:
     """Say beforehand what no check of the model can make good: where it is trained, and what it is compared with."""
     flows = full.equilibrium is not None
-    if not flows:  # each step of an elastic history is a point like any other
+    if not (flows or full.problem.friction):  # each step of an elastic history is a point like any other
         warn_of_gaps_in_training(snapshots.points)
         warn_of_moduli_unseen(full.problem, snapshots.points)
     if not snapshots.any_contact(full.problem):
@@ -310,7 +323,7 @@ def warn_of_training(full: Any, snapshots: Solutions, held_out: Solutions | None
             "history that flows is outside what was trained. Train at higher loads, or leave the laws out",
             TrainingWarning,
         )
-    _warn_of_held_out(held_out, flows)
+    _warn_of_held_out(held_out, flows or full.problem.friction is not None)
 
 
 def _warn_of_held_out(held_out: Solutions | None, flows: bool) -> None:
@@ -391,6 +404,9 @@ PARTS = 8
 have estimates up to nine times those of the steps of training."""
 
 
+TRAINED = "trained history"
+
+
 def checked_histories(
     full: Any,
     model: Model,
@@ -407,14 +423,9 @@ def checked_histories(
     Warns:
         StabilityWarning: for doubtful errors, or a doubtful training range.
     """
-    kept = () if held_out is None else held_out.histories
-    trained_ones = {f"trained history {k}": history for k, history in enumerate(snapshots.histories)}
-    histories = trained_ones | {f"held-out history {k}": history for k, history in enumerate(kept)}
-    comparison, shown = compare_histories(full, model, histories, force_floor(full.problem, snapshots))
-    if limits is not None:
-        check_comparison(comparison, limits, remedy)
+    comparison, shown = compared_histories(full, model, snapshots, held_out, limits, remedy)
     # what is held out is no training: unlike it, its errors would widen the training range to all like them
-    signs = [shown[label] for label in trained_ones if label in shown]
+    signs = [signs for label, signs in shown.items() if label.startswith(TRAINED)]
     if not signs:  # without limits all of them may have failed
         return None, None
     paths = [history.path for history in snapshots.histories]
@@ -422,7 +433,33 @@ def checked_histories(
     trained = TrainedPaths.of(paths, full.parameters, known, full.equilibrium.material.rated)
     if limits is not None:
         check_door(trained, limits)
-    return (None if limits is None else comparison), trained
+    return comparison, trained
+
+
+def compared_histories(
+    full: Any,
+    model: Model,
+    snapshots: Solutions,
+    held_out: Solutions | None,
+    limits: TrustLimits | None,
+    remedy: str = OF_A_RID,
+) -> tuple[Comparison | None, dict[str, list[Signs]]]:
+    """What users get beside known histories, None without limits, and the signs of their steps by label.
+
+    Raises:
+        UnstableModelError: for errors beyond the limits.
+
+    Warns:
+        StabilityWarning: for doubtful errors.
+    """
+    kept = () if held_out is None else held_out.histories
+    histories = {f"{TRAINED} {k}": history for k, history in enumerate(snapshots.histories)}
+    histories |= {f"held-out history {k}": history for k, history in enumerate(kept)}
+    comparison, shown = compare_histories(full, model, histories, force_floor(full.problem, snapshots))
+    if limits is None:
+        return None, shown
+    check_comparison(comparison, limits, remedy)
+    return comparison, shown
 
 
 def _onset(model: Model, path: Path) -> list[Signs]:

@@ -10,7 +10,7 @@ slave with the opposite sign. Coulomb's law says
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -20,6 +20,9 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import Scalar, check_over_box, formula_of
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plain import Rebuilt
+
+OPEN, STICKS, SLIPS = 0, 1, 2
+"""Statuses of a contact with friction."""
 
 
 @dataclass(frozen=True)
@@ -152,7 +155,7 @@ class Friction(Rebuilt):
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Rows that are not there, or not in order."""
         rows = np.concatenate([self.normal, self.tangential])
-        if rows.size and not (0 <= rows.min() and rows.max() < sizes.get("m", 1 + int(rows.max()))):
+        if rows.size and not (0 <= rows.min() and rows.max() < sizes.get("N_lambda", sizes.get("m", np.inf))):
             yield "rows of friction are not among the contact conditions"
         if np.unique(rows).size != rows.size:
             yield "rows of friction are there twice"
@@ -189,7 +192,28 @@ class Friction(Rebuilt):
     def statuses(self, active: np.ndarray) -> np.ndarray:
         """Status of each contact from those of all rows, (M,) bool: 0 open, 1 sticks, 2 slips, (C,)."""
         sticks = np.bincount(self.owner, ~active[self.tangential], self.normal.size) == 0
-        return np.where(active[self.normal], np.where(sticks, 1, 2), 0)
+        return np.where(active[self.normal], np.where(sticks, STICKS, SLIPS), OPEN)
+
+    def within(self, conditions: np.ndarray) -> Friction:
+        """That of some conditions, (m,), in their order there.
+
+        Raises:
+            ValueError: for a contact of which not all rows are among them.
+        """
+        contacts = np.isin(self.normal, conditions)
+        rows = np.isin(self.tangential, conditions)
+        if not (contacts[self.owner] == rows).all():
+            raise ValueError("a pressure and its tangential rows go together")
+        order = np.argsort(conditions)
+        places = [
+            order[np.searchsorted(conditions, some, sorter=order)]
+            for some in (self.normal[contacts], self.tangential[rows], np.intersect1d(self.twice, conditions))
+        ]
+        owner = (np.cumsum(contacts) - 1)[self.owner[rows]]
+        return replace(
+            self, normal=places[0], area=self.area[contacts], law=self.law[contacts], tangential=places[1], owner=owner,
+            tangents=self.tangents[rows], twice=places[2],
+        )  # fmt: skip
 
 
 class SlipState(NamedTuple):

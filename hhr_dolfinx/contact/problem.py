@@ -257,6 +257,14 @@ class ContactProblem:
             found[self.friction.tangential] = False
         return found
 
+    @cached_property
+    def distinct(self) -> np.ndarray:
+        """Conditions that no other one says too, (N_lambda,) bool: all but tangential ones of corners."""
+        found = np.ones(len(self.gaps), dtype=bool)
+        if self.friction is not None:
+            found[self.friction.twice] = False
+        return found
+
     def require_no_friction(self, what: str) -> None:
         """Raise NotOfferedError where there is friction, for what looks at pressures alone."""
         if self.friction is not None:

@@ -55,6 +55,7 @@ class ModelFields:
         output_bound: bounds the errors of outputs, beside it.
         indicator: estimates the error of an answer, of the recipe.
         flow: completes stress and plastic strain where bodies flow.
+        frictional: completes forces and slip of hyper-reduced contact with friction.
         functionals: outputs of the scene.
         unbounded: why nothing is known of errors, where nothing is.
         exact: whether there is no reduction error at all.
@@ -64,6 +65,7 @@ class ModelFields:
     output_bound: Any = None
     indicator: Any = None
     flow: Any = None
+    frictional: Any = None
     functionals: Any = None
     unbounded: str = ""
     exact: ClassVar[bool] = False
@@ -71,11 +73,12 @@ class ModelFields:
     @property
     def estimated(self) -> str:
         """Kind of the estimates, see :class:`~hhr_dolfinx.models.estimates.Estimate`; empty where there are none."""
-        from hhr_dolfinx.models.estimates import STRESS
+        from hhr_dolfinx.models.estimates import FORCES, STRESS
 
         if self.bound is not None:
             return self.bound.kind
-        return "indicator" if self.indicator is not None else STRESS if self.flow is not None else ""
+        known = {"indicator": self.indicator, STRESS: self.flow, FORCES: self.frictional}
+        return next((kind for kind, own in known.items() if own is not None), "")
 
     def estimates(self, many: Any) -> Estimates | None:
         """What is known of the errors of :class:`~models.many.ManyAnswers`; None where that is made one by one."""
@@ -251,7 +254,7 @@ class History:
         kept = set(times)
         places = [place for place, answer in enumerate(self.answers) if answer.time in kept]
         answers = [self.answers[place] for place in places]
-        return replace(self, answers=answers, signs=[self.signs[place] for place in places])
+        return replace(self, answers=answers, signs=[self.signs[place] for place in places if self.signs])
 
     @property
     def iterations(self) -> list[int]:

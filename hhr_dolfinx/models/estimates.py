@@ -44,6 +44,8 @@ SHOWN = {
 """Relative errors by the names under which users read them."""
 STRESS = "indicator of the stress"
 """Kind of the estimates of bodies that flow, which are silent on all else."""
+FORCES = "indicator of the forces"
+"""Kind of the estimates of hyper-reduced contact with friction, which are silent on all else."""
 
 
 class Estimate(NamedTuple):
@@ -51,8 +53,8 @@ class Estimate(NamedTuple):
 
     Attributes:
         kind: ``bound``, which no error exceeds; ``estimate``, the same but for an interpolation of which nothing is
-            proved; ``indicator``, which follows the error; or :data:`STRESS`, which follows that of the stress alone,
-            relative to the stress of its own step.
+            proved; ``indicator``, which follows the error; :data:`STRESS`, which follows that of the stress alone,
+            relative to the stress of its own step; or :data:`FORCES`, likewise of the Euclidean norm of forces.
         primal: of the displacement in energy, (v^T K v)^1/2.
         dual: of the contact forces in the S norm, (λ^T S λ)^1/2: the energy of the displacement that they make alone.
             What an indicator says knows no units: this and all that is no relative error is infinite.
@@ -80,6 +82,8 @@ class Estimate(NamedTuple):
     @classmethod
     def indicated(cls, value: float, kind: str = "indicator") -> Estimate:
         """What an indicator says, in units of its own, taken as relative; of pressures it says nothing."""
+        if kind == FORCES:
+            return cls(kind, math.inf, math.inf, math.inf, math.inf, forces_euclid_relative=value)
         return cls(kind, math.inf, math.inf, value, value, forces_euclid_relative=value)
 
     @classmethod
@@ -160,6 +164,8 @@ def shown_of(kind: str) -> dict[str, str]:
     """Names of the numbers that estimates of a kind show, by the heads of their columns."""
     if kind == STRESS:
         return {STRESS: "primal_relative"}
+    if kind == FORCES:
+        return {FORCES: "forces_euclid_relative"}
     names = ("displacement", "forces") if kind == "indicator" else tuple(SHOWN)
     return {f"{kind} of {name}": SHOWN[name] for name in names}
 
@@ -202,6 +208,8 @@ def known_error(fields: Any) -> str:
         return "indicator of the recipe: follows errors as far as it is made to, without a proof"
     if fields.flow is not None:
         return "indicator of the stress: the part of it that no training explains; without a proof, silent on forces"
+    if fields.estimated == FORCES:
+        return "indicator of the forces: the part of those on the RID that no training explains; without a proof"
     if fields.exact:
         return f"none is made: {fields.unbounded}"
     return f"none: {fields.unbounded or 'answers of this kind estimate no errors'}"

@@ -21,7 +21,7 @@ from hhr_dolfinx.linear.layout import lay_out
 from hhr_dolfinx.models.answer import Answer, ModelFields
 from hhr_dolfinx.models.bounds.error_bound import Bound, BoundThere, ErrorBound, driven
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
-from hhr_dolfinx.models.estimates import NUMBERS, STRESS, Estimate, Estimates
+from hhr_dolfinx.models.estimates import FORCES, NUMBERS, STRESS, Estimate, Estimates
 from hhr_dolfinx.plain import CODE, OF_THE_MESH, Rebuilt
 from hhr_dolfinx.trained import share_of_stress
 
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.bounds.error_bound import FieldResponse
     from hhr_dolfinx.models.bounds.output_bound import OutputBound
     from hhr_dolfinx.models.eliminations.interpolation import Interpolant
+    from hhr_dolfinx.models.frictional_fields import FrictionalFields
     from hhr_dolfinx.models.functionals.functional import Functionals
     from hhr_dolfinx.models.functionals.shaped import ReshapedFunctionals
     from hhr_dolfinx.models.many import ManyAnswers
@@ -167,6 +168,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         unbounded: why there is no bound, where there is none.
         response: makes the coordinates of forces on the whole surface where S and the response to loads are known; None
             where they are gamma.
+        frictional: what completes forces and slip of contacts with friction; None without friction.
     """
 
     amplitudes: Amplitudes
@@ -187,6 +189,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
     output_bound: OutputBound | None = None
     unbounded: str = ""
     response: FieldResponse | None = None
+    frictional: FrictionalFields | None = None
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Wrong conditions of the RID, and columns that are not those of what makes their coordinates."""
@@ -194,10 +197,12 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
             yield "contact conditions of the RID are there twice: they are dependent"
         if not (self.gap_scale > 0).all():
             yield f"gap_scale has the entry {self.gap_scale.min()}, not positive"
-        if self.force_snapshots is None and self.bound is None:
+        if self.force_snapshots is None and self.bound is None and self.frictional is None:
             yield "neither training forces nor a bound say what forces outside the RID are"
         if self.response is not None and (self.force_snapshots is not None or self.bound is None):
             yield "its displacement is made of forces everywhere, and nothing completes them"
+        if self.frictional is not None and not np.array_equal(self.frictional.within, self.A_lambda):
+            yield "its friction is that of another RID"
         if self.output_bound is not None and (
             self.bound is None or self.functionals is None or not self.output_bound.fits(self.functionals)
         ):
@@ -262,10 +267,13 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
 
         Where S is known those outside close the gaps that are left, a small contact problem. Else it is (1.70)-(1.71):
         non-negative combinations of training forces are fitted to the forces inside the RID, and penalised outside
-        where the reconstructed gap is open; inside, forces at open gaps are 0 already.
+        where the reconstructed gap is open; inside, forces at open gaps are 0 already. With friction they are fitted by
+        modes, as tangential forces have any sign.
         """
         if not answer.converged:
             return np.full(len(self.gaps), np.nan)
+        if self.frictional is not None:
+            return self.frictional.forces(answer.multipliers, answer.parameter)
         if self.force_snapshots is None:
             return self._bound_at(answer).completed(answer.multipliers[None], self._outside)[0]
         forces = self.force_snapshots @ self._fitted(answer).weights
@@ -300,6 +308,8 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         """
         gradient = answer.gradient
         assert gradient is not None
+        if self.frictional is not None:
+            return self.frictional.force_changes(answer.multipliers, gradient.multipliers, answer.parameter)
         if self.force_snapshots is None:
             there = self._bound_at(answer)
             own = answer.multipliers[None]
@@ -403,9 +413,11 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return Estimates("bound", *numbers)
 
     def _indicated(self, answer: Answer) -> Estimate | None:
-        """What an indicator says: a user's own, or that of bodies that flow."""
+        """What an indicator says: a user's own, that of contact with friction, or of bodies that flow."""
         if self.indicator is not None:
             return Estimate.indicated(self.indicator(answer))
+        if self.frictional is not None:
+            return Estimate.indicated(self.frictional.misfit(answer.multipliers), FORCES)
         if answer.gauss is None or self.flow is None:
             return None
         return Estimate.indicated(self.flow.misfit(answer.gauss.stress), STRESS)

@@ -6,7 +6,7 @@ numba, where bodies flow).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
@@ -18,7 +18,7 @@ from hhr_dolfinx.linear.dense import Factorise, LapackLU, dense_factors
 from hhr_dolfinx.models.answer import Answer, SeveralAnswers
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.eliminations.constant import ConstantElimination
-from hhr_dolfinx.models.eliminations.elimination import Elimination, Responses
+from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination, Responses
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.reconstruct import Reconstruction
@@ -29,6 +29,8 @@ from hhr_dolfinx.trained import USUAL, TrainedPaths, TrainedRange
 if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Amplitudes
     from hhr_dolfinx.models.eliminations.interpolated import Compliances
+    from hhr_dolfinx.models.histories.completing import CompletingSlider
+    from hhr_dolfinx.models.histories.equilibrium import MarchSettings
     from hhr_dolfinx.models.histories.reduced_flow import CubatureFlow, ProjectedEquilibrium, ReducedFlow
 
 ADVICE: Mapping[Status, str] = MappingProxyType(
@@ -93,6 +95,8 @@ class ReducedModel(KeptModel):
         self.flow = flow
         self.offline = offline
         self.factorise = factorise
+        if fields.frictional is not None:
+            self.friction = fields.frictional.friction.within(fields.A_lambda)
         self.equilibrium: ProjectedEquilibrium | None = None
         self.eliminated: CondensedModel | None = None
         try:
@@ -154,10 +158,26 @@ class ReducedModel(KeptModel):
         return self.eliminated._answered(point, start, outside, gradient)
 
     def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
-        """Answer many parameters, (n, P), see :meth:`CondensedModel.solve_many`; where bodies flow one by one."""
-        if self.eliminated is None:
+        """Answer many parameters, (n, P), see :meth:`CondensedModel.solve_many`; those of paths one by one."""
+        if self.eliminated is None or self.friction is not None:
             return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
         return self.eliminated.solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
+
+    def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
+        """See :class:`AnsweringModel`: those of its RID, without gamma."""
+        return super().contacts() if self.eliminated is None else self.eliminated.contacts()
+
+    def pressures(self, answer: Answer) -> np.ndarray:
+        """See :class:`AnsweringModel`: those of the whole surface."""
+        frictional = self.fields.frictional
+        forces = answer.forces()
+        return forces if frictional is None else np.delete(forces, frictional.friction.tangential)
+
+    def slider(self, settings: MarchSettings) -> CompletingSlider:
+        """See :class:`AnsweringModel`: it follows what slips outside its RID too."""
+        from hhr_dolfinx.models.histories.completing import CompletingSlider
+
+        return CompletingSlider(self, settings.gradient)
 
     def _without_gamma(self, factorise: Factorise) -> CondensedModel:
         """The model with gamma eliminated: once, or for each parameter where the stiffness depends on it."""
@@ -165,7 +185,9 @@ class ReducedModel(KeptModel):
             raise ReductionError("a model in which nothing flows starts from known statuses: give them as known")
         eliminated = self.compliances or _elimination(self.problem, self.fields.amplitudes, self.parameters, factorise)
         trained = self.trained if isinstance(self.trained, TrainedRange) else None
-        return CondensedModel(self.parameters, eliminated, self.known, self.fields, self.problem.pairs, trained, ADVICE)
+        return CondensedModel(
+            self.parameters, eliminated, self.known, self.fields, self.problem.pairs, trained, ADVICE, self.friction
+        )
 
 
 def _elimination(

@@ -53,6 +53,7 @@ MODULES = {
     "models.eliminations.shaped": "ContactPatch FixedCells InterpolatedProblem ReshapedElimination RidAssembly "
     "RidBody RidShape SurfacePatch",
     "models.exact": "ExactFields",
+    "models.frictional_fields": "FrictionalFields",
     "models.functionals.cells": "CellRule MovingCells",
     "models.functionals.friction": "Remembered StatusArea",
     "models.functionals.functional": "Functionals",

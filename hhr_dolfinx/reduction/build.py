@@ -18,14 +18,17 @@ from hhr_dolfinx.certify.trust import (
     check_loads_seen,
     check_solvable,
     check_stability,
+    check_sticking,
     first_trusted,
     warn_of_training,
 )
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.errors import NotOfferedError, ReductionError
 from hhr_dolfinx.models.bounds.error_bound import ErrorBound
+from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.estimates import known_error, warn_unbounded
 from hhr_dolfinx.models.model import AnsweringModel
+from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.completion import Completion, bound_of
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
@@ -103,7 +106,9 @@ class _Offline:
 
 def usual_recipe(full: Any) -> Recipe:
     """The recipe that a scene gets by default."""
-    return Recipe() if full.equilibrium is None else Recipe.flowing()
+    if full.equilibrium is not None:
+        return Recipe.flowing()
+    return Recipe() if full.problem.friction is None else Recipe.with_friction()
 
 
 @runtime_checkable
@@ -229,18 +234,26 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
         raise ReductionError(f"{recipe.__name__} is a class, give a value of it: {recipe.__name__}(...)")
     if not isinstance(recipe, Recipe):
         raise ReductionError(f"{recipe!r} is no recipe: give a Recipe")
-    if not full.problem.whole:
+    problem = full.problem
+    if not problem.whole:
         raise ReductionError(
             "the full model is spread over several ranks, each with some rows of its matrices, and a reduction needs "
             "all: give a model on MPI.COMM_SELF, as train does, or full.gathered()"
         )
+    if problem.friction is not None and problem.reshaped is not None:
+        raise NotOfferedError(
+            "hyper-reduction of contacts with friction is not built in where shapes are parameters: condense the "
+            "scene, hhr.condense(scene)"
+        )
     for name, solutions in (("snapshots", snapshots), ("held_out", held_out)):
         if solutions is None and name == "held_out":
             continue
-        check_of_problem(name, solutions, full.problem)
+        check_of_problem(name, solutions, problem)
         if full.equilibrium is None:
             if solutions.states:
                 raise ReductionError(f"bodies of {name} flow, and none of the model do: they belong to another scene")
+            if problem.friction is not None and not solutions.histories:
+                raise ReductionError(f"{name} of a scene with friction must be histories: SnapshotSet.of_histories")
             continue
         if not solutions.histories:
             raise ReductionError(f"{name} of a scene whose bodies flow must be histories: SnapshotSet.of_histories")
@@ -271,34 +284,15 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
             reduced = replace(reduced, terms=None, reshaped=rid_assembly(full, basis, sets))
     flow = None if full.equilibrium is None else _flow_of(shared, basis, sets, layers)
     with log.stage("stability"):
-        stability = assess(problem, shared.constants, basis, sets, reduced)
-        check_solvable(stability, problem, sets)
-        if recipe.trust is not None:
-            check_stability(stability, recipe.trust)
-    bounding = bound_of(full, recipe, shared.snapshots, basis, log)
-    bound = bounding.bound
-    response = bounding.response
-    with log.stage("reconstruction"):
-        cone = recipe.cone or bound is None
-        fields = shared.completion.reconstruction(problem, bounding.columns, sets, flow, cone=cone)
-        fields = replace(fields, bound=bound, unbounded=bounding.unbounded, stress_of=full.stress_of)
-        fields = replace(fields, functionals=_functionals(full, basis), response=response)
-        if recipe.indicator is not None:
-            fields = replace(fields, indicator=recipe.indicator.prepared(problem, basis, sets))
-    if isinstance(bound, ErrorBound) and full.functionals is not None:
-        from hhr_dolfinx.certify.output_bounds import output_bound
-
-        with log.stage("bound"):
-            # C lies among the columns of K^-1 B^T, which are there anyway
-            own = basis if response is None else basis[:, :0]
-            fields = replace(fields, output_bound=output_bound(full, bound, own, shared.snapshots))
+        stability = _assessed(shared, basis, sets, reduced)
+    fields = _fields(shared, basis, sets, flow)
     known = shared.snapshots.known_statuses(sets.A_lambda) if flow is None else None
     with log.stage("online_arrays"):
         range_ = TrainedRange.of(shared.snapshots.points, problem.parameters) if flow is None else None
         model = ReducedModel(reduced, full.parameters, fields, range_, known=known, flow=flow)
         if problem.varies and flow is None:
             model = _eliminated_between(model, full, log)
-        elif model.eliminated is not None and not (reduced.motions or model.eliminated.tabulated):
+        elif model.eliminated is not None and not (reduced.motions or model.eliminated.tabulated or model.friction):
             model = model.changed(known=_starts_along(model))
     margin = _checked_margin(shared, model, layers)
     with log.stage("validation"):
@@ -306,6 +300,52 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
     shared.log.say(known_error(model.fields))
     record = OfflineRecord(recipe, layers, basis, sets, stability, enrichment, margin, comparison, log)
     return model.changed(trained=trained, offline=record)
+
+
+def _assessed(shared: _Offline, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem) -> Stability:
+    """Constants of a projection that may be used."""
+    problem = shared.full.problem
+    rows = _distinct(problem, sets)
+    stability = assess(problem, shared.constants, basis, rows, _rows_of(reduced, problem, sets))
+    check_solvable(stability, problem, rows)
+    if problem.friction is not None:
+        check_sticking(stability)
+    if shared.recipe.trust is not None:
+        check_stability(stability, shared.recipe.trust)
+    return stability
+
+
+def _fields(
+    shared: _Offline, basis: np.ndarray, sets: IndexSets, flow: ReducedFlow | CubatureFlow | None
+) -> Reconstruction:
+    """What completes answers, with bounds where they are proved."""
+    full = shared.full
+    recipe = shared.recipe
+    log = shared.log
+    problem = full.problem
+    bounding = bound_of(full, recipe, shared.snapshots, basis, log)
+    bound = bounding.bound
+    response = bounding.response
+    with log.stage("reconstruction"):
+        cone = (recipe.cone or bound is None) and problem.friction is None
+        fields = shared.completion.reconstruction(problem, bounding.columns, sets, flow, cone=cone)
+        fields = replace(fields, bound=bound, unbounded=bounding.unbounded, stress_of=full.stress_of)
+        fields = replace(fields, functionals=_functionals(full, basis), response=response)
+        if recipe.indicator is not None:
+            fields = replace(fields, indicator=recipe.indicator.prepared(problem, basis, sets))
+        if problem.friction is not None:
+            from hhr_dolfinx.models.frictional_fields import FrictionalFields
+
+            modes = shared.completion.force_modes
+            fields = replace(fields, frictional=FrictionalFields.fitted(problem.friction, sets.A_lambda, modes))
+    if isinstance(bound, ErrorBound) and full.functionals is not None:
+        from hhr_dolfinx.certify.output_bounds import output_bound
+
+        with log.stage("bound"):
+            # C lies among the columns of K^-1 B^T, which are there anyway
+            own = basis if response is None else basis[:, :0]
+            fields = replace(fields, output_bound=output_bound(full, bound, own, shared.snapshots))
+    return fields
 
 
 def _flow_of(shared: _Offline, basis: np.ndarray, sets: IndexSets, layers: int) -> ReducedFlow | CubatureFlow:
@@ -365,14 +405,31 @@ def _eliminated_between(model: ReducedModel, full: Any, log: StageLog) -> Reduce
         log.skip("interpolation", "K~^-1 is no smooth function of the parameters: it is factored for each query")
         return model
     assert model.known is not None  # of a model in which nothing flows
+    if model.friction is not None:  # an increment starts from the one before
+        return model.changed(compliances=compliances)
     known = linear_starts(compliances, model.known.points, model.problem.pairs)
     return model.changed(compliances=compliances, known=known)
+
+
+def _distinct(problem: ContactProblem, sets: IndexSets) -> IndexSets:
+    """A RID without the conditions that others say too, of which no basis makes independent ones."""
+    return replace(sets, A_lambda=sets.A_lambda[problem.distinct[sets.A_lambda]])
+
+
+def _rows_of(reduced: ReducedProblem, problem: ContactProblem, sets: IndexSets) -> ReducedProblem:
+    """A projected problem with the conditions of :func:`_distinct`."""
+    if (kept := problem.distinct[sets.A_lambda]).all():
+        return reduced
+    rows = {name: getattr(reduced, name)[kept] for name in ("contact_test", "contact_trial", "gaps", "pairs")}
+    return replace(reduced, **rows)
 
 
 def _enriched(shared: _Offline, sets: IndexSets) -> Enrichment:
     """The enriched basis, or the basis as it is where no enrichment was asked for."""
     step = shared.recipe.enrichment
-    enrichment = enrich(shared.full.problem, shared.basis, sets, np.inf if step is None else step.kappa_max)
+    problem = shared.full.problem
+    rows = _distinct(problem, sets)
+    enrichment = enrich(problem, shared.basis, rows, np.inf if step is None else step.kappa_max)
     if step is None:
         shared.log.skip("enrichment", "not asked for")
     else:
@@ -403,6 +460,10 @@ def _compared(shared: _Offline, model: ReducedModel) -> tuple[Comparison | None,
     if snapshots.columns is not None:
         shared.log.skip("comparison", "trained on parts of histories: only models of all parts together answer one")
         return None, None
+    if model.friction is not None:
+        from hhr_dolfinx.certify.trust import compared_histories
+
+        return compared_histories(full, model, snapshots, held_out, limits)[0], trained
     if model.equilibrium is not None:
         from hhr_dolfinx.certify.trust import checked_histories
 

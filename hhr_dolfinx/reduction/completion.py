@@ -19,7 +19,7 @@ from hhr_dolfinx.errors import BoundError, ReductionError
 from hhr_dolfinx.models.bounds.error_bound import Bound
 from hhr_dolfinx.models.estimates import NOT_ASKED
 from hhr_dolfinx.models.reconstruct import FlowFields, GappyField, Reconstruction
-from hhr_dolfinx.reduction.modes import state_modes
+from hhr_dolfinx.reduction.modes import pod, state_modes
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import StageLog
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 STRESS = 1e-9
 PLASTIC_STRAIN = 1e-6
 """Part of the squared training fields that the modes for stress and for cumulated plastic strain leave out."""
+FORCES = 1e-4
+"""Part of the squared training forces that modes of forces leave out, where friction gives them any sign."""
 IN_THE_CONE = 1e-3
 """Relative distance from the cone of the other snapshots below which a force snapshot is left out: the fraction of the
 largest force below which a relative force error means nothing."""
@@ -69,6 +71,11 @@ class Completion:
     def rays(self) -> np.ndarray:
         """Training forces whose cone holds all of them, see (1.70), (N_lambda, S')."""
         return spanning_rays(self.forces, IN_THE_CONE)
+
+    @cached_property
+    def force_modes(self) -> np.ndarray:
+        """POD modes of the training forces, (N_lambda, modes)."""
+        return pod(self.forces, FORCES)[0]
 
     def reconstruction(
         self,
@@ -154,6 +161,9 @@ def _gap_scale(problem, snapshots) -> np.ndarray:
     return scale
 
 
+OF_FRICTION = "contacts rub, and how far reduced increments are off is not bounded"
+
+
 class Bounding(NamedTuple):
     """Bounds of errors, and the displacement that they are of.
 
@@ -174,6 +184,8 @@ def bound_of(full: Any, recipe: Recipe, snapshots: SnapshotSet, basis: np.ndarra
     """Bounds for a recipe, with a basis, (N, ell); none where not asked for or not proved, as the log says too."""
     if not recipe.bound or recipe.indicator is not None:
         return Bounding(None, basis, unbounded=NOT_ASKED)
+    if full.problem.friction is not None:
+        return Bounding(None, basis, unbounded=OF_FRICTION)
     forces = snapshots.forces
     try:
         with log.stage("bound"):

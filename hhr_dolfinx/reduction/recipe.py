@@ -366,6 +366,17 @@ class Recipe:
         }
         return cls(**({"basis": Pod(3e-10)} | usual | changes))
 
+    @classmethod
+    def with_friction(cls, **changes: Any) -> Recipe:
+        """For elastic bodies with friction, whose slip makes more modes, and RIDs with most of what rubs."""
+        usual: dict[str, Any] = {
+            "nodes": (Deim(), ForceDeim(1e-4), LoadNodes()),
+            "domain": Rid(1, 4),
+            "enrichment": Enrich(10.0),
+            "trust": TrustLimits.of_histories(),
+        }
+        return cls(**({"basis": Pod(1e-9)} | usual | changes))
+
     def as_it_is(self) -> Recipe:
         """The same without any check and without growth, to measure what it gives."""
         return replace(self, trust=None, tangents=None, domain=replace(self.domain, most_layers=self.domain.layers))

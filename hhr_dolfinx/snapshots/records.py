@@ -272,7 +272,8 @@ def _solved(
     full: Any, queries: Any, progress: Progress, store: SnapshotStore | None, settings: MarchSettings, lost: Lost | None
 ) -> SnapshotSet | None:
     """Answers of queries; None where all are lost."""
-    full.problem.require_no_friction("a set of snapshots")
+    if not _are_paths(queries):
+        full.problem.require_no_friction("a set of snapshots at single parameters")
     with ranks.together(full.comm, "solving for snapshots"):
         if not _are_paths(queries):
             answers = list(_answers(full, full.parameters.points(queries), progress, store, lost))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from mpi4py import MPI
 
-from hhr_dolfinx.errors import HHRError, StabilityWarning, StudyError
+from hhr_dolfinx.errors import HHRError, NotOfferedError, StabilityWarning, StudyError
 from hhr_dolfinx.models.answer import Model
 from hhr_dolfinx.models.answer import Path as HistoryPath
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
@@ -274,6 +274,11 @@ def _check_correction(correction: Any) -> None:
 def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray | dict[Any, HistoryPath]:
     """Test points, (n, P), or checked paths by label where bodies flow; StudyError for the wrong one of both."""
     tests = settings.tests
+    if any(law is not None for law in scene.friction):
+        raise NotOfferedError(
+            f"a study of scene '{scene.name}' is not built in, as its contacts have friction: train or condense it, "
+            "and march along paths of your own"
+        )
     if any(body.law is not None for body in scene.bodies):
         if points is None and isinstance(tests, Mapping):
             return dict(zip(tests, training_paths(scene, tests.values()), strict=True))

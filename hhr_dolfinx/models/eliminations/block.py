@@ -6,6 +6,7 @@ that are factored one by one, a quarter of the work for two of them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -45,6 +46,24 @@ class Block(NamedTuple):
     entries: np.ndarray
     test: np.ndarray
     trial: np.ndarray
+
+
+class _Kept(NamedTuple):
+    """What points of one stiffness share.
+
+    Attributes:
+        weights: of the parts of K~, (Q,).
+        schur: S, (m, m).
+        response: free slack and, behind it, the free unknown, (m + ell, 1 + T), in Fortran order.
+        factors: of the blocks of K~.
+        per_force: K~^-1 B~1^T of each block.
+    """
+
+    weights: np.ndarray
+    schur: np.ndarray
+    response: np.ndarray
+    factors: list
+    per_force: list[np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -88,6 +107,42 @@ class BlockElimination(Rebuilt, Elimination):
         pushed = partial(self._pushed, per_force)
         changes = partial(self._changes, point, weights, factors)
         return CondensedContact(schur, slack, free, pushed, changes)
+
+    def along_path(self) -> Callable[[np.ndarray], CondensedContact]:
+        """Neighbours that share their stiffness share S, and what each load does."""
+        shared: list[_Kept] = []
+
+        def made(point: np.ndarray) -> CondensedContact:
+            weights = self._terms.weights(point)
+            if not shared or not np.array_equal(shared[0].weights, weights):
+                shared[:] = [self._kept(weights)]
+            kept = shared[0]
+            response = kept.response @ self.amplitudes(point)
+            m = len(kept.schur)
+            changes = partial(self._changes, point, weights, kept.factors)
+            return CondensedContact(
+                kept.schur, response[:m], response[m:], partial(self._pushed, kept.per_force), changes
+            )
+
+        return made
+
+    def _kept(self, weights: np.ndarray) -> _Kept:
+        """What points with the same weights of the parts of K~ share, (Q,)."""
+        loads = self._forces if self._lifts is None else self._forces - np.tensordot(weights, self._lifts, 1)
+        m = len(self.problem.gaps)
+        schur = np.zeros((m, m))
+        response = np.asfortranarray(np.vstack([self.problem.gaps, np.empty_like(loads)]))
+        factors = []
+        per_force = []
+        for block in self.blocks:
+            factor = _factored(block, weights[block.parts])
+            free, pushed = (dgetrs(*factor, right)[0] for right in (loads[block.modes], block.test))
+            response[m + block.modes] = free
+            response[:m] -= block.trial @ free
+            schur += block.trial @ pushed
+            factors.append(factor)
+            per_force.append(pushed)
+        return _Kept(weights, schur, response, factors, per_force)
 
     def under(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """The unknown, (ell,), at a point under known contact forces, (m,): no S, and hardly a factor.

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-import numpy as np
-
+from hhr_dolfinx.contact.friction import SLIPS, STICKS
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.models.functionals.functional import Functional, State
 
@@ -43,28 +42,20 @@ class StatusArea(Functional):
     """Area of the closed contacts that stick, or that slip.
 
     Attributes:
-        conditions: of the pressures of contacts with friction, (c,).
+        contacts: numbers of contacts with friction, (c,).
         areas: tributary area of each, (c,).
-        tangential: tangential conditions, contact by contact, (t,).
-        owner: place of the contact of each of them, (t,).
         sticks: whether those that stick are meant, else those that slip.
     """
 
     differentiable: ClassVar[bool] = False
 
-    conditions: Annotated[Integers, "conditions"]
-    areas: Annotated[Floats, "conditions"]
-    tangential: Annotated[Integers, "tangential"]
-    owner: Annotated[Integers, "tangential", "< conditions"]
+    contacts: Annotated[Integers, "contacts"]
+    areas: Annotated[Floats, "contacts"]
     sticks: bool
 
     def value(self, state: State) -> float:
         """At the time of the answer."""
-        if not state.active.size:
+        if state.slip is None:
             return 0.0
-        sticks = np.bincount(self.owner, ~state.active[self.tangential], self.conditions.size) == 0
-        return float(self.areas[state.active[self.conditions] & (sticks == self.sticks)].sum())
-
-    def indices(self) -> dict[str, np.ndarray]:
-        """Conditions."""
-        return {"conditions": np.concatenate([self.conditions, self.tangential])}
+        meant = STICKS if self.sticks else SLIPS
+        return float(self.areas[state.slip.statuses[self.contacts] == meant].sum())

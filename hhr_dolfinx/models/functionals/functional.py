@@ -28,7 +28,6 @@ DIFFERENCE = 1e-4
 """Part of the box by which shapes are moved to either side for derivatives: their error is its square."""
 _NOTHING = np.zeros(0)
 _NOWHERE = np.zeros(0, dtype=np.int64)
-_UNKNOWN = np.zeros(0, dtype=bool)
 
 
 @dataclass(frozen=True)
@@ -133,7 +132,6 @@ class State(NamedTuple):
         point: the parameter, (P,).
         theta: amplitudes of all terms, (1 + T,).
         stress: makes the stress at all Gauss points, where bodies flow.
-        active: status of each of the model's own conditions, (m,) bool.
         slip: what friction remembers; None without friction.
     """
 
@@ -142,7 +140,6 @@ class State(NamedTuple):
     point: np.ndarray
     theta: np.ndarray
     stress: Callable[[], np.ndarray]
-    active: np.ndarray = _UNKNOWN
     slip: SlipState | None = None
 
 
@@ -311,7 +308,7 @@ def outputs_of(answer: Any) -> Outputs:
     if functionals.places and functionals.places[-1].stop:  # outputs of forces alone need no displacement
         coordinates = fields.coordinates(answer, theta) if whole.axes.size else _NOTHING
         measured = functionals.measured(coordinates) if whole.axes.size else fields.measured(answer, theta)
-    rest = answer.stress, answer.active, answer.slip
+    rest = answer.stress, answer.slip
     states = [State(forces, measured[place], point, theta, *rest) for place in functionals.places]
     values = {item.name: item.value(state) for item, state in zip(functionals.items, states, strict=True)}
     if answer.gradient is None:

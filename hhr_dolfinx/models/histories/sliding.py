@@ -110,7 +110,11 @@ class Slider:
         forces = np.zeros(self.model.own_conditions)
         changes = np.zeros((self.friction.tangential.size, point.size))
         gap = self._contact_at(point).free_slack[self.friction.normal]
-        return Reached(point, time, forces, None, gap, SlipState.at_rest(self.friction), weights, changes)
+        return Reached(point, time, forces, None, gap, self._at_rest(), weights, changes)
+
+    def _at_rest(self) -> SlipState:
+        """Nothing has slipped."""
+        return SlipState.at_rest(self.friction)
 
     def increment(self, before: Reached, target: Target) -> Solved:
         """One increment, settled or not."""
@@ -120,12 +124,11 @@ class Slider:
         if self._sliding is None or self._sliding.given is not contact.schur:
             self._sliding = SlidingContact(contact.schur, self.friction, taken)
         slack = contact.free_slack.copy()
-        slack[self.friction.tangential] -= before.slip.position
+        slack[self.friction.tangential] -= self._position(before)
         driving = np.zeros(0) if contact.floating is None else contact.floating.driving
         given = Increment(slack, *self.friction.bounds(point), driving)
         found = self._sliding.increment(given, before.forces, before.active)
-        bound = given.bounds(self.friction, found.forces)
-        slip = before.slip.after(self.friction, found.forces, found.slack, found.active, bound)
+        slip = self._slipped(before, given, found, contact, point)
         gradient = None
         changes = before.changes
         if self.gradient and found.status is Status.CONVERGED:
@@ -140,13 +143,24 @@ class Slider:
             found, Reached(point, time, found.forces, found.active, gap, slip, weights, changes), contact, gradient
         )
 
+    def _position(self, before: Reached) -> np.ndarray:
+        """Where its tangential rows stand before an increment, (T,)."""
+        return before.slip.position
+
+    def _slipped(
+        self, before: Reached, given: Increment, found: Sliding, contact: CondensedContact, point: np.ndarray
+    ) -> SlipState:
+        """What friction remembers after an increment."""
+        bound = given.bounds(self.friction, found.forces)
+        return before.slip.after(self.friction, found.forces, found.slack, found.active, bound)
+
     def _gradient(
         self, before: Reached, target: Target, given: Increment, found: Sliding, contact: CondensedContact
     ) -> Gradient:
         """Derivatives of an increment while its statuses, and those before, stay."""
         assert self._sliding is not None
         floating = contact.floating
-        unknown = _unknown(contact, found)
+        unknown = unknown_of(contact, found)
         slack, of_unknown = (part * target.weights for part in contact.at_fixed_forces(found.forces, unknown))
         slack = slack.copy()
         slack[self.friction.tangential] -= before.changes
@@ -171,12 +185,12 @@ class Slider:
         """What is handed out of an increment."""
         found, reached, contact, gradient = solved
         return Answer(
-            reached.point, _unknown(contact, found), found.forces, found.active, found.iterations, found.status,
+            reached.point, unknown_of(contact, found), found.forces, found.active, found.iterations, found.status,
             found.sweeps > 0, self.model.fields, time=reached.time, gradient=gradient, slip=reached.slip,
         )  # fmt: skip
 
 
-def _unknown(contact: CondensedContact, found: Sliding) -> np.ndarray:
+def unknown_of(contact: CondensedContact, found: Sliding) -> np.ndarray:
     """The primal unknown under the forces of an increment, (n,)."""
     unknown = contact.unknown(found.forces)
     return unknown if contact.floating is None else unknown + contact.floating.modes @ found.motions

@@ -105,6 +105,10 @@ class Training(TrainingAnswers):
             StudyError: for what is no way to share a training out.
             ReductionError: for labels that are not those of the steps.
         """
+        if self.full_order.friction is not None:
+            raise NotOfferedError(
+                "local models of contacts with friction are not built in: take one model, build(), or condense()"
+            )
         if self.full_order.equilibrium is not None:
             from hhr_dolfinx.study.training.local_histories import local_histories
 
@@ -138,6 +142,10 @@ class Training(TrainingAnswers):
         Raises:
             NotOfferedError: where contact alone holds bodies whose moduli or shapes are parameters.
         """
+        if self.full_order.friction is not None:
+            from hhr_dolfinx.study import condensing
+
+            return condensing.condense(self.full_order, settings)
         if self.full_order.equilibrium is not None:
             from hhr_dolfinx.reduction.condense_flow import condense_flow
 
@@ -181,12 +189,12 @@ def train(
         scene: the scene.
         training: the number of points along each parameter, on a regular grid; a sampling, ``Sobol(512)`` or
             ``LatinHypercube(100)``; ``Greedy(budget=100)``, which chooses where models of what is known are worst; or
-            an array of points, (S, P). Where bodies flow a list of paths, each of times in seconds and parameters, or
-            drawn from a family, ``family.paths(Sobol(12))``, or ``Greedy(family=family)``.
+            an array of points, (S, P). Where bodies flow or rub a list of paths, each of times in seconds and
+            parameters, or drawn from a family, ``family.paths(Sobol(12))``; where they flow ``Greedy(family=family)``.
         held_out: for the trust check: how many random parameters (100, a fifth of them where contact grazes; 0 for
             none), or paths.
         seed: of random parameters.
-        folder: where answers are kept and found again; None keeps nothing.
+        folder: where answers are kept and found again; None keeps nothing, and nor are histories with friction kept.
         comm: communicator over which the training is spread.
         march: how histories are solved.
         progress: for progress bars.
@@ -201,7 +209,8 @@ def train(
     with ranks.each_for_itself(comm, f"building the full model of scene '{scene.name}'"):
         with log.stage("full_order"):
             full = FullOrderModel(scene, MPI.COMM_SELF)
-        store = None if folder is None else SnapshotStore(folder, full)
+        # increments with friction remember more than a store keeps
+        store = None if folder is None or full.friction is not None else SnapshotStore(folder, full)
     with log.stage("snapshots"):
         snapshots, choice = _solved(full, queries, comm, progress, store, march)
     kept = None
@@ -268,16 +277,17 @@ def _checked(scene: Scene, training: Any, held_out: Any, seed: Any) -> tuple[Any
     """Points or paths to train on; how many points, or which paths, are held out."""
     if not isinstance(scene, Scene):
         raise StudyError(f"{scene!r} is no scene: give a Scene")
-    if any(law is not None for law in scene.friction):
-        raise NotOfferedError(
-            f"scene '{scene.name}' has friction, whose histories no model is trained on yet: its contact is condensed "
-            "without a training, hhr.condense(scene) or hhr train --model condensed"
-        )
     check_counts(seed=(seed, 0))
     chooses = _chooses(training)
+    rubs = any(law is not None for law in scene.friction)
+    if chooses and rubs:
+        raise NotOfferedError(
+            f"scene '{scene.name}' has friction, and a greedy training of such histories is not built in: train on a "
+            "list of paths, or condense it without a training, hhr.condense(scene)"
+        )
     if chooses:
         training.space(scene)
-    if any(body.law is not None for body in scene.bodies):
+    if rubs or any(body.law is not None for body in scene.bodies):
         apart = held_out.tolist() if isinstance(held_out, np.ndarray) else held_out
         given = training if chooses else training_paths(scene, training)
         return given, training_paths(scene, apart) if apart else []
@@ -307,13 +317,14 @@ def training_points(scene: Scene, training: Any) -> np.ndarray:
 
 
 def training_paths(scene: Scene, paths: Any) -> list:
-    """Checked paths of a scene whose bodies flow; StudyError for what is no list of paths."""
+    """Checked paths of a scene whose bodies flow or rub; StudyError for what is no list of paths."""
     try:
         # paths of a family keep their names
         checked = [_checked_path(scene, path) for path in paths]
     except (ParameterError, TypeError) as error:
         raise StudyError(
-            f"bodies of scene '{scene.name}' flow: train on a list of paths, such as family.paths(Sobol(12)) ({error})"
+            f"answers of scene '{scene.name}' depend on the path that leads to them: train on a list of paths, such as "
+            f"family.paths(Sobol(12)) ({error})"
         ) from None
     if not checked or min(len(path) for path in checked) < 2:
         raise StudyError(f"training of scene '{scene.name}' needs at least one path, each with a start and a step")

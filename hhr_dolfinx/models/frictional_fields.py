@@ -1,0 +1,143 @@
+"""Friction on the whole contact surface from the contacts of a RID: forces by gappy POD, slip by the displacement.
+
+What has slipped needs no completion of its own. The position of a tangential row is its slack under the displacement,
+D - B u, wherever a contact sticks or slips, and the displacement is known everywhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated
+
+import numpy as np
+
+from hhr_dolfinx.contact.friction import Friction
+from hhr_dolfinx.contact.sliding_set import bounds
+from hhr_dolfinx.declared import Floats, Integers
+
+FULL = 1e-3
+"""Part of its bound that a tangential force outside the RID may lack where the contact counts as slipping: it is
+fitted, and no status of its own says so."""
+PRESSED = 1e-3
+"""Part of the largest force of an answer below which a contact outside the RID counts as open, for the same reason."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionalFields:
+    """What completes forces and statuses of contacts with friction.
+
+    Attributes:
+        friction: of the whole contact surface.
+        within: conditions of the RID, (m,).
+        modes: POD modes of the forces of training, (N_lambda, modes).
+        fit: amplitudes of the modes per force in the RID, (modes, m).
+    """
+
+    friction: Friction
+    within: Annotated[Integers, "m", "< N_lambda"]
+    modes: Annotated[Floats, "N_lambda", "force modes"]
+    fit: Annotated[Floats, "force modes", "m"]
+
+    @classmethod
+    def fitted(cls, friction: Friction, within: np.ndarray, modes: np.ndarray) -> FrictionalFields:
+        """From the modes of forces, (N_lambda, k), by least squares on the RID (gappy POD)."""
+        return cls(friction, within, modes, np.linalg.pinv(modes[within]))
+
+    @cached_property
+    def own(self) -> np.ndarray:
+        """Places of the tangential rows of the RID among all tangential ones, in the order of the RID."""
+        rows = self.friction.within(self.within).tangential
+        return np.searchsorted(self.friction.tangential, self.within[rows])
+
+    @cached_property
+    def outside(self) -> np.ndarray:
+        """Contacts outside the RID, (c,)."""
+        return np.flatnonzero(~np.isin(self.friction.normal, self.within))
+
+    @cached_property
+    def _elsewhere(self) -> tuple[np.ndarray, np.ndarray]:
+        """Conditions outside the RID, and their matrix per force in it."""
+        rows = np.setdiff1d(np.arange(len(self.modes)), self.within)
+        return rows, self.modes[rows] @ self.fit
+
+    def forces(self, inside: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """Forces on all conditions from those of the RID, (m,), within what the laws admit at a point, (N_lambda,)."""
+        friction = self.friction
+        found = self._fitted(inside)
+        found[self._lifted_off(found, inside)] = 0.0
+        size = self.sizes(found)
+        admitted = bounds(*friction.bounds(point), found[friction.normal])
+        share = np.divide(admitted, size, out=np.ones(size.size), where=self._beyond(size, admitted))
+        found[friction.tangential] *= share[friction.owner]
+        return found
+
+    def force_changes(self, inside: np.ndarray, changes: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """Derivatives of :meth:`forces`, (N_lambda, P), from those of the RID, (m, P)."""
+        friction = self.friction
+        found, slopes = self._fitted(inside), self._fitted(changes)
+        off = self._lifted_off(found, inside)
+        found[off], slopes[off] = 0.0, 0.0
+        size = self.sizes(found)
+        coefficient, limit = friction.bounds(point)
+        admitted = bounds(coefficient, limit, found[friction.normal])
+        beyond = self._beyond(size, admitted)
+        rows = friction.tangential[beyond[friction.owner]]
+        owner = friction.owner[beyond[friction.owner]]
+        of_coefficient, of_limit = friction.bound_slopes(point)
+        pressure = found[friction.normal][:, None]
+        with np.errstate(invalid="ignore"):  # of Tresca's law, which has no coefficient
+            carried = coefficient[:, None] * slopes[friction.normal] + of_coefficient * pressure
+        of_bound = np.where((admitted < limit)[:, None], carried, of_limit)
+        # bound t / |t| of a fitted force t
+        along = (found[rows] / size[owner])[:, None]
+        grown = np.zeros((size.size, slopes.shape[1]))
+        np.add.at(grown, owner, along * slopes[rows])
+        turned = (admitted / np.where(size > 0, size, 1.0))[owner, None] * (slopes[rows] - along * grown[owner])
+        slopes[rows] = along * of_bound[owner] + turned
+        return slopes
+
+    def _fitted(self, inside: np.ndarray) -> np.ndarray:
+        """What the modes make of values in the RID, (m, ...), and these themselves there, (N_lambda, ...)."""
+        rows, per_force = self._elsewhere
+        found = np.empty((len(self.modes), *inside.shape[1:]))
+        found[self.within] = inside
+        found[rows] = per_force @ inside
+        return found
+
+    def _lifted_off(self, found: np.ndarray, inside: np.ndarray) -> np.ndarray:
+        """Conditions outside the RID whose pressure is no more than what the fit may be off."""
+        pressing = self._elsewhere[0][~np.isin(self._elsewhere[0], self.friction.tangential)]
+        return pressing[found[pressing] <= PRESSED * np.abs(inside).max(initial=0.0)]
+
+    def _beyond(self, size: np.ndarray, admitted: np.ndarray) -> np.ndarray:
+        """Contacts outside the RID whose fitted tangential force is more than they may bear, (C,) bool."""
+        found = np.zeros(size.size, dtype=bool)
+        found[self.outside] = size[self.outside] > admitted[self.outside]
+        return found
+
+    def misfit(self, inside: np.ndarray) -> float:
+        """Part of the forces in the RID, (m,), that no mode of training explains, from 0 to 1; 0 without forces.
+
+        It follows the error of all forces, see docs/friction.md: modes hold what training showed, and contact says what
+        this increment did.
+        """
+        size = float(np.linalg.norm(inside))
+        if not size > 0:
+            return 0.0 if size == 0 else np.inf
+        return float(np.linalg.norm(inside - self.modes[self.within] @ (self.fit @ inside))) / size
+
+    def sizes(self, forces: np.ndarray) -> np.ndarray:
+        """Size of the tangential force of each contact, (C,)."""
+        squares = forces[self.friction.tangential] ** 2
+        return np.sqrt(np.bincount(self.friction.owner, squares, self.friction.normal.size))
+
+    def active(self, inside: np.ndarray, forces: np.ndarray, bound: np.ndarray) -> np.ndarray:
+        """Statuses of all conditions: those of the RID, (m,) bool, and what forces suggest elsewhere, (N_lambda,)."""
+        friction = self.friction
+        found = np.zeros(len(self.modes), dtype=bool)
+        found[friction.normal] = forces[friction.normal] > 0
+        sticks = found[friction.normal] & (self.sizes(forces) < (1.0 - FULL) * bound)
+        found[friction.tangential] = sticks[friction.owner]
+        found[self.within] = inside
+        return found
