@@ -2,10 +2,10 @@
 
 The scene of ``pellet_materials.py`` with a coefficient in [0, .8] as its seventh parameter: pressure and its height
 vary along a path, moduli, Poisson's ratios and the coefficient from path to path. The full order at its best makes S
-once for a path and has the same solver of increments; the condensed model interpolates S between Poisson's ratios. Then
-random jumps, each from one corner of the box to another, for as long as it takes to meet what does not settle.
+once for a path and has the same solver of increments; the condensed model interpolates S between Poisson's ratios; the
+hyper-reduced one is trained on other paths. Then random jumps of the condensed one, each from one corner of the box to another, for as long as it takes to meet what does not settle.
 
-    python benchmarks/friction_pellet.py [--out DIR] [--quick] [--seed N]
+    python benchmarks/friction_pellet.py [--out DIR] [--quick] [--seed N] [--training N]
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import _demos  # noqa: F401 (before the scenes)
 import numpy as np
 import pellet_materials
 from mpi4py import MPI
+from scipy.stats import qmc
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
@@ -54,11 +55,11 @@ def legs(rng: np.random.Generator) -> np.ndarray:
     return np.column_stack([np.interp(shares, np.arange(LEGS + 1), column) for column in corners.T])
 
 
-def differences(model: Any, found: hhr.History, exact: hhr.History) -> dict[str, np.ndarray]:
+def differences(full: Any, found: hhr.History, exact: hhr.History) -> dict[str, np.ndarray]:
     """Relative errors of each increment in the Euclidean norm; below a thousandth of the largest they are by that."""
-    rows = {"normal": np.setdiff1d(np.arange(model.conditions), model.friction.tangential)}
-    rows["tangential"] = model.friction.tangential
-    values = {name: [np.array([answer.multipliers[own] for answer in history.answers]) for history in (found, exact)]
+    rows = {"normal": np.setdiff1d(np.arange(full.conditions), full.friction.tangential)}
+    rows["tangential"] = full.friction.tangential
+    values = {name: [np.array([answer.forces()[own] for answer in history.answers]) for history in (found, exact)]
               for name, own in rows.items()}  # fmt: skip
     values["slip"] = [np.array([answer.slip.path for answer in history.answers]) for history in (found, exact)]
     errors = {}
@@ -68,36 +69,59 @@ def differences(model: Any, found: hhr.History, exact: hhr.History) -> dict[str,
     return errors
 
 
-def unseen(full: Any, model: Any, count: int, rng: np.random.Generator) -> dict[str, Any]:
-    """Errors and times of both along paths that nobody has seen."""
-    errors: dict[str, list[np.ndarray]] = {}
-    seconds: dict[str, list[float]] = {"full order": [], "condensed": []}
-    iterations: list[int] = []
-    fallbacks = 0
+def training_paths(space: hhr.ParameterSpace, count: int, rng: np.random.Generator) -> list:
+    """Paths whose materials and friction are spread over the box."""
+    low, high = np.array(space.lower), np.array(space.upper)
+    drawn = qmc.Sobol(low.size - 2, rng=rng).random_base2(int(np.ceil(np.log2(count))))[:count]
+    found = []
+    for fixed in qmc.scale(drawn, low[2:], high[2:]):
+        along = path(space, rng, legs(rng))
+        found.append([(time, np.concatenate([point[:2], fixed])) for time, point in along])
+    return found
+
+
+def hyper_reduced(full: Any, count: int, rng: np.random.Generator) -> Any:
+    """An HHR model of so many paths, and a twentieth as many held out."""
+    paths = training_paths(full.parameters, count, rng)
+    apart = training_paths(full.parameters, max(2, count // 20), rng)
+    return hhr.train(full.scene, paths, held_out=apart, comm=MPI.COMM_SELF).build()
+
+
+def unseen(full: Any, models: dict[str, Any], count: int, rng: np.random.Generator) -> dict[str, Any]:
+    """Errors and times of some models along paths that nobody has seen."""
+    errors: dict[str, dict[str, list[np.ndarray]]] = {name: {} for name in models}
+    seconds: dict[str, list[float]] = {name: [] for name in ("full order", *models)}
+    iterations: dict[str, list[int]] = {name: [] for name in models}
+    fallbacks = dict.fromkeys(models, 0)
     couplings = []
     for _ in range(count):
-        steps = path(model.parameters, rng, legs(rng))
+        steps = path(full.parameters, rng, legs(rng))
         exact, taken = timed(partial(full.march, steps))
         seconds["full order"].append(taken / (len(steps) - 1))
-        found, taken = timed(partial(model.march, steps))
-        seconds["condensed"].append(taken / (len(steps) - 1))
-        for name, values in differences(model, found, exact).items():
-            errors.setdefault(name, []).append(values)
-        iterations += found.iterations
-        fallbacks += sum(answer.cycled for answer in found.answers)
-        couplings.append(model.coupling(steps[-1][1]))
-    joined = {name: np.concatenate(values) for name, values in errors.items()}
-    return {
-        "increments": len(iterations),
-        "iterations": {"mean": float(np.mean(iterations)), "max": max(iterations)},
-        "fallbacks": fallbacks,
+        for kind, model in models.items():
+            found, taken = timed(partial(model.march, steps))
+            seconds[kind].append(taken / (len(steps) - 1))
+            for name, values in differences(full, found, exact).items():
+                errors[kind].setdefault(name, []).append(values)
+            iterations[kind] += found.iterations
+            fallbacks[kind] += sum(answer.cycled for answer in found.answers)
+        couplings.append(models["condensed"].coupling(steps[-1][1]))
+    parts = {}
+    for kind in models:
+        joined = {name: np.concatenate(values) for name, values in errors[kind].items()}
+        parts[kind] = {
+            "increments": len(iterations[kind]),
+            "iterations": {"mean": float(np.mean(iterations[kind])), "max": max(iterations[kind])},
+            "fallbacks": fallbacks[kind],
+            "errors": {
+                name: {"p95": float(np.quantile(item, 0.95)), "max": float(item.max())} for name, item in joined.items()
+            },
+            "ratio": float(np.median(np.array(seconds["full order"]) / seconds[kind])),
+        }
+    return parts.pop("condensed") | parts | {
         "mu_kappa": float(np.median(couplings)),
-        "errors": {
-            name: {"p95": float(np.quantile(item, 0.95)), "max": float(item.max())} for name, item in joined.items()
-        },
         "times": {name: float(np.median(values)) for name, values in seconds.items()},
-        "ratio": float(np.median(np.array(seconds["full order"]) / seconds["condensed"])),
-    }
+    }  # fmt: skip
 
 
 def jumps(model: Any, count: int, rng: np.random.Generator) -> dict[str, Any]:
@@ -121,25 +145,32 @@ def jumps(model: Any, count: int, rng: np.random.Generator) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Condense, follow unseen paths, jump, report."""
-    options = cli.parse_on_first_rank(cli.demo_parser("friction_pellet", __doc__))
+    """Condense and hyper-reduce, follow unseen paths, jump, report."""
+    parser = cli.demo_parser("friction_pellet", __doc__)
+    parser.add_argument("--training", type=int, default=128, help="training paths of the HHR model (%(default)s)")
+    options = cli.parse_on_first_rank(parser)
     rng = np.random.default_rng(options.seed)
     mesh = pellet_materials.base.QUICK_MESH if options.quick else {}
     full = hhr.FullOrderModel(scene(**mesh), MPI.COMM_SELF)
     model, offline = timed(lambda: hhr.condense(full))
-    found = unseen(full, model, 5 if options.quick else 40, rng)
-    found["times"]["offline"] = offline
+    count = 12 if options.quick else options.training
+    reduced, trained = timed(lambda: hyper_reduced(full, count, np.random.default_rng(options.seed + 1)))
+    found = unseen(full, {"condensed": model, "hhr": reduced}, 5 if options.quick else 40, rng)
+    found["times"] |= {"offline": offline, "offline, hhr": trained}
+    found["hhr"] |= {"paths": count, "modes": len(reduced.problem.stiffness), "rows": reduced.own_conditions}
     found["jumps"] = jumps(model, 1000 if options.quick else 10_000, rng)
     report.write_report({"scene": "friction_pellet", "friction": found, **report.environment()}, options.out)
     lines = [
-        {"of": name, "95 %": f"{item['p95']:.1e}", "worst": f"{item['max']:.1e}"}
-        for name, item in found["errors"].items()
+        {"model": kind, "of": name, "95 %": f"{item['p95']:.1e}", "worst": f"{item['max']:.1e}"}
+        for kind, part in (("condensed", found), ("hhr", found["hhr"]))
+        for name, item in part["errors"].items()
     ]
     report.print_rows("errors along unseen paths", lines, options.console)
     times = found["times"]
     options.console.print(
         f"an increment: full order {1e3 * times['full order']:.2f} ms, condensed {1e3 * times['condensed']:.2f} ms, "
-        f"{found['ratio']:.1f} times; jumps: {found['jumps']['answered']} of {found['jumps']['asked']} answered"
+        f"{found['ratio']:.1f} times; HHR {1e3 * times['hhr']:.2f} ms, {found['hhr']['ratio']:.1f} times; "
+        f"jumps: {found['jumps']['answered']} of {found['jumps']['asked']} answered"
     )
 
 

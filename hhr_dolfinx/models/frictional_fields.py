@@ -56,10 +56,21 @@ class FrictionalFields:
         return np.flatnonzero(~np.isin(self.friction.normal, self.within))
 
     @cached_property
+    def rows_outside(self) -> np.ndarray:
+        """Places of the tangential rows outside the RID among all tangential ones, (t,)."""
+        return np.flatnonzero(~np.isin(self.friction.tangential, self.within))
+
+    @cached_property
     def _elsewhere(self) -> tuple[np.ndarray, np.ndarray]:
         """Conditions outside the RID, and their matrix per force in it."""
         rows = np.setdiff1d(np.arange(len(self.modes)), self.within)
         return rows, self.modes[rows] @ self.fit
+
+    @cached_property
+    def _pressing_outside(self) -> np.ndarray:
+        """Conditions of pressures outside the RID."""
+        rows = self._elsewhere[0]
+        return rows[~np.isin(rows, self.friction.tangential)]
 
     def forces(self, inside: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Forces on all conditions from those of the RID, (m,), within what the laws admit at a point, (N_lambda,)."""
@@ -107,7 +118,7 @@ class FrictionalFields:
 
     def _lifted_off(self, found: np.ndarray, inside: np.ndarray) -> np.ndarray:
         """Conditions outside the RID whose pressure is no more than what the fit may be off."""
-        pressing = self._elsewhere[0][~np.isin(self._elsewhere[0], self.friction.tangential)]
+        pressing = self._pressing_outside
         return pressing[found[pressing] <= PRESSED * np.abs(inside).max(initial=0.0)]
 
     def _beyond(self, size: np.ndarray, admitted: np.ndarray) -> np.ndarray:

@@ -395,6 +395,9 @@ def _eliminated_between(model: ReducedModel, full: Any, log: StageLog) -> Reduce
     if model.problem.motions:
         log.skip("interpolation", "contact alone holds bodies: K~ is factored for each query")
         return model
+    if model.friction is not None:
+        log.skip("interpolation", "contacts rub: K~ is factored once for all increments of a path")
+        return model
     if full.problem.reshaped is None:
         compliances, _ = interpolated_reduction(model.problem, model.fields.amplitudes, model.parameters)
     else:
@@ -405,8 +408,6 @@ def _eliminated_between(model: ReducedModel, full: Any, log: StageLog) -> Reduce
         log.skip("interpolation", "K~^-1 is no smooth function of the parameters: it is factored for each query")
         return model
     assert model.known is not None  # of a model in which nothing flows
-    if model.friction is not None:  # an increment starts from the one before
-        return model.changed(compliances=compliances)
     known = linear_starts(compliances, model.known.points, model.problem.pairs)
     return model.changed(compliances=compliances, known=known)
 

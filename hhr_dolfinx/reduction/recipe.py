@@ -371,11 +371,11 @@ class Recipe:
         """For elastic bodies with friction, whose slip makes more modes, and RIDs with most of what rubs."""
         usual: dict[str, Any] = {
             "nodes": (Deim(), ForceDeim(1e-4), LoadNodes()),
-            "domain": Rid(1, 4),
+            "domain": Rid(2, 4),
             "enrichment": Enrich(10.0),
             "trust": TrustLimits.of_histories(),
         }
-        return cls(**({"basis": Pod(1e-9)} | usual | changes))
+        return cls(**({"basis": Pod(1e-10)} | usual | changes))
 
     def as_it_is(self) -> Recipe:
         """The same without any check and without growth, to measure what it gives."""

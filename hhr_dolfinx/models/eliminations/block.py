@@ -54,14 +54,12 @@ class _Kept(NamedTuple):
     Attributes:
         weights: of the parts of K~, (Q,).
         schur: S, (m, m).
-        response: free slack and, behind it, the free unknown, (m + ell, 1 + T), in Fortran order.
         factors: of the blocks of K~.
         per_force: K~^-1 B~1^T of each block.
     """
 
     weights: np.ndarray
     schur: np.ndarray
-    response: np.ndarray
     factors: list
     per_force: list[np.ndarray]
 
@@ -83,66 +81,45 @@ class BlockElimination(Rebuilt, Elimination):
         """Modes that share entries of K~."""
         return blocks_of(self.problem)
 
-    def __call__(self, point: np.ndarray) -> CondensedContact:
-        """Eliminate at a point, (P,).
+    def __call__(self, point: np.ndarray, kept: _Kept | None = None) -> CondensedContact:
+        """Eliminate at a point, (P,), of whose stiffness S may be kept.
 
         Raises:
             SingularError: if K~ is singular there.
         """
         weights, loads = self._weights_and_loads(point)
+        if kept is None:
+            kept = self._kept(weights)
         slack = self._gaps @ self.amplitudes(point)
-        m = len(self.problem.gaps)
-        schur = np.zeros((m, m))
         free = np.empty(loads.size)
-        factors = []
-        per_force = []
-        for block in self.blocks:
-            factor = _factored(block, weights[block.parts])
-            solved = dgetrs(*factor, np.column_stack([loads[block.modes], block.test]))[0]
-            free[block.modes] = solved[:, 0]
-            slack -= block.trial @ solved[:, 0]
-            schur += block.trial @ solved[:, 1:]
-            factors.append(factor)
-            per_force.append(solved[:, 1:])
-        pushed = partial(self._pushed, per_force)
-        changes = partial(self._changes, point, weights, factors)
-        return CondensedContact(schur, slack, free, pushed, changes)
+        for block, factor in zip(self.blocks, kept.factors, strict=True):
+            free[block.modes] = dgetrs(*factor, loads[block.modes])[0]
+            slack -= block.trial @ free[block.modes]
+        pushed = partial(self._pushed, kept.per_force)
+        changes = partial(self._changes, point, weights, kept.factors)
+        return CondensedContact(kept.schur, slack, free, pushed, changes)
 
     def along_path(self) -> Callable[[np.ndarray], CondensedContact]:
-        """Neighbours that share their stiffness share S, and what each load does."""
+        """Neighbours that share their stiffness share S."""
         shared: list[_Kept] = []
 
         def made(point: np.ndarray) -> CondensedContact:
             weights = self._terms.weights(point)
             if not shared or not np.array_equal(shared[0].weights, weights):
                 shared[:] = [self._kept(weights)]
-            kept = shared[0]
-            response = kept.response @ self.amplitudes(point)
-            m = len(kept.schur)
-            changes = partial(self._changes, point, weights, kept.factors)
-            return CondensedContact(
-                kept.schur, response[:m], response[m:], partial(self._pushed, kept.per_force), changes
-            )
+            return self(point, shared[0])
 
         return made
 
     def _kept(self, weights: np.ndarray) -> _Kept:
         """What points with the same weights of the parts of K~ share, (Q,)."""
-        loads = self._forces if self._lifts is None else self._forces - np.tensordot(weights, self._lifts, 1)
         m = len(self.problem.gaps)
         schur = np.zeros((m, m))
-        response = np.asfortranarray(np.vstack([self.problem.gaps, np.empty_like(loads)]))
-        factors = []
-        per_force = []
-        for block in self.blocks:
-            factor = _factored(block, weights[block.parts])
-            free, pushed = (dgetrs(*factor, right)[0] for right in (loads[block.modes], block.test))
-            response[m + block.modes] = free
-            response[:m] -= block.trial @ free
-            schur += block.trial @ pushed
-            factors.append(factor)
-            per_force.append(pushed)
-        return _Kept(weights, schur, response, factors, per_force)
+        factors = [_factored(block, weights[block.parts]) for block in self.blocks]
+        per_force = [dgetrs(*factor, block.test)[0] for block, factor in zip(self.blocks, factors, strict=True)]
+        for block, columns in zip(self.blocks, per_force, strict=True):
+            schur += block.trial @ columns
+        return _Kept(weights, schur, factors, per_force)
 
     def under(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """The unknown, (ell,), at a point under known contact forces, (m,): no S, and hardly a factor.

@@ -24,6 +24,7 @@ class CompletingSlider(Slider):
     def __init__(self, model: Any, gradient: bool = False):
         super().__init__(model, gradient)
         self.frictional: FrictionalFields = model.fields.frictional
+        self._rows: tuple[np.ndarray, np.ndarray] | None = None
 
     def _at_rest(self) -> SlipState:
         return SlipState.at_rest(self.frictional.friction)
@@ -36,24 +37,27 @@ class CompletingSlider(Slider):
     ) -> SlipState:
         whole = self.frictional
         friction = whole.friction
-        position = before.slip.position + self._moved_outside(before, contact, found, point)
-        position[whole.own] = before.slip.position[whole.own] + found.slack[self.friction.tangential]
         slack = np.zeros(self.model.conditions)
-        slack[friction.tangential] = position - before.slip.position
+        slack[friction.tangential[whole.own]] = found.slack[self.friction.tangential]
+        outside = whole.rows_outside
+        position = self._position_outside(unknown_of(contact, found), point)
+        slack[friction.tangential[outside]] = position - before.slip.position[outside]
         forces = whole.forces(found.forces, point)
         bound = bounds(*friction.bounds(point), forces[friction.normal])
         active = whole.active(found.active, forces, bound)
         return before.slip.after(friction, forces, slack, active, bound)
 
-    def _moved_outside(
-        self, before: Reached, contact: CondensedContact, found: Sliding, point: np.ndarray
-    ) -> np.ndarray:
-        """What all tangential rows have moved by since the increment before, (T,)."""
-        if not self.frictional.outside.size:
-            return np.zeros(before.slip.position.size)
-        rows = self.frictional.friction.tangential
-        fields = self.model.fields
-        gaps, on_modes = fields.contact_at(point)
-        return (
-            gaps[rows] @ fields.amplitudes(point) - on_modes[rows] @ unknown_of(contact, found) - before.slip.position
-        )
+    def _position_outside(self, unknown: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """Slack D - B u of the tangential rows outside the RID under gamma, (ell,): (t,)."""
+        if not self.frictional.rows_outside.size:
+            return np.zeros(0)
+        gaps, on_modes = self._rows_outside(point)
+        return gaps @ self.model.fields.amplitudes(point) - on_modes @ unknown
+
+    def _rows_outside(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gaps of these rows, (t, 1 + T), and B V, (t, ell)."""
+        if self._rows is None:
+            rows = self.frictional.friction.tangential[self.frictional.rows_outside]
+            gaps, on_modes = self.model.fields.contact_at(point)
+            self._rows = np.asfortranarray(gaps[rows]), on_modes[rows]
+        return self._rows
