@@ -3,7 +3,8 @@
 The scene of ``pellet_materials.py`` with a coefficient in [0, .8] as its seventh parameter: pressure and its height
 vary along a path, moduli, Poisson's ratios and the coefficient from path to path. The full order at its best makes S
 once for a path and has the same solver of increments; the condensed model interpolates S between Poisson's ratios; the
-hyper-reduced one is trained on other paths. Then random jumps of the condensed one, each from one corner of the box to another, for as long as it takes to meet what does not settle.
+hyper-reduced one is trained on other paths. Then random jumps of the condensed one, each from one corner of the box to
+another, for as long as it takes to meet what does not settle.
 
     python benchmarks/friction_pellet.py [--out DIR] [--quick] [--seed N] [--training N]
 """

@@ -33,7 +33,17 @@ def layout(contacts: int, directions: int, smooth: int = 0) -> tuple[Friction, i
     tangents = np.tile(np.eye(directions + 1)[:directions], (contacts, 1))
     law = np.zeros(contacts, dtype=np.int64)
     return Friction(
-        np.arange(contacts), np.ones(contacts), law, rows, owner, tangents, (), law[:0], law[:0], law[:0]
+        np.arange(contacts),
+        np.ones(contacts),
+        np.ones(contacts),
+        law,
+        rows,
+        owner,
+        tangents,
+        (),
+        law[:0],
+        law[:0],
+        law[:0],
     ), count
 
 

@@ -125,6 +125,10 @@ class SmallStrainWarning(UserWarning):
     """Strains or rotations are so large that a theory of small strains says little of them."""
 
 
+class FarSlidingWarning(UserWarning):
+    """Surfaces have slid farther than the cells that they were paired on."""
+
+
 class LawWarning(UserWarning):
     """A law answers with a slope that is not the derivative of its flow."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import warnings
 from types import SimpleNamespace
 
 import fretting
@@ -21,7 +22,12 @@ from hhr_dolfinx.command.main import hhr as hhr_command
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.sliding_set import Increment, SlidingContact
 from hhr_dolfinx.contact.uniqueness import coupling, error_bound
-from hhr_dolfinx.errors import ConvergenceError, ParameterError, SceneError
+from hhr_dolfinx.errors import (
+    ConvergenceError,
+    FarSlidingWarning,
+    ParameterError,
+    SceneError,
+)
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
 
@@ -639,3 +645,34 @@ def test_a_model_says_whether_its_answers_are_the_only_ones():
     few, many = model.coupling((0.03, 0.05, 0.05)), model.coupling((0.03, 0.05, 1.0))
     assert 0 < few < 1 < many == pytest.approx(20 * few)
     assert model.coupling((0.03, 0.05, 0.0)) == 0.0
+
+
+def test_surfaces_that_slide_far_are_told_of(tmp_path):
+    """Cells are .125 wide; an obstacle is the same everywhere, and what is open has not slid."""
+    box = {"shear": (-0.4, 0.4)}
+    faces = side(FIRST, 1, True), side(SECOND, 1, False)
+    far = [(0.0, (0.0, 0.0)), (1.0, (0.02, 0.0)), (2.0, (0.02, 0.4)), (3.0, (0.02, -0.4))]
+    for pairing in (hhr.NodeToSurface(*faces, friction=0.3), hhr.NodeToNode(*faces, (0.0, 1.0), friction=0.3)):
+        model = hhr.condense(rubbing(pairing=pairing, box=box))
+        with pytest.warns(FarSlidingWarning, match=r"shear = 0.4: contact \d has slid by .* hhr.slide") as caught:
+            model.march(far)
+        assert len(caught) == 1
+        hhr.save_model(tmp_path / "model.npz", model)
+        with pytest.warns(FarSlidingWarning):
+            hhr.load_model(tmp_path / "model.npz").march(far)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            model.march([(0.0, (0.0, 0.0)), (1.0, (0.02, 0.0)), (2.0, (0.02, 0.1))])
+            model.march([(0.0, (0.0, 0.0)), (1.0, (0.02, 0.0)), (2.0, (0.0, 0.4))])
+    plane = rubbing(
+        box=box, contacts=(hhr.Obstacle(side(FIRST, 1, True), (0.0, 1.0), 1.0, friction=0.3),),
+        displacements=tuple(
+            hhr.Displacement(side(FIRST, 1, False), axis, hhr.Amplitude(slopes={name: 1.0}))
+            for axis, name in enumerate(("shear", "push"))
+        ) + hhr.Displacement.clamp(side(SECOND, 1, True), 2),
+    )  # fmt: skip
+    model = hhr.condense(plane)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        answer = model.march(far).answers[-1]
+    assert answer.slip.path.max() > 0.7

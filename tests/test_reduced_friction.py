@@ -65,7 +65,7 @@ def test_unseen_paths(training, model):
             off = np.linalg.norm(ours - wanted, axis=1)
             errors[name] += (off / np.linalg.norm(wanted, axis=1).max()).tolist()
     high = {name: np.quantile(values, 0.95) for name, values in errors.items()}
-    # .012, .004 and .008 were measured
+    print(high)
     assert high["forces"] < 0.025 and high["path"] < 0.01 and high["work"] < 0.02
 
 
@@ -91,9 +91,9 @@ def test_outputs_and_what_is_known_of_errors(training, model):
         for name in ("sticks", "slips"):
             assert ours[name] == pytest.approx(wanted[name], abs=2 / 24)
     assert "indicator of the forces" in model.known_error
-    # .84 was measured, and 95 % of what is said is more than the error
-    assert np.corrcoef(np.log(said), np.log(errors))[0, 1] > 0.7
-    assert np.mean(np.array(said) > errors) > 0.85
+    # .88 was measured, and 97 % of what is said is more than the error
+    assert np.corrcoef(np.log(said), np.log(errors))[0, 1] > 0.75
+    assert np.mean(np.array(said) > errors) > 0.9
 
 
 def test_with_all_modes_on_the_whole_mesh_it_is_the_full_order():

@@ -130,6 +130,8 @@ class Friction(Rebuilt):
     Attributes:
         normal: row of the pressure of each contact, (C,).
         area: its tributary area, (C,).
+        spacing: distance to the nearest other contact of its pair, beyond which its rows have left what they were
+            paired with, (C,); 0 of an obstacle, which is the same everywhere, and where rows are made anew.
         law: its law, a place in ``laws``, (C,).
         tangential: tangential rows, contact by contact, (T,): none where no dof moves along the surface.
         owner: contact of each of them, (T,).
@@ -143,6 +145,7 @@ class Friction(Rebuilt):
 
     normal: Annotated[Integers, "frictional"]
     area: Annotated[Floats, "frictional"]
+    spacing: Annotated[Floats, "frictional"]
     law: Annotated[Integers, "frictional"]
     tangential: Annotated[Integers, "tangential"]
     owner: Annotated[Integers, "tangential"]
@@ -167,6 +170,8 @@ class Friction(Rebuilt):
             yield "rows that are said twice are not tangential"
         if (self.area < 0).any():
             yield "areas of contacts with friction are negative"
+        if (self.spacing < 0).any():
+            yield "spacings of contacts with friction are negative"
         if self.law.size and not (0 <= self.law.min() and self.law.max() < len(self.laws)):
             yield "contacts have a law of friction that is not there"
 
@@ -188,6 +193,10 @@ class Friction(Rebuilt):
             [[nothing if scalar is None else scalar.derivative(point) for scalar in pair] for pair in pairs]
         )
         return slopes[self.law, 0], slopes[self.law, 1] * self.area[:, None]
+
+    def slid(self, position: np.ndarray) -> np.ndarray:
+        """How far each contact has slid from where it was paired, by the slack of the tangential rows, (T,): (C,)."""
+        return np.sqrt(np.bincount(self.owner, position**2, self.normal.size))
 
     def statuses(self, active: np.ndarray) -> np.ndarray:
         """Status of each contact from those of all rows, (M,) bool: 0 open, 1 sticks, 2 slips, (C,)."""
@@ -211,7 +220,8 @@ class Friction(Rebuilt):
         ]
         owner = (np.cumsum(contacts) - 1)[self.owner[rows]]
         return replace(
-            self, normal=places[0], area=self.area[contacts], law=self.law[contacts], tangential=places[1], owner=owner,
+            self, normal=places[0], area=self.area[contacts],
+            spacing=self.spacing[contacts], law=self.law[contacts], tangential=places[1], owner=owner,
             tangents=self.tangents[rows], twice=places[2],
         )  # fmt: skip
 
@@ -255,7 +265,7 @@ class SlipState(NamedTuple):
         moved = slack[friction.tangential]
         count = friction.normal.size
         pressure = np.maximum(forces[friction.normal], 0.0)
-        slipped = np.sqrt(np.bincount(friction.owner, moved**2, count))
+        slipped = friction.slid(moved)
         closed = 0.5 * ((self.pressure > 0).astype(float) + (pressure > 0))
         mean = 0.5 * (self.pressure + pressure)
         stress = np.divide(mean, friction.area, out=np.zeros(count), where=friction.area > 0)

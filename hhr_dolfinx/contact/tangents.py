@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy import linalg
 from scipy.sparse import block_diag, csr_matrix, vstack
+from scipy.spatial import cKDTree
 
 from hhr_dolfinx.contact.friction import Friction, FrictionLaw
 from hhr_dolfinx.contact.problem import ContactRows, joined
@@ -60,10 +61,23 @@ def with_tangents(
     twice = _said_twice(held, csr_matrix(matrix.multiply(free.astype(float))), normal, owner, dim)
     numbers = np.array(list(laws))
     friction = Friction(
-        normal, own.areas, np.searchsorted(numbers, pairs[normal]),
+        normal, own.areas, _spacing(own, pairs[normal], dim), np.searchsorted(numbers, pairs[normal]),
         len(pairs) + np.arange(owner.size), owner, tangents, tuple(laws.values()), fixed, shaped, len(pairs) + twice,
     )  # fmt: skip
     return joined([rows, behind]), np.concatenate([pairs, pairs[normal][owner]]), friction
+
+
+def _spacing(rows: ContactRows, pairs: np.ndarray, dim: int) -> np.ndarray:
+    """Distance of each row to the nearest other one of its pair, (n,); 0 of rows without a partner."""
+    found = np.zeros(len(pairs))
+    entries = rows.matrix.tocoo()
+    paired = np.zeros(len(pairs), dtype=bool)
+    paired[entries.row[entries.col // dim != rows.slaves[entries.row]]] = True
+    for pair in np.unique(pairs[paired]):
+        own = np.flatnonzero(pairs == pair)
+        if own.size > 1:
+            found[own] = cKDTree(rows.points[own]).query(rows.points[own], k=2)[0][:, 1]
+    return found * paired
 
 
 def _movable(matrix: csr_matrix, free: np.ndarray, dim: int) -> tuple[csr_matrix, np.ndarray]:

@@ -19,6 +19,8 @@ from hhr_dolfinx.declared import Floats, Integers
 FULL = 1e-3
 """Part of its bound that a tangential force outside the RID may lack where the contact counts as slipping: it is
 fitted, and no status of its own says so."""
+MOST = 0.8
+"""Modes of forces per condition of the RID at most: with as many as conditions all forces would be explained."""
 PRESSED = 1e-3
 """Part of the largest force of an answer below which a contact outside the RID counts as open, for the same reason."""
 
@@ -32,16 +34,20 @@ class FrictionalFields:
         within: conditions of the RID, (m,).
         modes: POD modes of the forces of training, (N_lambda, modes).
         fit: amplitudes of the modes per force in the RID, (modes, m).
+        share: relative error of forces per part of them that no mode explains, which 95 % of known increments stay
+            below; 1 where none are known.
     """
 
     friction: Friction
     within: Annotated[Integers, "m", "< N_lambda"]
     modes: Annotated[Floats, "N_lambda", "force modes"]
     fit: Annotated[Floats, "force modes", "m"]
+    share: float = 1.0
 
     @classmethod
     def fitted(cls, friction: Friction, within: np.ndarray, modes: np.ndarray) -> FrictionalFields:
-        """From the modes of forces, (N_lambda, k), by least squares on the RID (gappy POD)."""
+        """From the modes of forces, (N_lambda, k), the first of them, by least squares on the RID (gappy POD)."""
+        modes = np.ascontiguousarray(modes[:, : max(int(MOST * within.size), 1)])
         return cls(friction, within, modes, np.linalg.pinv(modes[within]))
 
     @cached_property

@@ -417,7 +417,8 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         if self.indicator is not None:
             return Estimate.indicated(self.indicator(answer))
         if self.frictional is not None:
-            return Estimate.indicated(self.frictional.misfit(answer.multipliers), FORCES)
+            frictional = self.frictional
+            return Estimate.indicated(frictional.share * frictional.misfit(answer.multipliers), FORCES)
         if answer.gauss is None or self.flow is None:
             return None
         return Estimate.indicated(self.flow.misfit(answer.gauss.stress), STRESS)

@@ -23,10 +23,11 @@ from hhr_dolfinx.certify.trust import (
     warn_of_training,
 )
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.errors import NotOfferedError, ReductionError
+from hhr_dolfinx.errors import HHRError, NotOfferedError, ReductionError
 from hhr_dolfinx.models.bounds.error_bound import ErrorBound
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.estimates import known_error, warn_unbounded
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
@@ -42,6 +43,10 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.histories.reduced_flow import CubatureFlow, ReducedFlow
     from hhr_dolfinx.models.starts import LinearStarts
 
+CALIBRATED = 0.95
+"""Part of the known increments whose error the indicator of forces is not below."""
+SMALL_FORCE = 1e-3
+"""Part of the largest force of a history below which a relative error of forces says nothing."""
 MOST_TRAINING_COMPARED = 50
 """Training solutions compared where none were held out, about."""
 
@@ -294,6 +299,9 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
             model = _eliminated_between(model, full, log)
         elif model.eliminated is not None and not (reduced.motions or model.eliminated.tabulated or model.friction):
             model = model.changed(known=_starts_along(model))
+    if problem.friction is not None and recipe.trust is not None:
+        with log.stage("indicator"):
+            model = _calibrated(shared, model)
     margin = _checked_margin(shared, model, layers)
     with log.stage("validation"):
         comparison, trained = _compared(shared, model)
@@ -446,6 +454,27 @@ def _checked_margin(shared: _Offline, model: ReducedModel, layers: int) -> float
 
     with shared.log.stage("stability"):
         return check_margin(model, shared.states, shared.recipe.tangents.least, layers)
+
+
+def _calibrated(shared: _Offline, model: ReducedModel) -> ReducedModel:
+    """A model whose indicator of forces is told by known histories how large errors are that it follows."""
+    known = shared.snapshots if shared.held_out is None else shared.held_out
+    shares = []
+    for history in known.histories[:MOST_TRAINING_COMPARED]:
+        try:
+            found = model.march(history.solved_path, MarchSettings(outside="ignore"))
+        except HHRError:  # which the comparison tells of
+            continue
+        found = found.thinned([answer.time for answer in history.answers])
+        sizes = [float(np.linalg.norm(answer.multipliers)) for answer in history.answers]
+        for here, there, size in zip(found.answers, history.answers, sizes, strict=True):
+            said = model.fields.frictional.misfit(here.multipliers)
+            if size > SMALL_FORCE * max(sizes) and said > 0:
+                shares.append(float(np.linalg.norm(here.forces() - there.multipliers)) / size / said)
+    if not shares:
+        return model
+    share = float(np.quantile(shares, CALIBRATED))
+    return model.changed(fields=replace(model.fields, frictional=replace(model.fields.frictional, share=share)))
 
 
 def _compared(shared: _Offline, model: ReducedModel) -> tuple[Comparison | None, TrainedRange | TrainedPaths | None]:

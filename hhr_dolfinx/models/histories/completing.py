@@ -24,6 +24,7 @@ class CompletingSlider(Slider):
     def __init__(self, model: Any, gradient: bool = False):
         super().__init__(model, gradient)
         self.frictional: FrictionalFields = model.fields.frictional
+        self.surface = self.frictional.friction
         self._rows: tuple[np.ndarray, np.ndarray] | None = None
 
     def _at_rest(self) -> SlipState:

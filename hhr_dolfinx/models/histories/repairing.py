@@ -239,6 +239,6 @@ def layout(pairs: Sequence[SlidingPair], laws: Sequence[Any], fixed: np.ndarray,
     law = np.repeat(np.arange(len(pairs)), counts)
     nothing = np.zeros(0, dtype=np.int64)
     return Friction(
-        np.arange(count), areas, law, count + np.arange(owner.size), owner, np.zeros((owner.size, dim)), tuple(laws),
-        fixed, nothing, nothing,
+        np.arange(count), areas, np.zeros(count), law, count + np.arange(owner.size), owner,
+        np.zeros((owner.size, dim)), tuple(laws), fixed, nothing, nothing,
     )  # fmt: skip

@@ -9,6 +9,7 @@ since counts as an error too.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, NamedTuple
@@ -19,7 +20,7 @@ from threadpoolctl import threadpool_limits
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.friction import Friction, SlipState
 from hhr_dolfinx.contact.sliding_set import Increment, Sliding, SlidingContact
-from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ParameterError
+from hhr_dolfinx.errors import ConvergenceError, FarSlidingWarning, NotSolvableError, ParameterError
 from hhr_dolfinx.models.answer import Answer, History, Path, outcome, unanswered
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 from hhr_dolfinx.models.gradient import Gradient
@@ -33,7 +34,7 @@ TOLERANCE = 1e-3
 WORK = 1e-3
 """Part of the elastic energy of contact beside which dissipated work is small: far below it nothing has slipped."""
 APART = 1e-9
-"""Part of the largest gap above which a contact is open."""
+"""Part of the largest gap above which a contact is open, and of the largest force below which it only touches."""
 CUTS = 12
 """How often a step may be halved for the sake of a tolerance."""
 
@@ -93,6 +94,8 @@ class Slider:
         gradient: whether derivatives go along.
 
     Attributes:
+        friction: on its own conditions.
+        surface: on the whole contact surface, of which slip is remembered.
         largest, energy: largest norm of forces, and elastic energy of contact, so far: what errors are measured by.
     """
 
@@ -100,6 +103,7 @@ class Slider:
         self.model = model
         self.gradient = gradient
         self.friction: Friction = model.friction
+        self.surface: Friction = model.friction
         self._contact_at: Callable[[np.ndarray], CondensedContact] = model.contacts()
         self._sliding: SlidingContact | None = None
         self.largest = 0.0
@@ -280,12 +284,14 @@ def slide_along(
     weights = np.ones((len(path), path[0][1].size)) if weights is None else weights
     reached = slider.at_rest(*path[0], weights[0])
     error = 0.0
+    far = False
     try:
         for (time, point), weight in zip(path[1:], weights[1:], strict=True):
             model.check_range(point, settings.outside)
             step = _Step(slider, settings.cuts, settings.time_tolerance)
             solved = step.taken(reached, Target(time, point, weight))
             reached = solved.reached
+            far = far or _slid_far(slider, reached)
             error += np.nan if settings.time_tolerance is None else step.error
             answer = _told(slider, step, solved)._replace(time_error=error)
             history.cuts += answer.parts > 1
@@ -295,6 +301,27 @@ def slide_along(
             stop.history = history  # type: ignore[attr-defined]
         raise
     return history
+
+
+def _slid_far(slider: Slider, reached: Reached) -> bool:
+    """Whether contacts that press have slid beyond the cells they were paired on, which is told."""
+    slip = reached.slip
+    surface = slider.surface
+    pressing = (slip.pressure > APART * slider.largest) & (surface.spacing > 0)
+    slid = surface.slid(slip.position)
+    share = np.divide(slid, surface.spacing, out=np.zeros(slid.size), where=pressing)
+    if not share.max(initial=0.0) > 1.0:
+        return False
+    at = int(share.argmax())
+    place = slider.model.parameters.described(reached.point)
+    warnings.warn(
+        f"at {place}: contact {at} has slid by {slid[at]:.3g}, {share[at]:.2g} times the distance to the next node of "
+        "its surface, and presses on what it was paired with where it was meshed. Pair surfaces that slide far anew, "
+        "hhr.slide(scene)",
+        FarSlidingWarning,
+        stacklevel=4,
+    )
+    return True
 
 
 def _check_shape(model: Any, path: Path) -> None:
