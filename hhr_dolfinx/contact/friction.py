@@ -174,6 +174,10 @@ class Friction(Rebuilt):
             yield "spacings of contacts with friction are negative"
         if self.law.size and not (0 <= self.law.min() and self.law.max() < len(self.laws)):
             yield "contacts have a law of friction that is not there"
+        scalars = [scalar for law in self.laws for scalar in (law.coefficient, law.limit) if scalar is not None]
+        named = {scalar.names.index(name) for scalar in scalars for name in scalar.formula.variables}
+        if not named <= set(self.fixed.tolist()):
+            yield "a law of friction depends on a parameter that grows with the loads"
 
     def pressures(self, rows: int) -> np.ndarray:
         """Rows that are not tangential of so many."""
