@@ -132,6 +132,13 @@ FLOW = hhr.Recipe.flowing(domain=hhr.Rid(1, 3)).as_it_is()
 
 
 @cache
+def rubbing_flow() -> hhr.Training:
+    """Training of a scene whose lower body yields, with friction."""
+    scene = blocks(law=hhr.Plasticity(yield_stress=0.03, hardening=0.3), friction=0.1)
+    return hhr.train(scene, [path(0.03), path(0.05)], held_out=[path(0.04)], comm=MPI.COMM_SELF)
+
+
+@cache
 def rubbing(kind: str) -> hhr.FullOrderModel:
     """Full model of a scene with friction."""
     scene = {
@@ -194,6 +201,10 @@ def _flowing(make: Callable[[hhr.Training], Any]) -> Kind:
     return Kind(lambda: make(flowing()), lambda: flowing().full_order, {"push": 0.04, "load": 0.02})
 
 
+def _rubbing_flow(make: Callable[[hhr.Training], Any]) -> Kind:
+    return Kind(lambda: make(rubbing_flow()), lambda: rubbing_flow().full_order, {"push": 0.04, "load": 0.02})
+
+
 def _rubbing(name: str, make: Callable[[hhr.FullOrderModel], Any], mu: dict[str, float]) -> Kind:
     return Kind(lambda: make(rubbing(name)), lambda: rubbing(name), mu)
 
@@ -236,6 +247,8 @@ KINDS = {
     "HHR, friction and moduli": _rubbing("moduli", hyper_reduced, VARIED),
     "HHR, friction and floating": _rubbing("floating", hyper_reduced, PRESSED),
     "sliding past the mesh": Kind(lambda: sliding(True), lambda: sliding(False), {"push": 0.03, "load": 0.005}),
+    "full, friction and flowing": _rubbing_flow(lambda item: item.full_order),
+    "HHR, friction and flowing": _rubbing_flow(lambda item: item.build(FLOW)),
     "local histories": _flowing(lambda item: item.local([np.repeat([0, 1], [4, 2])] * 2, recipe=FLOW, checked=False)),
 }
 

@@ -206,11 +206,6 @@ class Scene:
 
         for place, law in laws:
             FrictionLaw.of(law, self.parameters, f"contact {place} of scene '{self.name}'")
-        if any(body.law is not None for body in self.bodies):
-            raise SceneError(
-                f"scene '{self.name}' has friction, and bodies that flow: that is not built in. Leave out friction, or "
-                "laws of flow"
-            )
         if self.shapes and any(law.limit is not None for _, law in laws):
             raise SceneError(
                 f"scene '{self.name}' has friction with a limit of its stress, and bodies that change their shape, and "

@@ -44,7 +44,15 @@ OF_CONTRACT = tuple(
     kind
     for kind in contract.KINDS
     if kind
-    not in ("full", "full, friction", "naive", "fallback", "full, flowing", "interpolated condensation, floating")
+    not in (
+        "full",
+        "full, friction",
+        "full, friction and flowing",
+        "naive",
+        "fallback",
+        "full, flowing",
+        "interpolated condensation, floating",
+    )
 )  # what needs no mesh
 PELLET = ("pellet", "local pellet", "condensed pellet", "flowing pellet")
 ALL = (*OF_CONTRACT, *PELLET)

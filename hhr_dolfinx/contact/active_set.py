@@ -247,6 +247,7 @@ class SchurEqualities:
         factorise: what factors a dense block.
 
     Attributes:
+        size: m.
         most_bytes: bound on the memory of what is kept.
         kept_bytes: memory of what is kept.
     """
@@ -256,6 +257,7 @@ class SchurEqualities:
 
     def __init__(self, columns: Callable[[np.ndarray], np.ndarray], size: int, factorise: Factorise = dense_factors):
         self._columns = columns
+        self.size = size
         self._factorise = factorise
         self._entries: dict[bytes, _Entry] = {}  # the oldest first
         self._prepared: dict[bytes, _Entry] = {}
@@ -273,6 +275,10 @@ class SchurEqualities:
         """On a known S, (m, m), not necessarily symmetric."""
         # transposed, so that picking columns of S copies whole rows
         return cls(np.ascontiguousarray(schur.T).__getitem__, schur.shape[0], factorise)
+
+    def whole(self) -> np.ndarray:
+        """S, (m, m)."""
+        return self._columns(np.arange(self.size)).T
 
     def __call__(self, active: np.ndarray, free_slack: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Solve with the given statuses; returns ``(forces, slack)``, both (m,).

@@ -269,8 +269,8 @@ class ContactProblem:
         """Raise NotOfferedError where there is friction, for what looks at pressures alone."""
         if self.friction is not None:
             raise NotOfferedError(
-                f"{what} is not built in where contacts have friction: condense such a scene, hhr.condense(scene), "
-                "whose model answers paths as the full one does"
+                f"{what} is not built in where contacts have friction: march along paths, or condense elastic bodies, "
+                "hhr.condense(scene)"
             )
 
     def pressing_of(self, place: int) -> np.ndarray:

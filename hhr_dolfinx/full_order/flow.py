@@ -30,6 +30,7 @@ from hhr_dolfinx.trained import Signs
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
+    from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,7 @@ class FullEquilibrium:
         self.parameters = problem.parameters
         self.size = problem.free.size
         self.conditions = problem.contact.shape[0]
+        self.friction = problem.friction
         self.points = np.arange(self.operator.gauss_points)
         self.per_cell = self.operator.per_cell
         self._pattern = gauss.pattern
@@ -319,7 +321,9 @@ class _SparseLinearisation:
     push: Callable[[np.ndarray], np.ndarray]
     moduli: np.ndarray
 
-    def correct(self, residual: np.ndarray, x: np.ndarray, theta: Theta, active: np.ndarray) -> Correction:
+    def correct(
+        self, residual: np.ndarray, x: np.ndarray, theta: Theta, active: np.ndarray, rubbing: RubbingStep | None = None
+    ) -> Correction:
         """Solve K δ + B^T λ = residual, B (x + δ) <= gaps."""
         problem = self.problem
         stiffness, solver = self.factors
@@ -328,7 +332,10 @@ class _SparseLinearisation:
             solver.refactor(stiffness)
             free = solver.solve(residual)
             slack = problem.gaps @ theta - problem.contact @ (x + free)
-            found = active_set(self.equalities, slack, active, pairs=self.pairs)
+            if rubbing is None:
+                found = active_set(self.equalities, slack, active, pairs=self.pairs)
+            else:
+                found = rubbing.solved(self.equalities, slack, active)
         return Correction(free - self.push(found.forces), found)
 
     def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -298,7 +298,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
         ``known`` are answers to its first steps, solved before; ``keep`` is told of each new one as it is there.
         """
-        if self.friction is not None:  # of which nothing is kept
+        if self.friction is not None and self.equilibrium is None:  # of which nothing is kept
             return super().march(path, settings)
         checked = checked_path(self.parameters, path)
         if self.equilibrium is None:

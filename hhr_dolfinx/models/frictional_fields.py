@@ -51,10 +51,14 @@ class FrictionalFields:
         return cls(friction, within, modes, np.linalg.pinv(modes[within]))
 
     @cached_property
+    def inside(self) -> Friction:
+        """That of the RID, whose rows are numbered as there."""
+        return self.friction.within(self.within)
+
+    @cached_property
     def own(self) -> np.ndarray:
         """Places of the tangential rows of the RID among all tangential ones, in the order of the RID."""
-        rows = self.friction.within(self.within).tangential
-        return np.searchsorted(self.friction.tangential, self.within[rows])
+        return np.searchsorted(self.friction.tangential, self.within[self.inside.tangential])
 
     @cached_property
     def outside(self) -> np.ndarray:

@@ -115,6 +115,7 @@ class LocalEquilibrium:
         self.per_cell = first.per_cell
         self.size = first.size
         self.conditions = first.conditions
+        self.friction = first.friction
         self.lock = nullcontext()
         self._products: dict[tuple[int, int], np.ndarray] = {}
 

@@ -207,7 +207,7 @@ class AnsweringModel:
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
         """Answer a path, from rest where bodies flow; see :meth:`~hhr_dolfinx.models.answer.Model.march`."""
-        if self.friction is not None:
+        if self.friction is not None and self.equilibrium is None:
             from hhr_dolfinx.models.histories.sliding import slide_along
 
             return slide_along(self, checked_path(self.parameters, path), settings)

@@ -416,7 +416,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         """What an indicator says: a user's own, that of contact with friction, or of bodies that flow."""
         if self.indicator is not None:
             return Estimate.indicated(self.indicator(answer))
-        if self.frictional is not None:
+        if self.frictional is not None and self.flow is None:
             frictional = self.frictional
             return Estimate.indicated(frictional.share * frictional.misfit(answer.multipliers), FORCES)
         if answer.gauss is None or self.flow is None:

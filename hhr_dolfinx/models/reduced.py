@@ -29,8 +29,6 @@ from hhr_dolfinx.trained import USUAL, TrainedPaths, TrainedRange
 if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Amplitudes
     from hhr_dolfinx.models.eliminations.interpolated import Compliances
-    from hhr_dolfinx.models.histories.completing import CompletingSlider
-    from hhr_dolfinx.models.histories.equilibrium import MarchSettings
     from hhr_dolfinx.models.histories.reduced_flow import CubatureFlow, ProjectedEquilibrium, ReducedFlow
 
 ADVICE: Mapping[Status, str] = MappingProxyType(
@@ -96,7 +94,7 @@ class ReducedModel(KeptModel):
         self.offline = offline
         self.factorise = factorise
         if fields.frictional is not None:
-            self.friction = fields.frictional.friction.within(fields.A_lambda)
+            self.friction = fields.frictional.inside
         self.equilibrium: ProjectedEquilibrium | None = None
         self.eliminated: CondensedModel | None = None
         try:
@@ -172,12 +170,6 @@ class ReducedModel(KeptModel):
         frictional = self.fields.frictional
         forces = answer.forces()
         return forces if frictional is None else np.delete(forces, frictional.friction.tangential)
-
-    def slider(self, settings: MarchSettings) -> CompletingSlider:
-        """See :class:`AnsweringModel`: it follows what slips outside its RID too."""
-        from hhr_dolfinx.models.histories.completing import CompletingSlider
-
-        return CompletingSlider(self, settings.gradient)
 
     def _without_gamma(self, factorise: Factorise) -> CondensedModel:
         """The model with gamma eliminated: once, or for each parameter where the stiffness depends on it."""

@@ -299,7 +299,7 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
             model = _eliminated_between(model, full, log)
         elif model.eliminated is not None and not (reduced.motions or model.eliminated.tabulated or model.friction):
             model = model.changed(known=_starts_along(model))
-    if problem.friction is not None and recipe.trust is not None:
+    if problem.friction is not None and flow is None and recipe.trust is not None:
         with log.stage("indicator"):
             model = _calibrated(shared, model)
     margin = _checked_margin(shared, model, layers)
@@ -490,7 +490,7 @@ def _compared(shared: _Offline, model: ReducedModel) -> tuple[Comparison | None,
     if snapshots.columns is not None:
         shared.log.skip("comparison", "trained on parts of histories: only models of all parts together answer one")
         return None, None
-    if model.friction is not None:
+    if model.friction is not None and model.equilibrium is None:
         from hhr_dolfinx.certify.trust import compared_histories
 
         return compared_histories(full, model, snapshots, held_out, limits)[0], trained

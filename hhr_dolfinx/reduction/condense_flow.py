@@ -21,7 +21,7 @@ from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.trust import TrustLimits, checked_histories, warn_of_training
 from hhr_dolfinx.contact.active_set import active_set
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.errors import HHRError, ReductionError, UnstableModelError
+from hhr_dolfinx.errors import HHRError, NotOfferedError, ReductionError, UnstableModelError
 from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.materials.update import Group
 from hhr_dolfinx.models.histories.condensed_fields import CondensedFlowFields, PlasticFields
@@ -307,6 +307,11 @@ def condense_flow(
     if full.equilibrium is None:
         raise ReductionError(f"nothing flows in scene '{full.scene.name}': take exact or interpolated condensation")
     problem.require_whole()
+    if problem.friction is not None:
+        raise NotOfferedError(
+            f"bodies of scene '{full.scene.name}' flow and its contacts have friction, of which the compiled step of "
+            "condensed flow knows nothing: hyper-reduce it, training.build()"
+        )
     check_of_problem("snapshots", snapshots, problem)
     if not snapshots.histories or snapshots.columns is not None:
         raise ReductionError(

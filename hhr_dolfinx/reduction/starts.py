@@ -9,12 +9,13 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Pairs
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, ReductionError
+from hhr_dolfinx.models.answer import ModelFields
 from hhr_dolfinx.models.eliminations.elimination import Elimination, answer_of
 from hhr_dolfinx.models.starts import KnownStatuses, LinearStarts
 
 ALONG = 4
 """Points along each path that shows forces of friction."""
-NO_FIELDS: Any = None
+NO_FIELDS: Any = ModelFields()
 """Fields of answers that nobody asks for any."""
 
 

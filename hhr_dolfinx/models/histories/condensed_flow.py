@@ -145,6 +145,7 @@ class CondensedEquilibrium:
         self.per_cell = flow.per_cell
         self.modes = len(flow.per_mode)
         self.conditions = len(flow.gaps)
+        self.friction = None
         self.size = self.modes + self.conditions
         self._middle = self
         self._last: tuple[np.ndarray, CondensedEquilibrium] | None = None

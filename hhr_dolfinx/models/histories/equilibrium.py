@@ -28,10 +28,9 @@ from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 from hhr_dolfinx.trained import OUTSIDE, Signs, TrainedPaths
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.materials.update import Material
-
-if TYPE_CHECKING:
+    from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.materials.update import Material, Update
+    from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
 
 
 class Correction(NamedTuple):
@@ -60,8 +59,10 @@ class Linearisation(Changing, Protocol):
     def moduli(self) -> np.ndarray:
         """Tangents H at its Gauss points, (points, components, components)."""
 
-    def correct(self, residual: np.ndarray, x: np.ndarray, theta: Theta, active: np.ndarray) -> Correction:
-        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps, from some statuses."""
+    def correct(
+        self, residual: np.ndarray, x: np.ndarray, theta: Theta, active: np.ndarray, rubbing: RubbingStep | None = None
+    ) -> Correction:
+        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps, with friction if there is any, from some statuses."""
 
 
 class Diverged(Exception):
@@ -105,6 +106,7 @@ class Stepping(Protocol):
         points: numbers of these points in the full model.
         per_cell: Gauss points of a cell of the full model.
         size, conditions: number of unknowns and of contact conditions.
+        friction: which of the conditions are tangential; None without friction.
     """
 
     parameters: ParameterSpace
@@ -113,6 +115,7 @@ class Stepping(Protocol):
     per_cell: int
     size: int
     conditions: int
+    friction: Friction | None
 
     @property
     def fields(self) -> Fields:

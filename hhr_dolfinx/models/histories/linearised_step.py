@@ -8,7 +8,7 @@ Anderson's acceleration. A step that does not converge is tried with new tangent
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from hhr_dolfinx.models.histories.equilibrium import (
 )
 from hhr_dolfinx.models.histories.small_strains import SmallStrains
 from hhr_dolfinx.trained import Signs
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
 
 ROUND_OFF_STRAIN = 1e-13
 """A strain this small is round-off of displacements that strain nothing, as where a gap closes without stress."""
@@ -152,10 +155,11 @@ def _step(
     if start is not None:
         x = start.unknown
     else:
-        x = extrapolated(trail, goal.time) if len(trail) > 1 else _elastic_start(model, here, theta)
+        x = extrapolated(trail, goal.time) if len(trail) > 1 else _elastic_start(model, here, theta, goal.parameter)
     flows = material.flows and settings.search != "elastic"
     mixing = Anderson() if material.flows and settings.search != "tangent" else None
     active = (here if start is None else start).active
+    rubbing = _rubbing(model, here, goal.parameter)
     noise = model.round_off(x, theta)
     linear: Any = memory.linearisation if flows else model.elastic
     for iteration in range(1, settings.iterations + 1):
@@ -168,7 +172,7 @@ def _step(
         flowing = int((update.state.cumulated - here.state().state.cumulated).argmax())
         try:
             linear = model.linearised(update.tangents) if renew else linear
-            change, found = linear.correct(residual, x, theta, active)
+            change, found = linear.correct(residual, x, theta, active, rubbing)
         except (NotSolvableError, np.linalg.LinAlgError) as error:
             raise Diverged(f"{error}, a singular tangent", flowing) from None
         if found.status is not Status.CONVERGED:
@@ -186,9 +190,9 @@ def _step(
                 slow = settings.search == "tangent" or iteration > memory.patience
                 memory.linearisation = None if slow else linear
                 memory.grow(scale, largest)
-                gauss = GaussState(update.stress, update.state)
-                found = found._replace(iterations=iteration)
-                return found_as(found, goal.parameter, x, model.fields)._replace(time=goal.time, gauss=gauss)
+                answer = found_as(found._replace(iterations=iteration), goal.parameter, x, model.fields)
+                slip = None if rubbing is None else rubbing.slip(x)
+                return answer._replace(time=goal.time, gauss=GaussState(update.stress, update.state), slip=slip)
         active = found.active
         x = x + change if mixing is None else mixing(x, change)
     moved = _moves(linear, model.strain_of(change)).max(axis=1)
@@ -196,7 +200,17 @@ def _step(
     raise Diverged(why, int(moved.argmax()))
 
 
-def _elastic_start(model, here, theta):
+def _rubbing(model: Equilibrium, here: Answer, point: np.ndarray) -> RubbingStep | None:
+    """What solves the contact problems of a step with friction; None without."""
+    if model.friction is None:
+        return None
+    from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
+
+    assert here.slip is not None
+    return RubbingStep(model, point, here.slip, here.multipliers)
+
+
+def _elastic_start(model, here, theta, point):
     """The unknown if nothing flowed in the step.
 
     Imposed displacements move the boundary alone: left where they are, the points behind it would strain and flow by
@@ -210,7 +224,7 @@ def _elastic_start(model, here, theta):
     stress = here.state().stress + np.einsum("nij,nj->ni", model.material.elastic, change)
     residual, _ = model.residual(x, GaussState(stress, here.state().state), theta)
     try:
-        change, found = model.elastic.correct(residual, x, theta, here.active)
+        change, found = model.elastic.correct(residual, x, theta, here.active, _rubbing(model, here, point))
     except NotSolvableError:
         return x
     return x + change if found.status is Status.CONVERGED else x

@@ -19,7 +19,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import ConvergenceError, LawWarning
+from hhr_dolfinx.errors import ConvergenceError, LawWarning, NotOfferedError
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Path
 from hhr_dolfinx.models.histories.equilibrium import (
     DEFAULT_MARCH,
@@ -70,6 +70,11 @@ def march(
     """
     check_settings(settings)
     check_elasticity(model.material, path)
+    if settings.gradient and model.friction is not None:
+        raise NotOfferedError(
+            "derivatives of histories in which bodies flow and contacts rub are not built in: take differences of "
+            "answers"
+        )
     history = History(*path[0], time_tolerance=settings.time_tolerance)
     try:
         with model.lock:
@@ -106,6 +111,7 @@ def _march(
     trail: tuple[Answer, ...] = (_at_rest(model, *path[0]),)
     slopes_seen = False
     stepper = model.stepper(settings)
+    check_sliding = _check_of_sliding(model)
     watch = Watch(model.trained, settings.outside)
     error = TimeError.at_rest(model, trail[0])
     for number, (time, target) in enumerate(path[1:], start=1):
@@ -122,6 +128,7 @@ def _march(
             after = step.answer
             error = step.error
             slopes_seen = slopes_seen or _check_slopes(model.answering(after), trail[-1], after)
+        check_sliding(after)
         signs = stepper.signs(after)
         # a step that is refused is not kept
         watch.after(number, time, signs)
@@ -192,12 +199,35 @@ def _check_slopes(model: Marching, before: Answer, after: Answer) -> bool:
     return complaints is not None
 
 
+def _check_of_sliding(model: Stepping) -> Callable[[Answer], None]:
+    """What looks at how far surfaces have slid at the end of a step; nothing without friction."""
+    if model.friction is None:
+        return lambda answer: None
+    from hhr_dolfinx.models.histories.far_sliding import FarSliding
+    from hhr_dolfinx.models.histories.surfaces import surface_of
+
+    far = FarSliding()
+    friction = surface_of(model).whole
+
+    def check(answer: Answer) -> None:
+        assert answer.slip is not None
+        far.check(friction, answer.slip, model.parameters.described(answer.parameter))
+
+    return check
+
+
 def _at_rest(model: Stepping, time: float, parameter: np.ndarray) -> Answer:
     active = np.zeros(model.conditions, dtype=bool)
     material = model.material
     gauss = GaussState(np.zeros((material.gauss_points, material.components)), material.at_rest())
     nothing = np.zeros(model.size), np.zeros(active.size), active
-    return Answer(parameter, *nothing, 0, Status.CONVERGED, False, model.fields, time, gauss)
+    answer = Answer(parameter, *nothing, 0, Status.CONVERGED, False, model.fields, time, gauss)
+    if model.friction is None:
+        return answer
+    from hhr_dolfinx.contact.friction import SlipState
+    from hhr_dolfinx.models.histories.surfaces import surface_of
+
+    return answer._replace(slip=SlipState.at_rest(surface_of(model).whole))
 
 
 def _place(model, worst):

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import nullcontext
 from copy import copy
 from dataclasses import dataclass
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
@@ -34,6 +34,10 @@ from hhr_dolfinx.models.histories.linearised_step import LinearisedStepper
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs, TrainedPaths
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.contact.friction import Friction
+    from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
 
 
 @dataclass(frozen=True)
@@ -108,6 +112,7 @@ class ProjectedEquilibrium:
         self.fields = fields
         self.lock = nullcontext()  # histories share no factors here
         self.conditions, self.size = problem.contact_test.shape
+        self.friction: Friction | None = None if fields.frictional is None else fields.frictional.inside
         self.amplitudes = fields.amplitudes
         self._middle: Any = self
         self._last: tuple[np.ndarray, Any] | None = None
@@ -165,6 +170,14 @@ class ProjectedEquilibrium:
     def norms(self, residual: np.ndarray) -> np.ndarray:
         """Norm of a residual; modes span all bodies, (1,)."""
         return np.array([np.sqrt(residual @ residual)])
+
+    def depth(self, answer: Answer, theta: Theta) -> float:
+        """Deepest violation of a gap anywhere on the contact surface, 0 if none."""
+        over = self.fields.contact_basis @ answer.unknown - self.fields.gaps @ theta
+        frictional = self.fields.frictional
+        if frictional is not None:  # tangential rows have no gap
+            over = np.delete(over, frictional.friction.tangential)
+        return max(float(over.max()), 0.0)
 
     def contact_load(self, forces: np.ndarray) -> np.ndarray:
         """B~1^T λ."""
@@ -243,11 +256,11 @@ class ReducedEquilibrium(ProjectedEquilibrium):
         internal, sizes = self.operator.internal(answer.state().stress)
         contact = self.flow.contact @ answer.multipliers
         size = np.linalg.norm(loads) + np.linalg.norm(sizes[inner]) + np.linalg.norm(contact)
-        depth = (self.fields.contact_basis @ answer.unknown - self.fields.gaps @ theta).max()
+        depth = self.depth(answer, theta)
         left = float(np.linalg.norm(loads - internal[inner] - contact))
         flow = self.fields.flow
         misfit, stress = (0.0, 0.0) if flow is None else flow.unexplained(answer.state().stress)
-        return Signs(left, float(size), max(float(depth), 0.0), misfit=misfit, stress=stress)
+        return Signs(left, float(size), depth, misfit=misfit, stress=stress)
 
     def tangent(self, tangents: np.ndarray) -> np.ndarray:
         """Projected consistent tangent V[A]^T K_T V, (ell, ell)."""
@@ -270,12 +283,17 @@ class DenseLinearisation:
         self._per_force = self._factor.solve(problem.contact_test.T)
         self._equalities = SchurEqualities.of(problem.contact_trial @ self._per_force, LapackLU)
 
-    def correct(self, residual: np.ndarray, x: np.ndarray, theta: Theta, active: np.ndarray) -> Correction:
+    def correct(
+        self, residual: np.ndarray, x: np.ndarray, theta: Theta, active: np.ndarray, rubbing: RubbingStep | None = None
+    ) -> Correction:
         """Solve K~ δ + B~1^T λ = residual, B~2 (x + δ) <= gaps."""
         free = self._factor.solve(residual)
         problem = self._problem
         slack = problem.gaps @ theta - problem.contact_trial @ (x + free)
-        found = active_set(self._equalities, slack, active, pairs=self._pairs)
+        if rubbing is None:
+            found = active_set(self._equalities, slack, active, pairs=self._pairs)
+        else:
+            found = rubbing.solved(self._equalities, slack, active)
         return Correction(free - self._per_force @ found.forces, found)
 
     def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -409,11 +427,11 @@ class CubatureEquilibrium(ProjectedEquilibrium):
         flowed = gauss.state.cumulated
         known = None if flow is None else flow.cumulated
         fitted = 0.0 if known is None else known.modes[self.points] @ (known.fit @ flowed)
-        depth = (self.fields.contact_basis @ answer.unknown - self.fields.gaps @ theta).max()
+        depth = self.depth(answer, theta)
         wrong = float(np.linalg.norm(flowed - fitted))
         size = float(np.linalg.norm(flowed))
         left = (0.0, 0.0) if flow is None else flow.unexplained(gauss.stress)
-        return Signs(wrong, size, max(float(depth), 0.0), UNKNOWN, *left)
+        return Signs(wrong, size, depth, UNKNOWN, *left)
 
     def tangent(self, tangents: np.ndarray) -> np.ndarray:
         """Projected consistent tangent, (ell, ell); points where it is elastic are passed over."""

@@ -9,9 +9,9 @@ since counts as an error too.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,12 +20,14 @@ from threadpoolctl import threadpool_limits
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.friction import Friction, SlipState
 from hhr_dolfinx.contact.sliding_set import Increment, Sliding, SlidingContact
-from hhr_dolfinx.errors import ConvergenceError, FarSlidingWarning, NotSolvableError, ParameterError
+from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ParameterError
 from hhr_dolfinx.models.answer import Answer, History, Path, outcome, unanswered
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 from hhr_dolfinx.models.gradient import Gradient
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
+from hhr_dolfinx.models.histories.far_sliding import FarSliding
 from hhr_dolfinx.models.histories.path import check_settings
+from hhr_dolfinx.models.histories.surfaces import surface_of
 
 PROPORTIONAL = 4
 """Increments from rest to a single parameter before any is cut: one and two of a single step may agree by chance."""
@@ -34,7 +36,7 @@ TOLERANCE = 1e-3
 WORK = 1e-3
 """Part of the elastic energy of contact beside which dissipated work is small: far below it nothing has slipped."""
 APART = 1e-9
-"""Part of the largest gap above which a contact is open, and of the largest force below which it only touches."""
+"""Part of the largest gap above which a contact is open."""
 CUTS = 12
 """How often a step may be halved for the sake of a tolerance."""
 
@@ -95,7 +97,7 @@ class Slider:
 
     Attributes:
         friction: on its own conditions.
-        surface: on the whole contact surface, of which slip is remembered.
+        surface: the whole contact surface, of which slip is remembered.
         largest, energy: largest norm of forces, and elastic energy of contact, so far: what errors are measured by.
     """
 
@@ -103,7 +105,7 @@ class Slider:
         self.model = model
         self.gradient = gradient
         self.friction: Friction = model.friction
-        self.surface: Friction = model.friction
+        self.surface = surface_of(model)
         self._contact_at: Callable[[np.ndarray], CondensedContact] = model.contacts()
         self._sliding: SlidingContact | None = None
         self.largest = 0.0
@@ -114,11 +116,7 @@ class Slider:
         forces = np.zeros(self.model.own_conditions)
         changes = np.zeros((self.friction.tangential.size, point.size))
         gap = self._contact_at(point).free_slack[self.friction.normal]
-        return Reached(point, time, forces, None, gap, self._at_rest(), weights, changes)
-
-    def _at_rest(self) -> SlipState:
-        """Nothing has slipped."""
-        return SlipState.at_rest(self.friction)
+        return Reached(point, time, forces, None, gap, SlipState.at_rest(self.surface.whole), weights, changes)
 
     def increment(self, before: Reached, target: Target) -> Solved:
         """One increment, settled or not."""
@@ -128,11 +126,11 @@ class Slider:
         if self._sliding is None or self._sliding.given is not contact.schur:
             self._sliding = SlidingContact(contact.schur, self.friction, taken)
         slack = contact.free_slack.copy()
-        slack[self.friction.tangential] -= self._position(before)
+        slack[self.friction.tangential] -= self.surface.position(before.slip)
         driving = np.zeros(0) if contact.floating is None else contact.floating.driving
         given = Increment(slack, *self.friction.bounds(point), driving)
         found = self._sliding.increment(given, before.forces, before.active)
-        slip = self._slipped(before, given, found, contact, point)
+        slip = self.surface.after(before.slip, given, found, partial(unknown_of, contact, found), point)
         gradient = None
         changes = before.changes
         if self.gradient and found.status is Status.CONVERGED:
@@ -146,17 +144,6 @@ class Slider:
         return Solved(
             found, Reached(point, time, found.forces, found.active, gap, slip, weights, changes), contact, gradient
         )
-
-    def _position(self, before: Reached) -> np.ndarray:
-        """Where its tangential rows stand before an increment, (T,)."""
-        return before.slip.position
-
-    def _slipped(
-        self, before: Reached, given: Increment, found: Sliding, contact: CondensedContact, point: np.ndarray
-    ) -> SlipState:
-        """What friction remembers after an increment."""
-        bound = given.bounds(self.friction, found.forces)
-        return before.slip.after(self.friction, found.forces, found.slack, found.active, bound)
 
     def _gradient(
         self, before: Reached, target: Target, given: Increment, found: Sliding, contact: CondensedContact
@@ -284,14 +271,14 @@ def slide_along(
     weights = np.ones((len(path), path[0][1].size)) if weights is None else weights
     reached = slider.at_rest(*path[0], weights[0])
     error = 0.0
-    far = False
+    far = FarSliding()
     try:
         for (time, point), weight in zip(path[1:], weights[1:], strict=True):
             model.check_range(point, settings.outside)
             step = _Step(slider, settings.cuts, settings.time_tolerance)
             solved = step.taken(reached, Target(time, point, weight))
             reached = solved.reached
-            far = far or _slid_far(slider, reached)
+            far.check(slider.surface.whole, reached.slip, model.parameters.described(point))
             error += np.nan if settings.time_tolerance is None else step.error
             answer = _told(slider, step, solved)._replace(time_error=error)
             history.cuts += answer.parts > 1
@@ -301,27 +288,6 @@ def slide_along(
             stop.history = history  # type: ignore[attr-defined]
         raise
     return history
-
-
-def _slid_far(slider: Slider, reached: Reached) -> bool:
-    """Whether contacts that press have slid beyond the cells they were paired on, which is told."""
-    slip = reached.slip
-    surface = slider.surface
-    pressing = (slip.pressure > APART * slider.largest) & (surface.spacing > 0)
-    slid = surface.slid(slip.position)
-    share = np.divide(slid, surface.spacing, out=np.zeros(slid.size), where=pressing)
-    if not share.max(initial=0.0) > 1.0:
-        return False
-    at = int(share.argmax())
-    place = slider.model.parameters.described(reached.point)
-    warnings.warn(
-        f"at {place}: contact {at} has slid by {slid[at]:.3g}, {share[at]:.2g} times the distance to the next node of "
-        "its surface, and presses on what it was paired with where it was meshed. Pair surfaces that slide far anew, "
-        "hhr.slide(scene)",
-        FarSlidingWarning,
-        stacklevel=4,
-    )
-    return True
 
 
 def _check_shape(model: Any, path: Path) -> None:

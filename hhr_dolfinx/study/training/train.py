@@ -142,14 +142,14 @@ class Training(TrainingAnswers):
         Raises:
             NotOfferedError: where contact alone holds bodies whose moduli or shapes are parameters.
         """
-        if self.full_order.friction is not None:
-            from hhr_dolfinx.study import condensing
-
-            return condensing.condense(self.full_order, settings)
         if self.full_order.equilibrium is not None:
             from hhr_dolfinx.reduction.condense_flow import condense_flow
 
             return condense_flow(self.full_order, self.snapshots, settings, self.held_out)
+        if self.full_order.friction is not None:
+            from hhr_dolfinx.study import condensing
+
+            return condensing.condense(self.full_order, settings)
         if not self.full_order.problem.varies:
             from hhr_dolfinx.baselines.condensation import exact_condensation
 

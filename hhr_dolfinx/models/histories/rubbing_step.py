@@ -1,0 +1,59 @@
+"""Contact with friction within a step of bodies that flow: what each of its linearisations has to solve.
+
+All linearisations of a step slip from where the step began, backward Euler for the rate of slip; the last one, at which
+the stress has settled, says what has slipped.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.contact.active_set import SchurEqualities, Statuses
+from hhr_dolfinx.contact.friction import SlipState
+from hhr_dolfinx.contact.sliding_set import Increment, Sliding, SlidingContact
+from hhr_dolfinx.models.histories.surfaces import surface_of
+
+NOTHING = np.zeros(0)
+
+
+class RubbingStep:
+    """Solves the contact problems of one step with friction.
+
+    Args:
+        model: equilibrium, with its ``friction`` and ``fields``.
+        point: parameter at the end of the step, (P,).
+        before: what friction remembers from before it.
+        forces: contact forces then, (m,).
+    """
+
+    def __init__(self, model: Any, point: np.ndarray, before: SlipState, forces: np.ndarray):
+        self._friction = model.friction
+        self._surface = surface_of(model)
+        self._point = point
+        self._coefficient, self._limit = self._friction.bounds(point)
+        self._before = before
+        self._position = self._surface.position(before)
+        self._forces = forces
+        self._on: SchurEqualities | None = None
+        self._contact: SlidingContact | None = None
+        self._last: tuple[Increment, Sliding] | None = None
+
+    def solved(self, equalities: SchurEqualities, free_slack: np.ndarray, active: np.ndarray) -> Statuses:
+        """Forces under a free slack, (m,), of a linearisation whose S some equality problems hold."""
+        if self._contact is None or equalities is not self._on:
+            self._contact = SlidingContact(equalities.whole(), self._friction)
+            self._on = equalities
+        slack = free_slack.copy()
+        slack[self._friction.tangential] -= self._position
+        given = Increment(slack, self._coefficient, self._limit, NOTHING)
+        found = self._contact.increment(given, self._forces, active)
+        self._forces = found.forces
+        self._last = given, found
+        return Statuses(found.forces, found.active, found.iterations, found.status, found.sweeps > 0)
+
+    def slip(self, unknown: np.ndarray) -> SlipState:
+        """What friction remembers after the step, by the last linearisation, at whose unknown it ends, (n,)."""
+        assert self._last is not None
+        return self._surface.after(self._before, *self._last, lambda: unknown, self._point)

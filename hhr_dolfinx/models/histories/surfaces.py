@@ -1,0 +1,103 @@
+"""What contacts of a whole surface remember of their slip, whichever of them a model solves for itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+
+from hhr_dolfinx.contact.friction import Friction, SlipState
+from hhr_dolfinx.contact.sliding_set import Increment, Sliding, bounds
+from hhr_dolfinx.models.frictional_fields import FrictionalFields
+
+
+class Surface(Protocol):
+    """Contacts with friction, of which a model solves for some or all.
+
+    Attributes:
+        whole: friction of the whole contact surface, of which slip is remembered.
+    """
+
+    whole: Friction
+
+    def position(self, slip: SlipState) -> np.ndarray:
+        """Where the tangential rows that a model solves for stand, (T,)."""
+
+    def after(
+        self, before: SlipState, given: Increment, found: Sliding, unknown: Callable[[], np.ndarray], point: np.ndarray
+    ) -> SlipState:
+        """What is remembered after an increment.
+
+        Args:
+            before: what was before it.
+            given, found: what drove it, and its solution.
+            unknown: makes the primal unknown at its end, (n,).
+            point: parameter there, (P,).
+        """
+
+
+def surface_of(model: Any) -> Surface:
+    """That of a model or an equilibrium, by its ``friction`` and what completes its answers."""
+    return WholeSurface(model.friction) if model.fields.frictional is None else PartSurface(model.fields)
+
+
+class WholeSurface:
+    """All contacts are solved for."""
+
+    def __init__(self, friction: Friction):
+        self.whole = friction
+
+    def position(self, slip: SlipState) -> np.ndarray:
+        """See :class:`Surface`."""
+        return slip.position
+
+    def after(
+        self, before: SlipState, given: Increment, found: Sliding, unknown: Callable[[], np.ndarray], point: np.ndarray
+    ) -> SlipState:
+        """See :class:`Surface`."""
+        bound = given.bounds(self.whole, found.forces)
+        return before.after(self.whole, found.forces, found.slack, found.active, bound)
+
+
+class PartSurface:
+    """Contacts of a RID are solved for; those outside follow the displacement.
+
+    Args:
+        fields: of a hyper-reduced model with friction, at one shape of its bodies.
+    """
+
+    def __init__(self, fields: Any):
+        self._fields = fields
+        self._frictional: FrictionalFields = fields.frictional
+        self._rows: tuple[np.ndarray, np.ndarray] | None = None
+        self.whole = self._frictional.friction
+
+    def position(self, slip: SlipState) -> np.ndarray:
+        """See :class:`Surface`."""
+        return slip.position[self._frictional.own]
+
+    def after(
+        self, before: SlipState, given: Increment, found: Sliding, unknown: Callable[[], np.ndarray], point: np.ndarray
+    ) -> SlipState:
+        """See :class:`Surface`."""
+        parts = self._frictional
+        friction = parts.friction
+        slack = np.zeros(self._fields.conditions)
+        slack[friction.tangential[parts.own]] = found.slack[parts.inside.tangential]
+        outside = parts.rows_outside
+        if outside.size:
+            gaps, on_modes = self._rows_outside(point)
+            position = gaps @ self._fields.amplitudes(point) - on_modes @ unknown()
+            slack[friction.tangential[outside]] = position - before.position[outside]
+        forces = parts.forces(found.forces, point)
+        bound = bounds(*friction.bounds(point), forces[friction.normal])
+        return before.after(friction, forces, slack, parts.active(found.active, forces, bound), bound)
+
+    def _rows_outside(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gaps of the tangential rows outside the RID, (t, 1 + T), and B V, (t, ell)."""
+        if self._rows is None:
+            rows = self.whole.tangential[self._frictional.rows_outside]
+            gaps, on_modes = self._fields.contact_at(point)
+            self._rows = np.asfortranarray(gaps[rows]), on_modes[rows]
+        return self._rows
