@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -140,6 +138,3 @@ def test_what_is_not_built_in_is_refused_by_name(training, model):
         training.force_correction()
     with pytest.raises(NotOfferedError, match="local models of contacts with friction"):
         training.local([np.zeros(24, dtype=int)] * 8)
-    floating = dataclasses.replace(training.full_order.scene, name="other", displacements=())
-    with pytest.raises(hhr.HHRError):
-        hhr.FullOrderModel(floating, MPI.COMM_SELF)
