@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -12,12 +14,18 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.friction import SlipState
 from hhr_dolfinx.contact.sliding_set import Increment, SlidingContact
 from hhr_dolfinx.errors import FarSlidingWarning, NotOfferedError
+from hhr_dolfinx.models.histories import rubbing_flow
+from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 
 PATH = [
     (0.0, (0.0, 0.0)), (1.0, (0.01, 0.0)), (2.0, (0.02, 0.02)), (3.0, (0.03, 0.06)), (4.0, (0.02, 0.0)),
     (5.0, (0.0, -0.02)), (6.0, (0.03, 0.03)),
 ]  # fmt: skip
 """Pressed, sheared, turned round, opened, and pressed again."""
+
+
+LIMITS = hhr.TrustLimits.of_histories(warn_plastic=0.3, warn_estimate=0.1)
+"""At the edge of contact a few points flow by strains that eight histories tell to 14 to 20 %, whatever the model."""
 
 
 def bodies(yield_stress: float) -> tuple[hhr.Body, ...]:
@@ -89,8 +97,12 @@ def training():
 
 @pytest.fixture(scope="module")
 def model(training):
-    # one history that is held out hardly flows: 14 % of that are off, and 5 % of its stress are unlike that of training
-    return training.build(hhr.Recipe.flowing(trust=hhr.TrustLimits.of_histories(warn_plastic=0.2, warn_estimate=0.1)))
+    return training.build(hhr.Recipe.flowing(trust=LIMITS))
+
+
+@pytest.fixture(scope="module")
+def condensed(training):
+    return training.condense(CorrectionSettings(trust=LIMITS))
 
 
 def test_unseen_paths_of_a_hyper_reduced_model(training, model):
@@ -111,7 +123,67 @@ def test_unseen_paths_of_a_hyper_reduced_model(training, model):
         assert last[1].estimate().kind == "indicator of the stress"
 
 
-def test_a_file_keeps_it(model, tmp_path):
+def test_unseen_paths_of_condensed_flow(training, condensed):
+    """Forces within .3 % of the largest and work within .5 %; .15 and .24 % were measured.
+
+    Where a contact opens within a step it has slipped for half of it: its path may be off by 4 % of the largest.
+    """
+    full = training.full_order
+    assert condensed.equilibrium.modes < 40
+    for path in paths(4, 33, full.parameters):
+        exact, found = full.march(path), condensed.march(path)
+        largest = max(np.linalg.norm(answer.forces()) for answer in exact.answers)
+        for one, other in zip(exact.answers, found.answers, strict=True):
+            assert np.linalg.norm(other.forces() - one.forces()) < 0.003 * largest
+            assert np.abs(other.slip.path - one.slip.path).max() < 0.06 * exact.answers[-1].slip.path.max()
+        last = exact.answers[-1], found.answers[-1]
+        work = [answer.slip.work for answer in last]
+        assert np.linalg.norm(work[1] - work[0]) < 0.005 * np.linalg.norm(work[0])
+        peak = last[0].plastic_strain().max()
+        assert last[1].plastic_strain().max() == pytest.approx(peak, rel=0.03, abs=1e-6)
+        assert last[1].estimate().kind == "indicator of the stress"
+
+
+def test_condensed_flow_of_its_training_is_the_full_order(training, condensed):
+    """Of four of eight histories the forces; modes and points are those of all of them. 1e-5 was measured."""
+    for history in training.snapshots.histories[:4]:
+        largest = max(np.linalg.norm(answer.forces()) for answer in history.answers)
+        for one, other in zip(history.answers, condensed.march(history.path).answers, strict=True):
+            np.testing.assert_allclose(other.forces(), one.forces(), atol=1e-4 * largest)
+
+
+def test_newtons_slope_is_that_of_the_residual(condensed):
+    """Where bodies flow and contacts stick and slip: else steps would take many iterations."""
+    equilibrium = condensed.equilibrium
+    path = paths(1, 37, condensed.parameters)[0]
+    answers = condensed.march(path).answers
+    before, here = next(
+        (one, other) for one, other in itertools.pairwise(answers)
+        if other.slip.statuses.max() == 2 and other.plastic_strain().max() > one.plastic_strain().max() + 1e-4
+    )  # fmt: skip
+    stepper = equilibrium.stepper(hhr.MarchSettings())
+    material = equilibrium.material.at(here.parameter)
+    theta = equilibrium.amplitudes(here.parameter)
+    slack = equilibrium.gaps(theta).copy()
+    slack[condensed.friction.tangential] -= before.slip.position
+    bounds = condensed.friction.bounds(here.parameter)
+    load = rubbing_flow._Load(slack, equilibrium.free_strain @ theta, *bounds, before.state().state, 1.0)
+    correction = here.unknown[: equilibrium.modes]
+    at = stepper._tried(load, material, correction, here.multipliers, here.active)
+    slope = stepper._slope(load, at)
+    step = 1e-6 * np.linalg.norm(correction)
+    for axis in range(0, equilibrium.modes, 5):
+        shift = step * (np.arange(equilibrium.modes) == axis)
+        sides = [
+            stepper._tried(load, material, correction + s * shift, at.found.forces, at.found.active) for s in (-1, 1)
+        ]
+        difference = (sides[1].residual - sides[0].residual) / (2 * step)
+        np.testing.assert_allclose(-slope[:, axis], difference, atol=1e-3 * np.abs(slope).max())
+
+
+@pytest.mark.parametrize("kind", ["model", "condensed"])
+def test_a_file_keeps_it(kind, request, tmp_path):
+    model = request.getfixturevalue(kind)
     hhr.save_model(tmp_path / "model.npz", model)
     read = hhr.load_model(tmp_path / "model.npz")
     path = paths(1, 35, model.parameters)[0]
@@ -127,13 +199,11 @@ def test_what_slides_far_is_told_of():
     assert len([item for item in caught if item.category is FarSlidingWarning]) == 1
 
 
-def test_what_is_not_built_in_is_refused_by_name(training, model):
+def test_what_is_not_built_in_is_refused_by_name(training, model, condensed):
     path = paths(1, 37, model.parameters)[0]
-    for one in (training.full_order, model):
+    for one in (training.full_order, model, condensed):
         with pytest.raises(NotOfferedError, match="bodies flow and contacts rub are not built in"):
             one.march(path, hhr.MarchSettings(gradient=True))
-    with pytest.raises(NotOfferedError, match="of which the compiled step of condensed flow knows nothing"):
-        training.condense()
     with pytest.raises(NotOfferedError, match="a correction of forces is not built in"):
         training.force_correction()
     with pytest.raises(NotOfferedError, match="local models of contacts with friction"):

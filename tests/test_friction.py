@@ -557,8 +557,6 @@ def test_what_is_not_built_in_says_so():
     scene = rubbing()
     model = hhr.condense(scene)
     assert model.known_error
-    with pytest.raises(SceneError, match="flow"):
-        rubbing(bodies=(hhr.Body(FIRST, 3.0, 0.3, hhr.Plasticity(0.1, 1.0)), hhr.Body(SECOND, 5.0, 0.2)))
     with pytest.raises(SceneError, match="no friction"):
         hhr.FullOrderModel(rubbing(None, outputs=OUTPUTS[:1]), MPI.COMM_SELF)
     with pytest.raises(SceneError, match="dual"):
@@ -676,3 +674,32 @@ def test_surfaces_that_slide_far_are_told_of(tmp_path):
         warnings.simplefilter("error")
         answer = model.march(far).answers[-1]
     assert answer.slip.path.max() > 0.7
+
+
+def test_cells_of_either_side_say_what_is_far():
+    """A coarse slave on fine masters slides over several of these; the other pass of a double one is no neighbour."""
+
+    def sides(first, second):
+        return lambda comm: two_blocks(
+            comm, first=((-1.0, 0.0), (2.0, 1.0), (3 * first, 4)), second=((0.0, 1.0), (1.0, 2.0), (second, 4))
+        )
+
+    box = {"shear": (-0.4, 0.4)}
+    path = [(0.0, (0.0, 0.0)), (1.0, (0.02, 0.0)), (2.0, (0.02, 0.1))]
+    faces = side(SECOND, 1, False), side(FIRST, 1, True)
+    for first, second, far in ((16, 4, True), (4, 16, True), (4, 4, False)):
+        scene = rubbing(pairing=hhr.NodeToSurface(*faces, friction=0.05), box=box, geometry=sides(first, second))
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            hhr.condense(scene).march(path)
+        assert any(item.category is FarSlidingWarning for item in caught) == far
+    both = rubbing(
+        pairing=hhr.DoublePass(*faces, friction=0.05),
+        geometry=lambda comm: two_blocks(
+            comm, first=((0.0, 0.0), (1.0, 1.0), (8, 8)), second=((0.0, 1.0), (1.0, 2.0), (9, 9))
+        ),
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PairingWarning)
+        warnings.simplefilter("error", FarSlidingWarning)
+        hhr.condense(both).march([(0.0, (0.0, 0.0)), (1.0, (0.01, 0.0)), (2.0, (0.01, 0.04))])

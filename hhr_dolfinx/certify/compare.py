@@ -18,7 +18,7 @@ from hhr_dolfinx.certify.accuracy import (
     relative_error,
     slack_residuals,
 )
-from hhr_dolfinx.errors import HHRError, SmallStrainWarning
+from hhr_dolfinx.errors import FarSlidingWarning, HHRError, SmallStrainWarning
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Model
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings, told_once
 from hhr_dolfinx.trained import Signs
@@ -101,6 +101,19 @@ def compare_on_s(model: Any) -> Comparison:
     return Comparison.of(rows)
 
 
+def retraced(model: Model, exact: History) -> History:
+    """A known history solved by a model, with answers at the same times.
+
+    In the same parts, lest errors of time steps pass for errors of the model; what the full order has told of it is not
+    told again.
+    """
+    with told_once(), warnings.catch_warnings():
+        for told in (SmallStrainWarning, FarSlidingWarning):
+            warnings.simplefilter("ignore", told)
+        found = model.march(exact.solved_path, MarchSettings(outside="ignore"))
+    return found.thinned([answer.time for answer in exact.answers])
+
+
 def compare_histories(
     full: Any, model: Model, histories: dict[str, History], floor: float
 ) -> tuple[Comparison, dict[str, list[Signs]]]:
@@ -115,12 +128,7 @@ def compare_histories(
     signs = {}
     for label, exact in histories.items():
         try:
-            # in the same parts, lest errors of time steps pass for errors of the model
-            with told_once(), warnings.catch_warnings():
-                # the full order has said it of this history
-                warnings.simplefilter("ignore", SmallStrainWarning)
-                found = model.march(exact.solved_path, MarchSettings(outside="ignore"))
-            found = found.thinned([answer.time for answer in exact.answers])
+            found = retraced(model, exact)
         except HHRError:
             rows.append((label, *[math.inf] * (2 if full.equilibrium is None else 4)))
             continue

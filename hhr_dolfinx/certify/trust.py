@@ -183,7 +183,7 @@ def check_sticking(stability: Stability) -> None:
     if abs(stability.contact_definite) < DEPENDENT:
         raise NotSolvableError(
             "the contact rows are dependent on the modes without rigid motions, so that friction has several answers: "
-            "keep more modes (a smaller POD tolerance, or a smaller kappa_max of Enrich)"
+            "enrich the basis further, enrichment=Enrich(2.0), or keep more modes"
         )
 
 

@@ -166,7 +166,10 @@ def train(scene: str, out: Path | None, kind: str, **how: Any) -> None:
         full = FullOrderModel(made, MPI.COMM_SELF)
         model = condense(full, fields=True)
     else:
-        training = trained(made, _training_of(how, _settings_of(scene)), folder=folder / "snapshots", progress=progress)
+        settings = _settings_of(scene)
+        held_out = None if settings is None else settings.held_out
+        asked = _training_of(how, settings)
+        training = trained(made, asked, held_out=held_out, folder=folder / "snapshots", progress=progress)
         if MPI.COMM_WORLD.rank:
             return
         for item in training.log.skipped:

@@ -130,8 +130,8 @@ class Friction(Rebuilt):
     Attributes:
         normal: row of the pressure of each contact, (C,).
         area: its tributary area, (C,).
-        spacing: distance to the nearest other contact of its pair, beyond which its rows have left what they were
-            paired with, (C,); 0 of an obstacle, which is the same everywhere, and where rows are made anew.
+        spacing: distance between the nodes that it was paired with, beyond which it has left them, (C,); 0 of an
+            obstacle, which is the same everywhere, and where rows are made anew.
         law: its law, a place in ``laws``, (C,).
         tangential: tangential rows, contact by contact, (T,): none where no dof moves along the surface.
         owner: contact of each of them, (T,).

@@ -7,11 +7,14 @@ the normal: B U <= D of thesis (1.27) gains rows whose slack is less the relativ
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import linalg
 from scipy.sparse import block_diag, csr_matrix, vstack
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import pdist
 
 from hhr_dolfinx.contact.friction import Friction, FrictionLaw
 from hhr_dolfinx.contact.problem import ContactRows, joined
@@ -32,6 +35,7 @@ def with_tangents(
     free: np.ndarray,
     fixed: np.ndarray,
     shaped: np.ndarray,
+    mesh: Mesh,
 ) -> tuple[ContactRows, np.ndarray, Friction]:
     """Conditions with the tangential rows of some pairs behind them, the pair of each, and the friction on them.
 
@@ -43,6 +47,7 @@ def with_tangents(
         laws: of the pairs that have friction.
         free: dofs that are not imposed, (N,) bool.
         fixed, shaped: see :class:`Friction`.
+        mesh: nodes and cells.
 
     Raises:
         SceneError: for rows that are not along one normal each.
@@ -61,23 +66,69 @@ def with_tangents(
     twice = _said_twice(held, csr_matrix(matrix.multiply(free.astype(float))), normal, owner, dim)
     numbers = np.array(list(laws))
     friction = Friction(
-        normal, own.areas, _spacing(own, pairs[normal], dim), np.searchsorted(numbers, pairs[normal]),
+        normal, own.areas, _spacing(own, pairs[normal], normals, mesh), np.searchsorted(numbers, pairs[normal]),
         len(pairs) + np.arange(owner.size), owner, tangents, tuple(laws.values()), fixed, shaped, len(pairs) + twice,
     )  # fmt: skip
     return joined([rows, behind]), np.concatenate([pairs, pairs[normal][owner]]), friction
 
 
-def _spacing(rows: ContactRows, pairs: np.ndarray, dim: int) -> np.ndarray:
-    """Distance of each row to the nearest other one of its pair, (n,); 0 of rows without a partner."""
-    found = np.zeros(len(pairs))
+def _spacing(rows: ContactRows, pairs: np.ndarray, normals: np.ndarray, mesh: Mesh) -> np.ndarray:
+    """How far the nodes of each row lie apart, beyond which it has left its partners, (n,); 0 where it has none.
+
+    The least of the distance between partners, of a single one that to the nodes of its cells along the surface, and
+    that to the nearest slave of another row of the pair, but where slaves are partners too, as in a double pass.
+
+    Args:
+        rows: of pressures.
+        pairs: contact pair of each, (n,).
+        normals: of each, (n, dim).
+        mesh: whose nodes these are.
+    """
+    points = mesh.points
     entries = rows.matrix.tocoo()
-    paired = np.zeros(len(pairs), dtype=bool)
-    paired[entries.row[entries.col // dim != rows.slaves[entries.row]]] = True
-    for pair in np.unique(pairs[paired]):
+    shape = len(pairs), len(points)
+    nodes = csr_matrix((np.ones(entries.nnz), (entries.row, entries.col // points.shape[1])), shape=shape)
+    partners = [np.setdiff1d(row.indices, slave) for row, slave in zip(nodes, rows.slaves, strict=True)]
+    found = np.full(len(pairs), np.inf)
+    for place, own in enumerate(partners):
+        if len(own) > 1:
+            found[place] = pdist(points[own]).min()
+        elif len(own) == 1:
+            found[place] = mesh.width(own[0], normals[place])
+    for pair in np.unique(pairs):
         own = np.flatnonzero(pairs == pair)
-        if own.size > 1:
-            found[own] = cKDTree(rows.points[own]).query(rows.points[own], k=2)[0][:, 1]
-    return found * paired
+        both = np.isin(rows.slaves[own], np.concatenate([partners[place] for place in own])).any()
+        if own.size > 1 and not both:
+            there = points[rows.slaves[own]]
+            found[own] = np.minimum(found[own], cKDTree(there).query(there, k=2)[0][:, 1])
+    return np.where(np.isfinite(found) & [len(own) > 0 for own in partners], found, 0.0)
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Nodes and cells.
+
+    Attributes:
+        points: nodes, (nodes, dim).
+        cells: nodes of each cell, (cells, k).
+    """
+
+    points: np.ndarray
+    cells: np.ndarray
+
+    @cached_property
+    def _around(self) -> csr_matrix:
+        """Cells of each node, (nodes, cells)."""
+        cells, k = self.cells.shape
+        places = self.cells.ravel(), np.repeat(np.arange(cells), k)
+        return csr_matrix((np.ones(cells * k), places), shape=(len(self.points), cells))
+
+    def width(self, node: int, normal: np.ndarray) -> float:
+        """Least distance from a node to others of its cells that lie rather beside it than along a normal, (dim,)."""
+        others = np.setdiff1d(self.cells[self._around[node].indices], node)
+        ways = self.points[others] - self.points[node]
+        lengths = np.linalg.norm(ways, axis=1)
+        return float(lengths[np.abs(ways @ normal) < 0.5 * lengths].min(initial=np.inf))
 
 
 def _movable(matrix: csr_matrix, free: np.ndarray, dim: int) -> tuple[csr_matrix, np.ndarray]:

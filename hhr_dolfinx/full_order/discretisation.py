@@ -157,7 +157,7 @@ class Discretisation(DiscreteSpace):
     ) -> tuple[ContactRows, np.ndarray, Friction]:
         """Conditions with tangential rows behind them, the pair of each, and the friction on them."""
         from hhr_dolfinx.contact.friction import FrictionLaw
-        from hhr_dolfinx.contact.tangents import with_tangents
+        from hhr_dolfinx.contact.tangents import Mesh, with_tangents
 
         scene = self.scene
         laws = {
@@ -170,7 +170,8 @@ class Discretisation(DiscreteSpace):
         def places(some: set[str]) -> np.ndarray:
             return np.array([k for k, name in enumerate(scene.parameters.names) if name in some], dtype=np.int64)
 
-        return with_tangents(rows, pairs, laws, free, places(scene.named), places(shaped))
+        mesh = Mesh(self._points(), self._cell_nodes())
+        return with_tangents(rows, pairs, laws, free, places(scene.named), places(shaped), mesh)
 
     def load_terms(self) -> list[Term]:
         """Terms of all loads on the mesh as it lies, those that are affine first, as θ counts them."""

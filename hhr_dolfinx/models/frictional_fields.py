@@ -6,6 +6,8 @@ D - B u, wherever a contact sticks or slips, and the displacement is known every
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated
@@ -19,8 +21,15 @@ from hhr_dolfinx.declared import Floats, Integers
 FULL = 1e-3
 """Part of its bound that a tangential force outside the RID may lack where the contact counts as slipping: it is
 fitted, and no status of its own says so."""
-MOST = 0.8
-"""Modes of forces per condition of the RID at most: with as many as conditions all forces would be explained."""
+MOST = 0.9
+"""Modes of forces per condition of the RID that bears any in training, at most: with as many all forces would be
+explained."""
+ROUND_OFF = 1e-8
+"""Part of the largest force of a mode below which it is none."""
+DEEP = 3.0
+"""How many times deeper than in known increments bodies may overlap outside the RID before nothing is known."""
+SHALLOW = 1e-2
+"""Part of the gap scale by which they may in any case."""
 PRESSED = 1e-3
 """Part of the largest force of an answer below which a contact outside the RID counts as open, for the same reason."""
 
@@ -35,7 +44,8 @@ class FrictionalFields:
         modes: POD modes of the forces of training, (N_lambda, modes).
         fit: amplitudes of the modes per force in the RID, (modes, m).
         share: relative error of forces per part of them that no mode explains, which 95 % of known increments stay
-            below; 1 where none are known.
+            below, from 1 on; 1 where none are known.
+        depth: deepest overlap outside the RID in known increments, over the gap scale of its condition.
     """
 
     friction: Friction
@@ -43,11 +53,18 @@ class FrictionalFields:
     modes: Annotated[Floats, "N_lambda", "force modes"]
     fit: Annotated[Floats, "force modes", "m"]
     share: float = 1.0
+    depth: float = 0.0
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """An indicator that would call errors small."""
+        if not (self.share >= 1.0 and self.depth >= 0.0):
+            yield f"the indicator has a share of {self.share} and a depth of {self.depth}: from 1 and 0 on they may be"
 
     @classmethod
     def fitted(cls, friction: Friction, within: np.ndarray, modes: np.ndarray) -> FrictionalFields:
         """From the modes of forces, (N_lambda, k), the first of them, by least squares on the RID (gappy POD)."""
-        modes = np.ascontiguousarray(modes[:, : max(int(MOST * within.size), 1)])
+        loaded = np.abs(modes[within]).max(axis=1, initial=0.0) > ROUND_OFF * np.abs(modes).max()
+        modes = np.ascontiguousarray(modes[:, : max(int(MOST * loaded.sum()), 1)])
         return cls(friction, within, modes, np.linalg.pinv(modes[within]))
 
     @cached_property
@@ -145,8 +162,26 @@ class FrictionalFields:
         """
         size = float(np.linalg.norm(inside))
         if not size > 0:
-            return 0.0 if size == 0 else np.inf
+            return 0.0 if size == 0 else math.inf
         return float(np.linalg.norm(inside - self.modes[self.within] @ (self.fit @ inside))) / size
+
+    def indicated(self, inside: np.ndarray, slack: np.ndarray, scale: np.ndarray) -> float:
+        """What is said of the relative error of forces; infinite where bodies overlap outside the RID.
+
+        Args:
+            inside: forces in the RID, (m,).
+            slack: of all conditions under the displacement, (N_lambda,).
+            scale: length by which the gap of each is measured, (N_lambda,).
+        """
+        deep = self.overlap(slack, scale)
+        if deep > max(DEEP * self.depth, SHALLOW) or (deep > ROUND_OFF and not inside.any()):
+            return math.inf
+        return self.share * self.misfit(inside)
+
+    def overlap(self, slack: np.ndarray, scale: np.ndarray) -> float:
+        """Deepest overlap outside the RID, over the gap scale; 0 if none."""
+        rows = self._pressing_outside
+        return float((-slack[rows] / scale[rows]).max(initial=0.0))
 
     def sizes(self, forces: np.ndarray) -> np.ndarray:
         """Size of the tangential force of each contact, (C,)."""

@@ -394,6 +394,12 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
             return found
         return found._replace(outputs=self.output_bound.errors(self, answer, forces[0], found))
 
+    def rubbed(self, answer: Answer) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Forces in the RID, slack of all conditions, and the scale of gaps: what an indicator of forces asks."""
+        theta = self.amplitudes(answer.parameter)
+        slack = self._slack(theta, answer.unknown[None], answer.parameter)[0]
+        return answer.multipliers, slack, self.gap_scale
+
     def estimates(self, many: ManyAnswers) -> Estimates | None:
         """The bounds of many answers at once; None where they are made one by one."""
         from hhr_dolfinx.models.many import amplitudes_at
@@ -417,8 +423,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         if self.indicator is not None:
             return Estimate.indicated(self.indicator(answer))
         if self.frictional is not None and self.flow is None:
-            frictional = self.frictional
-            return Estimate.indicated(frictional.share * frictional.misfit(answer.multipliers), FORCES)
+            return Estimate.indicated(self.frictional.indicated(*self.rubbed(answer)), FORCES)
         if answer.gauss is None or self.flow is None:
             return None
         return Estimate.indicated(self.flow.misfit(answer.gauss.stress), STRESS)

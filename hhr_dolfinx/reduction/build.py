@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import numpy as np
 
 from hhr_dolfinx.certify.accuracy import force_floor
-from hhr_dolfinx.certify.compare import Comparison, compare_on_s, compare_points
+from hhr_dolfinx.certify.compare import Comparison, compare_on_s, compare_points, retraced
 from hhr_dolfinx.certify.constants import FullConstants, Stability, assess
 from hhr_dolfinx.certify.trust import (
     check_comparison,
@@ -27,7 +27,6 @@ from hhr_dolfinx.errors import HHRError, NotOfferedError, ReductionError
 from hhr_dolfinx.models.bounds.error_bound import ErrorBound
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.estimates import known_error, warn_unbounded
-from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
@@ -46,7 +45,11 @@ if TYPE_CHECKING:
 CALIBRATED = 0.95
 """Part of the known increments whose error the indicator of forces is not below."""
 SMALL_FORCE = 1e-3
-"""Part of the largest force of a history below which a relative error of forces says nothing."""
+"""Part of the largest known force below which a relative error of forces says nothing."""
+EXPLAINED = 1e-9
+"""Part of the forces that modes leave unexplained which is round-off."""
+MOST_SHARE = 1e3
+"""Error per part of the forces that modes leave unexplained, above which that part is a matter of chance."""
 MOST_TRAINING_COMPARED = 50
 """Training solutions compared where none were held out, about."""
 
@@ -182,7 +185,7 @@ def build(full: Any, snapshots: SnapshotSet, recipe: Any = None, held_out: Snaps
     with log.stage("reconstruction"):
         completion = Completion.of(full.problem, snapshots)
     states = _tangents(full, snapshots, recipe, log)
-    if recipe.indicator is None:
+    if recipe.indicator is None and (full.problem.friction is None or full.equilibrium is not None):
         log.skip("indicator", "no estimate of the error of each answer was asked for")
     shared = _Offline(full, snapshots, held_out, recipe, basis, nodes, touching, constants, completion, states, log)
     return first_trusted(lambda layers: _attempt(shared, layers), recipe.domain.layers, recipe.domain.most_layers, log)
@@ -457,24 +460,35 @@ def _checked_margin(shared: _Offline, model: ReducedModel, layers: int) -> float
 
 
 def _calibrated(shared: _Offline, model: ReducedModel) -> ReducedModel:
-    """A model whose indicator of forces is told by known histories how large errors are that it follows."""
-    known = shared.snapshots if shared.held_out is None else shared.held_out
-    shares = []
-    for history in known.histories[:MOST_TRAINING_COMPARED]:
-        try:
-            found = model.march(history.solved_path, MarchSettings(outside="ignore"))
-        except HHRError:  # which the comparison tells of
-            continue
-        found = found.thinned([answer.time for answer in history.answers])
-        sizes = [float(np.linalg.norm(answer.multipliers)) for answer in history.answers]
-        for here, there, size in zip(found.answers, history.answers, sizes, strict=True):
-            said = model.fields.frictional.misfit(here.multipliers)
-            if size > SMALL_FORCE * max(sizes) and said > 0:
-                shares.append(float(np.linalg.norm(here.forces() - there.multipliers)) / size / said)
-    if not shares:
-        return model
-    share = float(np.quantile(shares, CALIBRATED))
-    return model.changed(fields=replace(model.fields, frictional=replace(model.fields.frictional, share=share)))
+    """A model whose indicator of forces is told by known histories how large errors are that it follows.
+
+    Of those held out, or where these say nothing, of training.
+    """
+    frictional = model.fields.frictional
+    assert frictional is not None
+    known = [item.histories for item in (shared.held_out, shared.snapshots) if item is not None]
+    largest = max(np.linalg.norm(answer.multipliers) for item in known for one in item for answer in one.answers)
+    depth = 0.0
+    shares = list[float]()
+    for histories in known:
+        for history in histories[:MOST_TRAINING_COMPARED]:
+            try:
+                found = retraced(model, history)
+            except HHRError:  # which the comparison tells of
+                continue
+            for here, there in zip(found.answers, history.answers, strict=True):
+                inside, slack, scale = model.fields.rubbed(here)
+                depth = max(depth, frictional.overlap(slack, scale))
+                said = frictional.misfit(inside)
+                size = float(np.linalg.norm(there.multipliers))
+                if size > SMALL_FORCE * largest and said > EXPLAINED:
+                    shares.append(float(np.linalg.norm(here.forces() - there.multipliers)) / size / said)
+        if shares:
+            break
+    else:
+        shared.log.skip("calibration", "no known increment has forces that its modes leave unexplained")
+    share = float(np.clip(np.quantile(shares, CALIBRATED), 1.0, MOST_SHARE)) if shares else 1.0
+    return model.changed(fields=replace(model.fields, frictional=replace(frictional, share=share, depth=depth)))
 
 
 def _compared(shared: _Offline, model: ReducedModel) -> tuple[Comparison | None, TrainedRange | TrainedPaths | None]:

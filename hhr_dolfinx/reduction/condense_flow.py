@@ -21,7 +21,7 @@ from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.trust import TrustLimits, checked_histories, warn_of_training
 from hhr_dolfinx.contact.active_set import active_set
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.errors import HHRError, NotOfferedError, ReductionError, UnstableModelError
+from hhr_dolfinx.errors import HHRError, ReductionError, UnstableModelError
 from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.materials.update import Group
 from hhr_dolfinx.models.histories.condensed_fields import CondensedFlowFields, PlasticFields
@@ -53,8 +53,13 @@ ALIKE_MODES = 1e-4
 def correction_strain(
     full: Any, elastic: ElasticResponse, answer: Answer, correction: np.ndarray, strain: StrainAt
 ) -> np.ndarray:
-    """Strain ε_c of the correction of a full answer, (p, c): it moves contact forces, which strain too."""
+    """Strain ε_c of the correction of a full answer, (p, c): it moves contact forces, which strain too.
+
+    But with friction, see :mod:`models.histories.rubbing_flow`.
+    """
     problem = full.problem
+    if problem.friction is not None:
+        return strain.of(correction)
     equilibrium = full.equilibrium.at(answer.parameter)
     theta = problem.amplitudes(answer.parameter)
     scale = elastic.factors.compliances(answer.parameter)[elastic.parts]
@@ -307,11 +312,6 @@ def condense_flow(
     if full.equilibrium is None:
         raise ReductionError(f"nothing flows in scene '{full.scene.name}': take exact or interpolated condensation")
     problem.require_whole()
-    if problem.friction is not None:
-        raise NotOfferedError(
-            f"bodies of scene '{full.scene.name}' flow and its contacts have friction, of which the compiled step of "
-            "condensed flow knows nothing: hyper-reduce it, training.build()"
-        )
     check_of_problem("snapshots", snapshots, problem)
     if not snapshots.histories or snapshots.columns is not None:
         raise ReductionError(
@@ -409,6 +409,7 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
         fields = CondensedFlowFields(
             problem.amplitudes, elastic.factors, elastic.parts, basis, elastic.per_force, elastic.forced,
             elastic.given, problem.block_size, shared.fields.on(flow.points, full.equilibrium), full.functionals,
+            problem.friction,
         )  # fmt: skip
         model = CondensedFlowModel(flow, full.parameters, fields)
     with log.stage("compilation"):  # once for an installation, not for each model
@@ -448,6 +449,9 @@ def _online(
     masks = [(elastic.parts == part)[:, None] for part in range(count)]
     tested = _deviators(per_mode, components) * np.tile(weights, components)
     work = domain.work(everywhere)
+    coupled = np.zeros((len(per_mode), len(problem.gaps)))
+    if problem.friction is None:
+        coupled = work(elastic.per_force) - tested @ per_force.T
     return CondensedFlow(
         points=points,
         groups=groups,
@@ -461,7 +465,7 @@ def _online(
         given=strain(elastic.given).T - equilibrium.eigenstrains.tocsr()[rows].toarray(),
         moved=problem.contact @ basis,
         modal=np.eye(len(per_mode)) - work(basis) + tested @ per_mode.T,
-        coupled=work(elastic.per_force) - tested @ per_force.T,
+        coupled=coupled,
         mode_parts=_parts_of_modes(basis, elastic),
         schur=np.array([_symmetric(problem.contact @ np.where(mask, elastic.per_force, 0.0)) for mask in masks]),
         pressed=np.array([problem.contact @ np.where(mask, elastic.forced, 0.0) for mask in masks]),

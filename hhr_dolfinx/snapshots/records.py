@@ -23,6 +23,7 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ReductionError, TrainingWarning
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Path
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, told_once
+from hhr_dolfinx.models.histories.far_sliding import first_alone
 from hhr_dolfinx.models.starts import KnownStatuses
 
 if TYPE_CHECKING:
@@ -278,7 +279,7 @@ def _solved(
         if not _are_paths(queries):
             answers = list(_answers(full, full.parameters.points(queries), progress, store, lost))
             return SnapshotSet.of_answers(answers) if answers else None
-        with told_once("histories"):
+        with told_once("histories"), first_alone():
             histories = list(_histories(full, queries, progress, store, settings, lost))
         return None if lost is not None and not histories else SnapshotSet.of_histories(histories)
 

@@ -27,6 +27,7 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import share_of_stress
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.formulas import Modulus
 
 if TYPE_CHECKING:
@@ -159,6 +160,7 @@ class CondensedFlowFields(ModelFields):
         dimension: components of the displacement at a node.
         flow: what completes stress and plastic strain.
         functionals: outputs of the scene; None where it has none.
+        friction: which of the conditions are tangential; None without friction.
     """
 
     amplitudes: Amplitudes
@@ -171,6 +173,7 @@ class CondensedFlowFields(ModelFields):
     dimension: int
     flow: PlasticFields
     functionals: Functionals | None = None
+    friction: Friction | None = None
 
     @property
     def conditions(self) -> int:

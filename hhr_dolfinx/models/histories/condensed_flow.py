@@ -35,7 +35,7 @@ from hhr_dolfinx.models.answer import Answer, GaussState
 from hhr_dolfinx.models.histories import condensed_step as compiled_step
 from hhr_dolfinx.models.histories.condensed_fields import CondensedFlowFields, PartFactors
 from hhr_dolfinx.models.histories.condensed_step import StepLoad, StepModel, Work, touch
-from hhr_dolfinx.models.histories.equilibrium import Diverged, Goal, MarchSettings, extrapolated
+from hhr_dolfinx.models.histories.equilibrium import Diverged, Goal, MarchSettings, Stepper, extrapolated
 from hhr_dolfinx.models.histories.small_strains import SmallStrains
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.parameters import ParameterSpace
@@ -124,6 +124,8 @@ class CondensedEquilibrium:
 
     Attributes:
         trained: what the model was trained on, None until that is known.
+        schur: S in these moduli, (m, m).
+        scale: factor of the strain of contact forces, (c n,).
     """
 
     trained: TrainedPaths | None = None
@@ -145,7 +147,7 @@ class CondensedEquilibrium:
         self.per_cell = flow.per_cell
         self.modes = len(flow.per_mode)
         self.conditions = len(flow.gaps)
-        self.friction = None
+        self.friction = fields.friction
         self.size = self.modes + self.conditions
         self._middle = self
         self._last: tuple[np.ndarray, CondensedEquilibrium] | None = None
@@ -154,12 +156,12 @@ class CondensedEquilibrium:
     def _set_elasticity(self, compliances: np.ndarray) -> None:
         """Take what each part gives more than in the middle, (Q,)."""
         flow = self.flow
-        self._scale = np.tile(compliances[flow.parts], flow.components)
+        self.scale = np.tile(compliances[flow.parts], flow.components)
         self._coupled = compliances[flow.mode_parts][:, None] * flow.coupled
-        self._schur = np.tensordot(compliances, flow.schur, 1)
-        self._equalities = SchurEqualities.symmetric(self._schur)
+        self.schur = np.tensordot(compliances, flow.schur, 1)
+        self._equalities = SchurEqualities.symmetric(self.schur)
         self._free_slack = np.asfortranarray(flow.gaps - np.tensordot(compliances, flow.pressed, 1))
-        self.free_strain = np.asfortranarray(self._scale[:, None] * flow.forced + flow.given)
+        self.free_strain = np.asfortranarray(self.scale[:, None] * flow.forced + flow.given)
 
     def at(self, point: np.ndarray) -> CondensedEquilibrium:
         """The equilibrium whose elasticity is that of a point, (P,); the one of the last elasticity is kept."""
@@ -200,7 +202,19 @@ class CondensedEquilibrium:
 
     def _strain_of(self, x: np.ndarray) -> np.ndarray:
         correction, forces = np.split(x, [self.modes])
-        return correction @ self.flow.per_mode - self._scale * (forces @ self.flow.per_force)
+        return correction @ self.flow.per_mode - self.scale * (forces @ self.flow.per_force)
+
+    def strain_under(self, free: np.ndarray, correction: np.ndarray, forces: np.ndarray) -> np.ndarray:
+        """Strain on Z, (n, c), of a free one, (c n,), a correction, (ell,), and forces, (m,)."""
+        return self._by_point(free + self._strain_of(np.concatenate([correction, forces])))
+
+    def flowing(self, tangents: np.ndarray) -> np.ndarray:
+        """w (G V)^T 2 μ dε_p/dε of consistent tangents on Z, (n, c, c): (ell, c n)."""
+        shape = (self.modes, self.flow.components, self.points.size)
+        # C - C_t over 2 μ is the derivative of the plastic strain
+        shear = np.repeat(self.shear(self.material.groups), np.diff([0, *self.flow.ends]))
+        slopes = (self.material.elastic - tangents) / (2 * shear)[:, None, None]
+        return np.einsum("lin,nij->ljn", self.flow.tested.reshape(shape), slopes).reshape(self.modes, -1)
 
     def gaps(self, theta: Theta) -> np.ndarray:
         """Slack without correction and contact forces, (m,)."""
@@ -208,7 +222,7 @@ class CondensedEquilibrium:
 
     def gaps_at(self, x: np.ndarray, theta: Theta) -> np.ndarray:
         """Slack without correction under the contact forces of an unknown, (m,): bodies give by their elasticity."""
-        return self.gaps(theta) + self._schur @ x[self.modes :]
+        return self.gaps(theta) + self.schur @ x[self.modes :]
 
     def residual(self, x: np.ndarray, gauss: Any, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """R for the plastic strain of ``gauss.state``, :mod:`models.histories.condensed_step`, and size of g, (1,)."""
@@ -247,16 +261,20 @@ class CondensedEquilibrium:
         """The linearisation of consistent tangents on Z."""
         return _CondensedLinearisation(self, tangents)
 
-    def stepper(self, settings: MarchSettings) -> CondensedStepper:
-        """What solves the steps of one history."""
-        return CondensedStepper(self, settings)
+    def stepper(self, settings: MarchSettings) -> Stepper:
+        """What solves the steps of one history: one compiled loop, but with friction."""
+        if self.friction is None:
+            return CondensedStepper(self, settings)
+        from hhr_dolfinx.models.histories.rubbing_flow import RubbingFlowStepper
+
+        return RubbingFlowStepper(self, settings)
 
     @cached_property
     def step_model(self) -> StepModel:
         """Arrays of the compiled loop; moduli must be numbers."""
         flow = self.flow
-        scale = self._scale if (self._scale != 1.0).any() else np.zeros(0)
-        elastic = scale, self._schur, flow.moved, flow.modal, self._coupled
+        scale = self.scale if (self.scale != 1.0).any() else np.zeros(0)
+        elastic = scale, self.schur, flow.moved, flow.modal, self._coupled
         arrays = [np.ascontiguousarray(item) for item in (flow.per_mode, flow.tested, flow.per_force, *elastic)]
         shear = self.shear(self.material.groups)
         weight = float(np.linalg.norm(flow.tested))
@@ -274,14 +292,9 @@ class _CondensedLinearisation:
     """
 
     def __init__(self, model: CondensedEquilibrium, tangents: np.ndarray):
-        flow = model.flow
         self._model = model
-        shape = (model.modes, flow.components, model.points.size)
-        # C - C_t over 2 μ is the derivative of the plastic strain
-        shear = np.repeat(model.shear(model.material.groups), np.diff([0, *flow.ends]))
-        slopes = (model.material.elastic - tangents) / (2 * shear)[:, None, None]
-        self._tested = np.einsum("lin,nij->ljn", flow.tested.reshape(shape), slopes).reshape(model.modes, -1)
-        self._plain = flow.modal - self._tested @ flow.per_mode.T
+        self._tested = model.flowing(tangents)
+        self._plain = model.flow.modal - self._tested @ model.flow.per_mode.T
 
     def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """g and λ, and λ, of a small change of the residual and the free slack, with the statuses as they are.
@@ -291,13 +304,13 @@ class _CondensedLinearisation:
         """
         model = self._model
         on = np.flatnonzero(active)
-        per_force = (self._tested * model._scale) @ model.flow.per_force[on].T + model._coupled[:, on]
+        per_force = (self._tested * model.scale) @ model.flow.per_force[on].T + model._coupled[:, on]
         size = model.modes
         matrix = np.zeros((size + on.size, size + on.size))
         matrix[:size, :size] = self._plain
         matrix[:size, size:] = per_force
         matrix[size:, :size] = model.flow.moved[on]
-        matrix[size:, size:] = -model._schur[np.ix_(on, on)]
+        matrix[size:, size:] = -model.schur[np.ix_(on, on)]
         try:
             found = np.linalg.solve(matrix, np.concatenate([residual, gaps[on]]))
         except np.linalg.LinAlgError as error:
@@ -478,6 +491,7 @@ class CondensedFlowModel(KeptModel):
         self.fields = fields
         self.trained = trained
         self.offline = offline
+        self.friction = fields.friction
         self.equilibrium = CondensedEquilibrium(flow, fields.amplitudes, parameters, fields)
         self.equilibrium.trained = trained
 

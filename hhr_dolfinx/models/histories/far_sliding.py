@@ -3,14 +3,36 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hhr_dolfinx.contact.friction import Friction, SlipState
 from hhr_dolfinx.errors import FarSlidingWarning
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.contact.friction import Friction, SlipState
 
 PRESSED = 1e-9
 """Part of the largest pressure of a history below which a contact only touches."""
+
+
+_TOLD: ContextVar[list[str] | None] = ContextVar("what several histories have told", default=None)
+
+
+@contextmanager
+def first_alone() -> Iterator[None]:
+    """Of the histories in a block, the first that slides far is told of."""
+    if _TOLD.get() is not None:  # whoever asked first
+        yield
+        return
+    token = _TOLD.set([])
+    try:
+        yield
+    finally:
+        _TOLD.reset(token)
 
 
 class FarSliding:
@@ -38,11 +60,16 @@ class FarSliding:
         if self._said or not share.max(initial=0.0) > 1.0:
             return
         self._said = True
+        told = _TOLD.get()
+        if told:
+            return
+        if told is not None:
+            told.append(place)
         at = int(share.argmax())
         warnings.warn(
-            f"at {place}: contact {at} has slid by {slid[at]:.3g}, {share[at]:.2g} times the distance to the next node "
-            "of its surface, and presses on what it was paired with where it was meshed. Pair surfaces that slide far "
-            "anew, hhr.slide(scene)",
+            f"at {place}: contact {at} has slid by {slid[at]:.3g}, {share[at]:.2g} times the distance between the "
+            "nodes it faces where it was meshed, and still presses on these. Pair surfaces that slide far anew, "
+            "hhr.slide(scene)",
             FarSlidingWarning,
             stacklevel=4,
         )

@@ -1,0 +1,190 @@
+"""A step of condensed flow whose contacts have friction: plastic correction g and all forces λ, by Newton's method.
+
+What :mod:`models.histories.condensed_step` solves in one compiled loop, in Python and with an increment of friction in
+the place of the active set:
+
+    R(g) = sum of w (G V)^T 2 μ ε_p(ε) - Q g,      ε = ε_0 - E_X^T λ(g) + E_p g,      slack s - B V g + S λ,
+
+where λ(g) is the increment under that slack. Forces stay out of what the cubature corrects, P = 0: those of bodies
+without flow, beside which P is meant, depend on the path here. λ(g) is piecewise smooth, and its derivative that of the
+increment on its statuses.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.contact.sliding_set import Increment, Sliding, SlidingContact
+from hhr_dolfinx.errors import ConvergenceError, SingularError
+from hhr_dolfinx.materials.update import Material, State, Update
+from hhr_dolfinx.models.answer import Answer, GaussState
+from hhr_dolfinx.models.histories.equilibrium import Diverged, Goal, MarchSettings, extrapolated
+from hhr_dolfinx.models.histories.small_strains import SmallStrains
+from hhr_dolfinx.models.histories.surfaces import WholeSurface
+from hhr_dolfinx.trained import Signs
+
+LEAST_SHARE = 1 / 256
+"""Smallest part of a Newton step that the line search tries."""
+DECREASE = 1e-4
+"""Part of the decrease of |R| that the linear model promises which a step has to bring (Armijo)."""
+NOTHING = np.zeros(0)
+
+
+class _Trial(NamedTuple):
+    """What belongs to a correction."""
+
+    correction: np.ndarray
+    found: Sliding
+    update: Update
+    strain: np.ndarray
+    residual: np.ndarray
+
+    @property
+    def merit(self) -> float:
+        """|R|."""
+        return float(np.linalg.norm(self.residual))
+
+
+class _Load(NamedTuple):
+    """What a step is given."""
+
+    slack: np.ndarray
+    """Without correction and forces; of tangential rows less their position, (m,)."""
+    strain: np.ndarray
+    """Likewise, component by component, (c n,)."""
+    coefficient: np.ndarray
+    limit: np.ndarray
+    before: State
+    dt: float
+
+    def under(self, moved: np.ndarray) -> Increment:
+        """The increment with so much slack taken by a correction, (m,)."""
+        return Increment(self.slack - moved, self.coefficient, self.limit, NOTHING)
+
+
+class RubbingFlowStepper:
+    """Solves the steps of one history; see :class:`hhr_dolfinx.models.histories.equilibrium.Stepper`.
+
+    Args:
+        model: condensed flow with friction, whose moduli are numbers.
+        settings: how, of which ``relative_force`` and ``iterations`` count.
+    """
+
+    def __init__(self, model: Any, settings: MarchSettings):
+        self._model = model
+        self._settings = settings
+        self._friction = model.friction
+        self._surface = WholeSurface(model.friction)
+        self._contact = SlidingContact(model.schur, model.friction)
+        self._size = 0.0
+        self._strains = SmallStrains()
+
+    def learn(self, answer: Answer) -> None:
+        """Take in a step that was solved before."""
+        self._size = max(self._size, float(np.linalg.norm(answer.unknown[: self._model.modes])))
+
+    def signs(self, answer: Answer) -> Signs:
+        """See :class:`hhr_dolfinx.models.histories.equilibrium.Stepper`."""
+        return self._model.signs(answer)
+
+    def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
+        """A step from the extrapolation of the corrections before, else from the last one.
+
+        Raises:
+            Diverged: with what was tried last.
+        """
+        here = trail[-1]
+        model = self._model
+        material = model.material.at(goal.parameter)
+        theta = model.amplitudes(goal.parameter)
+        assert here.slip is not None
+        slack = model.gaps(theta).copy()
+        slack[self._friction.tangential] -= here.slip.position
+        coefficient, limit = self._friction.bounds(goal.parameter)
+        rest = coefficient, limit, here.state().state, goal.time - here.time
+        load = _Load(slack, model.free_strain @ theta, *rest)
+        starts = [extrapolated(trail, goal.time, model.modes)] if len(trail) > 1 else []
+        spent = 0
+        failure = Diverged("nothing was tried")
+        for start in [*starts, here.unknown[: model.modes]]:
+            try:
+                found, taken = self._solved(load, material, start, here)
+            except Diverged as error:
+                failure = error
+                spent += self._settings.iterations
+                continue
+            return self._answer(found, load, here, goal, spent + taken)
+        raise failure
+
+    def _solved(self, load: _Load, material: Material, start: np.ndarray, here: Answer) -> tuple[_Trial, int]:
+        """One attempt from a correction, and the iterations it took."""
+        at = self._tried(load, material, start, here.multipliers, here.active)
+        for iteration in range(1, self._settings.iterations + 1):
+            if at.merit <= self._settings.relative_force * max(float(np.linalg.norm(at.correction)), self._size):
+                return at, iteration
+            at = self._nearer(load, material, at)
+        raise Diverged(f"the {self._settings.iterations} iterations allowed are spent")
+
+    def _nearer(self, load: _Load, material: Material, at: _Trial) -> _Trial:
+        """The next iterate, by a line search along Newton's direction."""
+        try:
+            direction = np.linalg.solve(self._slope(load, at), at.residual)
+        except (np.linalg.LinAlgError, SingularError) as error:
+            raise Diverged(f"{error}, a singular tangent") from error
+        share = 1.0
+        while share >= LEAST_SHARE:
+            try:
+                tried = self._tried(load, material, at.correction + share * direction, at.found.forces, at.found.active)
+                if tried.merit <= (1 - DECREASE * share) * at.merit:
+                    return tried
+            except Diverged:
+                if share == LEAST_SHARE:
+                    raise
+            share *= 0.5
+        raise Diverged(f"no part of Newton's step down to 1/{round(1 / LEAST_SHARE)} lowers the residual")
+
+    def _tried(
+        self, load: _Load, material: Material, correction: np.ndarray, forces: np.ndarray, active: np.ndarray
+    ) -> _Trial:
+        """Contact, laws and R at a correction."""
+        model = self._model
+        found = self._contact.increment(load.under(model.flow.moved @ correction), forces, active)
+        if found.status is not Status.CONVERGED:
+            raise Diverged(f"of the contact problem, {found.status.value}")
+        strain = model.strain_under(load.strain, correction, found.forces)
+        try:
+            update = material.update(strain, load.before, load.dt, tangent=True)
+        except ConvergenceError as error:
+            raise Diverged(str(error)) from error
+        residual = model.flow.tested @ update.state.plastic.T.ravel() - model.flow.modal @ correction
+        if not np.isfinite(residual).all():
+            raise Diverged("a law found no flow, or one that is impossible")
+        return _Trial(correction, found, update, strain, residual)
+
+    def _slope(self, load: _Load, at: _Trial) -> np.ndarray:
+        """-dR/dg, (ell, ell)."""
+        model = self._model
+        moved = model.flow.moved
+        nothing = np.zeros((self._friction.normal.size, model.modes))
+        forces, _ = self._contact.changes(
+            load.under(moved @ at.correction), at.found, -moved, (nothing, nothing), np.zeros((0, model.modes))
+        )
+        flowing = model.flowing(at.update.tangents)
+        pressed = (flowing * model.scale) @ (model.flow.per_force.T @ forces)
+        return model.flow.modal - flowing @ model.flow.per_mode.T + pressed
+
+    def _answer(self, at: _Trial, load: _Load, here: Answer, goal: Goal, iterations: int) -> Answer:
+        """What was found."""
+        self._size = max(self._size, float(np.linalg.norm(at.correction)))
+        self._strains.check(at.strain)
+        found = at.found
+        given = load.under(self._model.flow.moved @ at.correction)
+        assert here.slip is not None
+        unknown = np.concatenate([at.correction, found.forces])
+        slip = self._surface.after(here.slip, given, found, lambda: unknown, goal.parameter)
+        gauss = GaussState(at.update.stress, at.update.state)
+        how = found.active, iterations, Status.CONVERGED, found.sweeps > 0, self._model.fields
+        return Answer(goal.parameter, unknown, found.forces, *how, goal.time, gauss, slip=slip)
