@@ -25,6 +25,7 @@ from hhr_dolfinx.contact.uniqueness import coupling, error_bound
 from hhr_dolfinx.errors import (
     ConvergenceError,
     FarSlidingWarning,
+    PairingWarning,
     ParameterError,
     SceneError,
 )
