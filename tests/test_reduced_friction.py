@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 import pytest
 from mpi4py import MPI
-from test_friction import round_block, rubbing
+from test_friction import FIRST, SECOND, round_block, rubbing
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ReductionError, StudyError
@@ -253,3 +253,36 @@ def test_what_grazes_when_held_out_does_not_spoil_the_indicator(training):
         shares.append(model.fields.frictional.share)
         assert 1.0 <= shares[-1] < 100.0
     assert shares[0] == pytest.approx(shares[1], rel=1e-9)
+
+
+@pytest.mark.parametrize(("flows", "tolerance"), [(False, None), (False, 5e-3), (True, None)])
+def test_a_training_that_was_interrupted_goes_on(flows, tolerance, tmp_path):
+    """Steps are read, with what friction remembers, and the history goes on behind them; other friction asks anew.
+
+    Where steps are cut by a tolerance cuts may be others, as what was tried and cut before is not kept.
+    """
+    box = {"push": (0.0, 0.05), "shear": (-0.1, 0.1), "f": (0.1, 0.6)}
+    law = hhr.Plasticity(0.06, 0.5) if flows else None
+    bodies = hhr.Body(FIRST, 3.0, 0.3), hhr.Body(SECOND, 5.0, 0.2, law)
+    scene = rubbing("f", box=box, bodies=bodies)
+    every = [path[::6] for path in paths(2, 17, scene.parameters)]
+    settings = hhr.MarchSettings(time_tolerance=tolerance)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        wanted = hhr.train(scene, every, march=settings).snapshots
+        hhr.train(scene, [every[0], every[1][:3]], march=settings, folder=tmp_path)
+        again = hhr.train(scene, every, march=settings, folder=tmp_path)
+        assert again.read == len(every[0]) - 1 + 2
+        other = hhr.train(rubbing("0.9 * f", box=box, bodies=bodies), every, march=settings, folder=tmp_path)
+    assert other.read == 0
+    off = 1e-9 if tolerance is None else tolerance
+    np.testing.assert_allclose(again.snapshots.forces, wanted.forces, atol=off * np.abs(wanted.forces).max())
+    for one, two in zip(wanted.histories, again.snapshots.histories, strict=True):
+        for first, second in zip(one.answers, two.answers, strict=True):
+            assert second.time == first.time
+            assert second.slip.work.sum() == pytest.approx(first.slip.work.sum(), rel=2 * off, abs=1e-12)
+            if tolerance is None:
+                np.testing.assert_allclose(second.slip.work, first.slip.work, atol=1e-12)
+                np.testing.assert_array_equal(second.slip.statuses, first.slip.statuses)
+                assert second.ends == pytest.approx(first.ends)
+                assert second.time_error == pytest.approx(first.time_error, rel=1e-6, nan_ok=True)

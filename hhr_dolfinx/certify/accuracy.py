@@ -137,14 +137,15 @@ def slack_residuals(problem: ContactProblem, homogeneous: np.ndarray, forces: np
     motion = problem.contact @ homogeneous
     # a closed pair does not move: beside its own round-off everything would be deep
     least = 1e-3 * np.abs(homogeneous).max()
+    pressing = problem.pressing  # tangential forces have any sign, and their rows no gap
     penetration = 0.0
     for pair in np.unique(problem.contact_pairs):
-        inside = problem.contact_pairs == pair
+        inside = (problem.contact_pairs == pair) & pressing
         length = max(np.abs(gaps[inside]).max(), np.abs(motion[inside]).max(), least)
         depth = (motion - gaps)[inside].max()
         penetration = max(penetration, float(depth / length) if length > 0 else 0.0)
     largest = np.abs(forces).max()
-    return penetration, max(0.0, float(-forces.min() / largest)) if largest > 0 else 0.0
+    return penetration, max(0.0, float(-forces[pressing].min() / largest)) if largest > 0 else 0.0
 
 
 def relative_error(approximation: np.ndarray, reference: np.ndarray, gram: Any = None, floor: float = 0.0) -> float:

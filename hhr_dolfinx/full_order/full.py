@@ -298,9 +298,11 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
         ``known`` are answers to its first steps, solved before; ``keep`` is told of each new one as it is there.
         """
-        if self.friction is not None and self.equilibrium is None:  # of which nothing is kept
-            return super().march(path, settings)
         checked = checked_path(self.parameters, path)
+        if self.friction is not None and self.equilibrium is None:
+            from hhr_dolfinx.models.histories.sliding import slide_along
+
+            return slide_along(self, checked, settings, known=known, keep=keep)
         if self.equilibrium is None:
             return solve_along(self, checked, settings, known=known, keep=keep)
         from hhr_dolfinx.models.histories.march import march

@@ -8,6 +8,7 @@ and by how it is solved: an interrupted history goes on behind its last file.
 from __future__ import annotations
 
 import hashlib
+import math
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import astuple, fields, is_dataclass, replace
@@ -138,7 +139,16 @@ _GAUSS: dict[str, tuple[str, ...]] = {
     "time_error": ("float",),
 }
 """What a step of bodies that flow has besides."""
+_PARTS: dict[str, tuple[str, ...]] = {name: _GAUSS[name] for name in ("iterations", "ends", "time_error")}
+_SLIP: dict[str, tuple[str, ...]] = {
+    "position": ("float", "tangential"),
+    **{name: ("float", "frictional") for name in ("path", "work", "wear", "pressure", "bound")},
+    "statuses": ("int", "frictional"),
+}
+"""What a step with friction has besides."""
 
+UNKNOWN = -1.0
+"""Time error of a step of which none was estimated."""
 SOLVED = 1e-2
 """Largest relative residual of a solution: round-off reaches 1e-4 where bodies are carried by 1e8 times their size."""
 
@@ -162,7 +172,6 @@ class SnapshotStore:
 
     def __init__(self, folder: str | Path, full: Any):
         full.problem.require_whole()
-        full.problem.require_no_friction("a store of snapshots")
         self._folder = make_folder(folder)
         clear_leftovers(self._folder)
         self._full = full
@@ -171,6 +180,9 @@ class SnapshotStore:
         self._behaviours: dict[tuple, str] = {}
         conditions, dofs = self._problem.contact.shape
         self._sizes = {"N": dofs, "N_lambda": conditions}
+        friction = self._problem.friction
+        if friction is not None:
+            self._sizes |= {"tangential": friction.tangential.size, "frictional": friction.normal.size}
         if full.equilibrium is not None:
             material = full.equilibrium.material
             self._sizes |= {"points": material.gauss_points, "components": material.components}
@@ -253,28 +265,39 @@ class SnapshotStore:
         values = {name: getattr(answer, name) for name in _LAYOUT}
         if answer.gauss is not None:
             values |= {"stress": answer.gauss.stress, **answer.gauss.state._asdict()}
-            values |= {name: getattr(answer, name) for name in ("iterations", "ends", "time_error")}
+        values |= {} if answer.slip is None else answer.slip._asdict()
+        values |= {name: getattr(answer, name) for name in _PARTS if name in self._layout()}
+        if np.isnan(answer.time_error):  # of friction without a tolerance; files hold numbers
+            values["time_error"] = UNKNOWN
         arrays = {name: np.asarray(values[name]) for name in self._layout()}
         check_layout(arrays, self._layout(), self._sizes)
         # one file in thousands: leftovers were cleared when the folder was opened
         write_arrays(self._path(question), self._header(question), arrays, tidy=False)
 
     def _layout(self) -> dict[str, tuple[str, ...]]:
-        return _LAYOUT if self._full.equilibrium is None else _LAYOUT | _GAUSS
+        layout = _LAYOUT if self._full.equilibrium is None else _LAYOUT | _GAUSS
+        return layout if self._problem.friction is None else layout | _PARTS | _SLIP
 
     def _answer(self, point: np.ndarray, arrays: dict[str, np.ndarray]) -> Answer:
         gauss = None
+        slip = None
         iterations = 0
         steps: dict[str, Any] = {}
         if "stress" in arrays:
             state = self._full.equilibrium.material.at_rest()
             state = state._replace(plastic=arrays["plastic"], cumulated=arrays["cumulated"])
             gauss = GaussState(arrays["stress"], state)
+        if "position" in arrays:
+            from hhr_dolfinx.contact.friction import SlipState
+
+            slip = SlipState(**{name: arrays[name] for name in _SLIP})
+        if "ends" in arrays:
             iterations = int(arrays["iterations"])
-            steps = {"time_error": float(arrays["time_error"]), "ends": tuple(arrays["ends"].tolist())}
+            known = float(arrays["time_error"])
+            steps = {"time_error": math.nan if known == UNKNOWN else known, "ends": tuple(arrays["ends"].tolist())}
         unknown, multipliers, active = (arrays[name] for name in _LAYOUT)
         how = iterations, Status.CONVERGED, False, self._full
-        return Answer(point, unknown, multipliers, active, *how, gauss=gauss, **steps)
+        return Answer(point, unknown, multipliers, active, *how, gauss=gauss, slip=slip, **steps)
 
     def _residual(self, answer: Answer, forces: float) -> float:
         """Largest relative residual of an answer, whatever the checksum of its file says.
@@ -371,6 +394,12 @@ def _digest_of(full: Any) -> bytes:
     parts += [problem.parameters.names, problem.amplitudes.constant, problem.amplitudes.slopes]
     parts += [text for modulus in problem.moduli for text in (modulus.factor, modulus.rest)]
     parts += [] if problem.reshaped is None else [problem.reshaped.described]
+    if problem.friction is not None:
+        friction = problem.friction
+        scalars = [scalar for law in friction.laws for scalar in (law.coefficient, law.limit)]
+        parts += ["" if scalar is None else scalar.text for scalar in scalars]
+        parts += [friction.normal, friction.area, friction.law, friction.tangential, friction.owner, friction.tangents]
+        parts += [friction.fixed, friction.twice]
     groups = () if full.equilibrium is None else full.equilibrium.material.groups
     parts += [part for group in groups for part in (group.indices, group.young, group.poisson, _answers_of(group))]
     if full.equilibrium is not None and full.equilibrium.eigenstrains.nnz:

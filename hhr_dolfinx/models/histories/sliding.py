@@ -9,7 +9,7 @@ since counts as an error too.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import Any, NamedTuple
@@ -117,6 +117,19 @@ class Slider:
         changes = np.zeros((self.friction.tangential.size, point.size))
         gap = self._contact_at(point).free_slack[self.friction.normal]
         return Reached(point, time, forces, None, gap, SlipState.at_rest(self.surface.whole), weights, changes)
+
+    def going_on(self, answer: Answer, weights: np.ndarray) -> Reached:
+        """Where a step that the full order solved before has come to."""
+        assert answer.slip is not None
+        schur = self._contact_at(answer.parameter).schur
+        forces = answer.multipliers
+        self.largest = max(self.largest, float(np.linalg.norm(forces)))
+        self.energy = max(self.energy, 0.5 * float(forces @ (schur @ forces)))
+        problem = self.model.problem.at(answer.parameter)
+        slack = problem.gaps @ problem.amplitudes(answer.parameter) - problem.contact @ answer.unknown
+        gap = slack[self.friction.normal]
+        changes = np.zeros((self.friction.tangential.size, answer.parameter.size))
+        return Reached(answer.parameter, answer.time, forces, answer.active, gap, answer.slip, weights, changes)
 
     def increment(self, before: Reached, target: Target) -> Solved:
         """One increment, settled or not."""
@@ -254,6 +267,8 @@ def slide_along(
     settings: MarchSettings,
     *,
     weights: np.ndarray | None = None,
+    known: Sequence[Answer] = (),
+    keep: Callable[[Answer], None] = lambda answer: None,
 ) -> History:
     """A history of elastic bodies with friction, from rest, undeformed, at the first time of the path.
 
@@ -263,6 +278,7 @@ def slide_along(
         settings: of which ``cuts``, ``time_tolerance``, ``outside`` and ``gradient`` count.
         weights: derivatives of the parameters of each time of the path along those of the whole history, (times, P); 1
             unless given: each is shifted by the same at all times.
+        known, keep: see :meth:`FullOrderModel.march`; known steps have no derivatives.
     """
     check_settings(settings)
     _check_shape(model, path)
@@ -273,7 +289,15 @@ def slide_along(
     error = 0.0
     far = FarSliding()
     try:
-        for (time, point), weight in zip(path[1:], weights[1:], strict=True):
+        for number, ((time, point), weight) in enumerate(zip(path[1:], weights[1:], strict=True)):
+            if number < len(known) and not settings.gradient:
+                answer = known[number]
+                reached = slider.going_on(answer, weight)
+                far.check(slider.surface.whole, reached.slip, model.parameters.described(point))
+                error = answer.time_error
+                history.cuts += answer.parts > 1
+                history.answers.append(answer)
+                continue
             model.check_range(point, settings.outside)
             step = _Step(slider, settings.cuts, settings.time_tolerance)
             solved = step.taken(reached, Target(time, point, weight))
@@ -283,6 +307,7 @@ def slide_along(
             answer = _told(slider, step, solved)._replace(time_error=error)
             history.cuts += answer.parts > 1
             history.answers.append(answer)
+            keep(answer)
     except BaseException as stop:
         with suppress(AttributeError):
             stop.history = history  # type: ignore[attr-defined]

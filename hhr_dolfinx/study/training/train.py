@@ -194,7 +194,7 @@ def train(
         held_out: for the trust check: how many random parameters (100, a fifth of them where contact grazes; 0 for
             none), or paths.
         seed: of random parameters.
-        folder: where answers are kept and found again; None keeps nothing, and nor are histories with friction kept.
+        folder: where answers are kept and found again; None keeps nothing.
         comm: communicator over which the training is spread.
         march: how histories are solved.
         progress: for progress bars.
@@ -209,8 +209,7 @@ def train(
     with ranks.each_for_itself(comm, f"building the full model of scene '{scene.name}'"):
         with log.stage("full_order"):
             full = FullOrderModel(scene, MPI.COMM_SELF)
-        # increments with friction remember more than a store keeps
-        store = None if folder is None or full.friction is not None else SnapshotStore(folder, full)
+        store = None if folder is None else SnapshotStore(folder, full)
     with log.stage("snapshots"):
         snapshots, choice = _solved(full, queries, comm, progress, store, march)
     kept = None
