@@ -77,6 +77,22 @@ def test_what_slips_as_a_whole_bears_coulomb_however_it_flows():
     assert shear == pytest.approx(0.1 * pressure, rel=1e-9)
 
 
+def test_friction_of_a_single_parameter_is_that_of_the_point():
+    """Parts of a step that is cut have the coefficient of its end, and none is outside what was trained."""
+    box = {"f": (0.0, 0.6)}
+    creeping = hhr.Body(FIRST, 3.0, 0.3), hhr.Body(SECOND, 5.0, 0.2, hhr.Norton(0.05, 5.0))
+    named, plain = (
+        hhr.FullOrderModel(rubbing(law, bodies=creeping, box=own), MPI.COMM_SELF)
+        for law, own in (("f", box), (0.3, {}))
+    )
+    point = (0.02, 0.05)
+    one = named.solve((*point, 0.3), duration=1e4)
+    other = plain.solve(point, duration=1e4)
+    assert one.parts == other.parts > 1
+    np.testing.assert_allclose(one.slip.work, other.slip.work, rtol=1e-9, atol=1e-15)
+    assert np.isnan(plain.coupling(point))
+
+
 def test_steps_are_cut_and_slide_on():
     """A path in one large step, which is cut or not, slips no less: parts go on from what slipped before."""
     full = hhr.FullOrderModel(rubbing(0.1, bodies=bodies(0.06)), MPI.COMM_SELF)

@@ -174,10 +174,12 @@ class AnsweringModel:
         """How strongly friction couples pressures and slip at a parameter: below one each increment has one answer.
 
         From one on there may be several, of which one is found; see :mod:`hhr_dolfinx.contact.uniqueness`. Zero without
-        friction, NaN where it is not known: of bodies that contact alone holds, or an S that is not symmetric.
+        friction, NaN where it is not known: of bodies that contact alone holds, or flow, or an S that is not symmetric.
         """
         if self.friction is None:
             return 0.0
+        if self.equilibrium is not None:  # each linearisation has an S of its own
+            return np.nan
         from hhr_dolfinx.contact.uniqueness import coupling
 
         point = self.parameters.point(mu)

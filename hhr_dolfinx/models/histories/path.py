@@ -128,6 +128,8 @@ def one_step(
     start = np.clip(0.0, space.lower, space.upper)
     axes = model.equilibrium.material.axes
     start[axes] = target[axes]  # elasticity is the same along a history
+    if model.friction is not None:  # and so is friction: of parts of a step that is cut it would be too small
+        start[model.friction.fixed] = target[model.friction.fixed]
     try:
         return model.march([(0.0, start), (duration, target)], MarchSettings(outside=outside)).answers[-1]
     except (ConvergenceError, NotSolvableError):
