@@ -84,9 +84,9 @@ def replacing(path: str | Path, *, text: bool = False, tidy: bool = True) -> Ite
     if tidy:
         clear_leftovers(folder)
     with _explained(path, "written"):
-        temporary, file = _temporary(path, text)
-        try:
-            with file:
+        temporary = path.with_name(f"{path.name}.{secrets.token_hex(8)}.part")
+        try:  # from before the file is there: an interrupt may come at any time
+            with _opened(temporary, text) as file:
                 yield file
                 file.flush()
                 os.fsync(file.fileno())
@@ -251,14 +251,13 @@ def _target(path: Path) -> Path:
     return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
-def _temporary(path: Path, text: bool) -> tuple[Path, IO[Any]]:
-    """A new file beside the target, locked by this process."""
+def _opened(temporary: Path, text: bool) -> IO[Any]:
+    """A new file, locked by this process."""
     while True:
-        temporary = path.with_name(f"{path.name}.{secrets.token_hex(8)}.part")
         file = open(temporary, "x", encoding="utf-8", newline="") if text else open(temporary, "xb")
         _lock(file, wait=True)
         if os.fstat(file.fileno()).st_nlink:
-            return temporary, file
+            return file
         file.close()  # another process took it for a leftover before it was locked
 
 
