@@ -31,7 +31,7 @@ DEEP = 3.0
 SHALLOW = 1e-2
 """Part of the gap scale by which they may in any case."""
 PRESSED = 1e-3
-"""Part of the largest force of an answer below which a contact outside the RID counts as open, for the same reason."""
+"""Part of the largest force of an answer below which a contact outside the RID counts as open: it is fitted."""
 
 
 @dataclass(frozen=True, eq=False)
