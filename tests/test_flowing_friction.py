@@ -93,14 +93,14 @@ def test_friction_of_a_single_parameter_is_that_of_the_point():
     assert np.isnan(plain.coupling(point))
 
 
-def test_steps_are_cut_and_slide_on():
-    """A path in one large step, which is cut or not, slips no less: parts go on from what slipped before."""
+def test_a_large_step_slips_as_small_ones_do():
+    """Where all of it slips one way; 4e-4 of forces and 9e-4 of slip were measured."""
     full = hhr.FullOrderModel(rubbing(0.1, bodies=bodies(0.06)), MPI.COMM_SELF)
     coarse = full.march([(0.0, (0.0, 0.0)), (1.0, (0.03, 0.0)), (2.0, (0.03, 0.1))]).answers[-1]
     fine = full.march([(0.0, (0.0, 0.0)), (1.0, (0.03, 0.0)), *((1 + 0.1 * k, (0.03, 0.01 * k)) for k in range(1, 11))])
     last = fine.answers[-1]
-    assert resultants(full, coarse) == pytest.approx(resultants(full, last), rel=0.02)
-    assert coarse.slip.path.sum() == pytest.approx(last.slip.path.sum(), rel=0.02)
+    assert resultants(full, coarse) == pytest.approx(resultants(full, last), rel=2e-3)
+    assert coarse.slip.path.sum() == pytest.approx(last.slip.path.sum(), rel=4e-3)
 
 
 @pytest.fixture(scope="module")

@@ -84,11 +84,12 @@ def test_outputs_and_what_is_known_of_errors(training, model):
             assert estimate.kind == "indicator of the forces" and np.isinf(estimate.primal_relative)
             said.append(estimate.forces_euclid_relative)
         wanted, ours = (dict(history.answers[-1].outputs().values) for history in (exact, found))
+        # 5e-6 of forces, 1e-4 of work and 2e-4 of slip were measured
         for name in ("normal", "shear"):
-            assert ours[name] == pytest.approx(wanted[name], abs=0.01 * abs(wanted["normal"]))
-        assert ours["work"] == pytest.approx(wanted["work"], rel=0.03)
-        assert ours["slip"] == pytest.approx(wanted["slip"], rel=0.03)
-        # a contact of 24 at most
+            assert ours[name] == pytest.approx(wanted[name], abs=1e-4 * abs(wanted["normal"]))
+        assert ours["work"] == pytest.approx(wanted["work"], rel=1e-3)
+        assert ours["slip"] == pytest.approx(wanted["slip"], rel=2e-3)
+        # two contacts of 24 at most; none was measured
         for name in ("sticks", "slips"):
             assert ours[name] == pytest.approx(wanted[name], abs=2 / 24)
     assert "indicator of the forces" in model.known_error
@@ -136,18 +137,13 @@ def test_derivatives_along_a_path_are_those_of_differences(model):
     step = 1e-6 * (np.array(model.parameters.upper) - model.parameters.lower)
     slopes = answer.outputs().gradient
     assert {"normal", "shear"} <= set(slopes)
-    for axis in range(3):
-        moved = []
-        for sign in (-1.0, 1.0):
-            shift = sign * step * (np.arange(3) == axis)
-            shifted = [(time, np.clip(point + shift, model.parameters.lower, model.parameters.upper))
-                       for time, point in path]  # fmt: skip
-            assert not axis or all(
-                np.abs(b - a - shift).max() < 1e-15 for (_, a), (_, b) in zip(path, shifted, strict=True)
-            )
-            moved.append(model.march(shifted, dataclasses.replace(settings, gradient=False)).answers[-1])
-        if axis == 0:  # pushed from the end of the box
-            continue
+    for axis in (1, 2):  # pushed from the end of the box, where no difference can be taken
+        shift = step * (np.arange(3) == axis)
+        plain = dataclasses.replace(settings, gradient=False)
+        moved = [
+            model.march([(time, point + sign * shift) for time, point in path], plain).answers[-1]
+            for sign in (-1.0, 1.0)
+        ]
         for name in ("normal", "shear"):
             difference = (moved[1].outputs()[name] - moved[0].outputs()[name]) / (2 * step[axis])
             assert slopes[name][axis] == pytest.approx(difference, rel=1e-3, abs=1e-5 * np.abs(slopes[name]).max())
@@ -192,7 +188,8 @@ def test_moduli_are_eliminated_once_along_a_path():
             np.testing.assert_allclose(ours, theirs, atol=1e-12)
     path = paths(1, 15, full.parameters)[0]
     exact, found = full.march(path).answers[-1], model.march(path).answers[-1]
-    assert np.linalg.norm(found.forces() - exact.forces()) < 0.1 * np.linalg.norm(exact.forces())
+    # 6e-5 was measured
+    assert np.linalg.norm(found.forces() - exact.forces()) < 1e-3 * np.linalg.norm(exact.forces())
 
 
 def test_too_few_modes_for_what_sticks_are_refused():

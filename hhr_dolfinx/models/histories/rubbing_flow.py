@@ -21,15 +21,12 @@ from hhr_dolfinx.contact.sliding_set import Increment, Sliding, SlidingContact
 from hhr_dolfinx.errors import ConvergenceError, SingularError
 from hhr_dolfinx.materials.update import Material, State, Update
 from hhr_dolfinx.models.answer import Answer, GaussState
+from hhr_dolfinx.models.histories.condensed_step import DECREASE, LEAST_SHARE
 from hhr_dolfinx.models.histories.equilibrium import Diverged, Goal, MarchSettings, extrapolated
 from hhr_dolfinx.models.histories.small_strains import SmallStrains
 from hhr_dolfinx.models.histories.surfaces import WholeSurface
 from hhr_dolfinx.trained import Signs
 
-LEAST_SHARE = 1 / 256
-"""Smallest part of a Newton step that the line search tries."""
-DECREASE = 1e-4
-"""Part of the decrease of |R| that the linear model promises which a step has to bring (Armijo)."""
 NOTHING = np.zeros(0)
 
 
@@ -83,7 +80,7 @@ class RubbingFlowStepper:
         self._strains = SmallStrains()
 
     def learn(self, answer: Answer) -> None:
-        """Take in a step that was solved before."""
+        """Take in the correction of a solved step."""
         self._size = max(self._size, float(np.linalg.norm(answer.unknown[: self._model.modes])))
 
     def signs(self, answer: Answer) -> Signs:
@@ -178,7 +175,6 @@ class RubbingFlowStepper:
 
     def _answer(self, at: _Trial, load: _Load, here: Answer, goal: Goal, iterations: int) -> Answer:
         """What was found."""
-        self._size = max(self._size, float(np.linalg.norm(at.correction)))
         self._strains.check(at.strain)
         found = at.found
         given = load.under(self._model.flow.moved @ at.correction)
@@ -187,4 +183,6 @@ class RubbingFlowStepper:
         slip = self._surface.after(here.slip, given, found, lambda: unknown, goal.parameter)
         gauss = GaussState(at.update.stress, at.update.state)
         how = found.active, iterations, Status.CONVERGED, found.sweeps > 0, self._model.fields
-        return Answer(goal.parameter, unknown, found.forces, *how, goal.time, gauss, slip=slip)
+        answer = Answer(goal.parameter, unknown, found.forces, *how, goal.time, gauss, slip=slip)
+        self.learn(answer)
+        return answer
