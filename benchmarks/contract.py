@@ -424,7 +424,9 @@ def _from_file(kind: str) -> Any:
 
 
 def _in_fallback(kind: str) -> Any:
-    return hhr.FallbackModel(model_of(kind), KINDS[kind].full(), 0.05)
+    model = model_of(kind)
+    of = "forces" if model.fields.frictional is not None else None  # their indicator is silent on all else
+    return hhr.FallbackModel(model, KINDS[kind].full(), 0.05, of=of)
 
 
 PLACES: dict[str, Callable[[str], Any]] = {

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from test_friction import FIRST, SECOND, round_block, rubbing
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ReductionError, StudyError
+from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ParameterError, ReductionError, StudyError
 from hhr_dolfinx.models.eliminations.block import BlockElimination
 
 OUTPUTS = (
@@ -283,3 +283,44 @@ def test_a_training_that_was_interrupted_goes_on(flows, tolerance, tmp_path):
                 np.testing.assert_array_equal(second.slip.statuses, first.slip.statuses)
                 assert second.ends == pytest.approx(first.ends)
                 assert second.time_error == pytest.approx(first.time_error, rel=1e-6, nan_ok=True)
+
+
+def test_a_path_of_which_too_little_is_known_is_answered_in_full(training, model):
+    """Forces handed out are those of the full order to the tolerance where the indicator of any increment says less.
+
+    Two of eight paths fell back, and no error was above the tolerance: .038 was the largest.
+    """
+    full = training.full_order
+    safe = training.safe_model(0.05, of="forces", grow=None)
+    fell, off = [], []
+    for path in paths(8, 11, full.parameters):
+        history, exact = safe.march(path), full.march(path)
+        fell.append(safe.fell_back(history.answers[-1]))
+        assert all(safe.fell_back(answer) is fell[-1] for answer in history.answers)
+        pairs = zip(history.answers, exact.answers, strict=True)
+        errors = [np.linalg.norm(one.forces() - two.forces()) / np.linalg.norm(two.forces()) for one, two in pairs]
+        if fell[-1]:
+            assert max(errors) < 1e-12
+        off += errors
+    assert 0 < sum(fell) < 8 and (safe.asked, safe.fallen) == (8, sum(fell))
+    assert max(off) <= 0.05
+    outside = dict(zip(full.parameters.names, full.parameters.upper, strict=True))
+    answer = safe.solve(outside)
+    wanted = full.solve(outside).forces()
+    assert np.linalg.norm(answer.forces() - wanted) <= 0.05 * np.linalg.norm(wanted)
+    assert len(safe.solve_many([list(outside.values())] * 2)) == 2
+    assert safe.coupling(outside) == pytest.approx(full.coupling(outside), rel=1e-12)
+    assert "indicator of the forces" in safe.known_error
+
+
+def test_what_is_no_safe_model(training, model):
+    full = training.full_order
+    with pytest.raises(ParameterError, match="ask for of='forces'"):
+        hhr.FallbackModel(model, full)
+    with pytest.raises(NotOfferedError, match="does not grow"):
+        training.safe_model(of="forces")
+    box = {"push": (0.0, 0.05), "shear": (-0.1, 0.1), "f": (0.1, 0.6)}
+    for law, how in (("0.5 * f", {}), ("f", {"bodies": (hhr.Body(FIRST, 30.0, 0.3), hhr.Body(SECOND, 5.0, 0.2))})):
+        other = hhr.FullOrderModel(rubbing(law, geometry=round_block, box=box, **how), MPI.COMM_SELF)
+        with pytest.raises(ReductionError, match="of another scene"):
+            hhr.FallbackModel(model, other, of="forces")

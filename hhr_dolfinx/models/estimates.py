@@ -241,6 +241,11 @@ def check_asked(fields: Any, of: Any) -> None:
     Raises:
         ParameterError: for another word, or an output without a bound, with the reason.
     """
+    if fields.estimated == FORCES and of != "forces":
+        raise ParameterError(
+            f"of = {of!r}: with friction a hyper-reduced model has an indicator of its forces, and nothing else is "
+            "known of its errors: ask for of='forces'"
+        )
     known, others = _outputs(fields)
     check_word([*known, *others], of)
     if of in others and of not in ASKED:

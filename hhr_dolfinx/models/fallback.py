@@ -4,21 +4,37 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from hhr_dolfinx.errors import BoundError, HHRError, OutsideTrainingError, ParameterError, ReductionError
-from hhr_dolfinx.models.answer import Answer, ListedAnswers, ModelFields, SeveralAnswers
-from hhr_dolfinx.models.estimates import check_asked, known_error, relative_error, relative_errors
+from hhr_dolfinx.errors import (
+    BoundError,
+    HHRError,
+    NotOfferedError,
+    OutsideTrainingError,
+    ParameterError,
+    ReductionError,
+)
+from hhr_dolfinx.models.answer import Answer, History, ListedAnswers, ModelFields, Path, SeveralAnswers
+from hhr_dolfinx.models.estimates import FORCES, check_asked, known_error, relative_error, relative_errors
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 from hhr_dolfinx.trained import USUAL
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 
 _log = logging.getLogger(__name__)
 
 ALIKE = 1e-5
 """Relative difference of gaps and S up to which two models are of one scene: S may be interpolated."""
+
+UNLIKE = 0.5
+BELOW = 10.0
+"""Relative difference of forces, and how many times more than an indicator says, from which on they are of two
+scenes."""
 
 Rebuild = Callable[[Sequence[Answer]], Any]
 """Builds a reduced model from all that was learned, answers of the full model, besides what it was trained on."""
@@ -54,7 +70,7 @@ class FallbackModel(AnsweringModel):
     next attempt has more to build from. Not for several threads at once.
 
     Args:
-        reduced: a model whose answers have a bound.
+        reduced: a model whose answers have a bound, or with friction an indicator of forces.
         full: the full model of the same scene.
         tolerance: largest relative error.
         of: which error that is.
@@ -72,6 +88,7 @@ class FallbackModel(AnsweringModel):
 
     Raises:
         BoundError: for a reduced model whose answers have no bound.
+        NotOfferedError: for a model with friction that is to grow.
         ParameterError: for a tolerance that is no positive number, ``every`` that is no number of answers, or an error
             that is not known, or of an output without a bound.
         ReductionError: for what is no full model, or that of another scene.
@@ -95,7 +112,13 @@ class FallbackModel(AnsweringModel):
         _check_alike(reduced, full)
         check_asked(reduced.fields, of)
         self.of = of
+        if rebuild is not None and full.friction is not None:
+            raise NotOfferedError(
+                "a model with friction learns from whole histories, and does not grow as it answers: leave rebuild "
+                "out, safe_model(..., grow=None)"
+            )
         self.advice = full.advice
+        self.friction = full.friction
         self.reduced = reduced
         self.full = full
         self.tolerance = float(tolerance)
@@ -142,6 +165,22 @@ class FallbackModel(AnsweringModel):
             return answer
         return self._learned_from(self.full._answered(point, None, outside, gradient))
 
+    def slide(self, path: Path, settings: MarchSettings, weights: np.ndarray | None = None) -> History:
+        """See :class:`AnsweringModel`; all of a history by one model."""
+        self.asked += 1
+        try:
+            history = self.reduced.slide(path, settings, weights)
+            if all(self._is_good(answer) for answer in history.answers):
+                return history
+        except HHRError as error:
+            _log.info("the full model is asked: %s", error)
+        self.fallen += 1
+        return self.full.slide(path, settings, weights)
+
+    def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
+        """See :class:`AnsweringModel`: those of the full model."""
+        return self.full.contacts()
+
     def _checked_start(self, start: Any) -> Any:
         """As the reduced model has it."""
         return self.reduced._checked_start(self._own_start(start))
@@ -158,6 +197,8 @@ class FallbackModel(AnsweringModel):
         """
         from hhr_dolfinx.models.many import PartedAnswers
 
+        if self.friction is not None:
+            return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
         outside = self._checked_outside(outside)
         checked = self.parameters.points(points)
         try:
@@ -263,25 +304,60 @@ def _check_alike(reduced: Any, full: Any) -> None:
     """
     fields = reduced.fields if isinstance(reduced, AnsweringModel) else ModelFields()
     bound = fields.bound
-    if bound is None:
+    if bound is None and fields.estimated != FORCES:
         why = known_error(fields).removeprefix("none: ")
         raise BoundError(
             f"answers of this reduced model have no bound, so that nothing says when to ask the full one: {why}"
         )
     if not (isinstance(full, AnsweringModel) and full.of_full_order):
         raise ReductionError(f"{full!r} is no full model, whose answers are exact: give FullOrderModel(scene)")
-    _check_same_scene(reduced, bound, full)
-
-
-def _check_same_scene(reduced: Any, bound: Any, full: Any) -> None:
-    """Raise ReductionError unless box, S and an answer of the full model are those that the reduced one knows."""
     one = reduced.parameters
     other = full.parameters
     if [*one.names, *one.lower, *one.upper] != [*other.names, *other.lower, *other.upper]:
         raise ReductionError(f"the reduced model has the parameters {one}, and the full one {other}")
+    if bound is None:
+        _check_same_friction(reduced, full)
+    else:
+        _check_same_scene(reduced, bound, full)
+
+
+def _check_same_friction(reduced: Any, full: Any) -> None:
+    """Raise ReductionError unless contact, friction and an answer of the full model are those of the reduced one."""
+    fields = reduced.fields
+    point = reduced.parameters.random(1, seed=1)[0]
+    problem = full.problem.at(point)
+    own = fields.frictional.friction
+    if full.friction is None or own.tangential.size != full.friction.tangential.size:
+        raise ReductionError(f"the full model is that of another scene or mesh: its friction differs{_remedy(full)}")
+    gaps, contact = fields.contact_at(point)
+    pairs = [
+        (gaps @ fields.amplitudes(point), problem.gaps @ problem.theta(point)),
+        (contact, problem.contact @ fields.basis if problem.contact.shape[1] == len(fields.basis) else np.zeros(0)),
+        *zip(own.bounds(point), full.friction.bounds(point), strict=True),
+    ]
+    if any(mine.shape != other.shape or not _near(mine, other) for mine, other in pairs):
+        raise ReductionError(f"the full model is that of another scene: its gaps or its friction differ{_remedy(full)}")
+    exact = full.solve(point, raise_on_failure=False)
+    found = reduced.solve(point, raise_on_failure=False, outside="ignore")
+    if exact.converged and found.converged:
+        off = float(np.linalg.norm(found.forces() - exact.forces()))
+        said = found.estimate().forces_euclid_relative
+        if off > max(UNLIKE, BELOW * said) * float(np.linalg.norm(exact.forces())):
+            raise ReductionError(
+                f"the full model is that of another scene: its loads or its materials differ{_remedy(full)}"
+            )
+
+
+def _near(mine: np.ndarray, other: np.ndarray) -> bool:
+    """Whether arrays are the same but for round-off; infinite ones too, which are of laws without a coefficient."""
+    return bool(np.allclose(mine, other, rtol=0.0, atol=ALIKE * np.abs(other[np.isfinite(other)]).max(initial=0.0)))
+
+
+def _check_same_scene(reduced: Any, bound: Any, full: Any) -> None:
+    """Raise ReductionError unless S and an answer of the full model are those that the reduced one knows."""
     if bound.schur.shape != full.schur.shape or np.abs(bound.schur - full.schur).max() > ALIKE * full.schur.max():
         raise ReductionError(f"the full model is that of another scene or mesh: its stiffness differs{_remedy(full)}")
-    point = one.random(1, seed=1)[0]
+    point = reduced.parameters.random(1, seed=1)[0]
     answer = full.solve(point, raise_on_failure=False)
     problem = full.problem.at(point)
     if answer.converged:

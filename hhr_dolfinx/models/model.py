@@ -164,6 +164,12 @@ class AnsweringModel:
         forces = answer.forces()
         return forces if self.friction is None else np.delete(forces, self.friction.tangential)
 
+    def slide(self, path: Path, settings: MarchSettings, weights: np.ndarray | None = None) -> History:
+        """A history of elastic bodies with friction along a checked path; see :func:`histories.sliding.slide_along`."""
+        from hhr_dolfinx.models.histories.sliding import slide_along
+
+        return slide_along(self, path, settings, weights=weights)
+
     def slider(self, settings: MarchSettings) -> Slider:
         """What solves increments with friction."""
         from hhr_dolfinx.models.histories.sliding import Slider
@@ -210,9 +216,7 @@ class AnsweringModel:
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
         """Answer a path, from rest where bodies flow; see :meth:`~hhr_dolfinx.models.answer.Model.march`."""
         if self.friction is not None and self.equilibrium is None:
-            from hhr_dolfinx.models.histories.sliding import slide_along
-
-            return slide_along(self, checked_path(self.parameters, path), settings)
+            return self.slide(checked_path(self.parameters, path), settings)
         if self.equilibrium is None:
             return solve_along(self, checked_path(self.parameters, path), settings)
         from hhr_dolfinx.models.histories.march import march

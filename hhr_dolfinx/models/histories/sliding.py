@@ -364,12 +364,12 @@ def proportional(model: Any, point: np.ndarray, raise_on_failure: bool, outside:
     settings = MarchSettings(time_tolerance=TOLERANCE, outside="ignore")
     model.check_range(point, outside)
     try:
-        history = slide_along(model, path, settings)
+        history = model.slide(path, settings)
         error = history.answers[-1].time_error
         if gradient:  # on the parts that the tolerance asked for
             path, weights = _parted(history, path, weights)
             settings = MarchSettings(outside="ignore", gradient=True)
-            history = slide_along(model, path, settings, weights=weights)
+            history = model.slide(path, settings, weights)
     except (ConvergenceError, NotSolvableError) as error:
         if raise_on_failure:
             raise
