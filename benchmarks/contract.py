@@ -31,6 +31,7 @@ from hhr_dolfinx.errors import NotOfferedError, OutsideTrainingError, ParameterE
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.estimates import FORCES, STRESS
 from hhr_dolfinx.models.local import LEAF, Choice
+from hhr_dolfinx.models.local_sliding import LocalSliding
 from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 
 EXACT = 1e-9
@@ -167,6 +168,12 @@ def hyper_reduced(full: hhr.FullOrderModel) -> Any:
 
 
 @cache
+def local_rubbing(full: hhr.FullOrderModel) -> Any:
+    """The same model twice."""
+    model = hyper_reduced(full)
+    return LocalSliding([model, model.changed(fields=dataclasses.replace(model.fields))])
+
+
 def sliding(condensed: bool) -> Any:
     """A model of surfaces that are paired anew."""
     scene = blocks(friction=0.1)
@@ -245,6 +252,7 @@ KINDS = {
     ),
     "HHR, friction": _rubbing("constant", hyper_reduced, MIDDLE),
     "HHR, friction and moduli": _rubbing("moduli", hyper_reduced, VARIED),
+    "local models, friction": _rubbing("constant", local_rubbing, MIDDLE),
     "HHR, friction and floating": _rubbing("floating", hyper_reduced, PRESSED),
     "sliding past the mesh": Kind(lambda: sliding(True), lambda: sliding(False), {"push": 0.03, "load": 0.005}),
     "full, friction and flowing": _rubbing_flow(lambda item: item.full_order),

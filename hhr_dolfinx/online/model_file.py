@@ -65,6 +65,7 @@ MODULES = {
     "models.histories.repairing": "SlidingPair",
     "models.local": "Choice LocalModels",
     "models.local_histories": "LocalHistories",
+    "models.local_sliding": "LocalSliding",
     "models.reconstruct": "FlowFields GappyField Reconstruction",
     "models.reduced": "ReducedModel",
     "models.sliding_model": "SlidingModel",

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import numpy as np
 
 from hhr_dolfinx.certify.accuracy import force_floor
-from hhr_dolfinx.certify.compare import Comparison, compare_on_s, compare_points, retraced
+from hhr_dolfinx.certify.compare import Comparison, compare_on_s, compare_points
 from hhr_dolfinx.certify.constants import FullConstants, Stability, assess
 from hhr_dolfinx.certify.trust import (
     check_comparison,
@@ -23,13 +23,14 @@ from hhr_dolfinx.certify.trust import (
     warn_of_training,
 )
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.errors import HHRError, NotOfferedError, ReductionError
+from hhr_dolfinx.errors import NotOfferedError, ReductionError
 from hhr_dolfinx.models.bounds.error_bound import ErrorBound
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.estimates import known_error, warn_unbounded
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.reduction.calibration import MOST_TRAINING_COMPARED, calibrated
 from hhr_dolfinx.reduction.completion import Completion, bound_of
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
 from hhr_dolfinx.reduction.projection import project, reduced_domain
@@ -41,17 +42,6 @@ from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 if TYPE_CHECKING:
     from hhr_dolfinx.models.histories.reduced_flow import CubatureFlow, ReducedFlow
     from hhr_dolfinx.models.starts import LinearStarts
-
-CALIBRATED = 0.95
-"""Part of the known increments whose error the indicator of forces is not below."""
-SMALL_FORCE = 1e-3
-"""Part of the largest known force below which a relative error of forces says nothing."""
-EXPLAINED = 1e-9
-"""Part of the forces that modes leave unexplained which is round-off."""
-MOST_SHARE = 1e3
-"""Error per part of the forces that modes leave unexplained, above which that part is a matter of chance."""
-MOST_TRAINING_COMPARED = 50
-"""Training solutions compared where none were held out, about."""
 
 
 @dataclass(frozen=True)
@@ -304,7 +294,8 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
             model = model.changed(known=_starts_along(model))
     if problem.friction is not None and flow is None and recipe.trust is not None:
         with log.stage("indicator"):
-            model = _calibrated(shared, model)
+            told_by = [item.histories for item in (shared.held_out, shared.snapshots) if item is not None]
+            (model,) = calibrated(model, told_by, log)
     margin = _checked_margin(shared, model, layers)
     with log.stage("validation"):
         comparison, trained = _compared(shared, model)
@@ -457,38 +448,6 @@ def _checked_margin(shared: _Offline, model: ReducedModel, layers: int) -> float
 
     with shared.log.stage("stability"):
         return check_margin(model, shared.states, shared.recipe.tangents.least, layers)
-
-
-def _calibrated(shared: _Offline, model: ReducedModel) -> ReducedModel:
-    """A model whose indicator of forces is told by known histories how large errors are that it follows.
-
-    Of those held out, or where these say nothing, of training.
-    """
-    frictional = model.fields.frictional
-    assert frictional is not None
-    known = [item.histories for item in (shared.held_out, shared.snapshots) if item is not None]
-    largest = max(np.linalg.norm(answer.multipliers) for item in known for one in item for answer in one.answers)
-    depth = 0.0
-    shares = list[float]()
-    for histories in known:
-        for history in histories[:MOST_TRAINING_COMPARED]:
-            try:
-                found = retraced(model, history)
-            except HHRError:  # which the comparison tells of
-                continue
-            for here, there in zip(found.answers, history.answers, strict=True):
-                inside, slack, scale = model.fields.rubbed(here)
-                depth = max(depth, frictional.overlap(slack, scale))
-                said = frictional.misfit(inside)
-                size = float(np.linalg.norm(there.multipliers))
-                if size > SMALL_FORCE * largest and said > EXPLAINED:
-                    shares.append(float(np.linalg.norm(here.forces() - there.multipliers)) / size / said)
-        if shares:
-            break
-    else:
-        shared.log.skip("calibration", "no known increment has forces that its modes leave unexplained")
-    share = float(np.clip(np.quantile(shares, CALIBRATED), 1.0, MOST_SHARE)) if shares else 1.0
-    return model.changed(fields=replace(model.fields, frictional=replace(frictional, share=share, depth=depth)))
 
 
 def _compared(shared: _Offline, model: ReducedModel) -> tuple[Comparison | None, TrainedRange | TrainedPaths | None]:

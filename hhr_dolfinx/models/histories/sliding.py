@@ -41,6 +41,13 @@ CUTS = 12
 """How often a step may be halved for the sake of a tolerance."""
 
 
+class Turn(NamedTuple):
+    """Which of several models solved an increment, and the least that was said of errors since all were asked."""
+
+    number: int
+    least: float
+
+
 class Reached(NamedTuple):
     """Where a history has come to."""
 
@@ -58,6 +65,8 @@ class Reached(NamedTuple):
     moved: np.ndarray | None = None
     pushed: np.ndarray | None = None
     """Displacement of, and forces on, all dofs of surfaces, (n,), where rows are made anew."""
+    turn: Turn | None = None
+    """Of local models; None at rest."""
 
 
 class Target(NamedTuple):
@@ -180,6 +189,18 @@ class Slider:
             of_unknown = of_unknown + floating.modes @ motions
         return Gradient(of_unknown, forces, self._sliding.grazing(given, found), slack)
 
+    def held(self, before: Reached, after: Reached) -> float:
+        """Tangential force on contacts that closed in an increment, which sticks them to where they had been before."""
+        assert after.active is not None
+        friction = self.friction
+        # what touched at the beginning has moved nowhere before it was pressed
+        closed = after.active[friction.normal] & (before.gap > APART * np.abs(before.gap).max(initial=0.0))
+        return float(np.linalg.norm(after.forces[friction.tangential][closed[friction.owner]]))
+
+    def forces(self, solved: Solved) -> np.ndarray:
+        """Forces by which two increments are compared, (M,)."""
+        return solved.found.forces
+
     def elastic_energy(self, solved: Solved) -> float:
         """Elastic energy of contact forces."""
         forces = solved.found.forces
@@ -236,20 +257,12 @@ class _Step:
 
     def _difference(self, before: Reached, half: Solved, second: Solved, whole: Solved) -> float:
         """What a step in two halves is off: of forces by the largest of the history, of work by what was dissipated."""
-        closing = np.linalg.norm([self._held(before, half.reached), self._held(half.reached, second.reached)])
-        off = np.linalg.norm(second.found.forces - whole.found.forces) + closing
+        slider = self.slider
+        closing = np.linalg.norm([slider.held(before, half.reached), slider.held(half.reached, second.reached)])
+        off = np.linalg.norm(slider.forces(second) - slider.forces(whole)) + closing
         work = float(second.reached.slip.work.sum())
         change = abs(work - float(whole.reached.slip.work.sum()))
-        size = self.slider.largest or 1.0
-        return max(float(off) / size, change / (work + WORK * self.slider.energy or 1.0))
-
-    def _held(self, before: Reached, after: Reached) -> float:
-        """Tangential force on contacts that closed in an increment, which sticks them to where they had been before."""
-        friction = self.slider.friction
-        assert after.active is not None
-        # what touched at the beginning has moved nowhere before it was pressed
-        closed = after.active[friction.normal] & (before.gap > APART * np.abs(before.gap).max(initial=0.0))
-        return float(np.linalg.norm(after.forces[friction.tangential][closed[friction.owner]]))
+        return max(float(off) / (slider.largest or 1.0), change / (work + WORK * slider.energy or 1.0))
 
     def _solved(self, before: Reached, target: Target) -> Solved:
         solved = self.slider.increment(before, target)
