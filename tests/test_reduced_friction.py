@@ -14,6 +14,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ParameterError, ReductionError, StudyError
 from hhr_dolfinx.models.eliminations.block import BlockElimination
 from hhr_dolfinx.models.local_sliding import LocalSliding
+from hhr_dolfinx.models.model import AnsweringModel
 
 OUTPUTS = (
     hhr.ContactForce("normal", 0, (0.0, 1.0)), hhr.ContactForce("shear", 0, (1.0, 0.0)), hhr.LargestSlip("slip", 0),
@@ -303,11 +304,22 @@ def test_a_path_of_which_too_little_is_known_is_answered_in_full(training, model
         off += errors
     assert 0 < sum(fell) < 8 and (safe.asked, safe.fallen) == (8, sum(fell))
     assert max(off) <= 0.05
+    with pytest.raises(ParameterError, match="must be MarchSettings"):
+        safe.march(path, "quick")
+    assert safe.asked == 8
     outside = dict(zip(full.parameters.names, full.parameters.upper, strict=True))
     answer = safe.solve(outside)
     wanted = full.solve(outside).forces()
     assert np.linalg.norm(answer.forces() - wanted) <= 0.05 * np.linalg.norm(wanted)
+    asked = safe.asked
     assert len(safe.solve_many([list(outside.values())] * 2)) == 2
+    slopes = safe.solve(outside, gradient=True)
+    assert safe.asked == asked + 3 and slopes.gradient is not None
+    points = full.parameters.random(12, 4)
+    table = hhr.answer_points(safe, points, outside="ignore")
+    assert set(table.estimates) == {"indicator of the forces"} and 0 < table.fell_back.sum() < 12
+    said = table.estimates["indicator of the forces"]
+    assert (said <= 0.05).all() and (said[table.fell_back] == 0.0).all()
     assert safe.coupling(outside) == pytest.approx(full.coupling(outside), rel=1e-12)
     assert "indicator of the forces" in safe.known_error
 
@@ -316,12 +328,19 @@ def test_what_is_no_safe_model(training, model):
     full = training.full_order
     with pytest.raises(ParameterError, match="ask for of='forces'"):
         hhr.FallbackModel(model, full)
+    with pytest.raises(ParameterError, match="ask for of='forces'"):
+        training.safe_model(of="pressure")
     with pytest.raises(NotOfferedError, match="does not grow"):
-        training.safe_model(of="forces")
+        hhr.FallbackModel(model, full, of="forces", rebuild=lambda learned: model)
     box = {"push": (0.0, 0.05), "shear": (-0.1, 0.1), "f": (0.1, 0.6)}
-    for law, how in (("0.5 * f", {}), ("f", {"bodies": (hhr.Body(FIRST, 30.0, 0.3), hhr.Body(SECOND, 5.0, 0.2))})):
+    second = hhr.Body(SECOND, 5.0, 0.2)
+    others = (
+        ("0.5 * f", {}), ("f", {"bodies": (hhr.Body(FIRST, 3.01, 0.3), second)}), ("f", {"hypothesis": "plane_stress"}),
+        ("f", {"bodies": (hhr.Body(FIRST, 3.0, 0.3, hhr.Plasticity(0.06, 0.5)), second)}),
+    )  # fmt: skip
+    for law, how in others:
         other = hhr.FullOrderModel(rubbing(law, geometry=round_block, box=box, **how), MPI.COMM_SELF)
-        with pytest.raises(ReductionError, match="of another scene"):
+        with pytest.raises(ReductionError, match="of another scene|bodies that flow|no friction"):
             hhr.FallbackModel(model, other, of="forces")
 
 
@@ -377,3 +396,30 @@ def test_what_local_models_refuse(training, model, local):
     with pytest.raises(ReductionError, match="of another scene"):
         LocalSliding([model, model.changed(fields=dataclasses.replace(model.fields, gaps=2 * model.fields.gaps))])
     assert np.isnan(local.coupling({"push": 0.02, "shear": 0.0, "f": 0.2}))  # S of a RID is not symmetric
+
+
+def test_what_a_safe_model_cannot_answer_is_of_the_full_one(training, model, monkeypatch):
+    full = training.full_order
+    safe = hhr.FallbackModel(model, full, of="forces")
+
+    def refused(*args, **how):
+        raise NotSolvableError("a body is pulled off")
+
+    monkeypatch.setattr(AnsweringModel, "slide", refused)
+    answer = safe.solve(full.parameters.middle, raise_on_failure=False)
+    assert safe.fell_back(answer) and not answer.converged
+    assert answer.displacement().shape == (len(full.problem.free),) and np.isnan(answer.forces()).all()
+
+
+def test_increments_within_a_step_are_looked_at(training):
+    """Steps of a tolerance are cut: a model that knows their ends only must not answer them."""
+    safe = training.safe_model(0.08, of="forces")
+    settings = hhr.MarchSettings(time_tolerance=1e-2)
+    answered = 0
+    for path in paths(6, 21, training.full_order.parameters):
+        history = safe.march(path[::4], settings)
+        if not safe.fell_back(history.answers[-1]):
+            answered += 1
+            again = safe.reduced.march(history.solved_path)
+            assert max(answer.estimate().forces_euclid_relative for answer in again.answers) <= 0.08
+    assert 0 < answered < 6

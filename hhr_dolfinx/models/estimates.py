@@ -241,11 +241,8 @@ def check_asked(fields: Any, of: Any) -> None:
     Raises:
         ParameterError: for another word, or an output without a bound, with the reason.
     """
-    if fields.estimated == FORCES and of != "forces":
-        raise ParameterError(
-            f"of = {of!r}: with friction a hyper-reduced model has an indicator of its forces, and nothing else is "
-            "known of its errors: ask for of='forces'"
-        )
+    if fields.estimated == FORCES:
+        check_of_friction(of)
     known, others = _outputs(fields)
     check_word([*known, *others], of)
     if of in others and of not in ASKED:
@@ -253,6 +250,15 @@ def check_asked(fields: Any, of: Any) -> None:
         if fields.output_bound is None:
             why = "outputs are bounded only where the stiffness does not depend on parameters and all bodies are held"
         raise ParameterError(f"nothing bounds the error of output {of!r}: {why}. Take {', '.join([*ASKED, *known])}")
+
+
+def check_of_friction(of: Any) -> None:
+    """Raise ParameterError for an error that the indicator of a hyper-reduced model with friction is silent on."""
+    if of != "forces":
+        raise ParameterError(
+            f"of = {of!r}: with friction a hyper-reduced model has an indicator of its forces, and nothing else is "
+            "known of its errors: ask for of='forces'"
+        )
 
 
 def check_word(outputs: Sequence[str], of: Any) -> None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import logging
+import warnings
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import (
     BoundError,
     HHRError,
@@ -18,7 +20,9 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.models.answer import Answer, History, ListedAnswers, ModelFields, Path, SeveralAnswers
 from hhr_dolfinx.models.estimates import FORCES, check_asked, known_error, relative_error, relative_errors
+from hhr_dolfinx.models.frictional_fields import mark_of
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
+from hhr_dolfinx.models.histories.path import check_settings
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 from hhr_dolfinx.trained import USUAL
@@ -30,11 +34,6 @@ _log = logging.getLogger(__name__)
 
 ALIKE = 1e-5
 """Relative difference of gaps and S up to which two models are of one scene: S may be interpolated."""
-
-UNLIKE = 0.5
-BELOW = 10.0
-"""Relative difference of forces, and how many times more than an indicator says, from which on they are of two
-scenes."""
 
 Rebuild = Callable[[Sequence[Answer]], Any]
 """Builds a reduced model from all that was learned, answers of the full model, besides what it was trained on."""
@@ -54,6 +53,10 @@ class Growth(NamedTuple):
     fallen: int
     learned: int
     refused: str = ""
+
+
+class _NotGoodEnough(Exception):
+    """An increment of a reduced model of which too little is known."""
 
 
 class FallbackModel(AnsweringModel):
@@ -165,17 +168,46 @@ class FallbackModel(AnsweringModel):
             return answer
         return self._learned_from(self.full._answered(point, None, outside, gradient))
 
-    def slide(self, path: Path, settings: MarchSettings, weights: np.ndarray | None = None) -> History:
+    def slide(self, path: Path, settings: MarchSettings, **how: Any) -> History:
         """See :class:`AnsweringModel`; all of a history by one model."""
+        check_settings(settings)
         self.asked += 1
+        history = self._reduced_history(path, settings, how)
+        if history is None:
+            self.fallen += 1
+            history = self.full.slide(path, settings, **how)
+        return history
+
+    def _reduced_history(self, path: Path, settings: MarchSettings, how: dict[str, Any]) -> History | None:
+        """What the reduced model says; None where it has no answer, or one increment of it may be off by too much.
+
+        What is warned of then is not said: nobody gets that answer.
+        """
         try:
-            history = self.reduced.slide(path, settings, weights)
-            if all(self._is_good(answer) for answer in history.answers):
-                return history
-        except HHRError as error:
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                history = self.reduced.slide(path, settings, **how, watch=self._require_good)
+        except ParameterError:
+            raise
+        except (HHRError, _NotGoodEnough) as error:
             _log.info("the full model is asked: %s", error)
-        self.fallen += 1
-        return self.full.slide(path, settings, weights)
+            return None
+        for item in caught:
+            warnings.warn_explicit(item.message, item.category, item.filename, item.lineno)
+        return history
+
+    def _require_good(self, answer: Answer) -> None:
+        """End a history at an increment of which too little is known."""
+        if not self._is_good(answer):
+            raise _NotGoodEnough(f"the error may be above {self.tolerance:g}")
+
+    def answering(self, history: History) -> AnsweringModel:
+        """The model that answered a history."""
+        return self.full if self.fell_back(history.answers[-1]) else self.reduced
+
+    def unanswered(self, point: np.ndarray, status: Status = Status.UNDEFINED) -> Answer:
+        """An answer of NaN by the full model, which was asked last."""
+        return self.full.unanswered(point, status)
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
         """See :class:`AnsweringModel`: those of the full model."""
@@ -322,35 +354,21 @@ def _check_alike(reduced: Any, full: Any) -> None:
 
 
 def _check_same_friction(reduced: Any, full: Any) -> None:
-    """Raise ReductionError unless contact, friction and an answer of the full model are those of the reduced one."""
-    fields = reduced.fields
+    """Raise ReductionError unless the full model is that of which a reduced one with friction was made."""
+    if full.friction is None or full.equilibrium is not None:
+        what = "no friction" if full.friction is None else "bodies that flow"
+        raise ReductionError(f"the full model has {what}, unlike the reduced one{_remedy(full)}")
+    own = reduced.fields.frictional
     point = reduced.parameters.random(1, seed=1)[0]
-    problem = full.problem.at(point)
-    own = fields.frictional.friction
-    if full.friction is None or own.tangential.size != full.friction.tangential.size:
-        raise ReductionError(f"the full model is that of another scene or mesh: its friction differs{_remedy(full)}")
-    gaps, contact = fields.contact_at(point)
-    pairs = [
-        (gaps @ fields.amplitudes(point), problem.gaps @ problem.theta(point)),
-        (contact, problem.contact @ fields.basis if problem.contact.shape[1] == len(fields.basis) else np.zeros(0)),
-        *zip(own.bounds(point), full.friction.bounds(point), strict=True),
-    ]
-    if any(mine.shape != other.shape or not _near(mine, other) for mine, other in pairs):
-        raise ReductionError(f"the full model is that of another scene: its gaps or its friction differ{_remedy(full)}")
-    exact = full.solve(point, raise_on_failure=False)
-    found = reduced.solve(point, raise_on_failure=False, outside="ignore")
-    if exact.converged and found.converged:
-        off = float(np.linalg.norm(found.forces() - exact.forces()))
-        said = found.estimate().forces_euclid_relative
-        if off > max(UNLIKE, BELOW * said) * float(np.linalg.norm(exact.forces())):
-            raise ReductionError(
-                f"the full model is that of another scene: its loads or its materials differ{_remedy(full)}"
-            )
-
-
-def _near(mine: np.ndarray, other: np.ndarray) -> bool:
-    """Whether arrays are the same but for round-off; infinite ones too, which are of laws without a coefficient."""
-    return bool(np.allclose(mine, other, rtol=0.0, atol=ALIKE * np.abs(other[np.isfinite(other)]).max(initial=0.0)))
+    bounds = zip(own.friction.bounds(point), full.friction.bounds(point), strict=True)
+    mark = mark_of(full.problem)
+    sizes = np.maximum(np.abs(mark), np.abs(own.mark))
+    alike = all(one.shape == other.shape and np.allclose(one, other, rtol=ALIKE) for one, other in bounds)
+    if not alike or (np.abs(mark - own.mark) > ALIKE * sizes).any():
+        raise ReductionError(
+            "the full model is that of another scene or mesh: its stiffness, its loads, its gaps or its friction "
+            f"differ{_remedy(full)}"
+        )
 
 
 def _check_same_scene(reduced: Any, bound: Any, full: Any) -> None:

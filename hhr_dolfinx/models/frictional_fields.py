@@ -10,13 +10,16 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
 from hhr_dolfinx.contact.friction import Friction
 from hhr_dolfinx.contact.sliding_set import bounds
 from hhr_dolfinx.declared import Floats, Integers
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.contact.problem import ContactProblem
 
 FULL = 1e-3
 """Part of its bound that a tangential force outside the RID may lack where the contact counts as slipping: it is
@@ -34,6 +37,26 @@ PRESSED = 1e-3
 """Part of the largest force of an answer below which a contact outside the RID counts as open: it is fitted."""
 
 
+def mark_of(problem: ContactProblem) -> np.ndarray:
+    """Numbers that another scene, mesh, material, load or gap changes: energies of random fields, (marks,).
+
+    At two points of the box, with x and y random: x·K x and x·f, and y·(B x) and y·D of contact.
+    """
+    rng = np.random.default_rng(0)
+    held = problem.held
+    field = rng.standard_normal(held.size) * held
+    weights = rng.standard_normal(len(problem.gaps))
+    found = []
+    for point in problem.parameters.random(2, seed=1):
+        there = problem.at(point)
+        theta = there.amplitudes(point)
+        found += [
+            field @ (there.stiffness @ field), field @ (there.loads @ theta), weights @ (there.contact @ field),
+            weights @ (there.gaps @ theta),
+        ]  # fmt: skip
+    return np.array(found)
+
+
 @dataclass(frozen=True, eq=False)
 class FrictionalFields:
     """What completes forces and statuses of contacts with friction.
@@ -42,6 +65,7 @@ class FrictionalFields:
         friction: of the whole contact surface.
         within: conditions of the RID, (m,).
         modes: POD modes of the forces of training, (N_lambda, modes).
+        mark: of the full model, by which it is known again, see :func:`mark_of`.
         fit: amplitudes of the modes per force in the RID, (modes, m).
         share: relative error of forces per part of them that no mode explains, which 95 % of known increments stay
             below, from 1 on; 1 where none are known.
@@ -52,6 +76,7 @@ class FrictionalFields:
     within: Annotated[Integers, "m", "< N_lambda"]
     modes: Annotated[Floats, "N_lambda", "force modes"]
     fit: Annotated[Floats, "force modes", "m"]
+    mark: Annotated[Floats, "marks"]
     share: float = 1.0
     depth: float = 0.0
 
@@ -61,11 +86,12 @@ class FrictionalFields:
             yield f"the indicator has a share of {self.share} and a depth of {self.depth}: from 1 and 0 on they may be"
 
     @classmethod
-    def fitted(cls, friction: Friction, within: np.ndarray, modes: np.ndarray) -> FrictionalFields:
+    def fitted(cls, problem: ContactProblem, within: np.ndarray, modes: np.ndarray) -> FrictionalFields:
         """From the modes of forces, (N_lambda, k), the first of them, by least squares on the RID (gappy POD)."""
+        assert problem.friction is not None
         loaded = np.abs(modes[within]).max(axis=1, initial=0.0) > ROUND_OFF * np.abs(modes).max()
         modes = np.ascontiguousarray(modes[:, : max(int(MOST * loaded.sum()), 1)])
-        return cls(friction, within, modes, np.linalg.pinv(modes[within]))
+        return cls(problem.friction, within, modes, np.linalg.pinv(modes[within]), mark_of(problem))
 
     @cached_property
     def inside(self) -> Friction:

@@ -15,6 +15,7 @@ import numpy as np
 
 from hhr_dolfinx.errors import NotOfferedError, ReductionError
 from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.fallback import ALIKE
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.sliding import Reached, Slider, Solved, Target, Turn
 from hhr_dolfinx.models.local import SeveralModels
@@ -127,7 +128,7 @@ class LocalSlider:
         tried: list[tuple[float, int, Solved]] = []
         if before.turn is not None:
             said, number, solved = self._tried(before.turn.number, before, target)
-            if solved.settled and said <= GROWN * max(before.turn.least, EXPLAINED):
+            if solved.settled and np.isfinite(said) and said <= GROWN * max(before.turn.least, EXPLAINED):
                 return _turned(solved, Turn(number, min(before.turn.least, said)))
             tried.append((said, number, solved))
         asked = {number for _, number, _ in tried}
@@ -200,5 +201,6 @@ def _check_alike(models: Sequence[ReducedModel]) -> None:
         one = model.fields.frictional.friction
         other = first.fields.frictional.friction
         same = np.array_equal(one.tangential, other.tangential) and one.laws == other.laws
+        same &= np.allclose(model.fields.frictional.mark, first.fields.frictional.mark, rtol=ALIKE)
         if mine != theirs or not same or not np.array_equal(model.fields.gaps, first.fields.gaps):
             raise ReductionError(f"local model {number} is of another scene or mesh than the first one")

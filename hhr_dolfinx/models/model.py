@@ -147,7 +147,7 @@ class AnsweringModel:
             # a singular stiffness, or a shape at which surfaces slide off what the model knows
             if raise_on_failure:
                 raise
-            return unanswered(point, self.sizes, self.fields)
+            return self.unanswered(point)
         return answer if answer.status is Status.CONVERGED else outcome(answer, raise_on_failure, self.advice)
 
     def check_range(self, point: np.ndarray, outside: str) -> None:
@@ -164,11 +164,19 @@ class AnsweringModel:
         forces = answer.forces()
         return forces if self.friction is None else np.delete(forces, self.friction.tangential)
 
-    def slide(self, path: Path, settings: MarchSettings, weights: np.ndarray | None = None) -> History:
+    def slide(self, path: Path, settings: MarchSettings, **how: Any) -> History:
         """A history of elastic bodies with friction along a checked path; see :func:`histories.sliding.slide_along`."""
         from hhr_dolfinx.models.histories.sliding import slide_along
 
-        return slide_along(self, path, settings, weights=weights)
+        return slide_along(self, path, settings, **how)
+
+    def answering(self, history: History) -> AnsweringModel:
+        """The model that answered a history: itself, or one of those that it asks."""
+        return self
+
+    def unanswered(self, point: np.ndarray, status: Status = Status.UNDEFINED) -> Answer:
+        """An answer of NaN to a checked point, (P,)."""
+        return unanswered(point, self.sizes, self.fields, status)
 
     def slider(self, settings: MarchSettings) -> Slider:
         """What solves increments with friction."""

@@ -252,7 +252,8 @@ class Query:
         found = many.estimates()
         if found is None:
             return np.full((len(self.estimate_heads), len(many)), np.nan)
-        return np.array([getattr(found, name) for name in shown_of(found.kind).values()])
+        # answers of a full model are exact, whatever the kind of what the reduced one knows
+        return np.array([getattr(found, name) for name in shown_of(self._reduced.fields.estimated).values()])
 
     def _estimate(self, estimate: Estimate | None) -> list[float]:
         """Those of one answer, with bounds of outputs."""

@@ -29,7 +29,7 @@ from hhr_dolfinx.models.model import AnsweringModel, KeptModel
 from hhr_dolfinx.plain import add_kind, as_plain, by_name, restored
 
 FORMAT = "hhr_dolfinx model"
-VERSION = 3
+VERSION = 4
 
 MODULES = {
     "amplitudes": "Amplitudes Coverage",

@@ -339,7 +339,7 @@ def _fields(
             from hhr_dolfinx.models.frictional_fields import FrictionalFields
 
             modes = shared.completion.force_modes
-            fields = replace(fields, frictional=FrictionalFields.fitted(problem.friction, sets.A_lambda, modes))
+            fields = replace(fields, frictional=FrictionalFields.fitted(problem, sets.A_lambda, modes))
     if isinstance(bound, ErrorBound) and full.functionals is not None:
         from hhr_dolfinx.certify.output_bounds import output_bound
 

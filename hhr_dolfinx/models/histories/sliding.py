@@ -21,7 +21,7 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.friction import Friction, SlipState
 from hhr_dolfinx.contact.sliding_set import Increment, Sliding, SlidingContact
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ParameterError
-from hhr_dolfinx.models.answer import Answer, History, Path, outcome, unanswered
+from hhr_dolfinx.models.answer import Answer, History, Path, outcome
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 from hhr_dolfinx.models.gradient import Gradient
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
@@ -224,7 +224,9 @@ def unknown_of(contact: CondensedContact, found: Sliding) -> np.ndarray:
 class _Step:
     """One step of a path, cut as far as it must be."""
 
-    def __init__(self, slider: Slider, cuts: int, tolerance: float | None):
+    def __init__(
+        self, slider: Slider, cuts: int, tolerance: float | None, watch: Callable[[Answer], None] | None = None
+    ):
         self.slider = slider
         self.cuts = cuts
         self.tolerance = tolerance
@@ -232,6 +234,7 @@ class _Step:
         self.error = 0.0
         self.cycled = False
         self.ends: list[float] = []
+        self._watch = watch
 
     def taken(self, before: Reached, target: Target, depth: int = 0) -> Solved:
         """The last increment of the step."""
@@ -247,12 +250,12 @@ class _Step:
             error = self._difference(before, half, second, whole)
             if second.settled and (error <= (self.tolerance or 0.0) or depth + 1 >= CUTS):
                 self.error += error
-                self.ends.append(middle.time)
+                self._ended(middle.time, half)
                 return second
         first = self.taken(before, middle, depth + 1)
         if not first.settled:
             return first
-        self.ends.append(middle.time)
+        self._ended(middle.time, first)
         return self.taken(first.reached, target, depth + 1)
 
     def _difference(self, before: Reached, half: Solved, second: Solved, whole: Solved) -> float:
@@ -263,6 +266,12 @@ class _Step:
         work = float(second.reached.slip.work.sum())
         change = abs(work - float(whole.reached.slip.work.sum()))
         return max(float(off) / (slider.largest or 1.0), change / (work + WORK * slider.energy or 1.0))
+
+    def _ended(self, time: float, part: Solved) -> None:
+        """An increment within the step, at a time."""
+        self.ends.append(time)
+        if self._watch is not None:
+            self._watch(self.slider.answer(part))
 
     def _solved(self, before: Reached, target: Target) -> Solved:
         solved = self.slider.increment(before, target)
@@ -282,6 +291,7 @@ def slide_along(
     weights: np.ndarray | None = None,
     known: Sequence[Answer] = (),
     keep: Callable[[Answer], None] = lambda answer: None,
+    watch: Callable[[Answer], None] | None = None,
 ) -> History:
     """A history of elastic bodies with friction, from rest, undeformed, at the first time of the path.
 
@@ -292,6 +302,7 @@ def slide_along(
         weights: derivatives of the parameters of each time of the path along those of the whole history, (times, P); 1
             unless given: each is shifted by the same at all times.
         known, keep: see :meth:`FullOrderModel.march`; known steps have no derivatives.
+        watch: told of the answer to each increment, also of those in which a step is cut.
     """
     check_settings(settings)
     _check_shape(model, path)
@@ -312,12 +323,14 @@ def slide_along(
                 history.answers.append(answer)
                 continue
             model.check_range(point, settings.outside)
-            step = _Step(slider, settings.cuts, settings.time_tolerance)
+            step = _Step(slider, settings.cuts, settings.time_tolerance, watch)
             solved = step.taken(reached, Target(time, point, weight))
             reached = solved.reached
             far.check(slider.surface.whole, reached.slip, model.parameters.described(point))
             error += np.nan if settings.time_tolerance is None else step.error
             answer = _told(slider, step, solved)._replace(time_error=error)
+            if watch is not None:
+                watch(answer)
             history.cuts += answer.parts > 1
             history.answers.append(answer)
             keep(answer)
@@ -382,11 +395,11 @@ def proportional(model: Any, point: np.ndarray, raise_on_failure: bool, outside:
         if gradient:  # on the parts that the tolerance asked for
             path, weights = _parted(history, path, weights)
             settings = MarchSettings(outside="ignore", gradient=True)
-            history = model.slide(path, settings, weights)
+            history = model.answering(history).slide(path, settings, weights=weights)
     except (ConvergenceError, NotSolvableError) as error:
         if raise_on_failure:
             raise
-        return unanswered(point, model.sizes, model.fields, vars(error).get("status", Status.UNSETTLED))
+        return model.unanswered(point, vars(error).get("status", Status.UNSETTLED))
     answer = history.answers[-1]
     return answer._replace(
         iterations=sum(history.iterations), cycled=any(one.cycled for one in history.answers), time=np.nan, ends=(),

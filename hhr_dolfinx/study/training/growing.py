@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhr_dolfinx.models.estimates import ASKED, SHOWN, Estimates, check_word
+from hhr_dolfinx.models.estimates import ASKED, SHOWN, Estimates, check_of_friction, check_word
 from hhr_dolfinx.models.fallback import FallbackModel, check_allowance
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.snapshots.records import SnapshotSet
@@ -35,6 +35,9 @@ def safe_model(
     check_allowance(tolerance, 1 if grow is None else grow, "grow")
     functionals = training.full_order.functionals
     check_word([] if functionals is None else [item.name for item in functionals.items], of)
+    if training.full_order.friction is not None:
+        check_of_friction(of)
+        grow = None  # it would learn from single answers
 
     def built(snapshots: SnapshotSet) -> ReducedModel:
         return replace(training, snapshots=snapshots).build(recipe, checked=checked)

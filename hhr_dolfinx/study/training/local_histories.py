@@ -98,6 +98,8 @@ def local_histories(
     full = training.full_order
     snapshots = training.snapshots
     recipe = usual_recipe(full) if recipe is None else recipe
+    if not isinstance(recipe, Recipe):
+        raise ReductionError(f"{recipe!r} is no recipe: give a Recipe")
     recipe = recipe if checked else recipe.as_it_is()
     if not snapshots.histories or (full.equilibrium is None and full.friction is None):
         raise ReductionError(
@@ -140,6 +142,8 @@ def labels_by_forces(histories: Sequence[History], count: int, seed: int = 1) ->
     if len(columns) < count:
         raise ReductionError(f"{count} local models of {len(columns)} steps with forces: take fewer models")
     found = direction_labels(columns, count, seed)
+    if np.bincount(found, minlength=count).min() < 2:
+        raise ReductionError(f"{count} local models of {len(columns)} steps: some would have one only, take fewer")
     ends = np.cumsum([0, *(own.sum() for own in rubs)])
     return [_filled(own, found[first:last]) for own, (first, last) in zip(rubs, pairwise(ends), strict=True)]
 
@@ -226,9 +230,12 @@ def _checked_labels(labels: Sequence[Any], histories: Sequence[History], overlap
             f"labels of the shapes {[item.shape for item in found]} must be one array for each training history, with "
             f"as many numbers as it has steps: {lengths}"
         )
-    every = np.concatenate(found)
-    if every.dtype.kind not in "iu" or every.min() < 0:
+    whole = all(item.dtype.kind in "iu" for item in found)
+    if not whole or min(item.min() for item in found) < 0:
         raise ReductionError("labels of steps must be whole numbers from 0: those of the models")
+    every = np.concatenate([item.astype(np.int64) for item in found])
+    if not 0 <= every.max() < every.size:
+        raise ReductionError(f"label {every.max()} of {every.size} steps: labels are those of the models, from 0 on")
     counts = np.bincount(every)
     if counts.min() < 2:
         raise ReductionError(

@@ -82,7 +82,7 @@ class Training(TrainingAnswers):
                 name. None takes displacement and forces, both in energy: nodal forces and pressures are then off by
                 ten times as much and more.
             grow: number of new answers of the full model after which the reduced one is built again, from the training
-                and all of them; None keeps it as it is.
+                and all of them; None keeps it as it is, and so does friction.
             recipe, checked: see :meth:`build`.
 
         Raises:
