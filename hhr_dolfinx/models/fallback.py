@@ -20,7 +20,6 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.models.answer import Answer, History, ListedAnswers, ModelFields, Path, SeveralAnswers
 from hhr_dolfinx.models.estimates import FORCES, check_asked, known_error, relative_error, relative_errors
-from hhr_dolfinx.models.frictional_fields import mark_of
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings
 from hhr_dolfinx.models.model import AnsweringModel
@@ -355,6 +354,8 @@ def _check_alike(reduced: Any, full: Any) -> None:
 
 def _check_same_friction(reduced: Any, full: Any) -> None:
     """Raise ReductionError unless the full model is that of which a reduced one with friction was made."""
+    from hhr_dolfinx.models.frictional_fields import mark_of
+
     if full.friction is None or full.equilibrium is not None:
         what = "no friction" if full.friction is None else "bodies that flow"
         raise ReductionError(f"the full model has {what}, unlike the reduced one{_remedy(full)}")
