@@ -11,7 +11,7 @@ from test_shapes import CROWNED, SPACE
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.linear.dense import LapackLU
-from hhr_dolfinx.models.local import Choice
+from hhr_dolfinx.models.local import Choice, SeveralModels
 
 AS_IT_IS = hhr.Recipe().as_it_is()
 OUTPUTS = (hhr.LargestPressure("peak", 0, unit="MPa"), hhr.ContactForce("force", 0, (0.0, 1.0)))
@@ -73,8 +73,8 @@ def shaped_set():
 
 def by_lapack(model):
     """A model as a file holds it: factored by LAPACK, which differs from PETSc in last digits."""
-    if isinstance(model, hhr.LocalModels):
-        return hhr.LocalModels([by_lapack(part) for part in model.models], model.choice)
+    if isinstance(model, SeveralModels):
+        return model.changed(models=tuple(by_lapack(part) for part in model.models))
     return model.changed(factorise=LapackLU)
 
 

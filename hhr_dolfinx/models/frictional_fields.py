@@ -38,7 +38,7 @@ PRESSED = 1e-3
 
 
 def mark_of(problem: ContactProblem) -> np.ndarray:
-    """Numbers that another scene, mesh, material, load or gap changes: energies of random fields, (marks,).
+    """Numbers that another scene, mesh, material, load or gap changes: energies of random fields, (8,).
 
     At two points of the box, with x and y random: x·K x and x·f, and y·(B x) and y·D of contact.
     """
@@ -76,7 +76,7 @@ class FrictionalFields:
     within: Annotated[Integers, "m", "< N_lambda"]
     modes: Annotated[Floats, "N_lambda", "force modes"]
     fit: Annotated[Floats, "force modes", "m"]
-    mark: Annotated[Floats, "marks"]
+    mark: Annotated[Floats, "8"]
     share: float = 1.0
     depth: float = 0.0
 
