@@ -238,13 +238,25 @@ def quadrature(cell: str, degree: int) -> tuple[np.ndarray, np.ndarray]:
     return basix.make_quadrature(basix.CellType[cell], degree)
 
 
-def shape_functions(cell: str, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Functions of degree 1 of a reference cell at points, (q, k), and their slopes, (q, k, dim)."""
-    import basix
+def shape_functions(cell: str, points: np.ndarray, degree: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Lagrange functions of a reference cell at points, (q, k), and their slopes, (q, k, dim)."""
 
-    element = basix.create_element(basix.ElementFamily.P, basix.CellType[cell], 1)
+    element = _lagrange(cell, degree)
     table = element.tabulate(1, points)[..., 0]
     return table[0], table[1:].transpose(1, 2, 0).copy()
+
+
+def nodes_of_cell(cell: str, degree: int) -> np.ndarray:
+    """Reference coordinates of the nodes of a cell, (k, dim)."""
+    return _lagrange(cell, degree).points
+
+
+def _lagrange(cell: str, degree: int) -> Any:
+    """The element of DOLFINx's default: up to degree 2 its nodes are where those of all variants are."""
+    import basix
+
+    variant = basix.LagrangeVariant.gll_warped
+    return basix.create_element(basix.ElementFamily.P, basix.CellType[cell], degree, variant)
 
 
 def compiled(*, inner: bool = False, dear: str | None = None, **options: Any) -> Callable[[Callable], Callable]:

@@ -124,6 +124,8 @@ class Scene:
         shapes: bodies whose shape depends on parameters, each a :class:`~hhr_dolfinx.shapes.Shape`.
         outputs: numbers that every model of the scene answers by name, see :mod:`hhr_dolfinx.outputs`.
         units: of lengths and stresses, for labels and materials by name; None where they are not said.
+        order: degree of the displacement, 1 or 2; None takes that of the cells of the mesh. With 2 on a mesh of first
+            order sides stay straight.
     """
 
     name: str
@@ -138,8 +140,11 @@ class Scene:
     shapes: tuple[Shape, ...] = ()
     outputs: tuple[Output, ...] = ()
     units: Units | None = None
+    order: int | None = None
 
     def __post_init__(self):
+        if self.order not in (None, 1, 2) or isinstance(self.order, bool):
+            raise SceneError(f"order = {self.order!r} must be 1 or 2, the degree of the displacement, or left out")
         if self.units is not None and not isinstance(self.units, Units):
             raise SceneError(f"units = {self.units!r} must be Units, such as Units('mm', 'MPa')")
         if self.hypothesis not in elasticity.HYPOTHESES:

@@ -118,14 +118,16 @@ def _check_cells(mesh, comm):
     dim = mesh.topology.dim
     count = CORNERS[mesh.topology.cell_name()]
     nodes = compat.geometry_dofmap(mesh)[: mesh.topology.index_map(dim).size_local]
-    if nodes.shape[1] > count:
+    degree = mesh.geometry.cmap.degree
+    if degree > 2:
         raise SceneError(
-            f"cells with curved sides are not supported: {len(nodes)} cells of kind {mesh.topology.cell_name()} have "
-            f"{nodes.shape[1]} nodes where their corners are {count}. Make the mesh of order 1, in gmsh by setOrder(1)"
+            f"cells of order {degree} are not supported: make the mesh of order 2 or 1, in gmsh by setOrder(2)"
         )
     corners = mesh.geometry.x[nodes][:, :, :dim]
     finite = np.isfinite(corners).all(axis=(1, 2))
-    jacobians = corner_jacobians(np.where(finite[:, None, None], corners, 0.0))
+    points = np.where(finite[:, None, None], corners, 0.0)
+    jacobians = corner_jacobians(points) if degree == 1 else _curved_jacobians(mesh, points)
+    corners = corners[:, :count]
     mean = jacobians.mean(axis=1)
     largest = np.abs(jacobians).max(axis=1)
     empty = finite & ~(np.abs(mean) > NO_VOLUME * np.ptp(corners, axis=1).max(axis=1) ** corners.shape[2])
@@ -145,6 +147,22 @@ def _check_cells(mesh, comm):
     )
 
 
+def order_of(scene: Scene, mesh: dmesh.Mesh) -> int:
+    """Degree of the displacement: what the scene says, or that of the mesh.
+
+    Raises:
+        SceneError: for a mesh of second order whose displacement is to be of first.
+    """
+    geometry = mesh.geometry.cmap.degree
+    order = geometry if scene.order is None else scene.order
+    if order < geometry:
+        raise SceneError(
+            f"the cells of scene '{scene.name}' are of second order, and order = {order}: leave it out, or mesh with "
+            "cells of first order, in gmsh setOrder(1)"
+        )
+    return order
+
+
 def _overlapping_neighbours(mesh):
     """Middles of the facets whose two cells lie on the same side, (found, dim): simplices have no other sign of it."""
     dim = mesh.topology.dim
@@ -152,7 +170,8 @@ def _overlapping_neighbours(mesh):
     owned = mesh.topology.index_map(dim - 1).size_local
     both = mesh.topology.connectivity(dim - 1, dim)
     inner = np.flatnonzero(np.diff(both.offsets[: owned + 1]) == 2)
-    nodes = compat.geometry_dofmap(mesh)[both.array[both.offsets[inner][:, None] + [0, 1]]]
+    corners = compat.geometry_dofmap(mesh)[:, : CORNERS[mesh.topology.cell_name()]]
+    nodes = corners[both.array[both.offsets[inner][:, None] + [0, 1]]]
     same = nodes[:, 0, :, None] == nodes[:, 1, None, :]
     # cells with more than a facet in common have shown themselves as folded or empty
     count = dim if nodes.shape[2] == dim + 1 else 2 ** (dim - 1)
@@ -186,6 +205,13 @@ def corner_jacobians(corners: np.ndarray) -> np.ndarray:
     numbers = np.arange(2**dim)
     edges = [corners[:, numbers | (1 << axis)] - corners[:, numbers & ~(1 << axis)] for axis in range(dim)]
     return np.linalg.det(np.stack(edges, axis=2))
+
+
+def _curved_jacobians(mesh, points):
+    """Determinant of the Jacobian at the nodes of cells of second order, (c, K), from these nodes, (c, K, dim)."""
+    kind = mesh.topology.cell_name()
+    slopes = compat.shape_functions(kind, compat.nodes_of_cell(kind, 2), 2)[1]
+    return np.linalg.det(np.einsum("qkd,ckx->cqdx", slopes, points))
 
 
 def _check_radius(mesh, comm):

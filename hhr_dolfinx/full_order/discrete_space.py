@@ -21,9 +21,11 @@ from hhr_dolfinx import compat, ranks
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import contact, elasticity
 from hhr_dolfinx.full_order.checks import (
+    CORNERS,
     build_geometry,
     check_outer,
     check_present,
+    order_of,
     tagged,
 )
 from hhr_dolfinx.full_order.locking import QUADRATURE, mean_dilatation, stiffness_degree
@@ -34,14 +36,15 @@ from hhr_dolfinx.scene import Scene
 
 
 class DiscreteSpace(ABC):
-    """P1 or Q1 functions on the mesh of a scene, on a communicator, and what is measured and assembled there.
+    """Lagrange functions on the mesh of a scene, on a communicator, and what is measured and assembled there.
 
     Attributes:
         scene: the scene.
         comm: MPI communicator.
         mesh: DOLFINx mesh.
         names: what the mesh calls its bodies and surfaces.
-        space: vector Lagrange space of degree 1.
+        order: degree of its functions, 1 or 2.
+        space: vector Lagrange space of that degree.
         rows: range of the dofs this rank owns.
         size: N, number of dofs on all ranks.
         mean_dilatation: whether each body takes the mean dilatation of its cells, see ``locking``.
@@ -59,13 +62,14 @@ class DiscreteSpace(ABC):
         with ranks.together(comm, f"the geometry of scene '{scene.name}'"):
             self.mesh, self._cell_tags, self._facet_tags, self.names = build_geometry(scene, comm)
         dim = self.mesh.geometry.dim
-        self.space = fem.functionspace(self.mesh, ("Lagrange", 1, (dim,)))
+        self.order = order_of(scene, self.mesh)
+        self.space = fem.functionspace(self.mesh, ("Lagrange", self.order, (dim,)))
         nodes = self.space.dofmap.index_map
         self.rows = slice(*(dim * n for n in nodes.local_range))
         self.size = dim * nodes.size_global
         self._dx = ufl.Measure("dx", domain=self.mesh, subdomain_data=self._cell_tags)
         self._ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=self._facet_tags)
-        self.mean_dilatation = mean_dilatation(scene, self.mesh.topology.cell_name())
+        self.mean_dilatation = mean_dilatation(scene, self.mesh.topology.cell_name(), self.order)
         self._trial = ufl.TrialFunction(self.space)
         self._test = ufl.TestFunction(self.space)
         self.common_pattern: Any = None
@@ -185,6 +189,7 @@ class DiscreteSpace(ABC):
         to_facets = topology.connectivity(tdim, tdim - 1)
         corners = [dofmap.dof_layout.entity_closure_dofs(tdim - 1, k) for k in range(len(to_facets.links(0)))]
         coordinates = self.space.tabulate_dof_coordinates()[:, :dim]
+        vertices = CORNERS[self.mesh.topology.cell_name()]
         nodes = []
         inner = []
         for facet in tagged(self._facet_tags, self.names.facet(tag)):
@@ -194,7 +199,8 @@ class DiscreteSpace(ABC):
                 local = int(np.flatnonzero(to_facets.links(cell) == facet)[0])
                 cell_nodes = dofmap.cell_dofs(cell)
                 nodes.append(cell_nodes[corners[local]])
-                inner.append(coordinates[np.delete(cell_nodes, corners[local])].mean(axis=0))
+                far = np.setdiff1d(np.arange(vertices), corners[local])
+                inner.append(coordinates[cell_nodes[far]].mean(axis=0))
         count = len(corners[0])
         local_nodes = np.array(nodes, dtype=np.int32).reshape(-1, count)
         numbers = dofmap.index_map.local_to_global(local_nodes.ravel()).reshape(-1, count)

@@ -52,11 +52,13 @@ def _largest_ratio(body: Body, scene: Scene) -> float:
     return max(ratio.value(point) for point in box_samples(scene.parameters))
 
 
-def mean_dilatation(scene: Scene, cell: str) -> tuple[bool, ...]:
+def mean_dilatation(scene: Scene, cell: str, order: int = 1) -> tuple[bool, ...]:
     """Whether each body takes the mean dilatation of its cells.
 
-    It warns of bodies that keep their volume on cells that lock.
+    It warns of bodies that keep their volume on cells that lock. Functions of degree 2 have fields enough.
     """
+    if order > 1:
+        return (False,) * len(scene.bodies)
     bodies = tuple(keeps_volume(body, scene) for body in scene.bodies)
     if cell in SIMPLICES:
         for body, keeps in zip(scene.bodies, bodies, strict=True):

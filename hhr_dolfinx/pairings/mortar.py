@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, identity
@@ -52,7 +52,8 @@ class Mortar:
 
     With that scale B is of the size of nodal rows and multipliers are nodal forces. Dual functions psi_j, which are
     biorthogonal to the shape functions of the slave, tie each row to one slave node; standard ones are these shape
-    functions.
+    functions. On cells of second order both are the linear functions of the corners, whose pressures are positive where
+    those of the corners are.
 
     Attributes:
         slave: facet tag of the surface that carries the multipliers.
@@ -118,22 +119,27 @@ class Mortar:
         self, slave: Surface, master: Surface, normals: np.ndarray | None, segments: Segments, dofs: int
     ) -> ContactRows:
         """Integrate over the segments and divide by the weight of each multiplier function."""
-        dual = self.multipliers == "dual"
+        dual = self.multipliers == "dual" and slave.quadratic is None
         n = len(slave.nodes)
-        functions = _dual_functions(slave, segments) if dual else segments.slave_values
+        tests, trace = _sides(slave, segments.slave, segments.slave_values)
+        _, traced = _sides(master, segments.master, segments.master_values)
+        functions = _dual_functions(slave, segments) if dual else tests.values
         tested = functions * segments.measures[:, None]
         by_facet = _summed(tested, segments.slave, len(slave.facets))
-        area = np.bincount(slave.facets.ravel(), by_facet.ravel(), n)
+        # flat parts of a facet of second order share its corners
+        corners = np.repeat(tests.facets, len(slave.facets) // len(tests.facets), axis=0)
+        area = np.bincount(corners.ravel(), by_facet.ravel(), n)
         if normals is None:
-            normals = _facing_normals(slave, by_facet)
-        covered = area > COVERED * slave.areas
+            normals = _facing_normals(slave, corners, by_facet)
+        whole = slave.areas if slave.quadratic is None else slave.quadratic.areas(slave)
+        covered = area > COVERED * whole
         if not covered.any():
             raise NeverFacingError(never_facing(slave, master, "no slave node is covered by the master"))
-        warn_beyond_edge(slave, master, ~covered)
+        warn_beyond_edge(slave, master, ~covered & (whole > 0))
         scale = diags(1 / np.where(covered, area, 1.0))
         # dual functions are biorthogonal to the shape functions of the slave
-        onto_slave = identity(n) if dual else scale @ _assemble(slave, slave, segments, tested)
-        onto_master = scale @ _assemble(slave, master, segments, tested)
+        onto_slave = identity(n) if dual else scale @ _assemble(tests, tested, trace, (n, n))
+        onto_master = scale @ _assemble(tests, tested, traced, (n, len(master.nodes)))
         gap = np.einsum("md,md->m", onto_master @ master.points - onto_slave @ slave.points, normals)
         matrix = _along_normals(onto_slave, slave.nodes, normals, dofs)
         matrix = matrix - _along_normals(onto_master, master.nodes, normals, dofs)
@@ -217,7 +223,7 @@ def _own_body(slave: Surface, facets: np.ndarray, reach: float) -> np.ndarray:
 
 def _distances(slave: Surface, master: Surface, segments: Segments) -> np.ndarray:
     """From slave to master along the normal of the slave facet at each quadrature point, (q,)."""
-    pairs, of_point = _pairs(master, segments.slave, segments.master)
+    pairs, of_point = _pairs(len(master.facets), segments.slave, segments.master)
     here, there = np.divmod(pairs, len(master.facets))
     normals = slave.outward[here][:, :, None]
     lows = (slave.corners[here] @ normals)[:, :, 0]
@@ -225,20 +231,37 @@ def _distances(slave: Surface, master: Surface, segments: Segments) -> np.ndarra
     return (segments.master_values * highs[of_point] - segments.slave_values * lows[of_point]).sum(axis=1)
 
 
-def _pairs(other: Surface, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+class _Side(NamedTuple):
+    """Functions of one surface at quadrature points: nodes of its facets, (f, k), facet, (q,), and values, (q, k)."""
+
+    facets: np.ndarray
+    facet: np.ndarray
+    values: np.ndarray
+
+
+def _sides(surface: Surface, flat: np.ndarray, values: np.ndarray) -> tuple[_Side, _Side]:
+    """Linear functions of the corners, and those of the displacement, from those of flat facets, (q,) and (q, k)."""
+    if surface.quadratic is None:
+        own = _Side(surface.facets, flat, values)
+        return own, own
+    facet, linear, quadratic = surface.quadratic.functions(flat, values)
+    return _Side(surface.quadratic.corners, facet, linear), _Side(surface.quadratic.nodes, facet, quadratic)
+
+
+def _pairs(facets: int, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of facets as ``here * facets of the other surface + there``, and the pair of each point, (q,).
 
     Points of one pair follow each other in few runs, a pair for each.
     """
-    keys = here * len(other.facets) + there
+    keys = here * facets + there
     begins = np.flatnonzero(np.diff(keys, prepend=-1))
     return keys[begins], np.repeat(np.arange(begins.size), np.diff(begins, append=keys.size))
 
 
-def _facing_normals(slave: Surface, by_facet: np.ndarray) -> np.ndarray:
-    """Normals of the slave nodes, averaged over what faces the master, (f, k): at a corner the other side does not."""
+def _facing_normals(slave: Surface, corners: np.ndarray, by_facet: np.ndarray) -> np.ndarray:
+    """Normals of the nodes of facets, averaged over what faces the master, (f, k): at an edge the other side is not."""
     normals = np.zeros_like(slave.points)
-    np.add.at(normals, slave.facets, by_facet[:, :, None] * slave.outward[:, None, :])
+    np.add.at(normals, corners, by_facet[:, :, None] * slave.outward[:, None, :])
     return normalised(normals)
 
 
@@ -258,18 +281,14 @@ def _dual_functions(slave: Surface, segments: Segments) -> np.ndarray:
     return functions
 
 
-def _assemble(slave: Surface, other: Surface, segments: Segments, tested: np.ndarray) -> csr_matrix:
-    """Sums of tested_j values_k over all quadrature points, (n, nodes of the other surface)."""
-    values, there = (
-        (segments.slave_values, segments.slave) if other is slave else (segments.master_values, segments.master)
-    )
-    pairs, of_point = _pairs(other, segments.slave, there)
+def _assemble(tests: _Side, tested: np.ndarray, other: _Side, shape: tuple[int, int]) -> csr_matrix:
+    """Sums of tested_j values_k over all quadrature points, of a shape (nodes, nodes of the other surface)."""
+    pairs, of_point = _pairs(len(other.facets), tests.facet, other.facet)
     k = tested.shape[1]
-    l = values.shape[1]
-    entries = _summed((tested[:, :, None] * values[:, None, :]).reshape(-1, k * l), of_point, len(pairs))
-    rows = np.repeat(slave.facets[pairs // len(other.facets)], l, axis=1)
+    l = other.values.shape[1]
+    entries = _summed((tested[:, :, None] * other.values[:, None, :]).reshape(-1, k * l), of_point, len(pairs))
+    rows = np.repeat(tests.facets[pairs // len(other.facets)], l, axis=1)
     columns = np.tile(other.facets[pairs % len(other.facets)], k)
-    shape = len(slave.nodes), len(other.nodes)
     return csr_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
 
 

@@ -21,6 +21,9 @@ _SKEWED = ((4, -1.0, 1e-10), (8, 1e-10, 1e-2), (14, 1e-2, 0.2), (30, 0.2, np.inf
 functions are series of polynomials of degree 4 + p and size s^p, and 1e-10 of the load of a node takes more points."""
 
 
+_QUADRATIC = 8
+"""Degree of quadrature of facets of second order: products of linear and quadratic functions on a square have 6."""
+
 _ORBITS: Mapping[int, tuple[tuple[float, float, float], ...]] = MappingProxyType({
     4: (
         (0.44594849091596483, 0.44594849091596483, 0.22338158967801144),
@@ -120,7 +123,7 @@ def _polygons(slave: Surface, master: Surface, directions: np.ndarray, here: np.
     skew = np.maximum(*(_skewness(corners) for corners in flat))[pair] if pair.size else np.zeros(0)
     parts = []
     for degree, low, high in _SKEWED:
-        rule = _on_triangle(degree)
+        rule = _on_triangle(degree if slave.quadratic is None else max(degree, _QUADRATIC))
         which = np.flatnonzero((skew > low) & (skew <= high))
         (slave_values, master_values), measures = _on_triangles(flat, pair[which], triangles[which], *rule)
         facet = np.repeat(pair[which], len(rule[1]))

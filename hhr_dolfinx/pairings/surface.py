@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
@@ -15,6 +15,9 @@ from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.parameters import Tag
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.pairings.second_order import QuadraticFacets
 
 CREASE = np.cos(np.deg2rad(40.0))
 """Facets that meet at more than 40 degrees form an edge; normals are not averaged across it."""
@@ -47,6 +50,7 @@ class Surface:
         weights: weight of the surface measure at each node, 1 or 2 pi r, (n,).
         areas: tributary area of each node, (n,).
         depths: depth of the cell behind each facet, (f,): no body is thinner.
+        quadratic: facets of second order, whose flat parts ``facets`` are then; None of cells of first order.
     """
 
     tag: Tag
@@ -58,6 +62,7 @@ class Surface:
     weights: Annotated[Floats, "surface nodes"]
     areas: Annotated[Floats, "surface nodes"]
     depths: Annotated[Floats, "facets"]
+    quadratic: QuadraticFacets | None = None
 
     @property
     def corners(self) -> np.ndarray:
@@ -152,7 +157,7 @@ def make_surface(
 
     Args:
         tag: facet tag.
-        facet_nodes: nodes of each facet in the mesh, (f, k).
+        facet_nodes: nodes of each facet in the mesh, (f, k), or of second order (f, K).
         inner_points: middle of the far side of the cell behind each facet, (f, dim), which tells where outside is and
             how deep the cell.
         points: coordinates of all nodes of the mesh.
@@ -166,7 +171,15 @@ def make_surface(
     order = np.lexsort(np.round(middles / (np.ptp(middles, axis=0).max() or 1.0), 9).T[::-1])
     facet_nodes = facet_nodes[order]
     inner_points = inner_points[order]
-    middles = middles[order]
+    quadratic = None
+    if facet_nodes.shape[1] > 2 * (points.shape[1] - 1):
+        from hhr_dolfinx.pairings.second_order import QuadraticFacets, flat_parts
+
+        whole = facet_nodes
+        facet_nodes = flat_parts(whole)
+        inner_points = np.repeat(inner_points, len(facet_nodes) // len(whole), axis=0)
+        quadratic = QuadraticFacets(np.searchsorted(np.unique(whole), whole))
+    middles = points[facet_nodes].mean(axis=1)
     nodes, local = np.unique(facet_nodes, return_inverse=True)
     corners = points[facet_nodes]
     vectors = area_vectors(corners)
@@ -186,6 +199,9 @@ def make_surface(
     outward = vectors / sizes[:, None]
     heights = np.einsum("ij,ij->i", outward, middles - inner_points)
     outward[heights < 0] *= -1
+    if quadratic is not None:  # those of second order are zero at some nodes
+        shares = sizes[:, None] * weights[facet_nodes] / facet_nodes.shape[1]
+        areas = np.bincount(facet_nodes.ravel(), shares.ravel(), len(points))
     return Surface(
         tag=tag,
         nodes=nodes,
@@ -196,6 +212,7 @@ def make_surface(
         weights=weights[nodes],
         areas=areas[nodes],
         depths=np.abs(heights),
+        quadratic=quadratic,
     )
 
 

@@ -1,0 +1,193 @@
+"""Contact surfaces of cells of second order: displacements of second order, multipliers piecewise linear on corners.
+
+A facet of second order is cut into flat parts between its nodes, on which pairings find what faces what as on facets of
+first order. The conditions that they make at all nodes are then averaged with the linear shape functions psi_i of the
+corners,
+
+    sum_j C_ij B_j u <= sum_j C_ij d_j,        C_ij = ∫ psi_i phi_j / ∫ psi_i,
+
+with phi_j those of second order: pressures are piecewise linear, and a constant one does the work of its consistent
+nodal forces. One multiplier for each node would be unstable, and a node of a six-node triangle bears none of a constant
+pressure: displacements of second order with multipliers of first order are stable (B. I. Wohlmuth, Acta Numerica 20,
+2011, section 5; for the weights K. A. Fischer and P. Wriggers, Comput. Mech. 36, 2005).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from hhr_dolfinx.contact.problem import ContactRows
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.pairings.projection import shape_functions
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.pairings.surface import Surface
+
+CORNERS = {3: 2, 6: 3, 9: 4}
+"""Corners of a facet by its number of nodes."""
+PARTS = {
+    3: ((0, 2), (2, 1)),
+    6: ((0, 5, 4), (5, 1, 3), (4, 3, 2), (3, 4, 5)),
+    9: ((0, 4, 5, 8), (4, 1, 8, 6), (5, 8, 2, 7), (8, 6, 7, 3)),
+}
+"""Nodes of the flat parts of a facet, quadrilaterals in tensor order; nodes in the order of DOLFINx: corners, then
+edges, of a triangle edge i opposite of corner i, of a quadrilateral (0, 1), (0, 2), (1, 3), (2, 3), then the middle."""
+PLACES = {
+    3: np.array([[0.0], [1.0], [0.5]]),
+    6: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.5, 0.5], [0.0, 0.5], [0.5, 0.0]]),
+    9: np.array(
+        [[0, 0], [1, 0], [0, 1], [1, 1], [0.5, 0], [0, 0.5], [1, 0.5], [0.5, 1], [0.5, 0.5]], dtype=float
+    ),
+}  # fmt: skip
+"""Reference coordinates of the nodes."""
+POINTS = 5
+"""Gauss points along an axis: products of psi, phi, the Jacobian of curved facets and a radius are polynomials of
+degree 7 at most where facets are flat."""
+
+
+@dataclass(frozen=True)
+class QuadraticFacets:
+    """Facets of second order of a surface whose facets are their flat parts (F of them, K nodes each).
+
+    Attributes:
+        nodes: of each, counted within the surface, (F, K).
+    """
+
+    nodes: np.ndarray
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Corners of each, (F, k)."""
+        return self.nodes[:, : CORNERS[self.nodes.shape[1]]]
+
+    @property
+    def parts(self) -> int:
+        """Number of flat parts of a facet: part p of facet f is facet f parts + p of the surface."""
+        return len(PARTS[self.nodes.shape[1]])
+
+    def functions(self, flat: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Facets of points in flat parts, (q,), and their linear and quadratic shape functions, (q, k) and (q, K).
+
+        Args:
+            flat: flat part of each point, (q,).
+            values: its shape functions there, (q, k).
+        """
+        count = self.nodes.shape[1]
+        facet, part = np.divmod(flat, self.parts)
+        places = PLACES[count][np.array(PARTS[count])]
+        local = np.einsum("qk,qkd->qd", values, places[part])
+        return facet, linear(local, CORNERS[count]), quadratic(local, count)
+
+    def areas(self, surface: Surface) -> np.ndarray:
+        """∫ psi_i of each node, (n,), zero where it is no corner."""
+        return np.asarray(self._integrals(surface, np.arange(len(self.nodes))).sum(axis=1)).ravel()
+
+    def _integrals(self, surface: Surface, facets: np.ndarray) -> csr_matrix:
+        """∫ psi_i phi_j over some facets, (n, n)."""
+        nodes = self.nodes[facets]
+        local, weights = _rule(nodes.shape[1])
+        corners = linear(local, CORNERS[nodes.shape[1]])
+        functions = quadratic(local, nodes.shape[1])
+        slopes = _slopes(nodes.shape[1])
+        along = np.einsum("qjd,fjx->fqdx", slopes, surface.points[nodes])
+        if along.shape[2] == 1:
+            sizes = np.linalg.norm(along[:, :, 0], axis=2)
+        else:
+            sizes = np.linalg.norm(np.cross(along[:, :, 0], along[:, :, 1]), axis=2)
+        measure = sizes * weights * (surface.weights[nodes] @ functions.T)
+        entries = np.einsum("fq,qi,qj->fij", measure, corners, functions)
+        rows = np.repeat(self.corners[facets], nodes.shape[1], axis=1)
+        columns = np.tile(nodes, corners.shape[1])
+        shape = len(surface.nodes), len(surface.nodes)
+        return csr_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+
+
+def averaged(rows: ContactRows, surface: Surface) -> ContactRows:
+    """Conditions at all nodes of a slave surface as those of its corners; as they are on facets of first order.
+
+    What lies beyond the edge of a master has no condition: facets of which all nodes have one are averaged over.
+
+    Raises:
+        SceneError: where no facet has a condition at all of its nodes.
+    """
+    facets = surface.quadratic
+    if facets is None:
+        return rows
+    place = np.full(len(surface.nodes), -1)
+    place[np.searchsorted(surface.nodes, rows.slaves)] = np.arange(rows.gap.size)
+    whole = np.flatnonzero((place[facets.nodes] >= 0).all(axis=1))
+    if not whole.size:
+        raise SceneError(
+            f"no facet of slave surface {surface.tag} lies in front of its master with all of its nodes: mesh it finer"
+        )
+    integrals = facets._integrals(surface, whole)
+    corners = np.unique(facets.corners[whole])
+    corners = corners[np.argsort(place[corners])]
+    own = csr_matrix(integrals[corners])
+    areas = np.asarray(own.sum(axis=1)).ravel()
+    used = own.tocoo()
+    shape = corners.size, rows.gap.size
+    means = csr_matrix((used.data / areas[used.row], (used.row, place[used.col])), shape=shape)
+    matrix = csr_matrix(means @ rows.matrix)
+    return ContactRows(matrix, means @ rows.gap, surface.nodes[corners], surface.points[corners], areas)
+
+
+def flat_parts(nodes: np.ndarray) -> np.ndarray:
+    """Nodes of the flat parts of facets, (f, K): those of one facet behind each other, (parts f, k)."""
+    return nodes[:, np.array(PARTS[nodes.shape[1]])].reshape(-1, CORNERS[nodes.shape[1]])
+
+
+def linear(local: np.ndarray, count: int) -> np.ndarray:
+    """Shape functions of first order, (q, k), at reference coordinates, (q, 1) or (q, 2)."""
+    if count == 2:
+        return np.column_stack([1 - local[:, 0], local[:, 0]])
+    return shape_functions(local, count)[0]
+
+
+def quadratic(local: np.ndarray, count: int) -> np.ndarray:
+    """Shape functions of second order, (q, K), likewise."""
+    if count == 3:
+        return _on_line(local[:, 0])
+    if count == 6:
+        first, second, third = linear(local, 3).T
+        corners = [one * (2 * one - 1) for one in (first, second, third)]
+        return np.column_stack([*corners, 4 * second * third, 4 * first * third, 4 * first * second])
+    x, y = _on_line(local[:, 0]), _on_line(local[:, 1])
+    return np.column_stack([x[:, i] * y[:, j] for i, j in _TENSOR])
+
+
+_TENSOR = ((0, 0), (1, 0), (0, 1), (1, 1), (2, 0), (0, 2), (1, 2), (2, 1), (2, 2))
+"""Functions on a line whose product is that of each node of a square."""
+
+
+def _on_line(x: np.ndarray) -> np.ndarray:
+    """Those of a line: both ends, and the middle."""
+    return np.column_stack([(1 - x) * (1 - 2 * x), x * (2 * x - 1), 4 * x * (1 - x)])
+
+
+@cache
+def _rule(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points of a rule on the reference facet with so many nodes, (q, d), and its weights, (q,)."""
+    ends, weights = np.polynomial.legendre.leggauss(POINTS)
+    x, w = (ends + 1) / 2, weights / 2
+    if count == 3:
+        return x[:, None], w
+    first, second = (part.ravel() for part in np.meshgrid(x, x, indexing="ij"))
+    both = np.outer(w, w).ravel()
+    if count == 9:
+        return np.column_stack([first, second]), both
+    # a square folded to a triangle
+    return np.column_stack([first * (1 - second), second]), both * (1 - second)
+
+
+@cache
+def _slopes(count: int) -> np.ndarray:
+    """Slopes of the functions of second order at the points of the rule, (q, K, d): exact differences of parabolas."""
+    local, _ = _rule(count)
+    steps = np.eye(local.shape[1]) * 0.5
+    return np.stack([quadratic(local + step, count) - quadratic(local - step, count) for step in steps], axis=2)
