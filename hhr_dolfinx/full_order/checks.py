@@ -126,7 +126,7 @@ def _check_cells(mesh, comm):
     corners = mesh.geometry.x[nodes][:, :, :dim]
     finite = np.isfinite(corners).all(axis=(1, 2))
     points = np.where(finite[:, None, None], corners, 0.0)
-    jacobians = corner_jacobians(points) if degree == 1 else _curved_jacobians(mesh, points)
+    jacobians = jacobians_of(mesh, points)
     corners = corners[:, :count]
     mean = jacobians.mean(axis=1)
     largest = np.abs(jacobians).max(axis=1)
@@ -207,8 +207,10 @@ def corner_jacobians(corners: np.ndarray) -> np.ndarray:
     return np.linalg.det(np.stack(edges, axis=2))
 
 
-def _curved_jacobians(mesh, points):
-    """Determinant of the Jacobian at the nodes of cells of second order, (c, K), from these nodes, (c, K, dim)."""
+def jacobians_of(mesh: dmesh.Mesh, points: np.ndarray) -> np.ndarray:
+    """Determinant of the Jacobian at the nodes of cells, (c, k), from their coordinates, (c, k, dim)."""
+    if mesh.geometry.cmap.degree == 1:
+        return corner_jacobians(points)
     kind = mesh.topology.cell_name()
     slopes = compat.shape_functions(kind, compat.nodes_of_cell(kind, 2), 2)[1]
     return np.linalg.det(np.einsum("qkd,ckx->cqdx", slopes, points))

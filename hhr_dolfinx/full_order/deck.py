@@ -51,6 +51,7 @@ def write_deck(path: Path, discretisation: Discretisation, mu: Any) -> None:
 def _check(discretisation: Discretisation, point: np.ndarray) -> None:
     scene = discretisation.scene
     faults = {
+        "cells are of second order": discretisation.order > 1,
         "bodies flow": any(body.law is not None for body in scene.bodies),
         "shapes depend on parameters": bool(scene.shapes),
         "bodies are graded": any(body.grading is not None for body in scene.bodies),

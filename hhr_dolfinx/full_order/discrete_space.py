@@ -28,7 +28,7 @@ from hhr_dolfinx.full_order.checks import (
     order_of,
     tagged,
 )
-from hhr_dolfinx.full_order.locking import QUADRATURE, mean_dilatation, stiffness_degree
+from hhr_dolfinx.full_order.locking import gauss_degree, mean_dilatation, stiffness_degree
 from hhr_dolfinx.loads import Assembler
 from hhr_dolfinx.pairings.surface import Surface, make_surface
 from hhr_dolfinx.parameters import Tag
@@ -93,8 +93,14 @@ class DiscreteSpace(ABC):
         if self.reshaped is None:
             return self._dx(self.names.cell(tag))
         return self._dx(
-            self.names.cell(tag), degree=stiffness_degree(self.mesh.topology.cell_name(), self.scene.hypothesis)
+            self.names.cell(tag),
+            degree=stiffness_degree(self.mesh.topology.cell_name(), self.scene.hypothesis, self.order),
         )
+
+    @property
+    def gauss_degree(self) -> int:
+        """Degree of the rule by which bodies see their strain that flow, or take a mean dilatation."""
+        return gauss_degree(self.mesh.topology.cell_name(), self.order)
 
     def empty_matrix(self) -> PETSc.Mat:
         """A matrix that couples the dofs of all cells."""
@@ -120,7 +126,7 @@ class DiscreteSpace(ABC):
     def cell_means(self, field: Expr) -> fem.Function:
         """Mean of a UFL scalar over each cell's volume, by the rule of the stiffness; on the cells of this rank."""
         means = fem.Function(fem.functionspace(self.mesh, ("Discontinuous Lagrange", 0)))
-        dx = ufl.dx(self.mesh, metadata={"quadrature_degree": QUADRATURE})
+        dx = ufl.dx(self.mesh, metadata={"quadrature_degree": self.gauss_degree})
         volume = elasticity.volume_weight(self.mesh, self.scene.hypothesis) * ufl.TestFunction(means.function_space)
         change, size = (fem.assemble_vector(fem.form(form * dx)).array for form in (field * volume, volume))
         own = means.function_space.dofmap.index_map.size_local

@@ -25,7 +25,6 @@ from hhr_dolfinx.forms import elasticity, volume
 from hhr_dolfinx.forms.elasticity import volume_weight
 from hhr_dolfinx.forms.return_mapping import kelvin, strain_vector
 from hhr_dolfinx.formulas import Formula, Modulus, Scalar
-from hhr_dolfinx.full_order.locking import QUADRATURE
 from hhr_dolfinx.loads import checked_terms, first_load
 from hhr_dolfinx.materials.strain import SparsePattern, StrainOperator
 from hhr_dolfinx.materials.update import Group, Material
@@ -127,7 +126,7 @@ def _gradings(discretisation: DiscreteSpace, places: Iterable[int], cells: np.nd
     """What the moduli of bodies, by their places, are multiplied by at the Gauss points of cells, (cells, per_cell)."""
     mesh = discretisation.mesh
     bodies = discretisation.cell_bodies()[cells]
-    points, weights = compat.quadrature(mesh.topology.cell_name(), QUADRATURE)
+    points, weights = compat.quadrature(mesh.topology.cell_name(), discretisation.gauss_degree)
     found = np.ones((len(cells), len(weights)))
     for place in places:
         grading = discretisation.scene.bodies[place].grading
@@ -147,7 +146,7 @@ def tabulated(discretisation: DiscreteSpace, cells: np.ndarray) -> StrainOperato
     space = discretisation.space
     hypothesis = discretisation.scene.hypothesis
     cells = cells.astype(np.int32)
-    points, weights = compat.quadrature(mesh.topology.cell_name(), QUADRATURE)
+    points, weights = compat.quadrature(mesh.topology.cell_name(), discretisation.gauss_degree)
     table = fem.Expression(strain_vector(ufl.TrialFunction(space), hypothesis), points).eval(mesh, cells)
     measure = volume_weight(mesh, hypothesis) * abs(ufl.JacobianDeterminant(mesh))
     volumes = weights * fem.Expression(measure, points).eval(mesh, cells).reshape(len(cells), len(weights))
@@ -202,7 +201,7 @@ def eigenstress(
     hypothesis = scene.hypothesis
     mean = discretisation.mean_dilatation[places[0]]
     # bodies with a mean dilatation meet the strain at the points where they meet their own
-    dx = discretisation.cells(tag)(degree=QUADRATURE) if mean else discretisation.cells(tag)
+    dx = discretisation.cells(tag)(degree=discretisation.gauss_degree) if mean else discretisation.cells(tag)
     measured = elasticity.in_plane(elasticity.strain(discretisation.arguments[1], hypothesis), hypothesis)
     weight = elasticity.volume_weight(discretisation.mesh, hypothesis)
     # the product of two means is not the mean of the product, which the test function meets
@@ -272,7 +271,7 @@ def _tabulated(discretisation: DiscreteSpace, load: Any, operator: StrainOperato
     """A strain for the amplitude 1 at all Gauss points, Kelvin's notation, (points * components,)."""
     mesh = discretisation.mesh
     bodies = discretisation.cell_bodies()
-    points, _ = compat.quadrature(mesh.topology.cell_name(), QUADRATURE)
+    points, _ = compat.quadrature(mesh.topology.cell_name(), discretisation.gauss_degree)
     found = np.zeros((bodies.size, operator.per_cell, operator.components))
     for place, body in enumerate(discretisation.scene.bodies):
         given = load.eigenstrain_of(body.tag, mesh)

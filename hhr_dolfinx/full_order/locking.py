@@ -25,9 +25,6 @@ beyond, the error has no bound, while that of the mean dilatation stays at 0.1 %
 keep full integration.
 """
 
-QUADRATURE = 2
-"""Degree of the rule of such bodies: quadrilaterals get 2 x 2 points, hexahedra 2 x 2 x 2."""
-
 SIMPLICES = {"triangle": "quadrilaterals", "tetrahedron": "hexahedra"}
 """Cells that lock, and what to mesh with in their place."""
 
@@ -79,12 +76,22 @@ def _warn(scene: Scene, body: Body, cell: str) -> None:
     )
 
 
-def stiffness_degree(cell: str, hypothesis: str) -> int:
+def gauss_degree(cell: str, order: int) -> int:
+    """Degree of the rule by which bodies that flow, or take a mean dilatation, see their strain.
+
+    Of first order quadrilaterals get 2 x 2 points and hexahedra 2 x 2 x 2; of second order 3 along each axis, and
+    triangles 3 points and tetrahedra 4, which integrate the stiffness of straight cells exactly.
+    """
+    return 2 if order == 1 or cell in SIMPLICES else 4
+
+
+def stiffness_degree(cell: str, hypothesis: str, order: int = 1) -> int:
     """Degree of the rule of the stiffness where shapes depend on parameters, of the full and of reduced models.
 
-    Simplices have a constant strain, exact with one point; in axisymmetry they take six, for weights 1 / r. Other cells
-    take two points along each axis, the usual full integration: exact on parallelograms and parallelepipeds.
+    Simplices have a strain of a degree less than the displacement; in axisymmetry they take more points, for weights
+    1 / r. Other cells take one point more than their order along each axis, the usual full integration: exact on
+    parallelograms and parallelepipeds.
     """
     if cell in SIMPLICES:
-        return 4 if hypothesis == "axisymmetric" else 1
-    return 3
+        return 2 * order - 1 if hypothesis != "axisymmetric" else 2 * order + 2
+    return 2 * order + 1

@@ -16,7 +16,7 @@ from hhr_dolfinx import compat
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import PairingWarning, ParameterError, SceneError
 from hhr_dolfinx.formulas import box_samples
-from hhr_dolfinx.full_order.checks import FOLDED, corner_jacobians
+from hhr_dolfinx.full_order.checks import FOLDED, jacobians_of
 from hhr_dolfinx.shapes import coordinate_names
 
 CLOSE = 1e-9
@@ -180,8 +180,9 @@ class Reshaped:
         where = scene.parameters.described(point)
         if not np.isfinite(corners).all():
             return f"a shape of scene '{scene.name}' is not finite at {where}: check its formulas"
-        sign = np.sign(corner_jacobians(self.reference[self._cells][:, :, :dim]).mean(axis=1))[:, None]
-        jacobians = corner_jacobians(corners) * sign
+        mesh = self._owner.mesh
+        sign = np.sign(jacobians_of(mesh, self.reference[self._cells][:, :, :dim]).mean(axis=1))[:, None]
+        jacobians = jacobians_of(mesh, corners) * sign
         bad = np.flatnonzero(jacobians.min(axis=1) <= FOLDED * np.abs(jacobians).max(axis=1))
         if not bad.size:
             return ""

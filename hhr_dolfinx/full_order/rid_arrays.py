@@ -11,7 +11,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.contact.problem import ContactProblem, ContactRows, masked
-from hhr_dolfinx.errors import PairingWarning, SceneError
+from hhr_dolfinx.errors import NotOfferedError, PairingWarning, SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.full_order.locking import SIMPLICES, stiffness_degree
@@ -75,6 +75,11 @@ class ShapedArrays:
                 f"bodies {graded} of scene '{scene.name}' are graded, and shapes depend on parameters: a reduced "
                 "model cannot evaluate their grading where cells have moved. Divide a body into several, or take an "
                 "interpolated condensation"
+            )
+        if discretisation.order > 1:
+            raise NotOfferedError(
+                "hyper-reduction is not built in where shapes are parameters of cells of second order: condense the "
+                "scene, hhr.condense(scene), or mesh it with cells of first order"
             )
         self._owner = discretisation
         self._problem = problem

@@ -74,6 +74,7 @@ MODULES = {
     "pairings.node_to_node": "NodeToNode",
     "pairings.node_to_surface": "DoublePass NodeToSurface",
     "pairings.obstacle": "Obstacle",
+    "pairings.second_order": "QuadraticFacets",
     "pairings.surface": "Surface",
     "parameters": "ParameterSpace",
     "shapes": "Shape",

@@ -16,12 +16,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactRows
+from hhr_dolfinx.declared import Integers
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.projection import shape_functions
 
@@ -58,7 +59,7 @@ class QuadraticFacets:
         nodes: of each, counted within the surface, (F, K).
     """
 
-    nodes: np.ndarray
+    nodes: Annotated[Integers, "whole facets", "facet nodes"]
 
     @property
     def corners(self) -> np.ndarray:
@@ -135,6 +136,16 @@ def averaged(rows: ContactRows, surface: Surface) -> ContactRows:
     means = csr_matrix((used.data / areas[used.row], (used.row, place[used.col])), shape=shape)
     matrix = csr_matrix(means @ rows.matrix)
     return ContactRows(matrix, means @ rows.gap, surface.nodes[corners], surface.points[corners], areas)
+
+
+def spread(surface: Surface, values: np.ndarray) -> np.ndarray:
+    """Values at all nodes of a surface, (n,), from those at its corners, which are linear between these."""
+    facets = surface.quadratic
+    if facets is None:
+        return values
+    found = values.copy()
+    found[facets.nodes] = values[facets.corners] @ linear(PLACES[facets.nodes.shape[1]], facets.corners.shape[1]).T
+    return found
 
 
 def flat_parts(nodes: np.ndarray) -> np.ndarray:

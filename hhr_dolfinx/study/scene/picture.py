@@ -45,9 +45,11 @@ def draw_scene(found: Any, path: Path) -> None:
 
 
 def _plane(found: Any, axes: Any) -> None:
+    from hhr_dolfinx.geometries.cells import CORNERS
+
     discretisation: Any = found.discretisation
     points = discretisation._points()
-    cells = discretisation._cell_nodes()
+    cells = discretisation._cell_nodes()[:, : CORNERS[discretisation.mesh.topology.cell_name()]]
     owner = discretisation.cell_bodies()
     for place, body in enumerate(found.scene.bodies):
         corners = points[cells[owner == place]][:, AROUND[cells.shape[1]]]
@@ -108,13 +110,13 @@ def _nodes(found: Any, tag: Any) -> np.ndarray:
 
 
 def _space(found: Any, axes: Any) -> None:
-    from hhr_dolfinx.geometries.cells import FACES, TENSOR
+    from hhr_dolfinx.geometries.cells import CORNERS, FACES, TENSOR
 
     discretisation: Any = found.discretisation
     points = discretisation._points()
-    cells = discretisation._cell_nodes()
     owner = discretisation.cell_bodies()
     kind = discretisation.mesh.topology.cell_name()
+    cells = discretisation._cell_nodes()[:, : CORNERS[kind]]
     corners = np.array(FACES[kind])
     for place, body in enumerate(found.scene.bodies):
         own = cells[owner == place]
