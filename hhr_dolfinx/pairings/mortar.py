@@ -52,8 +52,7 @@ class Mortar:
 
     With that scale B is of the size of nodal rows and multipliers are nodal forces. Dual functions psi_j, which are
     biorthogonal to the shape functions of the slave, tie each row to one slave node; standard ones are these shape
-    functions. On cells of second order both are the linear functions of the corners, whose pressures are positive where
-    those of the corners are.
+    functions. On cells of second order both are the linear functions of their flat parts, see ``second_order``.
 
     Attributes:
         slave: facet tag of the surface that carries the multipliers.
@@ -121,25 +120,23 @@ class Mortar:
         """Integrate over the segments and divide by the weight of each multiplier function."""
         dual = self.multipliers == "dual" and slave.quadratic is None
         n = len(slave.nodes)
-        tests, trace = _sides(slave, segments.slave, segments.slave_values)
-        _, traced = _sides(master, segments.master, segments.master_values)
+        tests = _Side(slave.facets, segments.slave, segments.slave_values)
+        on_slave = _displaced(slave, tests)
+        on_master = _displaced(master, _Side(master.facets, segments.master, segments.master_values))
         functions = _dual_functions(slave, segments) if dual else tests.values
         tested = functions * segments.measures[:, None]
         by_facet = _summed(tested, segments.slave, len(slave.facets))
-        # flat parts of a facet of second order share its corners
-        corners = np.repeat(tests.facets, len(slave.facets) // len(tests.facets), axis=0)
-        area = np.bincount(corners.ravel(), by_facet.ravel(), n)
+        area = np.bincount(slave.facets.ravel(), by_facet.ravel(), n)
         if normals is None:
-            normals = _facing_normals(slave, corners, by_facet)
-        whole = slave.areas if slave.quadratic is None else slave.quadratic.areas(slave)
-        covered = area > COVERED * whole
+            normals = _facing_normals(slave, by_facet)
+        covered = area > COVERED * slave.areas
         if not covered.any():
             raise NeverFacingError(never_facing(slave, master, "no slave node is covered by the master"))
-        warn_beyond_edge(slave, master, ~covered & (whole > 0))
+        warn_beyond_edge(slave, master, ~covered)
         scale = diags(1 / np.where(covered, area, 1.0))
         # dual functions are biorthogonal to the shape functions of the slave
-        onto_slave = identity(n) if dual else scale @ _assemble(tests, tested, trace, (n, n))
-        onto_master = scale @ _assemble(tests, tested, traced, (n, len(master.nodes)))
+        onto_slave = identity(n) if dual else scale @ _assemble(tests, tested, on_slave, (n, n))
+        onto_master = scale @ _assemble(tests, tested, on_master, (n, len(master.nodes)))
         gap = np.einsum("md,md->m", onto_master @ master.points - onto_slave @ slave.points, normals)
         matrix = _along_normals(onto_slave, slave.nodes, normals, dofs)
         matrix = matrix - _along_normals(onto_master, master.nodes, normals, dofs)
@@ -239,13 +236,11 @@ class _Side(NamedTuple):
     values: np.ndarray
 
 
-def _sides(surface: Surface, flat: np.ndarray, values: np.ndarray) -> tuple[_Side, _Side]:
-    """Linear functions of the corners, and those of the displacement, from those of flat facets, (q,) and (q, k)."""
+def _displaced(surface: Surface, flat: _Side) -> _Side:
+    """Functions of the displacement where those of flat facets are given: the same, or those of second order."""
     if surface.quadratic is None:
-        own = _Side(surface.facets, flat, values)
-        return own, own
-    facet, linear, quadratic = surface.quadratic.functions(flat, values)
-    return _Side(surface.quadratic.corners, facet, linear), _Side(surface.quadratic.nodes, facet, quadratic)
+        return flat
+    return _Side(surface.quadratic.nodes, *surface.quadratic.functions(flat.facet, flat.values))
 
 
 def _pairs(facets: int, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -258,10 +253,10 @@ def _pairs(facets: int, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray
     return keys[begins], np.repeat(np.arange(begins.size), np.diff(begins, append=keys.size))
 
 
-def _facing_normals(slave: Surface, corners: np.ndarray, by_facet: np.ndarray) -> np.ndarray:
-    """Normals of the nodes of facets, averaged over what faces the master, (f, k): at an edge the other side is not."""
+def _facing_normals(slave: Surface, by_facet: np.ndarray) -> np.ndarray:
+    """Normals of the slave nodes, averaged over what faces the master, (f, k): at a corner the other side does not."""
     normals = np.zeros_like(slave.points)
-    np.add.at(normals, corners, by_facet[:, :, None] * slave.outward[:, None, :])
+    np.add.at(normals, slave.facets, by_facet[:, :, None] * slave.outward[:, None, :])
     return normalised(normals)
 
 

@@ -1,15 +1,16 @@
-"""Contact surfaces of cells of second order: displacements of second order, multipliers piecewise linear on corners.
+"""Contact surfaces of cells of second order: displacements of second order, multipliers piecewise linear.
 
 A facet of second order is cut into flat parts between its nodes, on which pairings find what faces what as on facets of
-first order. The conditions that they make at all nodes are then averaged with the linear shape functions psi_i of the
-corners,
+first order. The conditions that they make at all nodes are then averaged with the linear shape functions psi_i of these
+parts,
 
     sum_j C_ij B_j u <= sum_j C_ij d_j,        C_ij = ∫ psi_i phi_j / ∫ psi_i,
 
-with phi_j those of second order: pressures are piecewise linear, and a constant one does the work of its consistent
-nodal forces. One multiplier for each node would be unstable, and a node of a six-node triangle bears none of a constant
-pressure: displacements of second order with multipliers of first order are stable (B. I. Wohlmuth, Acta Numerica 20,
-2011, section 5; for the weights K. A. Fischer and P. Wriggers, Comput. Mech. 36, 2005).
+with phi_j those of second order: pressures are linear on each part, positive where those of its nodes are, and a
+constant one does the work of its consistent nodal forces. Conditions of single nodes would not: a corner of a six-node
+triangle bears none of a constant pressure. There are as many functions psi as phi, and C is well-conditioned, so that
+the multipliers are as stable as those of first order (B. I. Wohlmuth, Acta Numerica 20, 2011, section 5; A. Popp,
+B. I. Wohlmuth, M. W. Gee and W. A. Wall, SIAM J. Sci. Comput. 34, 2012, on positive weights).
 """
 
 from __future__ import annotations
@@ -71,8 +72,8 @@ class QuadraticFacets:
         """Number of flat parts of a facet: part p of facet f is facet f parts + p of the surface."""
         return len(PARTS[self.nodes.shape[1]])
 
-    def functions(self, flat: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Facets of points in flat parts, (q,), and their linear and quadratic shape functions, (q, k) and (q, K).
+    def functions(self, flat: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Facets of points in flat parts, (q,), and the values of their shape functions, (q, K).
 
         Args:
             flat: flat part of each point, (q,).
@@ -80,36 +81,32 @@ class QuadraticFacets:
         """
         count = self.nodes.shape[1]
         facet, part = np.divmod(flat, self.parts)
-        places = PLACES[count][np.array(PARTS[count])]
-        local = np.einsum("qk,qkd->qd", values, places[part])
-        return facet, linear(local, CORNERS[count]), quadratic(local, count)
+        local = np.einsum("qk,qkd->qd", values, PLACES[count][np.array(PARTS[count])][part])
+        return facet, quadratic(local, count)
 
-    def areas(self, surface: Surface) -> np.ndarray:
-        """∫ psi_i of each node, (n,), zero where it is no corner."""
-        return np.asarray(self._integrals(surface, np.arange(len(self.nodes))).sum(axis=1)).ravel()
-
-    def _integrals(self, surface: Surface, facets: np.ndarray) -> csr_matrix:
+    def integrals(self, surface: Surface, facets: np.ndarray) -> csr_matrix:
         """∫ psi_i phi_j over some facets, (n, n)."""
         nodes = self.nodes[facets]
-        local, weights = _rule(nodes.shape[1])
-        corners = linear(local, CORNERS[nodes.shape[1]])
-        functions = quadratic(local, nodes.shape[1])
-        slopes = _slopes(nodes.shape[1])
-        along = np.einsum("qjd,fjx->fqdx", slopes, surface.points[nodes])
-        if along.shape[2] == 1:
-            sizes = np.linalg.norm(along[:, :, 0], axis=2)
-        else:
-            sizes = np.linalg.norm(np.cross(along[:, :, 0], along[:, :, 1]), axis=2)
-        measure = sizes * weights * (surface.weights[nodes] @ functions.T)
-        entries = np.einsum("fq,qi,qj->fij", measure, corners, functions)
-        rows = np.repeat(self.corners[facets], nodes.shape[1], axis=1)
-        columns = np.tile(nodes, corners.shape[1])
+        count = nodes.shape[1]
         shape = len(surface.nodes), len(surface.nodes)
-        return csr_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+        found = csr_matrix(shape)
+        for part in PARTS[count]:
+            values, functions, slopes, weights = _rule(count, part)
+            along = np.einsum("qjd,fjx->fqdx", slopes, surface.points[nodes])
+            if along.shape[2] == 1:
+                sizes = np.linalg.norm(along[:, :, 0], axis=2)
+            else:
+                sizes = np.linalg.norm(np.cross(along[:, :, 0], along[:, :, 1]), axis=2)
+            measure = sizes * weights * (surface.weights[nodes] @ functions.T)
+            entries = np.einsum("fq,qi,qj->fij", measure, values, functions)
+            rows = np.repeat(nodes[:, list(part)], count, axis=1)
+            columns = np.tile(nodes, len(part))
+            found = found + csr_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+        return found
 
 
 def averaged(rows: ContactRows, surface: Surface) -> ContactRows:
-    """Conditions at all nodes of a slave surface as those of its corners; as they are on facets of first order.
+    """Conditions of single nodes of a slave surface as weighted ones; as they are on facets of first order.
 
     What lies beyond the edge of a master has no condition: facets of which all nodes have one are averaged over.
 
@@ -126,26 +123,14 @@ def averaged(rows: ContactRows, surface: Surface) -> ContactRows:
         raise SceneError(
             f"no facet of slave surface {surface.tag} lies in front of its master with all of its nodes: mesh it finer"
         )
-    integrals = facets._integrals(surface, whole)
-    corners = np.unique(facets.corners[whole])
-    corners = corners[np.argsort(place[corners])]
-    own = csr_matrix(integrals[corners])
-    areas = np.asarray(own.sum(axis=1)).ravel()
-    used = own.tocoo()
-    shape = corners.size, rows.gap.size
-    means = csr_matrix((used.data / areas[used.row], (used.row, place[used.col])), shape=shape)
+    nodes = np.unique(facets.nodes[whole])
+    nodes = nodes[np.argsort(place[nodes])]
+    own = facets.integrals(surface, whole)[nodes].tocoo()
+    areas = np.bincount(own.row, own.data, nodes.size)
+    shape = nodes.size, rows.gap.size
+    means = csr_matrix((own.data / areas[own.row], (own.row, place[own.col])), shape=shape)
     matrix = csr_matrix(means @ rows.matrix)
-    return ContactRows(matrix, means @ rows.gap, surface.nodes[corners], surface.points[corners], areas)
-
-
-def spread(surface: Surface, values: np.ndarray) -> np.ndarray:
-    """Values at all nodes of a surface, (n,), from those at its corners, which are linear between these."""
-    facets = surface.quadratic
-    if facets is None:
-        return values
-    found = values.copy()
-    found[facets.nodes] = values[facets.corners] @ linear(PLACES[facets.nodes.shape[1]], facets.corners.shape[1]).T
-    return found
+    return ContactRows(matrix, means @ rows.gap, surface.nodes[nodes], surface.points[nodes], areas)
 
 
 def flat_parts(nodes: np.ndarray) -> np.ndarray:
@@ -182,23 +167,24 @@ def _on_line(x: np.ndarray) -> np.ndarray:
 
 
 @cache
-def _rule(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a rule on the reference facet with so many nodes, (q, d), and its weights, (q,)."""
+def _rule(count: int, part: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """A rule on a flat part of the reference facet with so many nodes, of q points.
+
+    Returns:
+        Shape functions of the part, (q, k), of the facet, (q, K), and their slopes, (q, K, d), and weights, (q,).
+    """
     ends, weights = np.polynomial.legendre.leggauss(POINTS)
     x, w = (ends + 1) / 2, weights / 2
-    if count == 3:
-        return x[:, None], w
-    first, second = (part.ravel() for part in np.meshgrid(x, x, indexing="ij"))
-    both = np.outer(w, w).ravel()
-    if count == 9:
-        return np.column_stack([first, second]), both
-    # a square folded to a triangle
-    return np.column_stack([first * (1 - second), second]), both * (1 - second)
-
-
-@cache
-def _slopes(count: int) -> np.ndarray:
-    """Slopes of the functions of second order at the points of the rule, (q, K, d): exact differences of parabolas."""
-    local, _ = _rule(count)
-    steps = np.eye(local.shape[1]) * 0.5
-    return np.stack([quadratic(local + step, count) - quadratic(local - step, count) for step in steps], axis=2)
+    local, weights = x[:, None], w
+    if count != 3:
+        first, second = (item.ravel() for item in np.meshgrid(x, x, indexing="ij"))
+        local, weights = np.column_stack([first, second]), np.outer(w, w).ravel()
+    if count == 6:  # a square folded to a triangle
+        local, weights = np.column_stack([first * (1 - second), second]), weights * (1 - second)
+    values = linear(local, len(part))
+    there = values @ PLACES[count][list(part)]
+    steps = np.eye(there.shape[1]) * 0.5
+    # exact differences of parabolas
+    slopes = [quadratic(there + step, count) - quadratic(there - step, count) for step in steps]
+    share = 1 / len(PARTS[count])
+    return values, quadratic(there, count), np.stack(slopes, axis=2), share * weights
