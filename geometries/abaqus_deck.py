@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, one_kind, require_first_order
+from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, one_kind, sides_of
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
 _LINES = ("T2D", "T3D", "B2", "B3", "R2D2", "RAX2", "SAX1", "SAX2")
@@ -23,9 +23,9 @@ _NOT_PLANE = ("SPRING", "SC6", "SC8")
 _SOLID = ("C3D", "SC8", "F3D")
 _NO_CELLS = ("MASS", "SPRING", "DASHPOT", "D", "CONN", "GAP", "ROTARYI", "U", "RB")
 """First letters of types of elements. Lines, and plane ones in space, name facets; gmsh writes surfaces so."""
-_COUNTS = {2: {3: "triangle", 6: "triangle", 4: "quadrilateral", 8: "quadrilateral"},
-           3: {4: "tetrahedron", 10: "tetrahedron", 8: "hexahedron", 20: "hexahedron", 5: "pyramid", 6: "prism",
-               15: "prism"}}  # fmt: skip
+_COUNTS = {2: {3: "triangle", 6: "triangle", 4: "quadrilateral", 8: "quadrilateral", 9: "quadrilateral"},
+           3: {4: "tetrahedron", 10: "tetrahedron", 8: "hexahedron", 20: "hexahedron", 27: "hexahedron", 5: "pyramid",
+               6: "prism", 15: "prism"}}  # fmt: skip
 """Kinds of cells by dimension and number of nodes."""
 
 
@@ -36,7 +36,7 @@ class _Deck:
     Attributes:
         nodes: coordinates by number.
         elements: kind and corners by number.
-        counts: number of nodes of each of them.
+        whole: all nodes of each of them.
         node_sets, element_sets: numbers by name in capitals.
         faces: of surfaces by name in capitals: an element or a set, and a face.
         spelling: names as they were first written, by kind of set and name in capitals.
@@ -44,7 +44,7 @@ class _Deck:
 
     nodes: dict[int, list[float]] = field(default_factory=dict)
     elements: dict[int, tuple[str, list[int]]] = field(default_factory=dict)
-    counts: dict[int, int] = field(default_factory=dict)
+    whole: dict[int, list[int]] = field(default_factory=dict)
     node_sets: dict[str, list[int]] = field(default_factory=dict)
     element_sets: dict[str, list[int]] = field(default_factory=dict)
     faces: dict[str, list[tuple[str, str]]] = field(default_factory=dict)
@@ -170,8 +170,9 @@ def _elements(deck: _Deck, options: dict[str, str], rows: list[list[str]]) -> No
         if len(nodes) not in kinds:
             raise ValueError(f"element {number} of type {name} has {len(nodes)} nodes, which is not understood")
         kind = kinds[len(nodes)]
-        deck.elements[number] = kind, nodes[: CORNERS.get(kind, 2)]
-        deck.counts[number] = len(nodes)
+        # the second of three nodes on a line is that in the middle
+        deck.elements[number] = kind, nodes[:: len(nodes) - 1] if kind == "line" else nodes[: CORNERS.get(kind)]
+        deck.whole[number] = nodes
     if "ELSET" in options:
         members = deck.element_sets.setdefault(deck.named("elset", options["ELSET"]), [])
         members.extend(int(row[0]) for row in rows)
@@ -207,8 +208,7 @@ def _mesh_of(deck: _Deck, path: Path) -> RawMesh:
         if item[0] != "line" and DIMENSION.get(item[0], 3) == max(dimensions)
     }
     kind = one_kind((kind for kind, _ in cells.values()), path)
-    require_first_order(kind, (deck.counts[number] for number in cells), path)
-    lost = next((number for number, (_, nodes) in cells.items() if not deck.nodes.keys() >= set(nodes)), None)
+    lost = next((number for number in cells if not deck.nodes.keys() >= set(deck.whole[number])), None)
     if lost is not None:
         raise FileContentError(f"{path}: element {lost} has a node that is not in the deck")
     node_of = {number: k for k, number in enumerate(deck.nodes)}
@@ -216,6 +216,12 @@ def _mesh_of(deck: _Deck, path: Path) -> RawMesh:
     bodies = {deck.spelling["elset", name]: np.array([row_of[n] for n in numbers if n in row_of], dtype=np.int64)
               for name, numbers in deck.element_sets.items()}  # fmt: skip
     array = np.array([[node_of[n] for n in nodes] for _, nodes in cells.values()], dtype=np.int64)
+    blocks = {len(deck.whole[number]) for number in cells}
+    whole = [
+        np.array([[node_of[n] for n in deck.whole[k]] for k in cells if len(deck.whole[k]) == count])
+        for count in blocks
+    ]
+    sides = sides_of(kind, whole, path)
     surfaces = _facet_sets(deck, max(dimensions), node_of, len(FACES[kind][0]))
     for name, faces in deck.faces.items():
         spelt = deck.spelling["surface", name]
@@ -223,7 +229,7 @@ def _mesh_of(deck: _Deck, path: Path) -> RawMesh:
     nodes = {deck.spelling["nset", name]: np.array([node_of[n] for n in numbers if n in node_of], dtype=np.int64)
              for name, numbers in deck.node_sets.items()}  # fmt: skip
     bodies = {name: rows for name, rows in bodies.items() if rows.size} or {"all": np.arange(len(array))}
-    return RawMesh(np.array(list(deck.nodes.values())), kind, array, bodies, surfaces, nodes)
+    return RawMesh(np.array(list(deck.nodes.values())), kind, array, bodies, surfaces, nodes, sides)
 
 
 def _facet_sets(deck: _Deck, dim: int, node_of: dict[int, int], width: int) -> dict[str | int, np.ndarray]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hhr_dolfinx.errors import FileContentError, SceneError
+from hhr_dolfinx.errors import FileContentError
 
 FACES = {
     "triangle": ((0, 1), (1, 2), (2, 0)),
@@ -25,7 +25,7 @@ KINDS = {
     "tetra": "tetrahedron", "tetra10": "tetrahedron",
     "hexahedron": "hexahedron", "hexahedron20": "hexahedron", "hexahedron27": "hexahedron",
 }  # fmt: skip
-"""Kinds of cells that are understood, by meshio's names; those of second order are refused by their own."""
+"""Kinds of cells that are understood, by meshio's names."""
 OTHERS = {"wedge": "prism", "pyramid": "pyramid"}
 """Cells of bodies in space that are not supported: how meshio's names of them begin, and their own names."""
 OF_CORNERS = {4: "tetrahedron", 5: "pyramid", 6: "prism", 8: "hexahedron"}
@@ -40,6 +40,30 @@ _ONE_KIND = {
 """How cells of one kind are asked for, by dimension."""
 FACET_KINDS = {"line": 2, "line3": 2, "triangle": 3, "triangle6": 3, "triangle7": 3, "quad": 4, "quad8": 4, "quad9": 4}
 """Corners of what facets may be."""
+EDGES = {
+    "triangle": ((0, 1), (1, 2), (2, 0)),
+    "quadrilateral": ((0, 1), (1, 2), (2, 3), (3, 0)),
+    "tetrahedron": ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
+    "hexahedron": ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
+}
+"""Corners of the edges of a cell, in the order in which VTK, Abaqus and meshio list the nodes on them."""
+EDGE_ORDERS: dict[str, dict[str, tuple[tuple[int, int], ...]]] = {
+    "vtk": {},
+    "gmsh": {
+        "tetrahedron": ((0, 1), (1, 2), (2, 0), (0, 3), (2, 3), (1, 3)),
+        "hexahedron": (
+            (0, 1), (0, 3), (0, 4), (1, 2), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 7), (5, 6), (6, 7),
+        ),
+    },
+    "exodus": {
+        "hexahedron": (
+            (0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 5), (2, 6), (3, 7), (4, 5), (5, 6), (6, 7), (7, 4),
+        ),
+    },
+}  # fmt: skip
+"""The same where a format has another order."""
+WHOLE = {"triangle": (7,), "quadrilateral": (9,), "hexahedron": (27,)}
+"""Numbers of nodes of cells with nodes in the middle of their faces and of themselves too."""
 TENSOR = {"quadrilateral": [0, 1, 3, 2], "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6]}
 """Places of the nodes of a cell in the order that DOLFINx wants."""
 TENSOR_FACET = [0, 1, 3, 2]
@@ -58,20 +82,40 @@ def one_kind(kinds: Iterable[str], path: Path) -> str:
     )
 
 
-def require_first_order(kind: str, nodes: Iterable[int], path: Path) -> None:
-    """Raise SceneError for cells of a file with more nodes than corners, given the number of nodes of each.
+def sides_of(kind: str, cells: Iterable[np.ndarray], path: Path, order: str = "vtk") -> np.ndarray | None:
+    """Nodes on the edges of cells of second order, (c, edges) as :data:`EDGES` has them; None of first order.
 
-    Their corners alone would be another body: a half-disc of curved cells came out as a coarse polygon.
+    Nodes in the middle of faces and cells are passed over: they follow from those of the edges.
+
+    Args:
+        kind: of all cells.
+        cells: their nodes by blocks, (b, K) each.
+        path: for messages.
+        order: in which a file lists nodes, of :data:`EDGE_ORDERS`.
+
+    Raises:
+        FileContentError: for cells of several orders, or of one that is not understood.
     """
-    found = [count for count in nodes if count > CORNERS[kind]]
-    if found:
-        counts = " or ".join(str(count) for count in sorted(set(found)))
-        raise SceneError(
-            f"{path}: {len(found)} cells of kind {kind} have {counts} nodes where their corners are {CORNERS[kind]}. "
-            "Cells of second order are not built in, and their corners alone are another body: export cells of first "
-            "order (in gmsh Mesh.ElementOrder = 1 or setOrder(1), in Abaqus types such as CPE4, CAX4 or C3D8), on a "
-            "finer mesh where sides are curved"
+    blocks = [np.asarray(block) for block in cells if len(block)]
+    counts = sorted({block.shape[1] for block in blocks})
+    corners = CORNERS[kind]
+    if counts == [corners]:
+        return None
+    own = EDGES[kind]
+    known = {corners + len(own), *WHOLE.get(kind, ())}
+    if len(counts) > 1 and corners in counts:
+        raise FileContentError(
+            f"{path}: cells of kind {kind} have {' or '.join(map(str, counts))} nodes: mesh all bodies with cells of "
+            "one order, in gmsh by setOrder(2)"
         )
+    if not set(counts) <= known:
+        raise FileContentError(
+            f"{path}: cells of kind {kind} have {' or '.join(map(str, counts))} nodes, and those of order 1 or 2 have "
+            f"{corners} or {' or '.join(map(str, sorted(known)))}: in gmsh setOrder(2)"
+        )
+    listed = [frozenset(edge) for edge in EDGE_ORDERS[order].get(kind, own)]
+    places = corners + np.array([listed.index(frozenset(edge)) for edge in own])
+    return np.concatenate([block[:, places] for block in blocks])
 
 
 def faces(kind: str, cells: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.geometries.cells import FACES, one_kind, require_first_order
+from hhr_dolfinx.geometries.cells import CORNERS, FACES, one_kind, sides_of
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
 _KINDS = {"TRI": "triangle", "QUA": "quadrilateral", "SHE": "quadrilateral", "TET": "tetrahedron", "HEX": "hexahedron",
@@ -42,14 +42,14 @@ def _read(data: Any, path: Path) -> RawMesh:
         kinds.append(kind)
         blocks.append(np.asarray(connected[:], dtype=np.int64) - 1)
     kind = one_kind(kinds, path)
-    require_first_order(kind, (len(cell) for block in blocks for cell in block), path)
-    cells = np.concatenate(blocks)
+    sides = sides_of(kind, blocks, path, "exodus")
+    cells = np.concatenate([block[:, : CORNERS[kind]] for block in blocks])
     starts = np.cumsum([0, *map(len, blocks)])
     bodies: dict[str | int, np.ndarray] = {}
     for k, (number, name) in enumerate(_labels(data, "eb", count)):
         rows = np.arange(starts[k], starts[k + 1])
         bodies |= {number: rows} | ({name: rows} if name else {})
-    return RawMesh(_points(data), kind, cells, bodies, _side_sets(data, kind, cells), _node_sets(data))
+    return RawMesh(_points(data), kind, cells, bodies, _side_sets(data, kind, cells), _node_sets(data), sides)
 
 
 def _points(data: Any) -> np.ndarray:

@@ -49,13 +49,13 @@ class Entity:
     Attributes:
         dim: of the elements.
         corners: rows of the nodes of their corners, (n, k).
-        nodes: number of nodes of each, those on its sides too.
+        nodes: rows of all their nodes, (n, K).
         groups: number and name of the physical groups that it is in; an empty text where there is no name.
     """
 
     dim: int
     corners: np.ndarray
-    nodes: int
+    nodes: np.ndarray
     groups: tuple[tuple[int, str], ...]
 
 
@@ -73,9 +73,8 @@ def entities_of(path: Path) -> tuple[np.ndarray, list[Entity]]:
             kinds, _, nodes = gmsh.model.mesh.getElements(dim, tag)
             for kind, own in zip(kinds, nodes, strict=True):
                 _, _, _, count, _, corners = gmsh.model.mesh.getElementProperties(kind)
-                found.append(
-                    Entity(dim, row_of[own.astype(np.int64).reshape(-1, count)[:, :corners]], int(count), groups)
-                )
+                every = row_of[own.astype(np.int64).reshape(-1, count)]
+                found.append(Entity(dim, every[:, :corners], every, groups))
         return places.reshape(-1, 3), [entity for entity in found if entity.dim > 0]
 
 

@@ -27,7 +27,7 @@ from hhr_dolfinx.geometries.cells import (
     OF_CORNERS,
     OTHERS,
     one_kind,
-    require_first_order,
+    sides_of,
 )
 from hhr_dolfinx.geometries.raw_mesh import Numbers, RawMesh, facets_by_number
 
@@ -168,13 +168,13 @@ def read_by_gmsh(path: Path) -> RawMesh:
         raise FileContentError(f"{path} has no triangles, quadrilaterals, tetrahedra or hexahedra")
     kind = one_kind((kinds.get(one) or OF_CORNERS[one[1]] for one in there if one[0] == dim), path)
     own = [entity for entity in entities if entity.dim == dim]
-    require_first_order(kind, (entity.nodes for entity in own for _ in entity.corners), path)
+    order = sides_of(kind, (entity.nodes for entity in own), path, "gmsh")
     cells, bodies = _joined(own, CORNERS[kind])
     width = len(FACES[kind][0])
     sides = [entity for entity in entities if entity.dim == dim - 1 and entity.corners.shape[1] == width]
     facets, surfaces = _joined(sides, width)
     return RawMesh(points, kind, cells, bodies or {1: np.arange(len(cells))},
-                   {name: facets[rows] for name, rows in surfaces.items()})  # fmt: skip
+                   {name: facets[rows] for name, rows in surfaces.items()}, sides=order)  # fmt: skip
 
 
 def _joined(entities: list[Entity], width: int) -> tuple[np.ndarray, dict[str | int, np.ndarray]]:
@@ -209,7 +209,7 @@ def read_by_meshio(path: Path) -> RawMesh:
     dim = 3 if others else max(DIMENSION[KINDS[kind]] for kind in there)
     kind = one_kind([*others, *(KINDS[kind] for kind in there if DIMENSION[KINDS[kind]] == dim)], path)
     own = [k for k, block in enumerate(mesh.cells) if KINDS.get(block.type) == kind]
-    require_first_order(kind, (len(cell) for k in own for cell in mesh.cells[k].data), path)
+    order = sides_of(kind, (mesh.cells[k].data for k in own), path)
     width = len(FACES[kind][0])
     sides = [k for k, block in enumerate(mesh.cells) if FACET_KINDS.get(block.type) == width and k not in own]
     cells = _corners(mesh, own, CORNERS[kind])
@@ -218,7 +218,7 @@ def read_by_meshio(path: Path) -> RawMesh:
     bodies = _sets(mesh, own, dim, groups)
     surfaces = {name: facets[rows] for name, rows in _sets(mesh, sides, dim - 1, groups).items()}
     nodes = {str(name): np.asarray(rows) for name, rows in mesh.point_sets.items()}
-    return RawMesh(mesh.points, kind, cells, bodies or {1: np.arange(len(cells))}, surfaces, nodes)
+    return RawMesh(mesh.points, kind, cells, bodies or {1: np.arange(len(cells))}, surfaces, nodes, order)
 
 
 def _physical_names(path: Path) -> Groups:
@@ -276,10 +276,11 @@ def _arrays(raw: RawMesh, scale: float) -> tuple[tuple[np.ndarray, ...], Any]:
     """Points, cells, tagged cells and facets, the tags of both; and the names of tags."""
     bodies = Numbers.of(raw.bodies, len(raw.cells))
     facets, surfaces = facets_by_number(raw)
+    points, whole = raw.whole()
     cells = raw.ordered()
     groups = [(name, (dim, numbers)) for dim, sets in ((raw.dim, bodies.sets), (raw.dim - 1, surfaces.sets))
               for name, numbers in sets.items()]  # fmt: skip
-    return (raw.points * scale, cells, cells[bodies.items], facets, bodies.values, surfaces.values), groups
+    return (points * scale, whole, cells[bodies.items], facets, bodies.values, surfaces.values), groups
 
 
 def _shared(raw: RawMesh | None, comm: Comm, scale: float) -> NamedMesh:
@@ -287,7 +288,7 @@ def _shared(raw: RawMesh | None, comm: Comm, scale: float) -> NamedMesh:
     arrays, groups = ((), None) if raw is None else _arrays(raw, scale)
     kind, groups, shapes = comm.bcast(raw and (raw.kind, groups, [array.shape[1:] for array in arrays]))
     points, cells, *tagged = arrays or (np.zeros((0, *shape)) for shape in shapes)
-    mesh = linear_mesh(comm, points, cells, kind)
+    mesh = linear_mesh(comm, points, cells, kind, 1 if shapes[1][0] == CORNERS[kind] else 2)
     top = mesh.topology.dim
     of_cells, of_facets = (tags_of(mesh, top - k, tagged[k], tagged[k + 2]) for k in (0, 1))
     return NamedMesh(mesh, of_cells, of_facets, groups)

@@ -7,8 +7,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from hhr_dolfinx.compat import topology
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, TENSOR, TENSOR_FACET, outer_faces
+from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, EDGES, FACES, TENSOR, TENSOR_FACET, outer_faces
+
+FAR_OFF = 0.4
+"""Part of the length of an edge by which the node on it may lie off its middle: an arc of 140 degrees."""
 
 
 @dataclass(frozen=True)
@@ -22,6 +26,7 @@ class RawMesh:
         bodies: rows of ``cells`` by name or number.
         surfaces: corners of facets, (f, k), by name or number.
         nodes: sets of nodes by name; their facets are the outer ones whose corners all belong to the set.
+        sides: nodes on the edges of cells of second order, (c, edges); None of first order.
     """
 
     points: np.ndarray
@@ -30,14 +35,16 @@ class RawMesh:
     bodies: Mapping[str | int, np.ndarray]
     surfaces: Mapping[str | int, np.ndarray] = field(default_factory=dict)
     nodes: Mapping[str, np.ndarray] = field(default_factory=dict)
+    sides: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         """Refuse what is no mesh."""
         if not len(self.cells):
             raise FileContentError("no triangles, quadrilaterals, tetrahedra or hexahedra are in this file")
-        if self.cells.min() < 0 or self.cells.max() >= len(self.points):
+        named = self.cells if self.sides is None else np.hstack([self.cells, self.sides])
+        if named.min() < 0 or named.max() >= len(self.points):
             raise FileContentError(
-                f"a cell names node {self.cells.max()}, and there are {len(self.points)}: the file is damaged"
+                f"a cell names node {named.max()}, and there are {len(self.points)}: the file is damaged"
             )
         if self.cells.shape[1] != CORNERS[self.kind]:
             raise FileContentError(f"cells of kind {self.kind} have {self.cells.shape[1]} corners in this file")
@@ -68,11 +75,13 @@ class RawMesh:
         order = np.argsort(first)
         row_of = np.argsort(order)[which.ravel()]
         bodies = {name: np.unique(row_of[rows]) for name, rows in self.bodies.items()}
-        return replace(self, cells=self.cells[first[order]], bodies=bodies)
+        kept = first[order]
+        sides = None if self.sides is None else self.sides[kept]
+        return replace(self, cells=self.cells[kept], bodies=bodies, sides=sides)
 
     def compact(self) -> RawMesh:
         """The same without nodes that no cell has; in the plane without a coordinate that is always the same."""
-        used = np.unique(self.cells)
+        used = np.unique(self.cells if self.sides is None else np.hstack([self.cells, self.sides]))
         numbers = np.full(len(self.points), -1)
         numbers[used] = np.arange(used.size)
         points = self.points[used]
@@ -82,11 +91,62 @@ class RawMesh:
         surfaces = {name: numbers[facets] for name, facets in self.surfaces.items()}
         surfaces = {name: facets[(facets >= 0).all(axis=1)] for name, facets in surfaces.items()}
         nodes = {name: numbers[one][numbers[one] >= 0] for name, one in self.nodes.items()}
-        return RawMesh(points, self.kind, numbers[self.cells], self.bodies, surfaces, nodes)
+        sides = None if self.sides is None else numbers[self.sides]
+        return RawMesh(points, self.kind, numbers[self.cells], self.bodies, surfaces, nodes, sides)
 
     def ordered(self) -> np.ndarray:
         """Corners of the cells in the order that DOLFINx wants."""
         return self.cells[:, TENSOR[self.kind]] if self.kind in TENSOR else self.cells
+
+    def whole(self) -> tuple[np.ndarray, np.ndarray]:
+        """Points, (nodes, dim), and all nodes of the cells in the order that DOLFINx wants, (c, K)."""
+        if self.sides is None:
+            return self.points, self.ordered()
+        self._check_sides(self.sides)
+        corners = self.ordered()
+        places = TENSOR.get(self.kind, range(corners.shape[1]))
+        own = [frozenset(edge) for edge in EDGES[self.kind]]
+        edges, faces = topology(self.kind)
+        sides = self.sides[:, [own.index(frozenset((places[a], places[b]))) for a, b in edges]]
+        if self.kind not in TENSOR:
+            return self.points, np.hstack([corners, sides])
+        points, cells = self.points, np.hstack([corners, sides])
+        if self.kind == "hexahedron":
+            points, middles = _middles_of_faces(points, corners, sides, edges, faces)
+            cells = np.hstack([cells, middles])
+        # functions of cells without a node in the middle, there: of 8 nodes -1/4 and 1/2, of 20 -1/4 and 1/4
+        weight = 0.5 if self.kind == "quadrilateral" else 0.25
+        middle = weight * points[sides].sum(axis=1) - 0.25 * points[corners].sum(axis=1)
+        last = len(points) + np.arange(len(cells))
+        return np.concatenate([points, middle]), np.hstack([cells, last[:, None]])
+
+    def _check_sides(self, sides: np.ndarray) -> None:
+        """Raise FileContentError for nodes that do not lie near the middles of the edges to which they belong."""
+        ends = self.points[self.cells[:, np.array(EDGES[self.kind])]]
+        off = np.linalg.norm(self.points[sides] - ends.mean(axis=2), axis=2)
+        far = off > FAR_OFF * np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
+        if far.any():
+            place = self.points[sides[far][0]].tolist()
+            raise FileContentError(
+                f"{int(far.sum())} nodes on sides of cells of second order lie far from the middles of these, e.g. at "
+                f"{place}: the cells are too curved, or their nodes in an order that is not understood. Write them as "
+                ".msh or .vtu"
+            )
+
+
+def _middles_of_faces(
+    points: np.ndarray, corners: np.ndarray, sides: np.ndarray, edges: list, faces: list
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points with those in the middle of the faces of hexahedra behind them, and their numbers, (c, 6)."""
+    on_faces = [[k for k, edge in enumerate(edges) if set(edge) <= set(face)] for face in faces]
+    every = np.stack([np.sort(corners[:, face], axis=1) for face in faces], axis=1).reshape(-1, 4)
+    _, first, which = np.unique(every, axis=0, return_index=True, return_inverse=True)
+    values = [
+        0.5 * points[sides[:, own]].sum(axis=1) - 0.25 * points[corners[:, face]].sum(axis=1)
+        for face, own in zip(faces, on_faces, strict=True)
+    ]
+    middles = np.stack(values, axis=1).reshape(-1, points.shape[1])[first]
+    return np.concatenate([points, middles]), len(points) + which.reshape(len(corners), len(faces))
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,14 @@ import numpy as np
 from dolfinx import io
 from dolfinx import mesh as dmesh
 
-from hhr_dolfinx.compat import NamedMesh, geometry_dofmap
+from hhr_dolfinx.compat import NamedMesh
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.geometries.cells import require_first_order
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
-_DIMENSIONS = {"polyline": 1, "interval": 1, "triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+_DIMENSIONS = {"polyline": 1, "interval": 1, "edge": 1, "triangle": 2, "tri": 2, "quadrilateral": 2, "quad": 2,
+               "tetrahedron": 3, "tet": 3, "hexahedron": 3, "hex": 3}  # fmt: skip
 
 
 def read_xdmf(path: Path, comm: Comm, scale: float) -> NamedMesh:
@@ -31,8 +31,6 @@ def read_xdmf(path: Path, comm: Comm, scale: float) -> NamedMesh:
     with io.XDMFFile(comm, str(path), "r") as file:
         mesh = file.read_mesh(name=meshes[0])
         top = mesh.topology.dim
-        cells = geometry_dofmap(mesh)
-        require_first_order(mesh.topology.cell_name(), [cells.shape[1]] * len(cells), path)
         tags = {}
         for name, dim, tagged in grids:
             if tagged and dim in (top, top - 1) and dim not in tags:

@@ -197,8 +197,8 @@ def interpolation_points(element: FiniteElement) -> np.ndarray:
     return points() if callable(points) else points
 
 
-def linear_mesh(comm: Comm, points: np.ndarray, cells: np.ndarray, kind: str) -> Mesh:
-    """Linear mesh in the plane or in space; the arguments of ``create_mesh`` changed their order in 0.10.
+def linear_mesh(comm: Comm, points: np.ndarray, cells: np.ndarray, kind: str, degree: int = 1) -> Mesh:
+    """Mesh in the plane or in space, linear unless said; the arguments of ``create_mesh`` changed their order in 0.10.
 
     Points, (n, dim), and the nodes of cells of a kind (``interval``, ``triangle``, ``quadrilateral``, ``tetrahedron``
     or ``hexahedron``), tensor-ordered where there is a choice, are those on all ranks together.
@@ -207,7 +207,7 @@ def linear_mesh(comm: Comm, points: np.ndarray, cells: np.ndarray, kind: str) ->
     import ufl
     from dolfinx import mesh
 
-    domain = ufl.Mesh(basix.ufl.element("Lagrange", kind, 1, shape=(points.shape[1],)))
+    domain = ufl.Mesh(basix.ufl.element("Lagrange", kind, degree, shape=(points.shape[1],)))
     return mesh.create_mesh(comm, cells=cells.astype("int64"), x=points, e=domain)
 
 
@@ -244,6 +244,14 @@ def shape_functions(cell: str, points: np.ndarray, degree: int = 1) -> tuple[np.
     element = _lagrange(cell, degree)
     table = element.tabulate(1, points)[..., 0]
     return table[0], table[1:].transpose(1, 2, 0).copy()
+
+
+def topology(cell: str) -> tuple[list[list[int]], list[list[int]]]:
+    """Corners of the edges and of the faces of a reference cell, in the order of DOLFINx."""
+    import basix
+
+    found = basix.topology(basix.CellType[cell])
+    return found[1], found[2]
 
 
 def nodes_of_cell(cell: str, degree: int) -> np.ndarray:

@@ -43,6 +43,7 @@ def build_geometry(scene: Scene, comm: MPI.Comm) -> Any:
         )
     mesh, *tags = result
     _check_mesh(scene, mesh, comm)
+    order_of(scene, mesh)
     for kind, given, dim in zip(("cell", "facet"), tags, (mesh.topology.dim, mesh.topology.dim - 1), strict=True):
         if given is None or given.dim != dim:
             found = "None" if given is None else f"tags of dimension {given.dim}"
