@@ -93,8 +93,7 @@ class NodeToSurface:
             kept, closest, normals = _closest(slave, master, overlap)
         else:
             kept, closest, normals = _along(slave, master, unit(self.normal, slave.points.shape[1]))
-        nodes = master.facets[closest.facets]
-        weights = closest.weights
+        nodes, weights = master.displaced(closest.facets, closest.weights)
         order = kept[tangential_order(slave.points[kept], mean_normal(slave))]
         points = slave.points[order]
         master_points = np.einsum("mk,mkd->md", weights[order], master.points[nodes[order]])
@@ -107,7 +106,7 @@ class NodeToSurface:
             points=points,
             areas=slave.areas[order],
         )
-        return rows, closest.facets[order], weights[order]
+        return rows, closest.facets[order], closest.weights[order]
 
 
 @dataclass(frozen=True)

@@ -108,6 +108,8 @@ class Surface:
             facets: facet of each point, (m,).
             weights: values of its shape functions at the point, (m, k).
         """
+        if self.quadratic is not None:  # gaps are those of the curved facets
+            return np.zeros(len(facets))
         corners = self.corners
         normals = self.corner_normals()
         heights = normals @ (corners - corners[:, :1]).transpose(0, 2, 1)
@@ -117,6 +119,20 @@ class Surface:
             form = heights[:, i, i] + heights[:, j, j] - heights[:, i, j] - heights[:, j, i]
             found += form[facets] * weights[:, i] * weights[:, j] / 2
         return found
+
+    def displaced(self, facets: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes of the functions of the displacement at some points, (m, K), and their values, (m, K).
+
+        On facets of second order these are not the flat ones on which the points were found.
+
+        Args:
+            facets: facet of each point, (m,).
+            weights: values of its shape functions there, (m, k).
+        """
+        if self.quadratic is None:
+            return self.facets[facets], weights
+        whole, values = self.quadratic.functions(facets, weights)
+        return self.quadratic.nodes[whole], values
 
     def node_depths(self) -> np.ndarray:
         """Smallest depth of the facets at each node, (n,)."""
