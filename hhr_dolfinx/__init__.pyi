@@ -7,6 +7,8 @@ from .certify.trust import TrustLimits as TrustLimits
 from .contact.friction import Coulomb as Coulomb
 from .contact.friction import Tresca as Tresca
 from .full_order.full import FullOrderModel as FullOrderModel
+from .full_order.mesh_error import MeshError as MeshError
+from .full_order.mesh_error import mesh_error as mesh_error
 from .geometries.mesh_file import MeshFile as MeshFile
 from .loads import PartialPressure as PartialPressure
 from .loads import Pressure as Pressure

@@ -8,12 +8,14 @@ from dataclasses import dataclass
 import contract
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from mpi4py import MPI
 from test_friction import FIRST, SECOND, side, two_blocks
 from test_locking import FAR
 from test_plastic import tube
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.command.main import hhr as command
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, SceneError
 from hhr_dolfinx.geometries import block
@@ -153,6 +155,36 @@ def test_forces_on_tetrahedra_are_four_times_as_good_with_as_many_unknowns():
         assert len(full.problem.free) == 6591
         errors.append(abs(full.solve({"push": 0.05}).forces().sum() / force - 1))
     assert errors[1] < 0.004 and errors[0] > 4 * errors[1]
+
+
+@pytest.mark.parametrize(("cells", "order", "stress", "peak"), [(6, 1, 0.252, 0.068), (6, 2, 0.045, 0.024)])
+def test_the_error_of_the_mesh_is_estimated(cells, order, stress, peak):
+    """Beside hexahedra of second order, 46,875 dofs: the estimates were .261 and .073, .040 and .056."""
+    full = hhr.FullOrderModel(bowl(cells, order), MPI.COMM_SELF)
+    found = hhr.mesh_error(full, full.solve({"push": 0.05}))
+    assert found.energy == pytest.approx(stress, rel=0.2)
+    assert peak < found.peak_pressure < 3 * peak
+    away = hhr.mesh_error(full, full.solve({"push": 0.0}))
+    assert away.energy == 0.0 or away.energy < 1.0
+    assert np.isnan(away.peak_pressure)
+
+
+def test_no_error_where_the_mesh_leaves_nothing_out():
+    """A constant stress: recovered it is what it was."""
+    full = hhr.FullOrderModel(pressed(2, True, "node to node"), MPI.COMM_SELF)
+    assert max(hhr.mesh_error(full, full.solve({"p": 0.5}))) < 1e-6
+
+
+def test_a_check_says_the_order_and_the_error_of_the_mesh(tmp_path):
+    (tmp_path / "scene.py").write_text(
+        "import sys\nfrom dataclasses import replace\nimport hertz_half_discs as demo\n"
+        "def scene():\n    return replace(demo.scene(), order=2)\n"
+    )
+    run = CliRunner().invoke(command, ["check", str(tmp_path / "scene.py"), "--mesh-error", "--picture",
+                                       str(tmp_path / "scene.png")])  # fmt: skip
+    assert run.exit_code == 0 and "cells of second order" in run.output, run.output
+    assert "% of the peak pressure" in " ".join(run.output.split())
+    assert (tmp_path / "scene.png").exists()
 
 
 @pytest.mark.filterwarnings("error::hhr_dolfinx.errors.LockingWarning")

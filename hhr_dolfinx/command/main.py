@@ -114,9 +114,13 @@ def hhr(verbose: bool) -> None:
 @SCENE
 @AT
 @click.option("--picture", type=click.Path(path_type=Path), help="where to draw it [<scene>_check.png]")
+@click.option("--mesh-error", is_flag=True, help="solve once in full, and estimate how far the mesh is off")
 @guarded
-def check(scene: str, words: tuple[str, ...], picture: Path | None) -> None:
-    """Look at a scene without solving it: tags, supports, surfaces, gaps, loads, parameters; with a picture."""
+def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: bool) -> None:
+    """Look at a scene without solving it: tags, supports, surfaces, gaps, loads, parameters; with a picture.
+
+    With --mesh-error it is solved once, in full, and the error of the mesh is estimated.
+    """
     from hhr_dolfinx.command.loading import checked_target, point_of, scene_of
     from hhr_dolfinx.study.scene.check import check_scene
 
@@ -125,7 +129,12 @@ def check(scene: str, words: tuple[str, ...], picture: Path | None) -> None:
     made = scene_of(scene)
     picture = picture or Path(f"{made.name}_check.png")
     checked_target(picture, PICTURES)
-    found = check_scene(made, point_of(words, made.parameters) if words else None)
+    point = point_of(words, made.parameters) if words else None
+    found = check_scene(made, point)
+    if mesh_error and not found.mistakes:
+        from hhr_dolfinx.study.scene.mesh import look_at_mesh_error
+
+        look_at_mesh_error(found, point)
     for finding in found.findings:
         console.print(f"{finding.level:8} {finding.text}", highlight=False)
     if found.drawable:

@@ -6,7 +6,7 @@ that flow or keep their volume need at their Gauss points is in ``gauss_points``
 
 from __future__ import annotations
 
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -187,8 +187,12 @@ class Discretisation(DiscreteSpace):
 
     def stress(self, displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Stress of a displacement, (N,), at a parameter, (P,), see :func:`stress_in_cells`."""
-        with nullcontext() if self.reshaped is None else self.reshaped.at(point):
+        with self.lying_at(point):
             return stress_in_cells(self, displacement, point)
+
+    def lying_at(self, point: np.ndarray) -> AbstractContextManager:
+        """The mesh as its shape is at a parameter, (P,), within a block."""
+        return nullcontext() if self.reshaped is None else self.reshaped.at(point)
 
     def _displacements(self) -> tuple[list[Term], np.ndarray]:
         """Lifts of the displacements that move, and the dofs that none holds or moves, (N,)."""

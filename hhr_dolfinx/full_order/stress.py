@@ -24,28 +24,32 @@ def stress_in_cells(discretisation: DiscreteSpace, displacement: np.ndarray, poi
     """
     scene = discretisation.scene
     mesh = discretisation.mesh
-    averaged = discretisation.mean_dilatation
-    field = fem.Function(discretisation.space)
-    field.x.petsc_vec.array[:] = displacement[discretisation.rows]
-    field.x.scatter_forward()
+    field = field_of(discretisation, displacement)
     constants = fem.functionspace(mesh, ("Discontinuous Lagrange", 0, (3, 3)))
     points = compat.interpolation_points(constants.element)
     stress = fem.Function(constants)
-    trace = ufl.tr(elasticity.strain(field, scene.hypothesis))
-    dilatation = discretisation.cell_means(trace) if any(averaged) else None
-    for place, (body, mean) in enumerate(zip(scene.bodies, averaged, strict=True)):
-        sigma = _of_body(discretisation, place, field, dilatation if mean else None, point)
+    for place, body in enumerate(scene.bodies):
+        sigma = stress_in_body(discretisation, place, field, point)
         stress.interpolate(fem.Expression(sigma, points), discretisation.cells_of(body.tag))
     owned = mesh.topology.index_map(mesh.topology.dim).size_local
     values = stress.x.array.reshape(-1, 3, 3)[constants.dofmap.list[:owned].ravel()]
     return _kelvin(np.concatenate(discretisation.comm.allgather(values)), mesh.geometry.dim)
 
 
-def _of_body(
-    discretisation: DiscreteSpace, place: int, field: fem.Function, dilatation: fem.Function | None, point: np.ndarray
-) -> Expr:
-    """Stress of a body, by its place, in UFL."""
+def field_of(discretisation: DiscreteSpace, displacement: np.ndarray) -> fem.Function:
+    """A displacement, (N,), as a function on the mesh."""
+    field = fem.Function(discretisation.space)
+    field.x.petsc_vec.array[:] = displacement[discretisation.rows]
+    field.x.scatter_forward()
+    return field
+
+
+def stress_in_body(discretisation: DiscreteSpace, place: int, field: fem.Function, point: np.ndarray) -> Expr:
+    """Stress of a body, by its place, in UFL, at a point of the parameters, (P,)."""
     scene = discretisation.scene
+    dilatation = None
+    if discretisation.mean_dilatation[place]:
+        dilatation = discretisation.cell_means(ufl.tr(elasticity.strain(field, scene.hypothesis)))
     eigenstrain = None
     body = scene.bodies[place]
     if any(hasattr(load, "eigenstrain_of") for load in scene.loads):

@@ -12,7 +12,9 @@ from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.full_order.mesh_error import mesh_error
 from hhr_dolfinx.linear.dense import Factorise, LapackLU, PetscLU
 from hhr_dolfinx.models.answer import Answer, Model
 from hhr_dolfinx.models.condensed import CondensedModel
@@ -84,6 +86,10 @@ def measure_points(
         "ratios": {**_ratios(warm), "cold_start": _ratios(cold)},
         "active_set": _searches(answers),
     }
+    try:
+        report["discretisation"] = mesh_error(full, full.solve(space.middle))._asdict()
+    except HHRError as error:
+        skipped.append({"stage": "discretisation", "why": str(error)})
     if full.functionals is not None:
         report["outputs"] = _outputs(full, references.solutions, answers)
     if model.fields.bound is not None:

@@ -257,6 +257,8 @@ def print_report(report: dict[str, Any], console: Console) -> None:
     if counts:
         told = ", ".join(f"{count:.0f} queries for {name}" for name, count in counts.items())
         console.print(f"cheaper than the best full order, training included, after {told}")
+    if "discretisation" in report:
+        console.print(mesh_error_in_words(**report["discretisation"]))
     if "fallback" in report:
         console.print(_fallback_in_words(report["fallback"]))
     for name, paths in _paths_by_model(report).items():
@@ -289,6 +291,12 @@ def _sizes_in_words(report: dict[str, Any]) -> str:
         f"{size['N_lambda_C']} contacts on {size['rid_cells']} of {size['cells']} cells, "
         f"{size['snapshots']} snapshots; {constants}"
     )
+
+
+def mesh_error_in_words(energy: float, peak_pressure: float) -> str:
+    """What the mesh leaves out, beside which all other errors stand."""
+    peak = "no contact there" if math.isnan(peak_pressure) else f"{peak_pressure:.2%} of the peak pressure"
+    return f"mesh: off by {energy:.2%} of the stress in energy and {peak}, estimated by recovered stresses"
 
 
 def _fallback_in_words(row: dict[str, Any]) -> str:

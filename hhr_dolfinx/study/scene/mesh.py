@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 from dolfinx import geometry
+from mpi4py import MPI
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from hhr_dolfinx.amplitudes import Amplitude, bound
 from hhr_dolfinx.body import Body
+from hhr_dolfinx.full_order.checks import CORNERS
 from hhr_dolfinx.geometries.mesh_file import MeshFile
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.parameters import ParameterSpace
@@ -41,17 +43,20 @@ class MeshLook:
         points: (nodes, dim).
         cells: nodes of each cell, (cells, k).
         owner: place in the scene of the body of each cell, (cells,).
+        corners: number of corners of a cell, its first nodes.
     """
 
     points: np.ndarray
     cells: np.ndarray
     owner: np.ndarray
+    corners: int
 
     @classmethod
     def of(cls, found: SceneCheck) -> MeshLook:
         """Of a scene whose mesh was made."""
         discretisation: Any = found.discretisation
-        return cls(discretisation._points(), discretisation._cell_nodes(), discretisation.cell_bodies())
+        corners = CORNERS[discretisation.mesh.topology.cell_name()]
+        return cls(discretisation._points(), discretisation._cell_nodes(), discretisation.cell_bodies(), corners)
 
     @property
     def extent(self) -> float:
@@ -81,9 +86,11 @@ def look_at_mesh(found: SceneCheck) -> None:
     """Bodies one by one, and what their sizes say of the units."""
     look = MeshLook.of(found)
     for place, body in enumerate(found.scene.bodies):
-        corners = look.points[look.cells[look.owner == place]]
-        size = _size(corners.reshape(-1, look.points.shape[1]))
-        text = f"body {body.tag!r}: {len(corners)} cells, {size}{found.length}, E = {body.young}, nu = {body.poisson}"
+        own = look.points[look.cells[look.owner == place]]
+        size = _size(own.reshape(-1, look.points.shape[1]))
+        corners = own[:, : look.corners]
+        kind = "cells" if own.shape == corners.shape else "cells of second order"
+        text = f"body {body.tag!r}: {len(corners)} {kind}, {size}{found.length}, E = {body.young}, nu = {body.poisson}"
         found.say(OK, text)
         worst, where = worst_cell(corners)
         if worst < BAD_CELL:
@@ -96,6 +103,18 @@ def look_at_mesh(found: SceneCheck) -> None:
     _stiffness_apart(found)
     _unit_of_length(found, look)
     _large_motions(found, look)
+
+
+def look_at_mesh_error(found: SceneCheck, point: Any = None) -> None:
+    """Solve once in full, at a parameter or in the middle of the box, and say how far the mesh may be off."""
+    from hhr_dolfinx.full_order.full import FullOrderModel
+    from hhr_dolfinx.full_order.mesh_error import mesh_error
+    from hhr_dolfinx.study.report.report import mesh_error_in_words
+
+    with found.heard():
+        full = FullOrderModel(found.scene, MPI.COMM_SELF)
+        answer = full.solve(full.parameters.middle if point is None else point)
+        found.say(OK, mesh_error_in_words(*mesh_error(full, answer)))
 
 
 def look_at_joints(found: SceneCheck) -> None:

@@ -1,0 +1,147 @@
+"""How far one answer of the full order may be off the solution that meshes approach: recovered stresses.
+
+Reduction errors are beside the full order on the same mesh; this is what both leave out. Stresses of cells jump where
+they meet. Their projection on continuous functions of the degree of the displacement, body by body, is closer to the
+exact ones, and what lies between the two estimates the error (O. C. Zienkiewicz and J. Z. Zhu, Int. J. Numer. Methods
+Eng. 24, 1987). An estimate, and no bound.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from scipy.sparse import csr_matrix, diags
+from scipy.sparse.linalg import cg
+from ufl.core.expr import Expr
+
+from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
+from hhr_dolfinx.forms import elasticity
+from hhr_dolfinx.formulas import Scalar
+from hhr_dolfinx.full_order.stress import field_of, stress_in_body
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.full import FullOrderModel
+    from hhr_dolfinx.models.answer import Answer
+
+PRECISE = 1e-8
+"""Residual of the projections: masses are well-conditioned, and some twenty steps reach it."""
+
+
+class MeshError(NamedTuple):
+    """What the mesh leaves out of an answer, relative.
+
+    Attributes:
+        energy: error of the stress over the stress, both in energy.
+        peak_pressure: difference between the peak pressure of contact and the recovered stress there, over it; NaN
+            without contact.
+    """
+
+    energy: float
+    peak_pressure: float
+
+
+def mesh_error(full: FullOrderModel, answer: Answer) -> MeshError:
+    """Estimate the discretisation error of an answer, (N,) displacement and forces, of any model of the scene.
+
+    Args:
+        full: the full model of the scene, on one rank.
+        answer: of it, or of a reduced model.
+
+    Raises:
+        NotOfferedError: where bodies flow, have a stress of their own, or the model is spread over several ranks.
+    """
+    discretisation = full.discretisation
+    scene = full.scene
+    if full.comm.size > 1 or full.equilibrium is not None or any(body.stress is not None for body in scene.bodies):
+        raise NotOfferedError(
+            "the error of the mesh is estimated for elastic bodies, on one rank: give a model on MPI.COMM_SELF, of a "
+            "scene without laws of its own"
+        )
+    point = answer.parameter
+    with discretisation.lying_at(point):
+        field = field_of(discretisation, answer.displacement())
+        parts = np.array([_energies(full, place, field, point) for place in range(len(scene.bodies))])
+    error, size = parts.sum(axis=0)
+    energy = float(np.sqrt(error / (size + error))) if size + error > 0 else 0.0
+    return MeshError(energy, _peak_error(full, answer))
+
+
+def _energies(full: FullOrderModel, place: int, field: fem.Function, point: np.ndarray) -> tuple[float, float]:
+    """Energies of the error of the stress of a body, by its place, and of the stress."""
+    discretisation = full.discretisation
+    scene = full.scene
+    body = scene.bodies[place]
+    mesh = discretisation.mesh
+    weight = elasticity.volume_weight(mesh, scene.hypothesis)
+    dx = discretisation.cells(body.tag)
+    sigma = stress_in_body(discretisation, place, field, point)
+    scalars = fem.functionspace(mesh, ("Lagrange", discretisation.order))
+    trial, test = ufl.TrialFunction(scalars), ufl.TestFunction(scalars)
+    mass = csr_matrix(fem.assemble_matrix(fem.form(weight * trial * test * dx)).to_scipy())
+    recovered: dict[tuple[int, int], Any] = {}
+    for i, j in [(0, 0), (1, 1), (2, 2), (0, 1), *([(0, 2), (1, 2)] if scene.hypothesis == "solid" else [])]:
+        component = fem.Function(scalars)
+        component.x.array[:] = _projected(mass, fem.assemble_vector(fem.form(weight * sigma[i, j] * test * dx)).array)
+        recovered[i, j] = recovered[j, i] = component
+    tensor = ufl.as_tensor([[recovered.get((i, j), 0.0) for j in range(3)] for i in range(3)])
+    names = scene.parameters.names
+    young, poisson = (float(Scalar(str(value), names).value(point)) for value in (body.young, body.poisson))
+    error, size = (
+        float(np.real(fem.assemble_scalar(fem.form(weight * _energy(part, young, poisson) * dx))))
+        for part in (tensor - sigma, sigma)
+    )
+    return error, size
+
+
+def _peak_error(full: FullOrderModel, answer: Answer) -> float:
+    """Difference between the largest pressure of contact and the mean stress of the cells at its node, over it.
+
+    On a block under a bowl (tests/test_second_order.py) it was .073, .038 and .028 with linear functions and the peak
+    .068, .044 and .038 off; with quadratic ones .195, .056 and .022, and .157, .024 and .002.
+    """
+    from hhr_dolfinx.contact.tangents import normals_of
+
+    problem = full.problem.at(answer.parameter)
+    rows = np.arange(len(problem.gaps))[problem.pressing]
+    rows = rows[problem.contact_areas[rows] > 0]
+    pressures = answer.forces()[rows] / problem.contact_areas[rows]
+    if not pressures.max(initial=0.0) > 0:
+        return float("nan")
+    worst = rows[int(pressures.argmax())]
+    node = int(problem.contact_slaves[worst])
+    dim = problem.block_size
+    assert problem.whole_contact is not None
+    normal = np.zeros(3)
+    normal[:dim] = normals_of(problem.whole_contact[[worst]], np.array([node]), dim)[0]
+    around = (problem.cell_nodes == node).any(axis=1)
+    stress = full.stress_of(answer.displacement(), answer.parameter)[around].mean(axis=0)
+    peak = float(pressures.max())
+    return abs(-_along(stress, normal) - peak) / peak
+
+
+def _along(stress: np.ndarray, normal: np.ndarray) -> float:
+    """n·σ n of a stress in Kelvin's notation, (4,) or (6,)."""
+    shear = [(0, 1)] if stress.size == 4 else [(0, 1), (0, 2), (1, 2)]
+    direct = float(stress[:3] @ normal**2)
+    return direct + float(
+        sum(np.sqrt(2) * value * normal[i] * normal[j] for value, (i, j) in zip(stress[3:], shear, strict=True))
+    )
+
+
+def _energy(stress: Expr, young: float, poisson: float) -> Expr:
+    """σ : C^-1 σ of an isotropic body."""
+    return (1 + poisson) / young * ufl.inner(stress, stress) - poisson / young * ufl.tr(stress) ** 2
+
+
+def _projected(mass: csr_matrix, loads: np.ndarray) -> np.ndarray:
+    """Nodal values of a projection on one body, zero outside of it."""
+    inside = mass.diagonal() > 0
+    own = csr_matrix(mass[inside][:, inside])
+    found = np.zeros(inside.size)
+    found[inside], failed = cg(own, loads[inside], rtol=PRECISE, M=diags(1 / own.diagonal()))
+    if failed:
+        raise ConvergenceError("stresses could not be recovered: cells of the mesh are too flat. Mend them")
+    return found
