@@ -231,6 +231,12 @@ def geometry_dofmap(mesh: Mesh) -> np.ndarray:
     return geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
 
 
+def degree_of(mesh: Mesh) -> int:
+    """Degree of the cells of a mesh; ``cmap`` is on its way out from 0.11 on."""
+    geometry = mesh.geometry
+    return (geometry.cmaps[0] if hasattr(geometry, "cmaps") else geometry.cmap).degree
+
+
 def quadrature(cell: str, degree: int) -> tuple[np.ndarray, np.ndarray]:
     """Points and weights of DOLFINx's rule of a degree on a reference cell, given by its name."""
     import basix

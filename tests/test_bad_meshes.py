@@ -124,8 +124,8 @@ def test_simplices_that_are_turned_inside_out(hypothesis):
     refused(scene, r"pairs of neighbouring cells lie on the same side of their common facet, e\.g\. at \[")
 
 
-def test_cells_with_curved_sides():
-    """A rectangle of triangles of order 2, as gmsh makes them on request."""
+def test_cells_of_third_order():
+    """A rectangle of triangles of order 3, as gmsh makes them on request."""
 
     def curved(comm):
         gmsh.initialize()
@@ -135,14 +135,14 @@ def test_cells_with_curved_sides():
         gmsh.model.addPhysicalGroup(2, [body], 1)
         gmsh.model.addPhysicalGroup(1, [1], LOWER)
         gmsh.model.mesh.generate(2)
-        gmsh.model.mesh.setOrder(2)
+        gmsh.model.mesh.setOrder(3)
         result = compat.gmsh_to_mesh(gmsh.model, comm, gdim=2)
         gmsh.finalize()
         return result
 
     refused(
         dataclasses.replace(pressed_block("plane_strain"), geometry=curved),
-        r"curved sides are not supported: .*setOrder\(1\)",
+        r"cells of order 3 are not supported: .*setOrder\(2\)",
     )
 
 

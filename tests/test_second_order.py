@@ -20,7 +20,6 @@ from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, SceneError
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries.gmsh_model import gmsh, mesh_of
-from hhr_dolfinx.pairings.second_order import averaged
 from hhr_dolfinx.pairings.surface import nodal_rows
 
 
@@ -132,7 +131,7 @@ class Bowl:
         count, dim = surface.points.shape
         gap = 0.1 * (surface.points[:, : dim - 1] ** 2).sum(axis=1)
         matrix = nodal_rows(surface.nodes[:, None], np.tile(np.eye(dim)[-1], (count, 1)), np.ones((count, 1)), dofs)
-        return averaged(ContactRows(matrix, gap, surface.nodes, surface.points, surface.areas), surface)
+        return surface.averaged(ContactRows(matrix, gap, surface.nodes, surface.points, surface.areas))
 
 
 def bowl(cells, order):

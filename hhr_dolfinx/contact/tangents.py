@@ -248,7 +248,10 @@ def tangential_rows(matrix: csr_matrix, normals: np.ndarray, tangents: np.ndarra
 
     off = abs(matrix - along(normals))
     if off.nnz and off.max() > PARALLEL * abs(matrix).max():
-        raise SceneError("friction needs rows that are along one normal each: those of this pairing are not")
+        raise SceneError(
+            "friction needs rows that are along one normal each: those of this pairing are not. On curved sides of "
+            "cells of second order take Mortar"
+        )
     k = tangents.shape[1]
     parts = vstack([along(tangents[:, j]) for j in range(k)])
     return csr_matrix(csr_matrix(parts)[np.arange(m * k).reshape(k, m).T.ravel()])

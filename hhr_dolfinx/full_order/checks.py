@@ -119,7 +119,7 @@ def _check_cells(mesh, comm):
     dim = mesh.topology.dim
     count = CORNERS[mesh.topology.cell_name()]
     nodes = compat.geometry_dofmap(mesh)[: mesh.topology.index_map(dim).size_local]
-    degree = mesh.geometry.cmap.degree
+    degree = compat.degree_of(mesh)
     if degree > 2:
         raise SceneError(
             f"cells of order {degree} are not supported: make the mesh of order 2 or 1, in gmsh by setOrder(2)"
@@ -154,7 +154,7 @@ def order_of(scene: Scene, mesh: dmesh.Mesh) -> int:
     Raises:
         SceneError: for a mesh of second order whose displacement is to be of first.
     """
-    geometry = mesh.geometry.cmap.degree
+    geometry = compat.degree_of(mesh)
     order = geometry if scene.order is None else scene.order
     if order < geometry:
         raise SceneError(
@@ -210,7 +210,7 @@ def corner_jacobians(corners: np.ndarray) -> np.ndarray:
 
 def jacobians_of(mesh: dmesh.Mesh, points: np.ndarray) -> np.ndarray:
     """Determinant of the Jacobian at the nodes of cells, (c, k), from their coordinates, (c, k, dim)."""
-    if mesh.geometry.cmap.degree == 1:
+    if compat.degree_of(mesh) == 1:
         return corner_jacobians(points)
     kind = mesh.topology.cell_name()
     slopes = compat.shape_functions(kind, compat.nodes_of_cell(kind, 2), 2)[1]

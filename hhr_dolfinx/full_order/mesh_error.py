@@ -19,7 +19,6 @@ from ufl.core.expr import Expr
 
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
 from hhr_dolfinx.forms import elasticity
-from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.full_order.stress import field_of, stress_in_body
 
 if TYPE_CHECKING:
@@ -87,8 +86,7 @@ def _energies(full: FullOrderModel, place: int, field: fem.Function, point: np.n
         component.x.array[:] = _projected(mass, fem.assemble_vector(fem.form(weight * sigma[i, j] * test * dx)).array)
         recovered[i, j] = recovered[j, i] = component
     tensor = ufl.as_tensor([[recovered.get((i, j), 0.0) for j in range(3)] for i in range(3)])
-    names = scene.parameters.names
-    young, poisson = (float(Scalar(str(value), names).value(point)) for value in (body.young, body.poisson))
+    young, poisson = (_number(value, scene.parameters.names, point) for value in (body.young, body.poisson))
     error, size = (
         float(np.real(fem.assemble_scalar(fem.form(weight * _energy(part, young, poisson) * dx))))
         for part in (tensor - sigma, sigma)
@@ -129,6 +127,15 @@ def _along(stress: np.ndarray, normal: np.ndarray) -> float:
     return direct + float(
         sum(np.sqrt(2) * value * normal[i] * normal[j] for value, (i, j) in zip(stress[3:], shear, strict=True))
     )
+
+
+def _number(value: float | str, names: tuple[str, ...], point: np.ndarray) -> float:
+    """A constant at a point of the parameters."""
+    if not isinstance(value, str):
+        return float(value)
+    from hhr_dolfinx.formulas import Scalar
+
+    return float(Scalar(value, names).value(point))
 
 
 def _energy(stress: Expr, young: float, poisson: float) -> Expr:

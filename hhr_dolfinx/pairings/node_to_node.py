@@ -11,7 +11,6 @@ from scipy.spatial import cKDTree
 
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.pairings.second_order import averaged
 from hhr_dolfinx.pairings.surface import Surface, check_facing, nodal_rows, tangential_order, unit, warn_of_overlap
 from hhr_dolfinx.parameters import Tag
 
@@ -53,7 +52,7 @@ class NodeToNode:
         gap = ((second.points[partner] - first.points) @ normal)[order]
         rows = ContactRows(matrix, gap, nodes[:, 0], first.points[order], first.areas[order])
         warn_of_overlap(first, rows)
-        return averaged(rows, first)
+        return first.averaged(rows)
 
 
 def _partners(first: Surface, second: Surface, normal: np.ndarray) -> np.ndarray:

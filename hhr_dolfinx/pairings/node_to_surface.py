@@ -13,7 +13,6 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.contact.problem import ContactRows, joined
 from hhr_dolfinx.errors import NeverFacingError, SceneError
 from hhr_dolfinx.pairings.projection import ClosestPoints, closest_points, project
-from hhr_dolfinx.pairings.second_order import averaged
 from hhr_dolfinx.pairings.surface import (
     FACING,
     GRAZING,
@@ -78,12 +77,12 @@ class NodeToSurface:
         warn_of_overlap(slave, rows)
         bulges = master.bulges(facets, weights)
         warn_of_sag(slave, master, rows, float(np.abs(bulges) @ rows.areas / rows.areas.sum()))
-        return averaged(rows, slave)
+        return slave.averaged(rows)
 
     def rows_anew(self, surfaces: Sequence[Surface], dofs: int, overlap: float) -> ContactRows:
         """The same of surfaces that have moved, and may overlap by a length for it, without a word about their mesh."""
         slave, master = surfaces
-        return averaged(self._paired(slave, master, dofs, overlap)[0], slave)
+        return slave.averaged(self._paired(slave, master, dofs, overlap)[0])
 
     def _paired(
         self, slave: Surface, master: Surface, dofs: int, overlap: float = 0.0

@@ -10,7 +10,6 @@ import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.pairings.second_order import averaged
 from hhr_dolfinx.pairings.surface import Surface, check_facing, nodal_rows, tangential_order, unit, warn_of_overlap
 from hhr_dolfinx.parameters import Tag, is_number
 
@@ -57,4 +56,4 @@ class Obstacle:
         matrix = nodal_rows(nodes[:, None], np.tile(normal, (nodes.size, 1)), np.ones((nodes.size, 1)), dofs)
         rows = ContactRows(matrix, self.offset - points @ normal, nodes, points, surface.areas[order])
         warn_of_overlap(surface, rows)
-        return averaged(rows, surface)
+        return surface.averaged(rows)

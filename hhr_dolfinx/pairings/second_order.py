@@ -17,18 +17,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.declared import Integers
-from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.projection import shape_functions
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.pairings.surface import Surface
 
 CORNERS = {3: 2, 6: 3, 9: 4}
 """Corners of a facet by its number of nodes."""
@@ -84,53 +79,25 @@ class QuadraticFacets:
         local = np.einsum("qk,qkd->qd", values, PLACES[count][np.array(PARTS[count])][part])
         return facet, quadratic(local, count)
 
-    def integrals(self, surface: Surface, facets: np.ndarray) -> csr_matrix:
-        """∫ psi_i phi_j over some facets, (n, n)."""
+    def integrals(self, points: np.ndarray, weights: np.ndarray, facets: np.ndarray) -> csr_matrix:
+        """∫ psi_i phi_j over some facets, (n, n): of coordinates of the nodes, (n, dim), and weights of the measure."""
         nodes = self.nodes[facets]
         count = nodes.shape[1]
-        shape = len(surface.nodes), len(surface.nodes)
+        shape = len(points), len(points)
         found = csr_matrix(shape)
         for part in PARTS[count]:
-            values, functions, slopes, weights = _rule(count, part)
-            along = np.einsum("qjd,fjx->fqdx", slopes, surface.points[nodes])
+            values, functions, slopes, shares = _rule(count, part)
+            along = np.einsum("qjd,fjx->fqdx", slopes, points[nodes])
             if along.shape[2] == 1:
                 sizes = np.linalg.norm(along[:, :, 0], axis=2)
             else:
                 sizes = np.linalg.norm(np.cross(along[:, :, 0], along[:, :, 1]), axis=2)
-            measure = sizes * weights * (surface.weights[nodes] @ functions.T)
+            measure = sizes * shares * (weights[nodes] @ functions.T)
             entries = np.einsum("fq,qi,qj->fij", measure, values, functions)
             rows = np.repeat(nodes[:, list(part)], count, axis=1)
             columns = np.tile(nodes, len(part))
             found = found + csr_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
         return found
-
-
-def averaged(rows: ContactRows, surface: Surface) -> ContactRows:
-    """Conditions of single nodes of a slave surface as weighted ones; as they are on facets of first order.
-
-    What lies beyond the edge of a master has no condition: facets of which all nodes have one are averaged over.
-
-    Raises:
-        SceneError: where no facet has a condition at all of its nodes.
-    """
-    facets = surface.quadratic
-    if facets is None:
-        return rows
-    place = np.full(len(surface.nodes), -1)
-    place[np.searchsorted(surface.nodes, rows.slaves)] = np.arange(rows.gap.size)
-    whole = np.flatnonzero((place[facets.nodes] >= 0).all(axis=1))
-    if not whole.size:
-        raise SceneError(
-            f"no facet of slave surface {surface.tag} lies in front of its master with all of its nodes: mesh it finer"
-        )
-    nodes = np.unique(facets.nodes[whole])
-    nodes = nodes[np.argsort(place[nodes])]
-    own = facets.integrals(surface, whole)[nodes].tocoo()
-    areas = np.bincount(own.row, own.data, nodes.size)
-    shape = nodes.size, rows.gap.size
-    means = csr_matrix((own.data / areas[own.row], (own.row, place[own.col])), shape=shape)
-    matrix = csr_matrix(means @ rows.matrix)
-    return ContactRows(matrix, means @ rows.gap, surface.nodes[nodes], surface.points[nodes], areas)
 
 
 def flat_parts(nodes: np.ndarray) -> np.ndarray:

@@ -134,6 +134,33 @@ class Surface:
         whole, values = self.quadratic.functions(facets, weights)
         return self.quadratic.nodes[whole], values
 
+    def averaged(self, rows: ContactRows) -> ContactRows:
+        """Conditions of single nodes of this slave surface as weighted ones; as they are on facets of first order.
+
+        What lies beyond the edge of a master has no condition: facets of which all nodes have one are averaged over.
+        See :mod:`hhr_dolfinx.pairings.second_order`.
+
+        Raises:
+            SceneError: where no facet has a condition at all of its nodes.
+        """
+        if self.quadratic is None:
+            return rows
+        place = np.full(len(self.nodes), -1)
+        place[np.searchsorted(self.nodes, rows.slaves)] = np.arange(rows.gap.size)
+        whole = np.flatnonzero((place[self.quadratic.nodes] >= 0).all(axis=1))
+        if not whole.size:
+            raise SceneError(
+                f"no facet of slave surface {self.tag} lies in front of its master with all of its nodes: mesh it finer"
+            )
+        nodes = np.unique(self.quadratic.nodes[whole])
+        nodes = nodes[np.argsort(place[nodes])]
+        own = self.quadratic.integrals(self.points, self.weights, whole)[nodes].tocoo()
+        areas = np.bincount(own.row, own.data, nodes.size)
+        shape = nodes.size, rows.gap.size
+        means = csr_matrix((own.data / areas[own.row], (own.row, place[own.col])), shape=shape)
+        matrix = csr_matrix(means @ rows.matrix)
+        return ContactRows(matrix, means @ rows.gap, self.nodes[nodes], self.points[nodes], areas)
+
     def node_depths(self) -> np.ndarray:
         """Smallest depth of the facets at each node, (n,)."""
         smallest = np.full(len(self.nodes), np.inf)
@@ -182,19 +209,7 @@ def make_surface(
     """
     if len(facet_nodes) == 0:
         raise SceneError(f"contact surface {tag} has no facets: the contact pair is empty")
-    # an order of the facets that does not depend on how the mesh was distributed
-    middles = points[facet_nodes].mean(axis=1)
-    order = np.lexsort(np.round(middles / (np.ptp(middles, axis=0).max() or 1.0), 9).T[::-1])
-    facet_nodes = facet_nodes[order]
-    inner_points = inner_points[order]
-    quadratic = None
-    if facet_nodes.shape[1] > 2 * (points.shape[1] - 1):
-        from hhr_dolfinx.pairings.second_order import QuadraticFacets, flat_parts
-
-        whole = facet_nodes
-        facet_nodes = flat_parts(whole)
-        inner_points = np.repeat(inner_points, len(facet_nodes) // len(whole), axis=0)
-        quadratic = QuadraticFacets(np.searchsorted(np.unique(whole), whole))
+    facet_nodes, inner_points, quadratic = _parted(facet_nodes, inner_points, points)
     middles = points[facet_nodes].mean(axis=1)
     nodes, local = np.unique(facet_nodes, return_inverse=True)
     corners = points[facet_nodes]
@@ -230,6 +245,26 @@ def make_surface(
         depths=np.abs(heights),
         quadratic=quadratic,
     )
+
+
+def _parted(
+    facet_nodes: np.ndarray, inner_points: np.ndarray, points: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, QuadraticFacets | None]:
+    """Flat facets, (f, k), and what lies behind each, (f, dim), in an order that is the same on any ranks.
+
+    Facets of second order are cut into their flat parts, and handed out as they are too.
+    """
+    middles = points[facet_nodes].mean(axis=1)
+    order = np.lexsort(np.round(middles / (np.ptp(middles, axis=0).max() or 1.0), 9).T[::-1])
+    facet_nodes = facet_nodes[order]
+    inner_points = inner_points[order]
+    if facet_nodes.shape[1] <= 2 * (points.shape[1] - 1):
+        return facet_nodes, inner_points, None
+    from hhr_dolfinx.pairings.second_order import QuadraticFacets, flat_parts
+
+    flat = flat_parts(facet_nodes)
+    quadratic = QuadraticFacets(np.searchsorted(np.unique(facet_nodes), facet_nodes))
+    return flat, np.repeat(inner_points, len(flat) // len(facet_nodes), axis=0), quadratic
 
 
 def area_vectors(corners: np.ndarray) -> np.ndarray:

@@ -14,7 +14,6 @@ from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.full_order.mesh_error import mesh_error
 from hhr_dolfinx.linear.dense import Factorise, LapackLU, PetscLU
 from hhr_dolfinx.models.answer import Answer, Model
 from hhr_dolfinx.models.condensed import CondensedModel
@@ -86,10 +85,7 @@ def measure_points(
         "ratios": {**_ratios(warm), "cold_start": _ratios(cold)},
         "active_set": _searches(answers),
     }
-    try:
-        report["discretisation"] = mesh_error(full, full.solve(space.middle))._asdict()
-    except HHRError as error:
-        skipped.append({"stage": "discretisation", "why": str(error)})
+    report |= _mesh_error(full, skipped)
     if full.functionals is not None:
         report["outputs"] = _outputs(full, references.solutions, answers)
     if model.fields.bound is not None:
@@ -100,6 +96,17 @@ def measure_points(
     rows = [Row(name, how.get(name, "exact"), warm[name], exact[name]) for name in order]
     small = {name: models[name] for name in ("condensed",) if name in models}
     return Measurement(own, rows, beside, report, skipped, models=small)
+
+
+def _mesh_error(full: FullOrderModel, skipped: list[dict[str, str]]) -> dict[str, Any]:
+    """The ``discretisation`` part of a report; none, and why, where it cannot be estimated."""
+    from hhr_dolfinx.full_order.mesh_error import mesh_error
+
+    try:
+        return {"discretisation": mesh_error(full, full.solve(full.parameters.middle))._asdict()}
+    except HHRError as error:
+        skipped.append({"stage": "discretisation", "why": str(error)})
+        return {}
 
 
 def _without_naive(full: FullOrderModel) -> str:
