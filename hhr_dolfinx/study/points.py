@@ -85,9 +85,7 @@ def measure_points(
         "ratios": {**_ratios(warm), "cold_start": _ratios(cold)},
         "active_set": _searches(answers),
     }
-    report |= _mesh_error(full, skipped)
-    if full.functionals is not None:
-        report["outputs"] = _outputs(full, references.solutions, answers)
+    report |= _mesh_error(full, skipped) | _outputs(full, references.solutions, answers)
     if model.fields.bound is not None:
         report["fallback"] = fallback_report(model, full, fresh, float(np.mean(warm["fom_best"])))
     own = Row("HHR", "this model", warm["online"], references.errors(model))
@@ -159,8 +157,10 @@ def _everywhere(model: Model) -> Callable[[np.ndarray], tuple[np.ndarray, np.nda
 def _outputs(full: FullOrderModel, solutions: SnapshotSet, answers: list[Answer]) -> dict[str, Any]:
     """The ``outputs`` part of a report: unit, largest absolute value and errors relative to it, by name.
 
-    Errors are infinite where there is no answer.
+    Errors are infinite where there is no answer. None of a scene without outputs.
     """
+    if full.functionals is None:
+        return {}
     exact = []
     for point, unknown, forces in zip(solutions.points, solutions.displacements.T, solutions.forces.T, strict=True):
         exact.append(Answer(point, unknown, forces, forces > 0, 0, Status.CONVERGED, False, full).outputs())
@@ -171,7 +171,7 @@ def _outputs(full: FullOrderModel, solutions: SnapshotSet, answers: list[Answer]
         largest = float(np.abs(values).max())
         errors = np.abs(others - values) / (largest or 1.0)
         report[name] = {"unit": unit, "largest": largest, **summary(np.where(np.isfinite(errors), errors, np.inf))}
-    return report
+    return {"outputs": report}
 
 
 def _twin(model: ReducedModel, factorise: Factorise) -> ReducedModel:
