@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
@@ -12,14 +13,15 @@ from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.eliminations.constant import ConstantElimination
 from hhr_dolfinx.models.eliminations.elimination import Responses
-from hhr_dolfinx.models.exact import ExactFields
+from hhr_dolfinx.models.exact import ExactFields, SolvedFields
 from hhr_dolfinx.models.starts import KnownStatuses
 
 
 def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: bool = True) -> CondensedModel:
     """Eliminate everything but the contact forces exactly; for constant stiffness only.
 
-    The answer is that of the full model, to round-off. Serial, since it keeps whole columns of K^-1.
+    The answer is that of the full model, to round-off. Serial, since it keeps whole columns of K^-1. Where the full
+    model has no room for these neither has this one: a displacement takes one more solution.
 
     Args:
         full: the full model on one rank.
@@ -46,24 +48,41 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
         )
     free = np.stack([full.solve_stiffness(column) for column in problem.loads.T.toarray()], axis=1)
     # only with the field is it known how far bodies moved that contact holds
-    field = field or problem.rigid is not None
+    field = (field and full.keeps_columns) or problem.rigid is not None
     responses = Responses(
         free_primal=free if field else free[:0],
-        primal_per_force=full.per_force if field else full.per_force[:0],
+        primal_per_force=full.per_force if field else np.zeros((0, conditions)),
         free_slack=problem.gaps - problem.contact @ free,
         schur=full.schur,
     )
     outputs: Any = full.functionals  # of one mesh: a scene with shapes was refused above
     floats = problem.rigid is not None
     size = problem.block_size
-    fields = ExactFields(
-        problem.amplitudes, problem.lifts, full.per_force, free, size, floats, full.stress_of, functionals=outputs
-    )
+    if not (full.keeps_columns or floats):
+        fields: Any = _solved_fields(full, free)
+    else:
+        fields = ExactFields(
+            problem.amplitudes, problem.lifts, full.per_force, free, size, floats, full.stress_of, functionals=outputs
+        )
     if problem.rigid is not None:
         return _floating(problem, problem.rigid, responses, known, fields)
     eliminated = ConstantElimination(responses, problem.amplitudes)
     friction = problem.friction
     return CondensedModel(problem.parameters, eliminated, known, fields, problem.contact_pairs, friction=friction)
+
+
+def _solved_fields(full: FullOrderModel, free: np.ndarray) -> SolvedFields:
+    """Fields of a full model that keeps no columns, from K^-1 loads, (N, 1 + T)."""
+    problem = full.problem
+    outputs: Any = full.functionals
+    rows = csr_matrix((0, problem.free.size)) if outputs is None else csr_matrix(outputs.rows)
+    # K is symmetric: what forces do to an output is what its row does to the contact
+    moved = full.solved_columns(csc_matrix(rows.T)) if rows.shape[0] else np.zeros((problem.free.size, 0))
+    measured = -(problem.contact @ moved).T
+    return SolvedFields(
+        problem.amplitudes, problem.lifts, free, problem.block_size, np.ascontiguousarray(measured),
+        full.pushed, full.stress_of, outputs,
+    )  # fmt: skip
 
 
 def _floating(

@@ -28,7 +28,7 @@ class FullStiffness:
             all parameters, whose factors serve all of them.
         point: the parameter, (P,).
         free: unknown without contact forces, (own dofs,).
-        per_force: K^-1 B^T, (own dofs, m), times the scale.
+        per_force: K^-1 B^T, (own dofs, m); None where it is that of the full model, times the scale.
         schur, free_slack: S, (m, m), and the slack without contact forces, (m,).
         scale: what K is beside the one that is factored, on own dofs, (own dofs,); 1 where it is that one.
     """
@@ -37,7 +37,7 @@ class FullStiffness:
     problem: ContactProblem
     point: np.ndarray
     free: np.ndarray
-    per_force: np.ndarray
+    per_force: np.ndarray | None
     schur: np.ndarray
     free_slack: np.ndarray
     scale: np.ndarray | float = 1.0
@@ -53,7 +53,7 @@ class FullStiffness:
         if full.problem.varies:
             per_force, schur = full.condensed_at(problem, point)
         else:
-            per_force = full.per_force
+            per_force = None
             schur = full.schur
         theta = problem.amplitudes(point)
         free = full.solve_stiffness(problem.loads[rows] @ theta)
@@ -72,7 +72,7 @@ class FullStiffness:
         free = full.solve_stiffness(problem.loads_at(point, theta) / scale)
         schur = np.tensordot(1 / scales, full.schur_parts, 1)
         slack = problem.gaps @ theta - problem.contact @ free
-        return cls(full, problem, point, free, full.per_force, schur, slack, scale)
+        return cls(full, problem, point, free, None, schur, slack, scale)
 
     def contact(self) -> CondensedContact:
         """What is left once the displacement is eliminated, on all ranks."""
@@ -84,7 +84,8 @@ class FullStiffness:
 
     def pushed(self, forces: np.ndarray) -> np.ndarray:
         """K^-1 B^T times forces, (m,) or (m, k), on all dofs, (N,) or (N, k)."""
-        return np.concatenate(self.full.comm.allgather(((self.per_force @ forces).T / self.scale).T))
+        own = self.full.pushed(forces) if self.per_force is None else self.per_force @ forces
+        return np.concatenate(self.full.comm.allgather((own.T / self.scale).T))
 
     def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """K U' = -R', where R is the residual K U + B^T lambda - F; and the slack that goes with it."""

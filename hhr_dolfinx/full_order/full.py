@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import logging
+from collections.abc import Callable, Iterator
 from copy import copy
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -35,6 +36,10 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.models.functionals.functional import Functionals
 
+_log = logging.getLogger(__name__)
+
+KEPT_BYTES = 1e9
+"""Memory that K^-1 B^T may take; where it would take more its columns are dropped as they are made."""
 FULL_ORDER_ADVICE = {Status.SINGULAR: "list each contact pair once, and let no two conditions hold the same dofs"}
 
 
@@ -57,6 +62,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         problem: the :class:`ContactProblem`; on several ranks each has the rows of its own dofs.
         parameters: the box of the parameters.
         per_force: K^-1 B^T on the dofs of this rank, (own dofs, N_lambda).
+        keeps_columns: whether K^-1 B^T has room in memory; without it a displacement takes one more solution.
         schur: S, (N_lambda, N_lambda).
         equilibrium: what bodies that flow need besides; None where nothing flows.
         functionals: outputs of the scene; None where it has none.
@@ -128,13 +134,60 @@ class FullOrderModel(AnsweringModel, ModelFields):
         check_regular(problem, lambda rhs: self._gather(self._solver.solve(rhs)), self.scene.name)
         contact = problem.contact[:, self._own]
         self._own_loads = problem.loads[self._own]
-        self.per_force = self.solved_columns(contact.T)
-        self.schur = self.comm.allreduce(contact @ self.per_force)
         self._contact = contact
+        self._columns: np.ndarray | None = None
+        self.keeps_columns = self._has_room()
+        self.schur = self._condensed()
         self._pairs = Pairs.of(problem.contact_pairs)
         self.equalities = SchurEqualities.of(self.schur)
         adrift = f"hold it by a displacement, or push it: {problem.loose}"
         self.advice = {**FULL_ORDER_ADVICE, Status.ADRIFT: adrift}
+
+    def _condensed(self) -> np.ndarray:
+        """S, by blocks of columns of K^-1 B^T that are kept where they are few, and dropped otherwise."""
+        if self.keeps_columns:
+            self._columns = self.solved_columns(self._contact.T)
+            return self.comm.allreduce(self._contact @ self._columns)
+        conditions = self._contact.shape[0]
+        _log.info(
+            "K^-1 B^T would take %.1f GB: S is made of blocks of it, and a displacement takes one more solution",
+            8e-9 * self.problem.free.size * conditions,
+        )
+        found = np.empty((conditions, conditions))
+        for part, block in self._solved_blocks(self._contact.T):
+            found[:, part] = self._contact @ block
+        return self.comm.allreduce(found)
+
+    def _has_room(self) -> bool:
+        """Whether K^-1 B^T is kept: where it is small, and where bodies flow or rest on what resists no motion."""
+        problem = self.problem
+        few = 8 * problem.free.size * len(problem.gaps) <= KEPT_BYTES
+        return few or any(body.law is not None for body in self.scene.bodies) or problem.resting is not None
+
+    @property
+    def per_force(self) -> np.ndarray:
+        """K^-1 B^T, (own dofs, N_lambda), of a constant K or that of the middle of the box.
+
+        Where it is not kept it is solved for, and kept from then on: it may be larger than all else.
+        """
+        if self._columns is None:
+            with self.factors.lock:
+                self._solver.refactor(self.problem.own_stiffness)
+                self._columns = self.solved_columns(self._contact.T)
+        return self._columns
+
+    def pushed(self, forces: np.ndarray) -> np.ndarray:
+        """K^-1 B^T times forces, (N_lambda,) or (N_lambda, k), on own dofs; one more solution where it is not kept."""
+        if self._columns is not None:
+            return self._columns @ forces
+        loads = self._contact.T @ forces
+        if loads.ndim == 1:
+            return self.solve_stiffness(loads)
+        return np.stack([self.solve_stiffness(column) for column in loads.T], axis=1)
+
+    def _solved_blocks(self, columns: spmatrix) -> Iterator[tuple[slice, np.ndarray]]:
+        """Blocks of K^-1 times the columns of a sparse matrix, where nothing rests on what resists no motion."""
+        return self._solver.solved_blocks(columns)
 
     @cached_property
     def per_load(self) -> np.ndarray:
@@ -150,7 +203,15 @@ class FullOrderModel(AnsweringModel, ModelFields):
     def schur_parts(self) -> np.ndarray:
         """S in the middle of the box by connected components of K, (C, N_lambda, N_lambda)."""
         assert self.scaled is not None
-        return self.scaled.parts(self.per_force)
+        if self._columns is not None:
+            return self.scaled.parts(self._columns)
+        count = len(self.problem.gaps)
+        found = np.empty((len(self.problem.bodies), count, count))
+        with self.factors.lock:
+            self._solver.refactor(self.problem.own_stiffness)
+            for part, block in self._solved_blocks(self._contact.T):
+                found[:, :, part] = self.scaled.parts(block)
+        return found
 
     @cached_property
     def rigid_taken(self) -> np.ndarray:
@@ -269,7 +330,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         free = self.solve_stiffness(self._own_loads @ theta)
         free_slack = self.problem.gaps @ theta - self._sum(self._contact @ free)
         found = active_set(self.equalities, free_slack, free_slack < 0 if cold else start, pairs=self._pairs)
-        return found_as(found, point, self._gather(free - self.per_force @ found.forces), self)
+        return found_as(found, point, self._gather(free - self.pushed(found.forces)), self)
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
         """See :class:`AnsweringModel`; what K of the point before leaves is at hand."""

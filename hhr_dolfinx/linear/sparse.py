@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from threading import RLock
 from typing import TYPE_CHECKING
 
@@ -120,20 +121,31 @@ class FreeCholesky:
 
     def solve_columns(self, columns: spmatrix) -> np.ndarray:
         """Solutions for the columns of a sparse matrix of own rows, zero on imposed dofs, (own dofs, m); collective."""
+        found = np.zeros((self._own, columns.shape[1]), order="F")
+        for part, solutions in self.solved_blocks(columns):
+            found[:, part] = solutions
+        return found
+
+    def solved_blocks(self, columns: spmatrix) -> Iterator[tuple[slice, np.ndarray]]:
+        """The same some columns after another, with the places of each block; collective.
+
+        What is yielded, (own dofs, k), is of the next block once that is asked for.
+        """
         columns = columns.tocsr()[self._free].tocsc()
         own, count = columns.shape
-        found = np.zeros((self._own, count), order="F")
-        solutions = np.empty((own, count), order="F")
-        with self.lock:
-            for first in range(0, count, BLOCK):
-                part = slice(first, min(first + BLOCK, count))
-                block = self._dense(solutions[:, part])
+        found = np.zeros((self._own, min(BLOCK, count)), order="F")
+        solutions = np.empty((own, min(BLOCK, count)), order="F")
+        for first in range(0, count, BLOCK):
+            part = slice(first, min(first + BLOCK, count))
+            width = part.stop - first
+            with self.lock:
+                block = self._dense(solutions[:, :width])
                 if self._takes_sparse:
                     self._ksp.getPC().getFactorMatrix().matSolve(_sparse(columns[:, part]), block)
                 else:
                     self._ksp.matSolve(self._dense(columns[:, part].toarray(order="F")), block)
-        found[self._free] = solutions
-        return found
+            found[self._free, :width] = solutions[:, :width]
+            yield part, found[:, :width]
 
     @property
     def _takes_sparse(self) -> bool:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -21,8 +23,44 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals.functional import Functionals
 
 
+class _Exact(Rebuilt, LinearDisplacement, ElasticFields):
+    """What all fields of exact condensation have in common."""
+
+    amplitudes: Amplitudes
+    stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None
+    functionals: Functionals | None
+
+    unbounded = "exact condensation has no reduction error"
+    exact = True
+
+    @abstractmethod
+    def displacement(self, answer: Answer) -> np.ndarray:
+        """K^-1 (loads - B^T λ) and the lift, (N,)."""
+
+    def estimate(self, answer: Answer) -> Estimate | None:
+        """Exact, as the full model is."""
+        return Estimate.exact(self.functionals) if answer.converged else None
+
+    def stress(self, answer: Answer) -> np.ndarray:
+        """Stress in the middle of each cell, Kelvin's notation.
+
+        Raises:
+            NotOfferedError: by a copy, or a model from a file.
+        """
+        if self.stress_of is None:
+            raise NotOfferedError(
+                "a model that was copied or read from a file has no mesh, and stress needs one: "
+                "full.stress_of(displacement, mu)"
+            )
+        return self.stress_of(self.displacement(answer), answer.parameter)
+
+    def _all_force_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
+        assert answer.gradient is not None
+        return answer.gradient.multipliers
+
+
 @dataclass(frozen=True)
-class ExactFields(Rebuilt, LinearDisplacement, ElasticFields):
+class ExactFields(_Exact):
     """Completes answers of exact condensation, see :class:`hhr_dolfinx.models.answer.Fields`.
 
     Attributes:
@@ -45,17 +83,10 @@ class ExactFields(Rebuilt, LinearDisplacement, ElasticFields):
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
     functionals: Functionals | None = None
 
-    unbounded = "exact condensation has no reduction error"
-    exact = True
-
     @property
     def conditions(self) -> int:
         """Number of contact conditions, all of which are kept."""
         return self.per_force.shape[1]
-
-    def estimate(self, answer: Answer) -> Estimate | None:
-        """Exact, as the full model is."""
-        return Estimate.exact(self.functionals) if answer.converged else None
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """K^-1 (loads - B^T λ) and the lift, (N,); a model that answers with fields has it at hand."""
@@ -64,19 +95,6 @@ class ExactFields(Rebuilt, LinearDisplacement, ElasticFields):
         if unknown.size == 0:
             unknown = self.per_term @ theta - self.per_force @ answer.multipliers
         return unknown + self.lifts @ theta
-
-    def stress(self, answer: Answer) -> np.ndarray:
-        """Stress in the middle of each cell, Kelvin's notation.
-
-        Raises:
-            NotOfferedError: by a copy, or a model from a file.
-        """
-        if self.stress_of is None:
-            raise NotOfferedError(
-                "a model that was copied or read from a file has no mesh, and stress needs one: "
-                "full.stress_of(displacement, mu)"
-            )
-        return self.stress_of(self.displacement(answer), answer.parameter)
 
     def _columns(self) -> np.ndarray | None:
         return None if self.floats else self.per_force
@@ -89,10 +107,65 @@ class ExactFields(Rebuilt, LinearDisplacement, ElasticFields):
         """The displacement without its lift where only it knows the motions, else less the forces."""
         return answer.unknown if self.floats else -answer.multipliers
 
-    def _all_force_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
-        assert answer.gradient is not None
-        return answer.gradient.multipliers
-
     def _coordinate_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
         assert answer.gradient is not None
         return answer.gradient.unknown if self.floats else -answer.gradient.multipliers
+
+
+@dataclass(frozen=True)
+class SolvedFields(_Exact):
+    """The same where K^-1 B^T has no room: a displacement takes one more solution of the full model.
+
+    Attributes:
+        amplitudes, lifts, per_term, dimension: see :class:`ExactFields`.
+        measured_per_force: rows of the outputs times -K^-1 B^T, (K, N_lambda).
+        pushed: K^-1 B^T times forces; None of a copy or from a file, since factors belong to one process.
+        stress_of, functionals: see :class:`ExactFields`.
+    """
+
+    amplitudes: Amplitudes
+    lifts: Annotated[csc_matrix, "N", "terms"]
+    per_term: Annotated[Floats, "N", "terms"]
+    dimension: int
+    measured_per_force: Annotated[Floats, "rows of outputs", "m"]
+    pushed: Callable[[np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
+    stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
+    functionals: Functionals | None = None
+
+    @property
+    def conditions(self) -> int:
+        """Number of contact conditions, all of which are kept."""
+        return self.measured_per_force.shape[1]
+
+    def displacement(self, answer: Answer) -> np.ndarray:
+        """K^-1 (loads - B^T λ) and the lift, (N,).
+
+        Raises:
+            NotOfferedError: by a copy, or a model from a file.
+        """
+        if self.pushed is None:
+            raise NotOfferedError(
+                "a model that was copied or read from a file has no factors, and where the columns of K^-1 B^T have no "
+                "room a displacement needs them: ask the model where it was made, or the full one, full.solve(mu)"
+            )
+        theta = self.amplitudes(answer.parameter)
+        return self.per_term @ theta - self.pushed(answer.multipliers) + self.lifts @ theta
+
+    @cached_property
+    def _measures(self) -> tuple[Any, np.ndarray]:
+        assert self.functionals is not None
+        return self.measured_per_force, self._terms(self.functionals.rows)
+
+    def _columns(self) -> None:
+        """None are kept: rows of outputs have been solved for."""
+
+    def _terms(self, rows: Any) -> np.ndarray:
+        return dense(rows @ self.lifts) + rows @ self.per_term
+
+    def _coordinates(self, answer: Answer) -> np.ndarray:
+        """The forces, by which the rows of the outputs go."""
+        return answer.multipliers
+
+    def _coordinate_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
+        assert answer.gradient is not None
+        return answer.gradient.multipliers

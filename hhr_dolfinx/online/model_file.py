@@ -52,7 +52,7 @@ MODULES = {
     "models.eliminations.projected": "ReducedProblem ReducedTerms",
     "models.eliminations.shaped": "ContactPatch FixedCells InterpolatedProblem ReshapedElimination RidAssembly "
     "RidBody RidShape SurfacePatch",
-    "models.exact": "ExactFields",
+    "models.exact": "ExactFields SolvedFields",
     "models.frictional_fields": "FrictionalFields",
     "models.functionals.cells": "CellRule MovingCells",
     "models.functionals.friction": "Remembered StatusArea",
