@@ -11,6 +11,7 @@ from __future__ import annotations
 import multiprocessing
 import resource
 import time
+from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
 import _demos  # noqa: F401 (before the scenes)
@@ -89,8 +90,8 @@ def main() -> None:
         expected = 3 * ((cells + 1) ** 2 * (cells // 2 + 1) + (3 * cells // 4 + 1) ** 2 * (3 * cells // 8 + 1))
         if expected > options.up_to:
             break
-        with multiprocessing.get_context("spawn").Pool(1) as pool:
-            rows.append(pool.apply(measured, (cells,)))
+        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as alone:
+            rows.append(alone.submit(measured, cells).result())
         told = ", ".join(f"{name} {rows[-1][name]:.3g}" for name in COLUMNS)
         options.console.print(told + ("" if rows[-1]["columns_kept"] else ", columns dropped"))
     found = {"scene": "scale", "scale": rows, "slopes": slopes(rows) if len(rows) > 1 else {}}

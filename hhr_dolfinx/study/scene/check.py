@@ -11,6 +11,7 @@ from scipy.sparse import csc_matrix
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.full_order.full import KEPT_BYTES
 from hhr_dolfinx.full_order.motions import described, free_bodies
 from hhr_dolfinx.loads import checked_terms, parted, placed
 from hhr_dolfinx.pairings.surface import Surface
@@ -26,6 +27,14 @@ TOUCHING = 1e-6
 SMALL_GAP = 2.0
 """Gaps below so many times the sag of facets are made by the mesh rather than by the bodies: a round side that touches
 between two of its nodes is off by the sag."""
+LARGE_IN_SPACE = 20_000
+MEASURED_DOFS = 280_221
+FACTOR_GB = 2.6
+FACTOR_S = 89.0
+COLUMN_S = 0.035
+"""Dofs from which on a full model in space takes time that is worth a word, and what it took once, on hexahedra, by
+MUMPS on one core: memory and seconds of the factors, which grow with the powers 1.3 and 2.1 of the dofs, and seconds of
+a column of K^-1 B^T, 1.15. Tetrahedra take less, cells of second order more."""
 OVERLAP = 2.0
 """Overlaps beyond so many times the sag of facets are those of the bodies rather than of the mesh."""
 
@@ -55,6 +64,7 @@ def check_scene(scene: Scene, point: Any = None) -> SceneCheck:
     with found.heard():
         problem, gauss = _problem(found.discretisation)
     if problem is not None:
+        _size(found, problem)
         _gaps(found, problem, middle)
         _supports(found, problem)
         _loads(found, middle)
@@ -74,6 +84,23 @@ def _problem(discretisation: Discretisation) -> tuple[ContactProblem, Any]:
     if discretisation.reshaped is not None:
         problem = discretisation.reshaped.attached(problem)
     return discretisation.checked(problem), gauss
+
+
+def _size(found: SceneCheck, problem: ContactProblem) -> None:
+    """How large the problem is, and in space what a full model of it takes: before anything is solved."""
+    dofs = problem.free.size
+    conditions = len(problem.gaps)
+    told = f"{dofs} dofs and {conditions} conditions of contact"
+    if problem.block_size == 2 or dofs < LARGE_IN_SPACE:
+        found.say(OK, told)
+        return
+    size = dofs / MEASURED_DOFS
+    columns = 8e-9 * dofs * conditions
+    memory = FACTOR_GB * size**1.3 + 16e-9 * conditions**2 + (columns if columns <= 1e-9 * KEPT_BYTES else 0.0)
+    seconds = FACTOR_S * size**2.1 + conditions * COLUMN_S * size**1.15
+    kept = "" if columns <= 1e-9 * KEPT_BYTES else ", and a displacement one more solution"
+    time = f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} minutes"
+    found.say(OK, f"{told}: a full model takes about {memory:.2g} GB and {time} on one core{kept}")
 
 
 def _names(found: SceneCheck) -> None:
