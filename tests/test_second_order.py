@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
 
 import contract
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from mpi4py import MPI
+from second_order import LAME, bowl, rings
 from test_friction import FIRST, SECOND, side, two_blocks
 from test_locking import FAR
 from test_plastic import tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.command.main import hhr as command
-from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, SceneError
 from hhr_dolfinx.geometries import block
-from hhr_dolfinx.geometries.gmsh_model import gmsh, mesh_of
-from hhr_dolfinx.pairings.surface import nodal_rows
 
 
 def pressed(dim, simplices, pairing, *, alike=True, **others):
@@ -65,45 +62,6 @@ def test_a_constant_pressure_passes(dim, simplices, pairing):
     np.testing.assert_allclose(full.solve({"p": 0.5}).forces() / areas, 0.5, rtol=1e-10)
 
 
-def rings(size, order):
-    """Quarters of two rings, 1 to 2 and 2 to 3, whose meshes do not match."""
-
-    def make():
-        occ = gmsh.model.occ
-
-        def ring(inner, outer):
-            whole, hole = (occ.addDisk(0, 0, 0, radius, radius) for radius in (outer, inner))
-            cut = occ.cut([(2, whole)], [(2, hole)])[0]
-            return occ.intersect(cut, [(2, occ.addRectangle(0, 0, 0, 4, 4))])[0][0][1]
-
-        made = ring(1, 2), ring(2, 3)
-        occ.synchronize()
-        for name, tag, spacing in zip(("inner", "outer"), made, (size, 1.3 * size), strict=True):
-            gmsh.model.addPhysicalGroup(2, [tag], name=name)
-            for _, curve in gmsh.model.getBoundary([(2, tag)], oriented=False):
-                low_x, low_y, _, high_x, high_y, _ = gmsh.model.getBoundingBox(1, curve)
-                flat = {high_x - low_x: "x0", high_y - low_y: "y0"}
-                word = flat[min(flat)] if min(flat) < 1e-3 else f"r{round(high_x)}"
-                gmsh.model.addPhysicalGroup(1, [curve], name=f"{name} {word}")
-                gmsh.model.mesh.setTransfiniteCurve(curve, 1 + max(2, round(occ.getMass(1, curve) / spacing)))
-            gmsh.model.mesh.setTransfiniteSurface(tag)
-        gmsh.model.mesh.generate(2)
-        gmsh.model.mesh.setOrder(order)
-
-    held = (hhr.Displacement(f"{body} {line}", "xy".index(line[0])) for body in ("inner", "outer") for line in LINES)
-    return hhr.Scene(
-        "rings", lambda comm: mesh_of(make, comm, 2), "plane_strain",
-        (hhr.Body("inner", 200.0, 0.3), hhr.Body("outer", 200.0, 0.3)), (hhr.Mortar("inner r2", "outer r2"),),
-        hhr.ParameterSpace(("p",), (0.1,), (1.0,)), displacements=tuple(held),
-        loads=(hhr.Pressure("inner r1", hhr.Amplitude(slopes={"p": 1.0})),),
-    )  # fmt: skip
-
-
-LINES = "x0", "y0"
-LAME = 5 / 32
-"""Pressure between rings of 1 to 2 and 2 to 3 under a unit one inside: that in a tube of 1 to 3 at 2."""
-
-
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")
 def test_rings_that_press_on_each_other():
     """Lame, on meshes that do not match: rates of 3.0 and 2.8 of the largest error; of first order 5.2 times it."""
@@ -114,35 +72,6 @@ def test_rings_that_press_on_each_other():
         worst.append(float(np.abs(pressure / LAME - 1).max()))
     assert worst[0] / worst[1] > 5 and worst[1] / worst[2] > 5 and worst[2] < 0.012
     assert worst[3] > 50 * worst[2]
-
-
-@dataclass(frozen=True)
-class Bowl:
-    """A rigid bowl, flat at the axis, above a surface that is flat."""
-
-    surface: int
-
-    @property
-    def tags(self):
-        return (self.surface,)
-
-    def rows(self, surfaces, dofs):
-        (surface,) = surfaces
-        count, dim = surface.points.shape
-        gap = 0.1 * (surface.points[:, : dim - 1] ** 2).sum(axis=1)
-        matrix = nodal_rows(surface.nodes[:, None], np.tile(np.eye(dim)[-1], (count, 1)), np.ones((count, 1)), dofs)
-        return surface.averaged(ContactRows(matrix, gap, surface.nodes, surface.points, surface.areas))
-
-
-def bowl(cells, order):
-    """A block of tetrahedra pushed into the bowl."""
-    held = (*(hhr.Displacement(block.side(axis, False), axis) for axis in (0, 1)),
-            hhr.Displacement(block.side(2, False), 2, hhr.Amplitude(slopes={"push": 1.0})))  # fmt: skip
-    return hhr.Scene(
-        "bowl", lambda comm: block.block(comm, lower=(0,) * 3, upper=(1,) * 3, cells=(cells,) * 3, simplices=True),
-        "solid", (hhr.Body(block.SOLID, 1.0, 0.3),), (Bowl(block.side(2, True)),),
-        hhr.ParameterSpace(("push",), (0.0,), (0.1,)), displacements=held, order=order,
-    )  # fmt: skip
 
 
 def test_forces_on_tetrahedra_are_four_times_as_good_with_as_many_unknowns():

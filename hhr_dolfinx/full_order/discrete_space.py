@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -74,6 +75,11 @@ class DiscreteSpace(ABC):
         self._test = ufl.TestFunction(self.space)
         self.common_pattern: Any = None
         self.reshaped: Any = None
+
+    @property
+    @abstractmethod
+    def free_dofs(self) -> np.ndarray:
+        """Which dofs are not imposed, (N,) bool."""
 
     @abstractmethod
     def assembler(self, load: Any) -> Assembler:
@@ -181,7 +187,10 @@ class DiscreteSpace(ABC):
         area = self._assemble_vector(contact.tributary_area(self._test, self.scene.hypothesis, ds))[::dim]
         facets, inner = self._facets(tag)
         weights = elasticity.weight_at(points[:, 0], self.scene.hypothesis)
-        return make_surface(tag, facets, inner, points, weights, area)
+        made = make_surface(tag, facets, inner, points, weights, area)
+        if made.quadratic is None:
+            return made
+        return replace(made, free=self.free_dofs.reshape(-1, dim)[made.nodes])
 
     def _facets(self, tag):
         """Nodes of the tagged facets and the middle of what lies opposite in their cells, gathered from all ranks."""

@@ -194,6 +194,11 @@ class Discretisation(DiscreteSpace):
         """The mesh as its shape is at a parameter, (P,), within a block."""
         return nullcontext() if self.reshaped is None else self.reshaped.at(point)
 
+    @cached_property
+    def free_dofs(self) -> np.ndarray:
+        """See :class:`DiscreteSpace`."""
+        return self._displacements()[1]
+
     def _displacements(self) -> tuple[list[Term], np.ndarray]:
         """Lifts of the displacements that move, and the dofs that none holds or moves, (N,)."""
         terms = []

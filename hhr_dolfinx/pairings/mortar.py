@@ -130,13 +130,18 @@ class Mortar:
         if normals is None:
             normals = _facing_normals(slave, by_facet)
         covered = area > COVERED * slave.areas
+        shared = None
+        if slave.quadratic is not None and covered.any():
+            shared = slave.shared(normals, np.flatnonzero(covered))
+            area = shared @ np.where(covered, area, 0.0)
+            covered = area > 0
         if not covered.any():
             raise NeverFacingError(never_facing(slave, master, "no slave node is covered by the master"))
         warn_beyond_edge(slave, master, ~covered)
         scale = diags(1 / np.where(covered, area, 1.0))
         # dual functions are biorthogonal to the shape functions of the slave
-        onto_slave = identity(n) if dual else scale @ _assemble(tests, tested, on_slave, (n, n))
-        onto_master = scale @ _assemble(tests, tested, on_master, (n, len(master.nodes)))
+        onto_slave = identity(n) if dual else scale @ _shared(shared, _assemble(tests, tested, on_slave, (n, n)))
+        onto_master = scale @ _shared(shared, _assemble(tests, tested, on_master, (n, len(master.nodes))))
         gap = np.einsum("md,md->m", onto_master @ master.points - onto_slave @ slave.points, normals)
         matrix = _along_normals(onto_slave, slave.nodes, normals, dofs)
         matrix = matrix - _along_normals(onto_master, master.nodes, normals, dofs)
@@ -285,6 +290,11 @@ def _assemble(tests: _Side, tested: np.ndarray, other: _Side, shape: tuple[int, 
     rows = np.repeat(tests.facets[pairs // len(other.facets)], l, axis=1)
     columns = np.tile(other.facets[pairs % len(other.facets)], k)
     return csr_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+
+
+def _shared(shared: csr_matrix | None, assembled: csr_matrix) -> csr_matrix:
+    """What is tested by functions that were shared out, see :meth:`Surface.shared`; as it is without."""
+    return assembled if shared is None else csr_matrix(shared @ assembled)
 
 
 def _summed(values: np.ndarray, places: np.ndarray, count: int) -> np.ndarray:

@@ -9,10 +9,10 @@ from itertools import combinations
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix
+from scipy.sparse import csc_matrix, csr_matrix, diags, identity
 
 from hhr_dolfinx.contact.problem import ContactRows
-from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.declared import Booleans, Floats, Integers
 from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.parameters import Tag
 
@@ -51,6 +51,7 @@ class Surface:
         areas: tributary area of each node, (n,).
         depths: depth of the cell behind each facet, (f,): no body is thinner.
         quadratic: facets of second order, whose flat parts ``facets`` are then; None of cells of first order.
+        free: which components of the displacement of the nodes are not imposed, (n, dim) bool, beside these.
     """
 
     tag: Tag
@@ -63,6 +64,7 @@ class Surface:
     areas: Annotated[Floats, "surface nodes"]
     depths: Annotated[Floats, "facets"]
     quadratic: QuadraticFacets | None = None
+    free: Annotated[Booleans, "surface nodes", "dimension"] | None = None
 
     @property
     def corners(self) -> np.ndarray:
@@ -154,12 +156,46 @@ class Surface:
             )
         nodes = np.unique(self.quadratic.nodes[whole])
         nodes = nodes[np.argsort(place[nodes])]
-        own = self.quadratic.integrals(self.points, self.weights, whole)[nodes].tocoo()
-        areas = np.bincount(own.row, own.data, nodes.size)
+        normals = np.zeros_like(self.points)
+        own = rows.matrix.tocoo()
+        at_slave = own.col // self.points.shape[1] == rows.slaves[own.row]
+        slaves = np.searchsorted(self.nodes, rows.slaves)
+        normals[slaves[own.row[at_slave]], own.col[at_slave] % self.points.shape[1]] = own.data[at_slave]
+        shared = self.shared(normals, nodes)
+        tested = shared @ self.quadratic.integrals(self.points, self.weights, whole)
+        nodes = nodes[np.diff(csr_matrix(shared).indptr)[nodes] > 0]
+        mixed = tested[nodes].tocoo()
+        areas = np.bincount(mixed.row, mixed.data, nodes.size)
         shape = nodes.size, rows.gap.size
-        means = csr_matrix((own.data / areas[own.row], (own.row, place[own.col])), shape=shape)
+        means = csr_matrix((mixed.data / areas[mixed.row], (mixed.row, place[mixed.col])), shape=shape)
         matrix = csr_matrix(means @ rows.matrix)
         return ContactRows(matrix, means @ rows.gap, self.nodes[nodes], self.points[nodes], areas)
+
+    def shared(self, normals: np.ndarray, nodes: np.ndarray) -> csr_matrix:
+        """How functions psi_j of nodes whose motion is imposed are shared out among their neighbours, (n, n).
+
+        With as many of them as nodes of which not all move, conditions would be dependent, as where mortar surfaces
+        meet imposed displacements. The identity where all may move, or none may, as on a rigid slave.
+
+        Args:
+            normals: of the nodes, (n, dim).
+            nodes: that have conditions.
+        """
+        count = len(self.nodes)
+        held = np.zeros(count, dtype=bool)
+        if self.free is not None:
+            held[nodes] = ~(np.abs(normals) * self.free > 0).any(axis=1)[nodes]
+        if not held.any() or held[nodes].all():
+            return identity(count, format="csr")
+        moving = np.zeros(count)
+        moving[nodes] = ~held[nodes]
+        k = self.facets.shape[1]
+        places = np.repeat(self.facets, k, axis=1).ravel(), np.tile(self.facets, k).ravel()
+        beside = csr_matrix((np.ones(self.facets.size * k), places), shape=(count, count))
+        beside.data[:] = 1.0
+        towards = diags(moving) @ beside @ diags(held.astype(float))
+        share = np.asarray(towards.sum(axis=0)).ravel()
+        return csr_matrix(diags(moving) + towards @ diags(1 / np.where(share > 0, share, 1.0)))
 
     def node_depths(self) -> np.ndarray:
         """Smallest depth of the facets at each node, (n,)."""

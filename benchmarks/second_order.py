@@ -1,0 +1,189 @@
+"""Cells of second order beside linear ones: forces at equal dofs, pressures between curved rings, reduction errors.
+
+A block is pushed into a rigid bowl; errors of its force are beside hexahedra, or quadrilaterals, of second order on a
+finer mesh. Two rings press on each other, on meshes that do not match; Lame's pressure is the reference. Scenes of the
+demos are trained and reduced with displacements of either order.
+
+    python benchmarks/second_order.py [--out DIR] [--quick] [--seed N]
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import _demos  # noqa: F401 (before the scenes)
+import hertz_half_discs as hertz
+import numpy as np
+import pellet_cladding as pellet
+import pellet_materials as materials
+import sphere_on_block as sphere
+from mpi4py import MPI
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.contact.problem import ContactRows
+from hhr_dolfinx.geometries import block
+from hhr_dolfinx.pairings.surface import Surface, nodal_rows
+from hhr_dolfinx.study import cli
+from hhr_dolfinx.study.report import report
+
+LINES = "x0", "y0"
+LAME = 5 / 32
+"""Pressure between rings of 1 to 2 and 2 to 3 under a unit one inside: that in a tube of 1 to 3 at 2."""
+PUSH = 0.05
+
+
+@dataclass(frozen=True)
+class Bowl:
+    """A rigid bowl above a flat surface, which it touches at the origin.
+
+    Attributes:
+        surface: facet tag.
+    """
+
+    surface: int
+
+    @property
+    def tags(self) -> tuple[int, ...]:
+        """The surface."""
+        return (self.surface,)
+
+    def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
+        """One for each node, averaged where cells are of second order."""
+        (surface,) = surfaces
+        count, dim = surface.points.shape
+        gap = 0.1 * (surface.points[:, : dim - 1] ** 2).sum(axis=1)
+        matrix = nodal_rows(surface.nodes[:, None], np.tile(np.eye(dim)[-1], (count, 1)), np.ones((count, 1)), dofs)
+        return surface.averaged(ContactRows(matrix, gap, surface.nodes, surface.points, surface.areas))
+
+
+def bowl(cells: int, order: int, dim: int = 3, *, simplices: bool = True) -> hhr.Scene:
+    """A unit block, a quarter of it in space, pushed into the bowl."""
+    last = dim - 1
+    push = hhr.Displacement(block.side(last, False), last, hhr.Amplitude(slopes={"push": 1.0}))
+    lower, upper, counts = (0.0,) * dim, (1.0,) * dim, (cells,) * dim
+    return hhr.Scene(
+        "bowl", lambda comm: block.block(comm, lower=lower, upper=upper, cells=counts, simplices=simplices),
+        "solid" if dim == 3 else "plane_strain", (hhr.Body(block.SOLID, 1.0, 0.3),), (Bowl(block.side(last, True)),),
+        hhr.ParameterSpace(("push",), (0.0,), (0.1,)),
+        displacements=(*(hhr.Displacement(block.side(axis, False), axis) for axis in range(last)), push), order=order,
+    )  # fmt: skip
+
+
+def rings(size: float, order: int) -> hhr.Scene:
+    """Quarters of two rings, 1 to 2 and 2 to 3, of triangles that do not match where they press on each other."""
+    from hhr_dolfinx.geometries.gmsh_model import gmsh, mesh_of
+
+    def ring(inner: float, outer: float) -> int:
+        occ = gmsh.model.occ
+        whole, hole = (occ.addDisk(0, 0, 0, radius, radius) for radius in (outer, inner))
+        cut = occ.cut([(2, whole)], [(2, hole)])[0]
+        return occ.intersect(cut, [(2, occ.addRectangle(0, 0, 0, 4, 4))])[0][0][1]
+
+    def make() -> None:
+        made = ring(1, 2), ring(2, 3)
+        gmsh.model.occ.synchronize()
+        for name, tag, spacing in zip(("inner", "outer"), made, (size, 1.3 * size), strict=True):
+            gmsh.model.addPhysicalGroup(2, [tag], name=name)
+            for _, curve in gmsh.model.getBoundary([(2, tag)], oriented=False):
+                low_x, low_y, _, high_x, high_y, _ = gmsh.model.getBoundingBox(1, curve)
+                flat = {high_x - low_x: "x0", high_y - low_y: "y0"}
+                word = flat[min(flat)] if min(flat) < 1e-3 else f"r{round(high_x)}"
+                gmsh.model.addPhysicalGroup(1, [curve], name=f"{name} {word}")
+                count = max(2, round(gmsh.model.occ.getMass(1, curve) / spacing))
+                gmsh.model.mesh.setTransfiniteCurve(curve, 1 + count)
+            gmsh.model.mesh.setTransfiniteSurface(tag)
+        gmsh.model.mesh.generate(2)
+        gmsh.model.mesh.setOrder(order)
+
+    held = (hhr.Displacement(f"{body} {line}", "xy".index(line[0])) for body in ("inner", "outer") for line in LINES)
+    return hhr.Scene(
+        "rings", lambda comm: mesh_of(make, comm, 2), "plane_strain",
+        (hhr.Body("inner", 200.0, 0.3), hhr.Body("outer", 200.0, 0.3)), (hhr.Mortar("inner r2", "outer r2"),),
+        hhr.ParameterSpace(("p",), (0.1,), (1.0,)), displacements=tuple(held),
+        loads=(hhr.Pressure("inner r1", hhr.Amplitude(slopes={"p": 1.0})),),
+    )  # fmt: skip
+
+
+def force_rows(dim: int, cells: Sequence[int], fine: int) -> list[dict[str, Any]]:
+    """Errors of the force in a bowl at equal dofs, and seconds from nothing to an answer."""
+    exact = _pushed(bowl(fine, 2, dim, simplices=False))[1]
+    rows = []
+    for simplices in (True, False):
+        for count in cells:
+            for order in (1, 2):
+                dofs, force, seconds = _pushed(bowl(count // order, order, dim, simplices=simplices))
+                kind = {2: ("quadrilaterals", "triangles"), 3: ("hexahedra", "tetrahedra")}[dim][simplices]
+                rows.append({"cells": kind, "order": order, "N": dofs, "force": force / exact - 1, "seconds": seconds})
+    return rows
+
+
+def _pushed(scene: hhr.Scene) -> tuple[int, float, float]:
+    """Dofs, contact force and seconds of one answer."""
+    start = time.perf_counter()
+    full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
+    force = float(full.solve({"push": PUSH}).forces().sum())
+    return len(full.problem.free), force, time.perf_counter() - start
+
+
+def ring_rows(sizes: Sequence[float]) -> list[dict[str, Any]]:
+    """Largest and mean error of the pressure between rings."""
+    rows = []
+    for order in (1, 2):
+        for size in sizes:
+            full = hhr.FullOrderModel(rings(size, order), MPI.COMM_SELF)
+            areas = full.problem.contact_areas
+            off = full.solve({"p": 1.0}).forces() / areas / LAME - 1
+            mean = float(np.abs(off) @ areas / areas.sum())
+            rows.append({"order": order, "size": size, "largest": float(np.abs(off).max()), "mean": mean})
+    return rows
+
+
+SCENES: dict[str, Callable[[], hhr.Scene]] = {
+    "hertz_half_discs": hertz.scene,
+    "pellet_cladding": lambda: pellet.scene(**pellet.QUICK_MESH),
+    "pellet_materials": lambda: materials.scene(**pellet.QUICK_MESH),
+    "sphere_on_block": lambda: sphere.scene(**sphere.QUICK_MESH),
+}
+
+
+def reduction_rows(names: Sequence[str], seed: int) -> list[dict[str, Any]]:
+    """95th percentiles of the errors of reduced models on answers held out, with displacements of either order."""
+    rows = []
+    for name in names:
+        for order in (1, 2):
+            scene = dataclasses.replace(SCENES[name](), order=order)
+            training = hhr.train(scene, hhr.Sobol(64, seed=seed), held_out=40, comm=MPI.COMM_SELF)
+            model = training.build()
+            compared = model.offline.comparison
+            high = {what: float(np.quantile(getattr(compared, what), 0.95)) for what in ("primal", "dual")}
+            sizes = {"N": len(training.full_order.problem.free), "modes": len(model.problem.stiffness)}
+            rows.append({"scene": name, "order": order, **sizes, **high})
+    return rows
+
+
+def main() -> None:
+    """Compare, print, report."""
+    options = cli.parse_on_first_rank(cli.demo_parser("second_order", __doc__))
+    quick = options.quick
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # chords of coarse rings, and small trainings
+        found = {
+            "force": [*force_rows(2, (16,) if quick else (16, 32, 64), 32 if quick else 64),
+                      *force_rows(3, (8,) if quick else (8, 12, 16, 20), 8 if quick else 12)],
+            "rings": ring_rows((0.4, 0.2) if quick else (0.4, 0.2, 0.1, 0.05)),
+            "reduction": reduction_rows(("hertz_half_discs",) if quick else tuple(SCENES), options.seed),
+        }  # fmt: skip
+    for name, rows in found.items():
+        shown = [{key: value if isinstance(value, str | int) else f"{value:.2g}" for key, value in row.items()}
+                 for row in rows]  # fmt: skip
+        report.print_rows(name, shown, options.console)
+    report.write_report({"scene": "second_order", **found, **report.environment()}, options.out)
+
+
+if __name__ == "__main__":
+    main()
