@@ -19,9 +19,8 @@ from typing import Any
 import _demos  # noqa: F401 (before the scenes)
 import hertz_half_discs as hertz
 import numpy as np
-import pellet_cladding as pellet
-import pellet_materials as materials
 import sphere_on_block as sphere
+import your_scene
 from mpi4py import MPI
 
 import hhr_dolfinx as hhr
@@ -145,9 +144,8 @@ def ring_rows(sizes: Sequence[float]) -> list[dict[str, Any]]:
 
 SCENES: dict[str, Callable[[], hhr.Scene]] = {
     "hertz_half_discs": hertz.scene,
-    "pellet_cladding": lambda: pellet.scene(**pellet.QUICK_MESH),
-    "pellet_materials": lambda: materials.scene(**pellet.QUICK_MESH),
     "sphere_on_block": lambda: sphere.scene(**sphere.QUICK_MESH),
+    "your_scene": your_scene.scene,
 }
 
 

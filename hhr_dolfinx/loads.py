@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse import csc_matrix, hstack, issparse
 
 from hhr_dolfinx.amplitudes import Amplitude, Coverage, NonAffine, bound, check_amplitude, checked_count
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_tag, is_number
 
@@ -158,6 +158,11 @@ class PartialPressure:
         """Columns as :class:`~hhr_dolfinx.amplitudes.Coverage` counts them."""
         whole = _unit_pressure(assembler, self.tag)
         line = assembler.surface(self.tag)
+        if line.quadratic is not None:
+            raise NotOfferedError(
+                f"the partial pressure on tag {self.tag} is not built in on cells of second order, whose nodal forces "
+                "are cubic in its extent: mesh with cells of first order, or write a load of your own"
+            )
         self._check_line(line.points, assembler.hypothesis)
         order = np.argsort(line.points[:, self.axis])
         nodes = line.nodes[order]
