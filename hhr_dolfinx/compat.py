@@ -183,7 +183,15 @@ def gmsh_to_mesh(model: Any, comm: Comm, gdim: int) -> NamedMesh:
         module = importlib.import_module("dolfinx.io.gmsh")
     except ModuleNotFoundError:
         module = importlib.import_module("dolfinx.io.gmshio")
-    mesh, cell_tags, facet_tags = module.model_to_mesh(model, comm, 0, gdim=gdim)[:3]
+    try:
+        mesh, cell_tags, facet_tags = module.model_to_mesh(model, comm, 0, gdim=gdim)[:3]
+    except (KeyError, RuntimeError) as error:
+        from hhr_dolfinx.errors import SceneError
+
+        raise SceneError(
+            f"DOLFINx does not take the cells that gmsh made ({error}): mesh all bodies with one kind of cells, and "
+            "those of second order with nodes in their middles too, Mesh.SecondOrderIncomplete = 0"
+        ) from error
     groups: Groups = []
     if comm.rank == 0:
         named = [(model.getPhysicalName(*group), group) for group in model.getPhysicalGroups()]

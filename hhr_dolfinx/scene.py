@@ -143,7 +143,7 @@ class Scene:
     order: int | None = None
 
     def __post_init__(self):
-        if self.order not in (None, 1, 2) or isinstance(self.order, bool):
+        if self.order is not None and not (is_whole(self.order, 1) and self.order <= 2):
             raise SceneError(f"order = {self.order!r} must be 1 or 2, the degree of the displacement, or left out")
         if self.units is not None and not isinstance(self.units, Units):
             raise SceneError(f"units = {self.units!r} must be Units, such as Units('mm', 'MPa')")

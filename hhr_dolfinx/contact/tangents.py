@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg
 from scipy.sparse import block_diag, csr_matrix, vstack
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import pdist
 
@@ -88,7 +89,9 @@ def _spacing(rows: ContactRows, pairs: np.ndarray, normals: np.ndarray, mesh: Me
     entries = rows.matrix.tocoo()
     shape = len(pairs), len(points)
     nodes = csr_matrix((np.ones(entries.nnz), (entries.row, entries.col // points.shape[1])), shape=shape)
-    partners = [np.setdiff1d(row.indices, slave) for row, slave in zip(nodes, rows.slaves, strict=True)]
+    # conditions of second order name neighbours of their slave too: partners are nodes of another body
+    body = mesh.bodies if mesh.order > 1 else np.arange(len(points))
+    partners = [row.indices[body[row.indices] != body[slave]] for row, slave in zip(nodes, rows.slaves, strict=True)]
     found = np.full(len(pairs), np.inf)
     for place, own in enumerate(partners):
         if len(own) > 1:
@@ -111,10 +114,20 @@ class Mesh:
     Attributes:
         points: nodes, (nodes, dim).
         cells: nodes of each cell, (cells, k).
+        order: degree of the displacement.
     """
 
     points: np.ndarray
     cells: np.ndarray
+    order: int = 1
+
+    @cached_property
+    def bodies(self) -> np.ndarray:
+        """Number of the connected part of the mesh that each node belongs to, (nodes,)."""
+        starts = np.repeat(self.cells[:, :1], self.cells.shape[1], axis=1).ravel()
+        count = len(self.points)
+        graph = csr_matrix((np.ones(starts.size), (starts, self.cells.ravel())), shape=(count, count))
+        return connected_components(graph, directed=False)[1]
 
     @cached_property
     def _around(self) -> csr_matrix:

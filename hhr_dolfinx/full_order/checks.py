@@ -156,7 +156,7 @@ def order_of(scene: Scene, mesh: dmesh.Mesh) -> int:
     """
     geometry = compat.degree_of(mesh)
     order = geometry if scene.order is None else scene.order
-    if order < geometry:
+    if order < geometry <= 2:
         raise SceneError(
             f"the cells of scene '{scene.name}' are of second order, and order = {order}: leave it out, or mesh with "
             "cells of first order, in gmsh setOrder(1)"

@@ -170,7 +170,7 @@ class Discretisation(DiscreteSpace):
         def places(some: set[str]) -> np.ndarray:
             return np.array([k for k, name in enumerate(scene.parameters.names) if name in some], dtype=np.int64)
 
-        mesh = Mesh(self._points(), self._cell_nodes())
+        mesh = Mesh(self._points(), self._cell_nodes(), self.order)
         return with_tangents(rows, pairs, laws, free, places(scene.named), places(shaped), mesh)
 
     def load_terms(self) -> list[Term]:

@@ -17,13 +17,13 @@ from scipy.sparse import csr_matrix, diags
 from scipy.sparse.linalg import cg
 from ufl.core.expr import Expr
 
-from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
+from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, ParameterError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.full_order.stress import field_of, stress_in_body
+from hhr_dolfinx.models.answer import Answer
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.full import FullOrderModel
-    from hhr_dolfinx.models.answer import Answer
 
 PRECISE = 1e-8
 """Residual of the projections: masses are well-conditioned, and some twenty steps reach it."""
@@ -50,8 +50,13 @@ def mesh_error(full: FullOrderModel, answer: Answer) -> MeshError:
         answer: of it, or of a reduced model.
 
     Raises:
+        ParameterError: for what is no answer, or one of another scene.
         NotOfferedError: where bodies flow, have a stress of their own, or the model is spread over several ranks.
     """
+    if not hasattr(full, "discretisation") or not isinstance(answer, Answer):
+        raise ParameterError(
+            "mesh_error needs the full model of a scene and an answer, mesh_error(full, full.solve(mu))"
+        )
     discretisation = full.discretisation
     scene = full.scene
     if full.comm.size > 1 or full.equilibrium is not None or any(body.stress is not None for body in scene.bodies):
@@ -60,6 +65,8 @@ def mesh_error(full: FullOrderModel, answer: Answer) -> MeshError:
             "scene without laws of its own"
         )
     point = answer.parameter
+    if len(answer.displacement()) != full.problem.free.size or len(answer.forces()) != full.conditions:
+        raise ParameterError(f"the answer is of another scene or mesh than '{scene.name}', of which the full model is")
     with discretisation.lying_at(point):
         field = field_of(discretisation, answer.displacement())
         parts = np.array([_energies(full, place, field, point) for place in range(len(scene.bodies))])
@@ -87,6 +94,8 @@ def _energies(full: FullOrderModel, place: int, field: fem.Function, point: np.n
         recovered[i, j] = recovered[j, i] = component
     tensor = ufl.as_tensor([[recovered.get((i, j), 0.0) for j in range(3)] for i in range(3)])
     young, poisson = (_number(value, scene.parameters.names, point) for value in (body.young, body.poisson))
+    if body.grading is not None:  # a factor of the modulus
+        weight = weight / body.grading(ufl.SpatialCoordinate(mesh))
     error, size = (
         float(np.real(fem.assemble_scalar(fem.form(weight * _energy(part, young, poisson) * dx))))
         for part in (tensor - sigma, sigma)

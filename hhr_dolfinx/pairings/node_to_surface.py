@@ -41,6 +41,8 @@ DEPENDENT = 1e-8
 """Part of a row not spanned by the rows before it, below which it is no condition of its own."""
 LAYERS = 1e-4
 """Part of their height left to surfaces seen flat, so that of several layers the nearest is found."""
+FINER = 0.5
+"""Size of slave facets over that of the master above which node to surface does badly on cells of second order."""
 POOR_INF_SUP = 0.02
 """Inf-sup constant of a double pass relative to the norm of B below which pressures oscillate visibly."""
 
@@ -77,6 +79,7 @@ class NodeToSurface:
         warn_of_overlap(slave, rows)
         bulges = master.bulges(facets, weights)
         warn_of_sag(slave, master, rows, float(np.abs(bulges) @ rows.areas / rows.areas.sum()))
+        _warn_of_coarse_slave(slave, master, weights)
         return slave.averaged(rows)
 
     def rows_anew(self, surfaces: Sequence[Surface], dofs: int, overlap: float) -> ContactRows:
@@ -160,6 +163,20 @@ class DoublePass:
                 "pressures will oscillate. Use Mortar, or NodeToSurface with the finer surface as slave"
             )
         return joined([one, two.take(kept)])
+
+
+def _warn_of_coarse_slave(slave: Surface, master: Surface, weights: np.ndarray) -> None:
+    """Warn of cells of second order that do not match, unless the slave is far finer: its conditions are of its nodes.
+
+    Of a constant pressure 7 to 175 % arrived at single nodes with three slave facets against four, 99.7 to 100.1 % with
+    ten against three.
+    """
+    matching = (weights.max(axis=1) > 1 - BEYOND).all()
+    if slave.quadratic is not None and not matching and slave.lengths().mean() > FINER * master.lengths().mean():
+        warn(
+            f"surfaces {slave.tag} and {master.tag} are of second order and do not match, and the slave is not far "
+            "finer: node to surface has pressures wrong at single nodes, by as much as they are. Take Mortar"
+        )
 
 
 def _along(slave: Surface, master: Surface, normal: np.ndarray) -> tuple[np.ndarray, ClosestPoints, np.ndarray]:

@@ -79,25 +79,45 @@ class QuadraticFacets:
         local = np.einsum("qk,qkd->qd", values, PLACES[count][np.array(PARTS[count])][part])
         return facet, quadratic(local, count)
 
-    def integrals(self, points: np.ndarray, weights: np.ndarray, facets: np.ndarray) -> csr_matrix:
-        """∫ psi_i phi_j over some facets, (n, n): of coordinates of the nodes, (n, dim), and weights of the measure."""
-        nodes = self.nodes[facets]
-        count = nodes.shape[1]
-        shape = len(points), len(points)
-        found = csr_matrix(shape)
-        for part in PARTS[count]:
-            values, functions, slopes, shares = _rule(count, part)
-            along = np.einsum("qjd,fjx->fqdx", slopes, points[nodes])
-            if along.shape[2] == 1:
-                sizes = np.linalg.norm(along[:, :, 0], axis=2)
-            else:
-                sizes = np.linalg.norm(np.cross(along[:, :, 0], along[:, :, 1]), axis=2)
-            measure = sizes * shares * (weights[nodes] @ functions.T)
-            entries = np.einsum("fq,qi,qj->fij", measure, values, functions)
-            rows = np.repeat(nodes[:, list(part)], count, axis=1)
-            columns = np.tile(nodes, len(part))
-            found = found + csr_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
-        return found
+    def integrals(self, points: np.ndarray, weights: np.ndarray, covered: np.ndarray) -> csr_matrix:
+        """∫ psi_i phi_j over what some nodes cover, (n, n): facets all of whose nodes do, and flat parts of others.
+
+        Over flat parts alone phi_j are linear, as psi_i.
+
+        Args:
+            points: coordinates of the nodes, (n, dim).
+            weights: of the measure at the nodes, (n,).
+            covered: the nodes, (n,) bool.
+        """
+        whole = covered[self.nodes].all(axis=1)
+        found = csr_matrix((len(points), len(points)))
+        for part in PARTS[self.nodes.shape[1]]:
+            alone = covered[self.nodes[:, list(part)]].all(axis=1) & ~whole
+            for nodes, linearly in ((self.nodes[whole], False), (self.nodes[alone], True)):
+                if len(nodes):
+                    found = found + _integrated(points, weights, nodes, part, linearly=linearly)
+        found.eliminate_zeros()
+        return csr_matrix(found)
+
+
+def _integrated(
+    points: np.ndarray, weights: np.ndarray, nodes: np.ndarray, part: tuple[int, ...], *, linearly: bool
+) -> csr_matrix:
+    """∫ psi_i phi_j over one flat part of facets, (f, K), of coordinates and weights of all nodes, (n, n)."""
+    values, functions, slopes, shares = _rule(nodes.shape[1], part)
+    along = np.einsum("qjd,fjx->fqdx", slopes, points[nodes])
+    if along.shape[2] == 1:
+        sizes = np.linalg.norm(along[:, :, 0], axis=2)
+    else:
+        sizes = np.linalg.norm(np.cross(along[:, :, 0], along[:, :, 1]), axis=2)
+    measure = sizes * shares * (weights[nodes] @ functions.T)
+    tests = nodes[:, list(part)]
+    trials = tests if linearly else nodes
+    entries = np.einsum("fq,qi,qj->fij", measure, values, values if linearly else functions)
+    rows = np.repeat(tests, trials.shape[1], axis=1)
+    columns = np.tile(trials, len(part))
+    shape = len(points), len(points)
+    return csr_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
 
 
 def flat_parts(nodes: np.ndarray) -> np.ndarray:

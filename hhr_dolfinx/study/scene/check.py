@@ -209,9 +209,7 @@ def sag_of(surface: Surface) -> float:
     cosines = np.einsum("fd,fkd->fk", surface.outward, surface.corner_normals()).min(axis=1)
     angles = np.arccos(np.clip(cosines, -1.0, 1.0))
     lengths = np.linalg.norm(np.ptp(surface.corners, axis=1), axis=1)
-    # a parabola through three points of an arc is off it by less than the square of this angle of the flat parts' sag
-    share = 1.0 if surface.quadratic is None else angles**2
-    return float((lengths * angles * share).max() / 4)
+    return float((lengths * angles * surface.sag_shares()).max() / 4)
 
 
 def _supports(found: SceneCheck, problem: ContactProblem) -> None:
