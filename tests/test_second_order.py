@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 
 import contract
+import hertz_half_discs
 import numpy as np
+import pellet_cladding
 import pytest
 from click.testing import CliRunner
 from mpi4py import MPI
@@ -16,7 +19,7 @@ from test_plastic import tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.command.main import hhr as command
-from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, SceneError
+from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, PairingWarning, ParameterError, SceneError
 from hhr_dolfinx.geometries import block
 
 
@@ -203,3 +206,85 @@ def test_what_is_refused():
     point = training.full_order.parameters.middle
     exact = training.full_order.solve(point).forces()
     np.testing.assert_allclose(training.condense().solve(point).forces(), exact, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("pairing", [hhr.NodeToNode, hhr.NodeToSurface, hhr.DoublePass, hhr.Mortar])
+@pytest.mark.parametrize("simplices", [False, True])
+def test_what_slides_far_is_known_by_nodes_of_the_other_body(pairing, simplices):
+    """Conditions name neighbours of their slave too: the distance is that between nodes of the master."""
+    last = 1
+    faces = side(FIRST, last, True), side(SECOND, last, False)
+    contact = pairing(*faces, (0.0, 1.0), friction=0.2)
+    full = hhr.FullOrderModel(pressed(2, simplices, "node to node", contacts=(contact,)), MPI.COMM_SELF)
+    np.testing.assert_allclose(full.friction.spacing, 1 / 6, rtol=1e-6)
+    resting = pressed(2, simplices, "obstacle")
+    rough = dataclasses.replace(resting.contacts[0], friction=0.2), *resting.contacts[1:]
+    full = hhr.FullOrderModel(dataclasses.replace(resting, contacts=rough), MPI.COMM_SELF)
+    assert not full.friction.spacing.any()
+
+
+def warned_of_sag(scene):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        hhr.FullOrderModel(scene, MPI.COMM_SELF)
+    return any("the gap is one of the mesh" in str(item.message) for item in caught)
+
+
+def test_gaps_of_chords_are_told_of_and_those_of_curved_sides_are_not():
+    """Displacements of second order on straight sides do not mend a gap; arcs of 10 degrees are off by 1e-5."""
+    straight = rings(0.2, 1)
+    pressing = (hhr.Opening(0, hhr.Amplitude(-0.002)),)
+    assert warned_of_sag(dataclasses.replace(straight, openings=pressing))
+    assert warned_of_sag(dataclasses.replace(straight, openings=pressing, order=2))
+    assert not warned_of_sag(dataclasses.replace(rings(0.2, 2), openings=pressing))
+    assert warned_of_sag(dataclasses.replace(rings(1.0, 2), openings=(hhr.Opening(0, hhr.Amplitude(-2e-4)),)))
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_a_slave_beyond_the_edge_of_its_master(swapped):
+    """Flat parts count that lie in front of the master: the force is that of mortar to 1 %."""
+    first, second = ((0.0, 0.0), (1.0, 1.0), (4, 4)), ((0.35, 1.0), (1.35, 2.0), (4, 4))
+    faces = [side(FIRST, 1, True), side(SECOND, 1, False)][:: -1 if swapped else 1]
+    top = hhr.Displacement(side(SECOND, 1, True), 1, hhr.Amplitude(slopes={"p": -0.02}))
+    held = [hhr.Displacement(side(FIRST, 1, False), axis) for axis in (0, 1)]
+    held += [hhr.Displacement(side(SECOND, 1, True), 0), top]
+    found = []
+    for pairing in (hhr.NodeToSurface, hhr.Mortar):
+        scene = pressed(2, False, "node to node", contacts=(pairing(*faces),), displacements=held, loads=())
+        scene = dataclasses.replace(scene, geometry=lambda comm: two_blocks(comm, first=first, second=second))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PairingWarning)
+            full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
+        assert full.problem.contact_areas.min() > 0
+        found.append(full.solve({"p": 1.0}).forces().sum())
+    assert found[0] == pytest.approx(found[1], rel=0.01)
+
+
+def test_conditions_at_imposed_displacements_are_independent():
+    """The ends of the arcs are held: with a function of their own there, rows of B were dependent."""
+    full = hhr.FullOrderModel(second(hertz_half_discs.scene()), MPI.COMM_SELF)
+    values = np.linalg.svd(full.problem.contact.toarray(), compute_uv=False)
+    assert values[-1] > 0.2 * values[0]
+    areas = full.problem.contact_areas
+    whole = hhr.FullOrderModel(hertz_half_discs.scene(), MPI.COMM_SELF)
+    first = whole.solve({"mu": 0.3}).forces().sum()
+    assert full.solve({"mu": 0.3}).forces().sum() == pytest.approx(first, rel=0.02) and areas.min() > 0
+
+
+def test_a_coarse_slave_is_told_to_take_mortar():
+    with pytest.warns(PairingWarning, match="Take Mortar"):
+        hhr.FullOrderModel(pressed(2, False, "node to surface", alike=False), MPI.COMM_SELF)
+
+
+def test_wrong_orders_and_answers():
+    for order in (2.0, True, 0, "2"):
+        with pytest.raises(SceneError, match="must be 1 or 2"):
+            pressed(2, False, "node to node", order=order)
+    full = hhr.FullOrderModel(pressed(2, False, "node to node"), MPI.COMM_SELF)
+    other = hhr.FullOrderModel(pressed(2, False, "node to node", order=1), MPI.COMM_SELF).solve({"p": 0.5})
+    with pytest.raises(ParameterError, match="of another scene or mesh"):
+        hhr.mesh_error(full, other)
+    with pytest.raises(ParameterError, match="an answer"):
+        hhr.mesh_error(full, {"p": 0.5})
+    with pytest.raises(NotOfferedError, match="partial pressure"):
+        hhr.FullOrderModel(second(pellet_cladding.scene(**pellet_cladding.QUICK_MESH)), MPI.COMM_SELF)

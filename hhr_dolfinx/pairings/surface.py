@@ -30,6 +30,10 @@ FACING = 0.1
 """Cosine between two directions found from the meshes below which surfaces do not face each other."""
 GRAZING = 1e-3
 """The same for a normal given by the user, who may tag a half-disc up to where its surface is parallel to it."""
+LEAST_SAG = 1e-9
+LEAST_SAG_OF_CURVES = 1e-4
+"""Parts of the size of a surface below which a sag is none, of chords and of parabolas: bodies that are drawn in touch
+have no gap to compare it with."""
 STRAIGHT = 1e-6
 """Angle between the flat parts of a facet of second order below which its sides are straight."""
 SAG = 0.13
@@ -408,7 +412,8 @@ def warn_of_sag(slave: Surface, master: Surface, rows: ContactRows, sag: float) 
     ``sag`` is the mean of :meth:`Surface.bulges` of both surfaces, taken together where they face each other.
     """
     gap = float(rows.areas @ np.abs(rows.gap) / rows.areas.sum())
-    if sag > SAG * gap and sag > 1e-9 * np.ptp(slave.points):
+    least = LEAST_SAG if slave.quadratic is None else LEAST_SAG_OF_CURVES
+    if sag > SAG * gap and sag > least * np.ptp(slave.points):
         warn(
             f"the gap of surfaces {slave.tag} and {master.tag} is {gap:.3g} on average, and their flat facets are off "
             f"the curved surfaces they stand for by {sag:.3g} on average: the gap is one of the mesh. Mesh both finer, "
