@@ -27,7 +27,7 @@ from hhr_dolfinx.study import cli
 from hhr_dolfinx.study.report import report
 from hhr_dolfinx.timing import timed
 
-CELLS = (6, 8, 12, 16, 20, 26, 34, 44)
+CELLS = (6, 8, 12, 16, 20, 26, 34, 44, 60)
 """Cells of the sphere along its sides; half as many through its depth, and three quarters as many of the block."""
 QUERIES = 20
 COLUMNS = ("N", "N_lambda", "factor_s", "compliance_s", "train_s", "peak_gb", "query_s", "fields_s", "full_s")
