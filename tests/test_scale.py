@@ -14,6 +14,7 @@ from mpi4py import MPI
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.full_order import full as full_order
+from hhr_dolfinx.linear import sparse
 from hhr_dolfinx.models.exact import SolvedFields
 
 SCENES = {
@@ -101,3 +102,19 @@ def test_a_check_says_what_a_large_scene_takes(tmp_path):
     assert "a full model takes" not in told(8)
     large = told(22)
     assert re.search(r"\d+ dofs and 529 conditions of contact: a full model takes about 0\.\d+ GB and \d", large), large
+
+
+def test_compressed_factors_are_refined(monkeypatch):
+    """Blocks of low rank: a solution is that of whole factors to round-off, forces to what blocks leave out."""
+    make = lambda: sphere_on_block.scene(sphere_cells=(16, 8), block_cells=(12, 6))  # noqa: E731
+    whole = hhr.FullOrderModel(make(), MPI.COMM_SELF)
+    monkeypatch.setattr(sparse, "LOW_RANK_DOFS", 0)
+    compressed = hhr.FullOrderModel(make(), MPI.COMM_SELF)
+    mu = whole.parameters.middle
+    problem = whole.problem
+    known = np.random.default_rng(0).standard_normal(problem.free.size) * problem.held
+    loads = (problem.stiffness @ known) * problem.held
+    np.testing.assert_allclose(compressed.solve_stiffness(loads), known, atol=1e-10)
+    exact, found = whole.solve(mu).forces(), compressed.solve(mu).forces()
+    assert np.linalg.norm(found - exact) < 1e-7 * np.linalg.norm(exact)
+    assert 0 < np.abs(compressed.schur - whole.schur).max() < 1e-8 * np.abs(whole.schur).max()

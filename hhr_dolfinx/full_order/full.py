@@ -18,6 +18,7 @@ from hhr_dolfinx.contact.problem import ScaledBodies
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.linear import sparse
 from hhr_dolfinx.linear.sparse import FreeCholesky, ordering_of
 from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path, found_as
 from hhr_dolfinx.models.estimates import Estimate
@@ -316,8 +317,15 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
     def factors_of(self, stiffness: csr_matrix, plane: str) -> FreeCholesky:
         """Factors of own rows of a stiffness, with an ordering for problems in the plane."""
-        ordering = ordering_of(self.problem.block_size, plane)
-        return FreeCholesky(stiffness, self.problem.held, self._own, self.scene.name, ordering, self.comm)
+        problem = self.problem
+        ordering = ordering_of(problem.block_size, plane)
+        low_rank = ordering == "mumps" and problem.block_size == 3 and problem.free.size >= sparse.LOW_RANK_DOFS
+        if low_rank:
+            _log.info(
+                "%d dofs in space: blocks of the factors are compressed to %g", problem.free.size, sparse.LOW_RANK
+            )
+        given = stiffness, problem.held, self._own, self.scene.name, ordering, self.comm
+        return FreeCholesky(*given, low_rank=low_rank)
 
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
         """A full model knows no nearest statuses: ``nearest`` starts where the free slack is negative."""

@@ -13,6 +13,7 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.full import KEPT_BYTES
 from hhr_dolfinx.full_order.motions import described, free_bodies
+from hhr_dolfinx.linear.sparse import LOW_RANK_DOFS
 from hhr_dolfinx.loads import checked_terms, parted, placed
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.scene import Scene
@@ -29,12 +30,12 @@ SMALL_GAP = 2.0
 between two of its nodes is off by the sag."""
 LARGE_IN_SPACE = 20_000
 MEASURED_DOFS = 280_221
-FACTOR_GB = 2.6
-FACTOR_S = 89.0
-COLUMN_S = 0.035
+WHOLE = ((2.6, 1.3), (89.0, 2.1), (0.035, 1.15))
+COMPRESSED = ((2.5, 1.22), (27.0, 1.47), (0.053, 1.2))
 """Dofs from which on a full model in space takes time that is worth a word, and what it took once, on hexahedra, by
-MUMPS on one core: memory and seconds of the factors, which grow with the powers 1.3 and 2.1 of the dofs, and seconds of
-a column of K^-1 B^T, 1.15. Tetrahedra take less, cells of second order more."""
+MUMPS on one core: GB and seconds of the factors, and seconds of a column of K^-1 B^T, with the powers of the dofs by
+which they grow; of whole factors, and of compressed ones up to a million dofs. Tetrahedra take less, cells of second
+order more."""
 OVERLAP = 2.0
 """Overlaps beyond so many times the sag of facets are those of the bodies rather than of the mesh."""
 
@@ -94,10 +95,12 @@ def _size(found: SceneCheck, problem: ContactProblem) -> None:
     if problem.block_size == 2 or dofs < LARGE_IN_SPACE:
         found.say(OK, told)
         return
-    size = dofs / MEASURED_DOFS
     columns = 8e-9 * dofs * conditions
-    memory = FACTOR_GB * size**1.3 + 16e-9 * conditions**2 + (columns if columns <= 1e-9 * KEPT_BYTES else 0.0)
-    seconds = FACTOR_S * size**2.1 + conditions * COLUMN_S * size**1.15
+    factor, factor_s, column_s = (
+        value * (dofs / MEASURED_DOFS) ** power for value, power in (COMPRESSED if dofs >= LOW_RANK_DOFS else WHOLE)
+    )
+    memory = factor + 16e-9 * conditions**2 + (columns if columns <= 1e-9 * KEPT_BYTES else 0.0)
+    seconds = factor_s + conditions * column_s
     kept = "" if columns <= 1e-9 * KEPT_BYTES else ", and a displacement one more solution"
     time = f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} minutes"
     found.say(OK, f"{told}: a full model takes about {memory:.2g} GB and {time} on one core{kept}")
