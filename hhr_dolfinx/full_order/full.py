@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from copy import copy
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -155,9 +155,15 @@ class FullOrderModel(AnsweringModel, ModelFields):
             8e-9 * self.problem.free.size * conditions,
         )
         found = np.empty((conditions, conditions))
-        for part, block in self._solved_blocks(self._contact.T):
-            found[:, part] = self._contact @ block
+        touched, contact = self._at_contact()
+        for part, block in self._solver.solved_blocks(self._contact.T, touched):
+            found[:, part] = contact @ block
         return self.comm.allreduce(found)
+
+    def _at_contact(self) -> tuple[np.ndarray, csr_matrix]:
+        """Own dofs that conditions touch, and the columns of B there."""
+        touched = np.unique(self._contact.indices)
+        return touched, csr_matrix(self._contact[:, touched])
 
     def _has_room(self) -> bool:
         """Whether K^-1 B^T is kept: where it is small, and where bodies flow or rest on what resists no motion."""
@@ -186,10 +192,6 @@ class FullOrderModel(AnsweringModel, ModelFields):
             return self.solve_stiffness(loads)
         return np.stack([self.solve_stiffness(column) for column in loads.T], axis=1)
 
-    def _solved_blocks(self, columns: spmatrix) -> Iterator[tuple[slice, np.ndarray]]:
-        """Blocks of K^-1 times the columns of a sparse matrix, where nothing rests on what resists no motion."""
-        return self._solver.solved_blocks(columns)
-
     @cached_property
     def per_load(self) -> np.ndarray:
         """K^-1 loads on the dofs of this rank, (own dofs, 1 + T), of a constant K: what bounds of all models need."""
@@ -208,10 +210,13 @@ class FullOrderModel(AnsweringModel, ModelFields):
             return self.scaled.parts(self._columns)
         count = len(self.problem.gaps)
         found = np.empty((len(self.problem.bodies), count, count))
+        touched, contact = self._at_contact()
+        of_body = [np.isin(touched, body) for body in self.problem.bodies]
         with self.factors.lock:
             self._solver.refactor(self.problem.own_stiffness)
-            for part, block in self._solved_blocks(self._contact.T):
-                found[:, :, part] = self.scaled.parts(block)
+            for part, block in self._solver.solved_blocks(self._contact.T, touched):
+                for number, own in enumerate(of_body):
+                    found[number][:, part] = contact[:, own] @ block[own]
         return found
 
     @cached_property

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 BLOCK = 128
 """Right-hand sides solved at once: the factors are read once for all of them, and they take little memory."""
+BLOCK_NUMBERS = 32e6
+"""Numbers in a block of solutions, at most, 256 MB."""
 LOW_RANK_DOFS = 250_000
 LOW_RANK = 1e-10
 REFINED = 5
@@ -156,17 +158,27 @@ class FreeCholesky:
             found[:, part] = solutions
         return found
 
-    def solved_blocks(self, columns: spmatrix) -> Iterator[tuple[slice, np.ndarray]]:
+    def solved_blocks(self, columns: spmatrix, dofs: np.ndarray | None = None) -> Iterator[tuple[slice, np.ndarray]]:
         """The same some columns after another, with the places of each block; collective.
 
-        What is yielded, (own dofs, k), is of the next block once that is asked for.
+        Args:
+            columns: see :meth:`solve_columns`.
+            dofs: own dofs at which solutions are wanted; None for all.
+
+        Yields:
+            Places of columns, and solutions there, (own dofs or those wanted, k).
         """
         columns = columns.tocsr()[self._free].tocsc()
         own, count = columns.shape
-        found = np.zeros((self._own, min(BLOCK, count)), order="F")
-        solutions = np.empty((own, min(BLOCK, count)), order="F")
-        for first in range(0, count, BLOCK):
-            part = slice(first, min(first + BLOCK, count))
+        wanted = np.arange(self._own) if dofs is None else dofs
+        place = np.full(self._own, -1)
+        place[self._free] = np.arange(own)
+        moving = place[wanted] >= 0
+        rows = place[wanted[moving]]
+        block_size = max(min(BLOCK, int(BLOCK_NUMBERS / max(own, 1)), count), 1)
+        solutions = np.empty((own, block_size), order="F")
+        for first in range(0, count, block_size):
+            part = slice(first, min(first + block_size, count))
             width = part.stop - first
             with self.lock:
                 block = self._dense(solutions[:, :width])
@@ -174,8 +186,9 @@ class FreeCholesky:
                     self._ksp.getPC().getFactorMatrix().matSolve(_sparse(columns[:, part]), block)
                 else:
                     self._ksp.matSolve(self._dense(columns[:, part].toarray(order="F")), block)
-            found[self._free, :width] = solutions[:, :width]
-            yield part, found[:, :width]
+            found = np.zeros((wanted.size, width), order="F")
+            found[moving] = solutions[rows, :width]
+            yield part, found
 
     @property
     def _takes_sparse(self) -> bool:
