@@ -178,6 +178,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         Where it is not kept it is solved for, and kept from then on: it may be larger than all else.
         """
         if self._columns is None:
+            _log.warning("K^-1 B^T is solved for and kept: %.1f GB", 8e-9 * self.problem.free.size * self.conditions)
             with self.factors.lock:
                 self._solver.refactor(self.problem.own_stiffness)
                 self._columns = self.solved_columns(self._contact.T)
