@@ -172,6 +172,17 @@ class SeveralModels(KeptModel):
         """What all models have alike: gaps, S, outputs. Answers are completed by the fields of their own model."""
         return self.models[0].fields
 
+    def model_of(self, answer: Answer) -> int:
+        """Number of the model that gave an answer.
+
+        Raises:
+            ReductionError: if it is an answer of none of them.
+        """
+        for number, model in enumerate(self.models):
+            if model.fields is answer.fields:
+                return number
+        raise ReductionError("this answer is not of these local models")
+
     def for_file(self) -> Self:
         """The models without their indicators, which are code."""
         return self.changed(models=tuple(model.for_file() for model in self.models))
@@ -211,13 +222,6 @@ class LocalModels(SeveralModels):
         self.offline = offline
         _check_alike(self.models, choice)
         self.parameters: ParameterSpace = self.models[0].parameters
-
-    def model_of(self, answer: Answer) -> int:
-        """Number of the model that gave an answer."""
-        for number, model in enumerate(self.models):
-            if model.fields is answer.fields:
-                return number
-        raise ReductionError("this answer is not of these local models")
 
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
         """By the model of its part; statuses that are those of another one give way to the nearest known."""

@@ -57,17 +57,6 @@ class LocalSliding(SeveralModels):
         self.friction = self.models[0].fields.frictional.friction
         self._range = trained
 
-    def model_of(self, answer: Answer) -> int:
-        """Number of the model that gave an answer.
-
-        Raises:
-            ReductionError: if it is an answer of none of them.
-        """
-        for number, model in enumerate(self.models):
-            if model.fields is answer.fields:
-                return number
-        raise ReductionError("this answer is not of these local models")
-
     @property
     def sizes(self) -> tuple[int, int]:
         """Those of answers of the first model."""
@@ -93,7 +82,7 @@ class LocalSliding(SeveralModels):
                 "local models with friction hand on what has slipped, and no derivatives of it: ask one model for the "
                 "gradient, build() or condense()"
             )
-        return LocalSlider(self, settings)
+        return LocalSlider(self)
 
 
 class LocalSlider:
@@ -101,14 +90,13 @@ class LocalSlider:
 
     Args:
         model: the models.
-        settings: of the history.
 
     Attributes:
         surface: the whole contact surface, of which slip is remembered.
         energy: elastic energy of contact so far.
     """
 
-    def __init__(self, model: LocalSliding, settings: MarchSettings):
+    def __init__(self, model: LocalSliding):
         self.model = model
         self.energy = 0.0
         self._sliders = [Slider(part) for part in model.models]
