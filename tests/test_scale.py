@@ -108,7 +108,7 @@ def test_compressed_factors_are_refined(monkeypatch):
     """Blocks of low rank: a solution is that of whole factors to round-off, forces to what blocks leave out."""
     make = lambda: sphere_on_block.scene(sphere_cells=(16, 8), block_cells=(12, 6))  # noqa: E731
     whole = hhr.FullOrderModel(make(), MPI.COMM_SELF)
-    monkeypatch.setattr(sparse, "LOW_RANK_DOFS", 0)
+    monkeypatch.setattr(sparse, "LOW_RANK", ((0, 1e-10),))
     compressed = hhr.FullOrderModel(make(), MPI.COMM_SELF)
     mu = whole.parameters.middle
     problem = whole.problem

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix
+from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
@@ -76,11 +76,8 @@ def _solved_fields(full: FullOrderModel, free: np.ndarray) -> SolvedFields:
     problem = full.problem
     outputs: Any = full.functionals
     rows = csr_matrix((0, problem.free.size)) if outputs is None else csr_matrix(outputs.rows)
-    # K is symmetric: what forces do to an output is what its row does to the contact
-    moved = full.solved_columns(csc_matrix(rows.T)) if rows.shape[0] else np.zeros((problem.free.size, 0))
-    measured = -(problem.contact @ moved).T
     return SolvedFields(
-        problem.amplitudes, problem.lifts, free, problem.block_size, np.ascontiguousarray(measured),
+        problem.amplitudes, problem.lifts, free, problem.block_size, np.ascontiguousarray(-full.pressed(rows)),
         full.pushed, full.stress_of, outputs,
     )  # fmt: skip
 

@@ -67,7 +67,7 @@ def force_floor(problem: ContactProblem, training: Solutions) -> float:
     return floor if training.histories else max(floor, round_off_force(problem, training))
 
 
-def least_sizes(full: Any, forces: np.ndarray | None) -> np.ndarray:
+def least_sizes(problem: ContactProblem, schur: np.ndarray, forces: np.ndarray | None) -> np.ndarray:
     """S norm, Euclidean norm and peak pressure of forces below which relative errors of them mean nothing, (3,).
 
     A thousandth of the largest of training forces, (N_lambda, S); nothing without any. S is that of the middle of the
@@ -75,8 +75,8 @@ def least_sizes(full: Any, forces: np.ndarray | None) -> np.ndarray:
     """
     if forces is None:
         return np.zeros(3)
-    pressures = forces / np.where(full.problem.contact_areas > 0, full.problem.contact_areas, np.inf)[:, None]
-    squares = np.einsum("ms,ms->s", forces, full.schur @ forces)
+    pressures = forces / np.where(problem.contact_areas > 0, problem.contact_areas, np.inf)[:, None]
+    squares = np.einsum("ms,ms->s", forces, schur @ forces)
     largest = (
         np.sqrt(squares.max(initial=0.0)),
         np.linalg.norm(forces, axis=0).max(initial=0.0),

@@ -34,7 +34,7 @@ def error_bound(full: Any, basis: np.ndarray, forces: np.ndarray | None = None) 
         BoundError: with the hypothesis that fails.
     """
     arrays = constant_response(full, forces)
-    return ErrorBound(**arrays, **unit_energy(full.problem, full.per_force, arrays["lower"], basis, full.per_load))
+    return ErrorBound(**arrays, **unit_energy(full, arrays["lower"], basis))
 
 
 def constant_response(full: Any, forces: np.ndarray | None) -> dict[str, np.ndarray]:
@@ -53,7 +53,7 @@ def constant_response(full: Any, forces: np.ndarray | None) -> dict[str, np.ndar
     except linalg.LinAlgError:
         raise BoundError("rows of B are dependent, so that forces are not unique: there is no bound on them") from None
     free_slack = np.asfortranarray(problem.gaps - problem.contact @ full.per_load)
-    sizes = {"areas": problem.contact_areas, "least": least_sizes(full, forces)}
+    sizes = {"areas": problem.contact_areas, "least": least_sizes(problem, schur, forces)}
     return {"free_slack": free_slack, "schur": schur, "lower": np.asfortranarray(lower), **sizes}
 
 
@@ -66,7 +66,7 @@ def check_hypotheses(full: Any, *, floating: bool = False) -> None:
     problem = full.problem
     if full.equilibrium is not None:
         raise BoundError("bodies flow, and the bounds are those of elastic ones: histories have signs of error")
-    if len(full.per_force) != problem.free.size:
+    if full.comm.size > 1:
         raise BoundError("ranks share the factors of K, and the bounds need whole columns: build on MPI.COMM_SELF")
     if problem.pins is not None and not floating:
         raise BoundError(
@@ -79,27 +79,27 @@ def check_hypotheses(full: Any, *, floating: bool = False) -> None:
         raise BoundError(f"K is not symmetric, by {skew / size:.1e} of its entries: it has no energy")
 
 
-def unit_energy(
-    problem: Any, per_force: np.ndarray, lower: np.ndarray, basis: np.ndarray, loads: np.ndarray
-) -> dict[str, np.ndarray]:
+def unit_energy(full: Any, lower: np.ndarray, basis: np.ndarray) -> dict[str, np.ndarray]:
     """Columns of V, of K^-1 loads and of the lifts in directions of unit energy, see :class:`ErrorBound`.
 
-    The first are X L^-T, where X = K^-1 B^T and X^T K X = S = L L^T. What lies along them is L^-1 B times a field that
-    vanishes where motions are imposed.
+    The first are X L^-T, where X = K^-1 B^T and X^T K X = S = L L^T. What lies along them is L^-1 X^T K times a field,
+    which is L^-1 B times one that vanishes where motions are imposed. X itself is not asked for.
     """
+    problem = full.problem
+    loads = full.per_load
     lifts = problem.lifts.toarray()
     lifted = np.flatnonzero(lifts.any(axis=0))
-    kept = per_force.T @ problem.stiffness if lifted.size else None
     every = [basis, loads, lifts[:, lifted]]
     along = []
     left = []
-    for columns, onto in zip(every, (problem.contact, problem.contact, kept), strict=True):
+    for columns, moves in zip(every, (False, False, True), strict=True):
         own = np.zeros((len(lower), columns.shape[1]))
         rest = columns
         for _ in range(2 if columns.size else 0):
-            more = solve_triangular(lower, onto @ rest, lower=True)
+            freed = full.solved_columns(csc_matrix(problem.stiffness @ rest)) if moves else rest
+            more = solve_triangular(lower, problem.contact @ freed, lower=True)
             own += more
-            rest = rest - per_force @ solve_triangular(lower, more, lower=True, trans="T")
+            rest = rest - full.pushed(solve_triangular(lower, more, lower=True, trans="T"))
         along.append(own)
         left.append(rest)
     sizes = energies(problem.stiffness, np.hstack(every))
@@ -179,11 +179,10 @@ def field_response(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
     """
     arrays = constant_response(full, forces)
     lower = arrays["lower"]
-    per_force = full.per_force
-    columns, own, onto = columns_of_forces(per_force, lower, forces, most)
+    columns, own, onto = columns_of_forces(full, lower, forces, most)
     response = FieldResponse(*load_response(full), onto)
-    nothing = np.zeros((len(per_force), 0))
-    others = unit_energy(full.problem, per_force, lower, nothing, full.per_load) | {"basis": np.asfortranarray(own)}
+    nothing = np.zeros((full.problem.free.size, 0))
+    others = unit_energy(full, lower, nothing) | {"basis": np.asfortranarray(own)}
     return MadeOfForces(response, np.asfortranarray(columns), ResponseBound(**arrays, **others))
 
 
@@ -204,12 +203,12 @@ def load_response(full: Any) -> tuple[np.ndarray, csc_matrix]:
 
 
 def columns_of_forces(
-    per_force: np.ndarray, lower: np.ndarray, forces: np.ndarray, most: int
+    full: Any, lower: np.ndarray, forces: np.ndarray, most: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """What spans the displacements of forces: all of K^-1 B^T, or combinations of it where these are too many.
 
     Args:
-        per_force: K^-1 B^T, (N, m).
+        full: the full model, which pushes with K^-1 B^T.
         lower: L of S = L L^T, (m, m).
         forces: of training, (m, S).
         most: columns at most.
@@ -219,9 +218,9 @@ def columns_of_forces(
         forces to their coordinates, (c, m), None where these are the forces.
     """
     if len(lower) <= most:
-        return per_force, np.zeros((len(lower), 0)), None
+        return full.per_force, np.zeros((len(lower), 0)), None
     own = leading(lower.T @ forces, lower, most)
-    columns = per_force @ solve_triangular(lower, own, lower=True, trans="T")
+    columns = full.pushed(solve_triangular(lower, own, lower=True, trans="T"))
     return columns, own, np.asfortranarray(own.T @ lower.T)
 
 

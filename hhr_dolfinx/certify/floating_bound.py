@@ -26,7 +26,6 @@ def floating_bound(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
     """
     check_hypotheses(full, floating=True)
     problem = full.problem
-    per_force = full.per_force
     taken = full.rigid_taken
     if problem.varies:
         raise BoundError("contact alone holds bodies, and their stiffness depends on parameters")
@@ -35,11 +34,11 @@ def floating_bound(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
         lower = linalg.cholesky(definite(schur, taken), lower=True)
     except linalg.LinAlgError:
         raise BoundError("rows of B are dependent, so that forces are not unique: there is no bound on them") from None
-    columns, own, onto = columns_of_forces(per_force, lower, forces, most)
+    columns, own, onto = columns_of_forces(full, lower, forces, most)
     # energies are those of the part of forces that balances itself, see FloatingBound.pressed
     along = np.linalg.qr(taken)[0]
-    least = least_sizes(full, forces)
-    least[0] = least_sizes(full, forces - along @ (along.T @ forces))[0]
+    least = least_sizes(problem, schur, forces)
+    least[0] = least_sizes(problem, schur, forces - along @ (along.T @ forces))[0]
     given = full.per_load + problem.lifts.toarray()
     pulled = problem.stiffness @ given
     bound = FloatingBound(
@@ -50,7 +49,7 @@ def floating_bound(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
         driving=np.asfortranarray(full.rigid_loads),
         basis=np.asfortranarray(own),
         work=np.asfortranarray(given.T @ pulled),
-        cross=np.asfortranarray(pulled.T @ per_force),
+        cross=np.asfortranarray(pulled.T @ full.per_force),
         areas=problem.contact_areas,
         least=least,
     )

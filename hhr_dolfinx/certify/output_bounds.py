@@ -34,7 +34,7 @@ def output_bound(full: Any, bound: ErrorBound, basis: np.ndarray, training: Any 
     rows = csr_matrix(vstack([csr_matrix((0, size)), *nearer]))
     loads = full.per_load
     free = rows @ loads + (rows @ problem.lifts).toarray()
-    pressed = rows @ full.per_force
+    pressed = full.pressed(rows)
     steepness = np.full((len(items), 2), UNKNOWN)
     first = 0
     directions = None
@@ -45,6 +45,8 @@ def output_bound(full: Any, bound: ErrorBound, basis: np.ndarray, training: Any 
             if not item.affine:
                 steepness[number, 1] = _known(item.steepness(own.__getitem__, per_condition))
             continue
+        if not full.keeps_columns:
+            continue  # its Lipschitz constant takes all of them
         if directions is None:
             # all errors of displacements are combinations of these columns
             columns = np.hstack([full.per_force, loads, basis])

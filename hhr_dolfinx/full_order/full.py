@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from mpi4py import MPI
-from scipy.sparse import csr_matrix, spmatrix
+from scipy.sparse import csc_matrix, csr_matrix, spmatrix
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
@@ -18,8 +18,7 @@ from hhr_dolfinx.contact.problem import ScaledBodies
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.linear import sparse
-from hhr_dolfinx.linear.sparse import FreeCholesky, ordering_of
+from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
 from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path, found_as
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
@@ -63,8 +62,8 @@ class FullOrderModel(AnsweringModel, ModelFields):
         problem: the :class:`ContactProblem`; on several ranks each has the rows of its own dofs.
         parameters: the box of the parameters.
         per_force: K^-1 B^T on the dofs of this rank, (own dofs, N_lambda).
-        keeps_columns: whether K^-1 B^T has room in memory; without it a displacement takes one more solution.
-        schur: S, (N_lambda, N_lambda).
+        keeps_columns: whether K^-1 B^T has room in memory; without it S is made when it is first asked for, and a
+            displacement takes one more solution.
         equilibrium: what bodies that flow need besides; None where nothing flows.
         functionals: outputs of the scene; None where it has none.
         trained: None, since nothing is outside what a full model can answer.
@@ -137,17 +136,31 @@ class FullOrderModel(AnsweringModel, ModelFields):
         self._own_loads = problem.loads[self._own]
         self._contact = contact
         self._columns: np.ndarray | None = None
+        self._schur: np.ndarray | None = None
         self.keeps_columns = self._has_room()
-        self.schur = self._condensed()
+        if self.keeps_columns:
+            self._columns = self.solved_columns(contact.T)
         self._pairs = Pairs.of(problem.contact_pairs)
-        self.equalities = SchurEqualities.of(self.schur)
         adrift = f"hold it by a displacement, or push it: {problem.loose}"
         self.advice = {**FULL_ORDER_ADVICE, Status.ADRIFT: adrift}
 
+    @property
+    def schur(self) -> np.ndarray:
+        """S in the middle of the box, (N_lambda, N_lambda)."""
+        with self.factors.lock:  # no two threads make it
+            if self._schur is None:
+                whole = self.keeps_columns or self.scaled is None
+                self._schur = self._condensed() if whole else self.schur_parts.sum(axis=0)
+        return self._schur
+
+    @cached_property
+    def equalities(self) -> SchurEqualities:
+        """Equality problems on this S, whose factors queries share."""
+        return SchurEqualities.of(self.schur)
+
     def _condensed(self) -> np.ndarray:
-        """S, by blocks of columns of K^-1 B^T that are kept where they are few, and dropped otherwise."""
-        if self.keeps_columns:
-            self._columns = self.solved_columns(self._contact.T)
+        """S of columns of K^-1 B^T that are kept, or by blocks of columns that are dropped."""
+        if self._columns is not None:
             return self.comm.allreduce(self._contact @ self._columns)
         conditions = self._contact.shape[0]
         _log.info(
@@ -156,6 +169,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         )
         found = np.empty((conditions, conditions))
         touched, contact = self._at_contact()
+        self._solver.refactor(self.problem.own_stiffness)
         for part, block in self._solver.solved_blocks(self._contact.T, touched):
             found[:, part] = contact @ block
         return self.comm.allreduce(found)
@@ -189,9 +203,13 @@ class FullOrderModel(AnsweringModel, ModelFields):
         if self._columns is not None:
             return self._columns @ forces
         loads = self._contact.T @ forces
-        if loads.ndim == 1:
-            return self.solve_stiffness(loads)
-        return np.stack([self.solve_stiffness(column) for column in loads.T], axis=1)
+        return self.solve_stiffness(loads) if loads.ndim == 1 else self.solved_columns(csc_matrix(loads))
+
+    def pressed(self, rows: csr_matrix) -> np.ndarray:
+        """Some rows, (k, N), times K^-1 B^T, (k, N_lambda), on one rank; as K is symmetric, B times K^-1 rows^T."""
+        if self._columns is not None or not rows.shape[0]:
+            return rows @ (self._columns if rows.shape[0] else np.zeros((rows.shape[1], self.conditions)))
+        return (self._contact @ self.solved_columns(csc_matrix(rows.T))).T
 
     @cached_property
     def per_load(self) -> np.ndarray:
@@ -325,11 +343,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
         """Factors of own rows of a stiffness, with an ordering for problems in the plane."""
         problem = self.problem
         ordering = ordering_of(problem.block_size, plane)
-        low_rank = ordering == "mumps" and problem.block_size == 3 and problem.free.size >= sparse.LOW_RANK_DOFS
-        if low_rank:
-            _log.info(
-                "%d dofs in space: blocks of the factors are compressed to %g", problem.free.size, sparse.LOW_RANK
-            )
+        low_rank = low_rank_of(problem.block_size, problem.free.size)
+        if low_rank is not None:
+            _log.info("%d dofs in space: blocks of the factors are compressed to %g", problem.free.size, low_rank)
         given = stiffness, problem.held, self._own, self.scene.name, ordering, self.comm
         return FreeCholesky(*given, low_rank=low_rank)
 

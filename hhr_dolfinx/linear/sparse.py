@@ -21,13 +21,12 @@ BLOCK = 128
 """Right-hand sides solved at once: the factors are read once for all of them, and they take little memory."""
 BLOCK_NUMBERS = 32e6
 """Numbers in a block of solutions, at most, 256 MB."""
-LOW_RANK_DOFS = 250_000
-LOW_RANK = 1e-10
+LOW_RANK = ((250_000, 1e-10), (600_000, 1e-8))
 REFINED = 5
 PRECISE = 1e-13
-"""Dofs from which on MUMPS compresses blocks of its factors in space, up to what part of them, and steps of iterative
-refinement of a solution down to which residual. Measured once on hexahedra, 42,618 dofs: forces differed by 8e-10 from
-those of whole factors, and by 3e-7 with blocks of 1e-8."""
+"""Dofs in space from which on MUMPS compresses blocks of its factors, and up to what part of them; steps of iterative
+refinement of a solution down to which residual. Measured once on hexahedra: with 42,618 dofs forces differed by 8e-10
+from those of whole factors, and by 3e-7 with blocks of 1e-8; with 1,004,496 dofs blocks of 1e-10 took 19 GB."""
 
 
 def ordering_of(block_size: int, plane: str) -> str:
@@ -38,6 +37,13 @@ def ordering_of(block_size: int, plane: str) -> str:
     if not PETSc.Sys.hasExternalPackage("mumps"):
         return "nd" if plane == "mumps" else plane
     return "mumps" if block_size == 3 else plane
+
+
+def low_rank_of(block_size: int, dofs: int) -> float | None:
+    """Part of the factors of a problem that their compression may leave out; None for whole factors."""
+    if ordering_of(block_size, "mumps") != "mumps" or block_size != 3:
+        return None
+    return next((part for least, part in reversed(LOW_RANK) if dofs >= least), None)
 
 
 def singular_stiffness(scene: str) -> str:
@@ -62,9 +68,11 @@ class FreeCholesky:
         scene: its name, for messages and the prefix of PETSc options, ``hhr_<scene>_``.
         ordering: of PETSc's own Cholesky; ``mumps`` takes MUMPS, which several ranks always need.
         comm: ranks that share the rows.
-        low_rank: whether MUMPS compresses blocks of its factors; solutions are refined then, columns are not.
+        low_rank: part of its factors that MUMPS may leave out where it compresses them; None for none. Solutions are
+            refined then, those of blocks of columns are not.
 
     Attributes:
+        low_rank: the same; None too where it is not MUMPS that factors.
         lock: held while the factors are replaced or used; a thread may take it twice.
 
     Raises:
@@ -73,7 +81,7 @@ class FreeCholesky:
 
     def __init__(
         self, stiffness: csr_matrix, free: np.ndarray, rows: slice, scene: str, ordering: str, comm: Comm,
-        *, low_rank: bool = False,
+        *, low_rank: float | None = None,
     ):  # fmt: skip
         self._free = np.flatnonzero(free[rows])
         self._own = rows.stop - rows.start
@@ -98,16 +106,17 @@ class FreeCholesky:
             pc.setFactorSolverType("mumps")
         else:
             pc.setFactorOrdering(ordering)
-            low_rank = False
-        if low_rank:
+            low_rank = None
+        self.low_rank = low_rank
+        if low_rank is not None:
             pc.setFactorSetUpSolverType()
             pc.getFactorMatrix().setMumpsIcntl(35, 2)
-            pc.getFactorMatrix().setMumpsCntl(7, LOW_RANK)
+            pc.getFactorMatrix().setMumpsCntl(7, low_rank)
         self._ksp.setFromOptions()
         if not factorised(self._ksp):
             raise NotSolvableError(singular_stiffness(scene))
         self._rhs, self._x = self._matrix.createVecs()
-        self._refining = self._matrix.createVecs() if low_rank else None
+        self._refining = None if low_rank is None else self._matrix.createVecs()
         self._factored = stiffness
         self.lock = RLock()
 
@@ -151,19 +160,34 @@ class FreeCholesky:
             self._ksp.solve(left, change)
             self._x.axpy(1.0, change)
 
+    def _refine_block(self, columns: csc_matrix, solutions: np.ndarray) -> None:
+        """The same for several columns of free dofs at once; solutions are changed in place."""
+        sizes = norms(columns.multiply(columns).sum(axis=0), self._matrix.comm)
+        image, change = (np.empty(solutions.shape, order="F") for _ in range(2))
+        for _ in range(REFINED):
+            self._matrix.matMult(self._dense(solutions), self._dense(image))
+            left = np.asfortranarray(columns - image)
+            if (norms((left * left).sum(axis=0), self._matrix.comm) <= PRECISE * sizes).all():
+                return
+            self._ksp.matSolve(self._dense(left), self._dense(change))
+            solutions += change
+
     def solve_columns(self, columns: spmatrix) -> np.ndarray:
         """Solutions for the columns of a sparse matrix of own rows, zero on imposed dofs, (own dofs, m); collective."""
         found = np.zeros((self._own, columns.shape[1]), order="F")
-        for part, solutions in self.solved_blocks(columns):
+        for part, solutions in self.solved_blocks(columns, refined=True):
             found[:, part] = solutions
         return found
 
-    def solved_blocks(self, columns: spmatrix, dofs: np.ndarray | None = None) -> Iterator[tuple[slice, np.ndarray]]:
+    def solved_blocks(
+        self, columns: spmatrix, dofs: np.ndarray | None = None, *, refined: bool = False
+    ) -> Iterator[tuple[slice, np.ndarray]]:
         """The same some columns after another, with the places of each block; collective.
 
         Args:
             columns: see :meth:`solve_columns`.
             dofs: own dofs at which solutions are wanted; None for all.
+            refined: whether solutions by compressed factors are refined.
 
         Yields:
             Places of columns, and solutions there, (own dofs or those wanted, k).
@@ -186,6 +210,8 @@ class FreeCholesky:
                     self._ksp.getPC().getFactorMatrix().matSolve(_sparse(columns[:, part]), block)
                 else:
                     self._ksp.matSolve(self._dense(columns[:, part].toarray(order="F")), block)
+                if refined and self._refining is not None:
+                    self._refine_block(columns[:, part], solutions[:, :width])
             found = np.zeros((wanted.size, width), order="F")
             found[moving] = solutions[rows, :width]
             yield part, found
@@ -205,6 +231,11 @@ class FreeCholesky:
         matrix = PETSc.Mat().createDense(sizes, array=array, comm=self._matrix.comm)
         matrix.assemble()
         return matrix
+
+
+def norms(squares: np.ndarray, comm: PETSc.Comm) -> np.ndarray:
+    """Roots of sums over the ranks of what each has of them, (k,)."""
+    return np.sqrt(comm.tompi4py().allreduce(np.asarray(squares).ravel()))
 
 
 def _sparse(columns: csc_matrix) -> PETSc.Mat:

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix, hstack
+from scipy.sparse import csc_matrix, csr_matrix, diags, hstack, spmatrix
 
 from hhr_dolfinx.contact.problem import ContactProblem, dependence, moduli_of
 from hhr_dolfinx.formulas import Modulus
-from hhr_dolfinx.linear.sparse import FreeCholesky
+from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of
 from hhr_dolfinx.models.eliminations.interpolated import Compliances
 from hhr_dolfinx.models.eliminations.interpolation import GrownGrid
 from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of, grown
+
+KEPT_BYTES = 2e9
+"""Memory that results of one component may take which are kept for whoever asks for the same once more."""
 
 
 @dataclass(frozen=True)
@@ -22,12 +25,14 @@ class Component:
     """A connected component of a scene.
 
     Attributes:
+        number: its place among the components of the problem.
         dofs: its dofs that are free, as a mask, (N,).
         body: numbers of all of its dofs.
         part: what acts on it.
         moduli: of the parts of its stiffness, where these depend on parameters.
     """
 
+    number: int
     dofs: np.ndarray
     body: np.ndarray
     part: Part
@@ -41,7 +46,7 @@ def components_of(problem: ContactProblem) -> list[Component]:
     lifts = sum(abs(term) for term in problem.lift_terms)
     if problem.reshaped is not None:  # at another shape other dofs may be pulled
         lifts = lifts + abs(problem.stiffness) @ abs(problem.lifts)
-    for body in problem.bodies:
+    for number, body in enumerate(problem.bodies):
         dofs = np.zeros(problem.free.size, dtype=bool)
         dofs[body] = problem.free[body]
         conditions = np.flatnonzero(np.diff(problem.contact[:, dofs].indptr))
@@ -50,7 +55,8 @@ def components_of(problem: ContactProblem) -> list[Component]:
         moduli = moduli_of(problem, body)
         factor, axes = dependence(moduli, shape_axes, problem.parameters.names)
         forced, lifted = (_acting(columns, dofs) for columns in (problem.external, lifts))
-        found.append(Component(dofs, body, Part(conditions, forced, lifted, factor, axes, tuple(moduli)), moduli))
+        part = Part(conditions, forced, lifted, factor, axes, tuple(moduli))
+        found.append(Component(number, dofs, body, part, moduli))
     return found
 
 
@@ -59,8 +65,17 @@ def _acting(columns: csc_matrix, dofs: np.ndarray) -> np.ndarray:
     return np.flatnonzero(np.diff(csc_matrix(columns[dofs]).indptr))
 
 
+class Solves(Protocol):
+    """Makes arrays by name of one component at a point."""
+
+    component: Component
+
+    def __call__(self, point: np.ndarray) -> Mapping[str, np.ndarray]:
+        """At a point, (P,)."""
+
+
 def interpolated_compliances(
-    problem: ContactProblem, solvers: Sequence[Solver], settings: GridSettings, own: Sequence[GridSettings] = ()
+    problem: ContactProblem, solvers: Sequence[Solves], settings: GridSettings, own: Sequence[GridSettings] = ()
 ) -> tuple[Compliances, list[GrownGrid], list[dict[str, np.ndarray]]]:
     """Solve for and interpolate all that contact needs of a full model, on one rank, and the modes of each part.
 
@@ -85,7 +100,10 @@ def interpolated_compliances(
 
 
 class Solver:
-    """Solves for what one component leaves of itself; its factors take the values of each point.
+    """Solves for what one component leaves of itself, with factors of its own that take the values of each point.
+
+    Where only moduli of whole bodies vary those of the full model serve all points. Columns of K^-1 B^T are used and
+    dropped.
 
     Args:
         full: the full model, on one rank.
@@ -93,46 +111,97 @@ class Solver:
     """
 
     def __init__(self, full: Any, component: Component):
-        self.problem = full.problem
+        self.problem: ContactProblem = full.problem
         self.component = component
         self._full = full
         self._factors: FreeCholesky | None = None
+        self._known: dict[bytes, dict[str, np.ndarray]] = {}
 
     def __call__(self, point: np.ndarray) -> dict[str, np.ndarray]:
-        """S_c, (m_c, m_c), and B K^-1 F above B K^-1 K lift, (T, m_c), for the factor 1."""
-        problem, factors = self.factored(point)
+        """S_c, (m_c, m_c), and B K^-1 F above B K^-1 K lift, (T, m_c), for the factor 1.
+
+        They depend on the axes of the part alone, and are kept while there is room.
+        """
+        part = self.component.part
+        place = point[part.axes].tobytes()
+        found = self._known.get(place)
+        if found is None:
+            found = self._solved(point) if self._full.scaled is None else self._scaled()
+            if 8 * part.conditions.size**2 * (len(self._known) + 1) <= KEPT_BYTES:
+                self._known[place] = found
+        return found
+
+    def _solved(self, point: np.ndarray) -> dict[str, np.ndarray]:
+        """By columns of K^-1 B^T: as K^-1 is symmetric loads, of which there may be more, take no solution."""
+        problem = self.problem.at(point)
         part = self.component.part
         rows = csr_matrix(problem.contact[part.conditions])
-        factor = part.factor_at(point)
-        per_force = factors.solve_columns(rows.T)
-        schur = rows @ per_force
-        # K^-1 is symmetric: no solve for the loads, of which there may be more than conditions
-        forced = problem.external[:, part.forced].T @ per_force
-        lifted = (problem.own_stiffness @ problem.lifts[:, part.lifted]).T @ per_force
-        return {"schur": factor * (schur + schur.T) / 2, "columns": np.vstack([factor * forced, lifted])}
+        acting = csr_matrix(self.acting(problem).T)
+        schur = np.empty((rows.shape[0],) * 2)
+        columns = np.empty((acting.shape[0], rows.shape[0]))
+        for places, block in self._factored(problem).solved_blocks(rows.T):
+            schur[:, places] = rows @ block
+            columns[:, places] = acting @ block
+        return self._normed(schur, columns, part.factor_at(point))
+
+    def _scaled(self) -> dict[str, np.ndarray]:
+        """From S of the full model in the middle of the box."""
+        problem = self.problem
+        part = self.component.part
+        rows = csr_matrix(problem.contact[part.conditions])
+        schur = self._full.schur_parts[self.component.number][np.ix_(part.conditions, part.conditions)]
+        moved = self.solved_columns(problem, problem.middle, self.acting(problem))
+        return self._normed(schur, (rows @ moved).T, part.factor_at(problem.middle))
+
+    def _normed(self, schur: np.ndarray, columns: np.ndarray, factor: float) -> dict[str, np.ndarray]:
+        """For the factor 1; lifts move a body by themselves."""
+        columns[: self.component.part.forced.size] *= factor
+        return {"schur": factor * (schur + schur.T) / 2, "columns": columns}
+
+    def acting(self, problem: ContactProblem) -> csc_matrix:
+        """Loads on the component, and behind them K times its lifts, (N, T)."""
+        part = self.component.part
+        pulls = csc_matrix(problem.own_stiffness @ problem.lifts[:, part.lifted])
+        return csc_matrix(hstack([problem.external[:, part.forced], pulls]))
 
     def fields_at(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """Displacements under contact forces, (m, k), and under each load, (N, k + T)."""
-        problem, factors = self.factored(point)
+        problem = self.problem.at(point)
         part = self.component.part
         pushed = csc_matrix(problem.contact[part.conditions].T @ forces[part.conditions])
         loads = problem.loads[:, np.union1d(part.forced, part.lifted)]
-        return factors.solve_columns(hstack([pushed, loads], format="csc"))
+        return self.solved_columns(problem, point, hstack([pushed, loads], format="csc"))
 
     def fields_under(self, point: np.ndarray, points: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """Displacements under the loads at some points, (k, P), and contact forces, (k, m), and lifts: (N, k + T)."""
-        problem, factors = self.factored(point)
+        problem = self.problem.at(point)
         loaded = np.stack([problem.external @ problem.amplitudes(one) for one in points], axis=1)
         drawn = problem.own_stiffness @ problem.lifts[:, self.component.part.lifted]
-        return factors.solve_columns(csc_matrix(hstack([csc_matrix(loaded - problem.contact.T @ forces.T), drawn])))
+        columns = csc_matrix(hstack([csc_matrix(loaded - problem.contact.T @ forces.T), drawn]))
+        return self.solved_columns(problem, point, columns)
 
-    def factored(self, point: np.ndarray) -> tuple[ContactProblem, FreeCholesky]:
-        """The problem at a point, and its factors."""
-        problem = self.problem.at(point)
+    def solved_columns(self, problem: ContactProblem, point: np.ndarray, columns: spmatrix) -> np.ndarray:
+        """K^-1 of the component times columns, (N, k), with the problem at this point."""
+        scaled = self._full.scaled
+        if scaled is None:
+            return self._factored(problem).solve_columns(columns)
+        dofs = self.component.dofs
+        scale = scaled.at(point)[self.component.number]
+        return self._full.solved_columns(csc_matrix(diags(dofs / scale) @ columns))
+
+    def _factored(self, problem: ContactProblem) -> FreeCholesky:
+        """Factors of the component in a problem."""
         if self._factors is None:
             full = self._full
             how = slice(0, problem.free.size), full.scene.name, full.block_ordering, full.comm
-            self._factors = FreeCholesky(problem.own_stiffness, self.component.dofs, *how)
+            dofs = self.component.dofs
+            low_rank = low_rank_of(problem.block_size, int(np.count_nonzero(dofs)))
+            self._factors = FreeCholesky(problem.own_stiffness, dofs, *how, low_rank=low_rank)
         else:
             self._factors.refactor(problem.own_stiffness)
-        return problem, self._factors
+        return self._factors
+
+
+def solvers_of(full: Any) -> list[Solver]:
+    """Of all components of a full model."""
+    return [Solver(full, component) for component in components_of(full.problem)]

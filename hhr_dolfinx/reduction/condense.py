@@ -25,7 +25,7 @@ from hhr_dolfinx.models.eliminations.interpolated import Compliances, Interpolat
 from hhr_dolfinx.models.eliminations.interpolation import GrownGrid
 from hhr_dolfinx.models.eliminations.shaped import ReshapedElimination
 from hhr_dolfinx.models.estimates import NOT_ASKED, known_error, warn_unbounded
-from hhr_dolfinx.reduction.components import Solver, components_of, interpolated_compliances
+from hhr_dolfinx.reduction.components import Solver, interpolated_compliances, solvers_of
 from hhr_dolfinx.reduction.interpolate import DEFAULT_GRID, GridSettings
 from hhr_dolfinx.reduction.interpolate_reduced import interpolated_problem
 from hhr_dolfinx.reduction.modes import pod
@@ -123,7 +123,7 @@ def condense(
     if snapshots is not None:
         check_of_problem("snapshots", snapshots, problem)
     log = StageLog()
-    solvers = [Solver(full, component) for component in components_of(problem)]
+    solvers = solvers_of(full)
     with log.stage("compliances"):
         compliances, grids, _ = interpolated_compliances(problem, solvers, settings)
     _warn_of_budget(full, grids, settings)
@@ -138,7 +138,7 @@ def condense(
             seen += _fields_along(*along) if snapshots is None else [snapshots.displacements]
             made = _fields(full, np.column_stack(seen), settings)
     if fields:
-        made = _bounded(full, made, forces.T if snapshots is None else snapshots.forces, log, wanted=bound)
+        made = _bounded(full, made, forces.T if snapshots is None else snapshots.forces, log, solvers, wanted=bound)
     log.say(known_error(made))
     model = CondensedModel(
         full.parameters, compliances, known, made, problem.contact_pairs, advice=ADVICE, friction=problem.friction
@@ -201,14 +201,14 @@ def _fields(full: Any, displacements: np.ndarray, settings: GridSettings) -> Int
 
 
 def _bounded(
-    full: Any, fields: InterpolatedFields, forces: np.ndarray, log: StageLog, *, wanted: bool
+    full: Any, fields: InterpolatedFields, forces: np.ndarray, log: StageLog, solvers: list[Solver], *, wanted: bool
 ) -> InterpolatedFields:
     """Fields with a bound; as they are where there is none, with the reason in the log."""
     if not wanted or full.problem.friction is not None:
         return replace(fields, unbounded=NOT_ASKED if not wanted else OF_FRICTION)
     try:
         with log.stage("bound"):
-            return replace(fields, bound=varying_bound(full, fields.basis, forces))
+            return replace(fields, bound=varying_bound(full, fields.basis, forces, solvers))
     except BoundError as error:
         log.skip("bound", str(error))
         found = replace(fields, unbounded=str(error))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from scipy.linalg import eigvalsh
-from scipy.sparse import csc_matrix, csr_matrix, hstack
+from scipy.linalg import cholesky, eigvalsh, solve_triangular
+from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.certify.accuracy import least_sizes
 from hhr_dolfinx.certify.bounds import check_hypotheses
@@ -20,7 +21,7 @@ from hhr_dolfinx.models.eliminations.interpolated import Compliance, Compliances
 from hhr_dolfinx.models.eliminations.interpolation import Interpolant
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.eliminations.shaped import InterpolatedProblem
-from hhr_dolfinx.reduction.components import Component, Solver, components_of, interpolated_compliances
+from hhr_dolfinx.reduction.components import Component, Solver, interpolated_compliances, solvers_of
 from hhr_dolfinx.reduction.interpolate import GridSettings, grown
 from hhr_dolfinx.reduction.interpolate_reduced import SHAPE_GRID, interpolated_problem
 from hhr_dolfinx.reduction.projection import project
@@ -31,6 +32,11 @@ PROVED = 1e-5
 """ε up to which a proof is worth its name; what interpolates worse is far better than what is proved of it."""
 NOISE = 1e-9
 """Part of S, and of energies, that is round-off of soft directions."""
+PROBES = 6
+CERTAIN = 10 * np.sqrt(2 / np.pi)
+PLACES_OF_FACTORS = 256
+"""Random forces under which S is held against solutions, over the largest of which its error is with the probability
+named there, and points at which factors of its parts are compared."""
 OBSERVED = 10.0
 PLACES = 3
 LARGEST = 1e-3
@@ -50,11 +56,14 @@ class Between(NamedTuple):
 _KNOWN: WeakKeyDictionary[Any, Between] = WeakKeyDictionary()
 
 
-def varying_bound(full: Any, basis: np.ndarray, forces: np.ndarray | None = None) -> VaryingBound:
+def varying_bound(
+    full: Any, basis: np.ndarray, forces: np.ndarray | None = None, solvers: Sequence[Solver] | None = None
+) -> VaryingBound:
     """Bounds for answers with a basis, (N, ell), of a full model on one rank whose stiffness depends on parameters.
 
     What does not depend on the basis is solved for once, and kept as long as the full model lives. Of forces of
-    training, (N_lambda, S), a thousandth is what relative errors are taken over at least.
+    training, (N_lambda, S), a thousandth is what relative errors are taken over at least. ``solvers`` of its components
+    may be given that know some points already.
 
     Raises:
         BoundError: with the hypothesis that fails.
@@ -62,18 +71,18 @@ def varying_bound(full: Any, basis: np.ndarray, forces: np.ndarray | None = None
     check_hypotheses(full)
     problem: ContactProblem = full.problem
     if full not in _KNOWN:
-        _KNOWN[full] = _between(full)
+        _KNOWN[full] = _between(full, solvers or solvers_of(full))
     known = _KNOWN[full]
-    sizes = (problem.contact_areas, least_sizes(full, forces))
+    sizes = (problem.contact_areas, least_sizes(problem, known.compliances(problem.middle).schur, forces))
     return VaryingBound(
         *known[:2], _whole(problem, basis), known.inexact, known.proved, problem.middle, *sizes, known.areas
     )
 
 
-def _between(full: Any) -> Between:
+def _between(full: Any, solvers: Sequence[Solver]) -> Between:
     """Solve for it."""
     problem: ContactProblem = full.problem
-    components = components_of(problem)
+    components = [solver.component for solver in solvers]
     held = sum(int(component.dofs.sum()) for component in components)
     if held < int(np.count_nonzero(problem.free)):
         raise BoundError("a body that nothing can touch has no part in S: leave it out of the scene")
@@ -81,23 +90,24 @@ def _between(full: Any) -> Between:
     proofs = [None if kind is None else kind.levels(GRID.tolerance) for kind in kinds]
     proofs = [proof if proof is not None and proof[1] <= PROVED else None for proof in proofs]
     own = [GRID if proof is None else replace(GRID, compressed=False, least=proof[0]) for proof in proofs]
-    solvers = [EnergySolver(full, component) for component in components]
-    compliances, grids, modes = interpolated_compliances(problem, solvers, GRID, own)
+    energetic = [EnergySolver(solver) for solver in solvers]
+    compliances, grids, modes = interpolated_compliances(problem, energetic, GRID, own)
     energies = tuple(
         PartEnergy(*(np.ascontiguousarray(np.moveaxis(part[name], 2, 0)) for name in ("work", "lifted")))
         for part in modes
     )
     errors = [ROUND_OFF]
     proved = problem.reshaped is None
-    for solver, part, energy, kind in zip(solvers, compliances.parts, energies, kinds, strict=True):
-        seen = _seen(solver, part, energy)
-        if not part.interpolant.axes.size:  # nothing but an exact factor changes it, and what is seen is round-off
-            errors.append(OBSERVED * seen if seen > NOISE else 0.0)
-            proved &= errors[-1] <= PROVED
+    for solver, part, energy, kind in zip(energetic, compliances.parts, energies, kinds, strict=True):
+        if not part.interpolant.axes.size:  # nothing but an exact factor changes it
             continue
+        seen = _seen(solver, part, energy)
         sure = _proved(part, kind)
         proved &= sure is not None and seen <= sure + NOISE
         errors += [OBSERVED * seen if sure is None or seen > sure + NOISE else sure]
+    seen = probed(solvers, compliances, problem)
+    errors.append(seen if seen > NOISE else 0.0)
+    proved &= errors[-1] <= PROVED
     errors += [grid.unresolved for grid in grids]
     if problem.reshaped is not None:
         errors.append(OBSERVED * grids[-1].surplus)
@@ -155,7 +165,7 @@ def _proved(part: Compliance, kind: PartStiffness | None) -> float | None:
 
 def _seen(solver: EnergySolver, part: Compliance, energy: PartEnergy) -> float:
     """Largest error of a part at random places, in the order of energies."""
-    space = solver.problem.parameters
+    space = solver.solver.problem.parameters
     worst = 0.0
     for point in space.random(PLACES if part.interpolant.axes.size else 1, seed=PLACES):
         exact = solver(point)
@@ -171,6 +181,36 @@ def _seen(solver: EnergySolver, part: Compliance, energy: PartEnergy) -> float:
         for off, first, second in ((work, sizes, sizes), (columns, sizes, conditions)):
             worst = max(worst, float((np.abs(off) / np.outer(first, second)).max(initial=0.0)))
     return float(worst)
+
+
+def probed(solvers: Sequence[Solver], compliances: Compliances, problem: ContactProblem) -> float:
+    """What solutions tell of the error of S under random forces, in the order of energies, at the worst of the box.
+
+    Of parts that do not depend on more than a factor: it is round-off, or what compressed factors leave out. With a
+    probability of 1 - 10^-PROBES it is at least the norm (N. Halko, P.-G. Martinsson and J. Tropp, SIAM Review 53,
+    2011, lemma 4.1). As S is the sum of its parts the error of each counts as much as the softest part counts more
+    than the stiffest one, beside the middle of the box.
+    """
+    middle = problem.middle
+    whole = compliances(middle).schur
+    lower = cholesky(whole + NOISE * whole.diagonal().mean() * np.eye(len(whole)), lower=True)
+    forces = solve_triangular(lower, np.random.default_rng(PROBES).standard_normal((len(whole), PROBES)), trans="T",
+                              lower=True)  # fmt: skip
+    error = 0.0
+    for solver, part in zip(solvers, compliances.parts, strict=True):
+        if part.interpolant.axes.size:
+            continue
+        own = forces[part.conditions]
+        rows = csr_matrix(problem.contact[part.conditions])
+        exact = rows @ solver.solved_columns(problem, middle, csc_matrix(rows.T @ own))
+        schur = part.compliance(middle) * part.schur(part.interpolant.along_modes(middle))
+        off = np.zeros(forces.shape)
+        off[part.conditions] = schur @ own - exact
+        error += float(np.linalg.norm(solve_triangular(lower, off, lower=True), axis=0).max())
+    places = problem.parameters.random(PLACES_OF_FACTORS, seed=PLACES)
+    softer = np.array([[part.compliance(point) / part.compliance(middle) for part in compliances.parts]
+                       for point in places])  # fmt: skip
+    return CERTAIN * error * float((softer.max(axis=1) / softer.min(axis=1)).max(initial=1.0))
 
 
 def _sizes(energies: np.ndarray) -> np.ndarray:
@@ -190,30 +230,28 @@ def _whole(problem: ContactProblem, basis: np.ndarray) -> ReducedProblem | Inter
     return interpolated_problem(problem, basis, sets, GRID)
 
 
-class EnergySolver(Solver):
-    """Solves for energies beside what one component leaves of itself."""
+class EnergySolver:
+    """Solves for energies beside what one component leaves of itself.
+
+    Args:
+        solver: of the component.
+    """
+
+    def __init__(self, solver: Solver):
+        self.component = solver.component
+        self.solver = solver
 
     def __call__(self, point: np.ndarray) -> dict[str, np.ndarray]:
         """See :class:`Solver`, with the arrays of :class:`PartEnergy`."""
-        problem, factors = self.factored(point)
+        found = self.solver(point)
+        problem = self.solver.problem.at(point)
         part = self.component.part
         body = self.component.body
-        rows = csr_matrix(problem.contact[part.conditions])
         factor = part.factor_at(point)
-        lifts = csc_matrix(problem.lifts[:, part.lifted])
-        pulls = csc_matrix(problem.own_stiffness @ lifts)
-        loads = csc_matrix(hstack([problem.external[:, part.forced], pulls]))
-        solved = factors.solve_columns(csc_matrix(hstack([rows.T, loads])))
-        per_force = solved[:, : len(part.conditions)]
-        per_load = solved[:, len(part.conditions) :]
-        schur = rows @ per_force
+        loads = self.solver.acting(problem)
         # loads move a body the more the softer it is, lifts by themselves
         scales = np.append(np.full(part.forced.size, factor**0.5), np.full(part.lifted.size, factor**-0.5))
-        work = scales[:, None] * (loads.T @ per_load) * scales
-        own = lifts[body]
-        return {
-            "schur": factor * (schur + schur.T) / 2,
-            "columns": (factor**0.5 * scales)[:, None] * (loads.T @ per_force),
-            "work": (work + work.T) / 2,
-            "lifted": (own.T @ pulls[body]).toarray() / factor,
-        }
+        work = scales[:, None] * (loads.T @ self.solver.solved_columns(problem, point, loads)) * scales
+        own = csc_matrix(problem.lifts[:, part.lifted])[body]
+        pulls = loads[:, part.forced.size :]
+        return found | {"work": (work + work.T) / 2, "lifted": (own.T @ pulls[body]).toarray() / factor}

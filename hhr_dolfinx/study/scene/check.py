@@ -13,7 +13,7 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.full import KEPT_BYTES
 from hhr_dolfinx.full_order.motions import described, free_bodies
-from hhr_dolfinx.linear.sparse import LOW_RANK_DOFS
+from hhr_dolfinx.linear.sparse import low_rank_of
 from hhr_dolfinx.loads import checked_terms, parted, placed
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.scene import Scene
@@ -97,7 +97,7 @@ def _size(found: SceneCheck, problem: ContactProblem) -> None:
         return
     columns = 8e-9 * dofs * conditions
     factor, factor_s, column_s = (
-        value * (dofs / MEASURED_DOFS) ** power for value, power in (COMPRESSED if dofs >= LOW_RANK_DOFS else WHOLE)
+        value * (dofs / MEASURED_DOFS) ** power for value, power in (COMPRESSED if low_rank_of(3, dofs) else WHOLE)
     )
     memory = factor + 16e-9 * conditions**2 + (columns if columns <= 1e-9 * KEPT_BYTES else 0.0)
     seconds = factor_s + conditions * column_s

@@ -306,7 +306,7 @@ def p95(errors: np.ndarray) -> float:
 
 def least_forces(full: Any, snapshots: SnapshotSet) -> float:
     """A thousandth of the largest training forces in the S norm, of the middle of the box."""
-    return float(least_sizes(full, snapshots.forces)[0])
+    return float(least_sizes(full.problem, full.schur, snapshots.forces)[0])
 
 
 def force_errors(model: ReducedModel | LocalModels, points: np.ndarray, floor: float) -> np.ndarray:
