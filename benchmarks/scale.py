@@ -1,13 +1,16 @@
 """Size: seconds and memory from nothing to a model, and of a query, of a sphere on a block from 1e4 dofs on.
 
-Each size is a process of its own, for its peak of memory. A model is exact condensation: S, and K^-1 B^T where it has
-room (a gigabyte); without it a displacement takes one more solution of the full order.
+Push, squeeze and both Young's moduli vary; contact is condensed exactly, S made of blocks of columns that are dropped
+where they have no room (a gigabyte). Each size is a process of its own, for its peak of memory. ``gap_left`` is how far
+contact is from closed under the forces of an answer, by one more solution of the full order, over the largest push:
+it sees what compressed factors leave out of S, which the bound has to be larger than.
 
     python benchmarks/scale.py [--out DIR] [--quick] [--up-to N]
 """
 
 from __future__ import annotations
 
+import dataclasses
 import multiprocessing
 import resource
 import time
@@ -20,44 +23,71 @@ import sphere_on_block as demo
 from mpi4py import MPI
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.linear.sparse import FreeCholesky
-from hhr_dolfinx.models.starts import KnownStatuses
+from hhr_dolfinx.reduction.components import Solver
 from hhr_dolfinx.study import cli
 from hhr_dolfinx.study.report import report
 from hhr_dolfinx.timing import timed
 
-CELLS = (6, 8, 12, 16, 20, 26, 34, 44, 60)
-"""Cells of the sphere along its sides; half as many through its depth, and three quarters as many of the block."""
+MESHES = ((6, 3, 4, 2), (8, 4, 6, 3), (12, 6, 9, 4), (16, 8, 12, 6), (20, 10, 15, 7), (26, 13, 19, 9),
+          (34, 17, 25, 12), (44, 22, 33, 16), (60, 30, 45, 22), (68, 46, 54, 36))  # fmt: skip
+"""Cells of the sphere along its sides and through its depth, and of the block."""
+MODULI = {"sphere": (150e3, 250e3), "block": (50e3, 90e3)}
 QUERIES = 20
-COLUMNS = ("N", "N_lambda", "factor_s", "compliance_s", "train_s", "peak_gb", "query_s", "fields_s", "full_s")
+COLUMNS = (
+    "N", "N_lambda", "factor_s", "compliance_s", "train_s", "peak_gb", "query_s", "bound_s", "fields_s", "full_s"
+)  # fmt: skip
 
 
-def mesh(cells: int) -> dict[str, Any]:
-    """Sizes of the meshes of both bodies."""
-    block = 3 * cells // 4
-    return {"sphere_cells": (cells, max(cells // 2, 2)), "block_cells": (block, max(block // 2, 2))}
+def scene(sphere: tuple[int, int], block: tuple[int, int]) -> hhr.Scene:
+    """The demo with moduli as parameters."""
+    plain = demo.scene(sphere_cells=sphere, block_cells=block)
+    names = (f"E_{name}" for name in MODULI)
+    bodies = tuple(dataclasses.replace(body, young=name) for body, name in zip(plain.bodies, names, strict=True))
+    box = plain.parameters
+    lower, upper = zip(*MODULI.values(), strict=True)
+    space = hhr.ParameterSpace(
+        (*box.names, *(f"E_{name}" for name in MODULI)), (*box.lower, *lower), (*box.upper, *upper)
+    )
+    return dataclasses.replace(plain, bodies=bodies, parameters=space)
 
 
-def measured(cells: int) -> dict[str, float]:
+def measured(cells: tuple[int, int, int, int]) -> dict[str, float]:
     """One row of the report, of a process that does nothing else."""
     spent = {"factor_s": 0.0, "compliance_s": 0.0}
     _watch(FreeCholesky, "__init__", "factor_s", spent)
-    _watch(FullOrderModel, "_condensed", "compliance_s", spent)
+    _watch(Solver, "__call__", "compliance_s", spent)
     start = time.perf_counter()
-    full = hhr.FullOrderModel(demo.scene(**mesh(cells)), MPI.COMM_SELF)
-    points = full.parameters.random(QUERIES, 0)
-    statuses = KnownStatuses(points[:1], full.solve(points[0]).active[None])
-    model = hhr.exact_condensation(full, statuses, field=False)
+    full = hhr.FullOrderModel(scene(cells[:2], cells[2:]), MPI.COMM_SELF)
+    model = hhr.condense(full, fields=True)
     made = time.perf_counter() - start
+    points = full.parameters.random(QUERIES, 0)
     answers, forces = timed(lambda: [model.solve(point) for point in points])
-    _, fields = timed(lambda: [answer.displacement() for answer in answers[:3]])
-    _, whole = timed(lambda: [full.solve(point) for point in points[:3]])
+    estimates, bounds = timed(lambda: [answer.estimate() for answer in answers])
+    fields, completed = timed(lambda: [answer.displacement() for answer in answers[:3]])
+    known, whole = timed(lambda: [full.solve(point) for point in points[:3]])
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
     sizes = {"N": len(full.problem.free), "N_lambda": full.conditions, "ranks": 1}
-    kept = {"columns_kept": full.keeps_columns}
-    times = {"train_s": made, "peak_gb": peak, "query_s": forces / QUERIES, "fields_s": fields / 3, "full_s": whole / 3}
-    return sizes | kept | spent | times
+    times = {"train_s": made, "peak_gb": peak, "query_s": forces / QUERIES, "bound_s": bounds / QUERIES}
+    times |= {"fields_s": completed / 3, "full_s": whole / 3}
+    errors = {
+        "bound_of_forces": max(estimate.forces_euclid_relative for estimate in estimates),
+        "bound_of_pressure": max(estimate.pressure_relative for estimate in estimates),
+        "gap_left": max(gap_left(full, answer) for answer in known),
+        "error_of_fields": max(_off(field, exact.displacement()) for field, exact in zip(fields, known, strict=True)),
+    }
+    return sizes | {"columns_kept": full.keeps_columns} | spent | times | errors
+
+
+def gap_left(full: hhr.FullOrderModel, answer: Any) -> float:
+    """Largest gap of a condition that bears a force, over the largest push."""
+    problem = full.problem
+    slack = problem.gaps @ problem.amplitudes(answer.parameter) - problem.contact @ answer.unknown
+    return float(np.abs(slack[answer.active]).max() / full.parameters.upper[0])
+
+
+def _off(field: np.ndarray, exact: np.ndarray) -> float:
+    return float(np.abs(field - exact).max() / np.abs(exact).max())
 
 
 def _watch(owner: type, name: str, stage: str, spent: dict[str, float]) -> None:
@@ -84,12 +114,13 @@ def main() -> None:
     """Measure sizes up to a number of dofs, and report."""
     parser = cli.demo_parser("scale", __doc__)
     parser.add_argument("--up-to", type=float, default=1e5, metavar="N", help="largest number of dofs [1e5]")
+    parser.add_argument("--from", type=float, default=0.0, metavar="N", dest="least", help="smallest number [0]")
     options = cli.parse_on_first_rank(parser)
     rows: list[dict[str, float]] = []
-    for cells in CELLS[:2] if options.quick else CELLS:
-        expected = 3 * ((cells + 1) ** 2 * (cells // 2 + 1) + (3 * cells // 4 + 1) ** 2 * (3 * cells // 8 + 1))
-        if expected > options.up_to:
-            break
+    for cells in MESHES[:2] if options.quick else MESHES:
+        expected = 3 * sum((side + 1) ** 2 * (depth + 1) for side, depth in (cells[:2], cells[2:]))
+        if expected > options.up_to or expected < options.least:
+            continue
         with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as alone:
             rows.append(alone.submit(measured, cells).result())
         told = ", ".join(f"{name} {rows[-1][name]:.3g}" for name in COLUMNS)

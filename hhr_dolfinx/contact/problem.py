@@ -330,12 +330,10 @@ class ContactProblem:
     def combined(self, weights: np.ndarray) -> csr_matrix:
         """Parts of K of one pattern, weighted, (own, N)."""
         first = self.stiffness_terms[0]
-        return csr_matrix((self._data @ weights, first.indices, first.indptr), shape=first.shape)
-
-    @cached_property
-    def _data(self) -> np.ndarray:
-        """Entries of all parts of K, which share their pattern where they have moduli, (entries, Q)."""
-        return np.column_stack([term.data for term in self.stiffness_terms])
+        entries = weights[0] * first.data
+        for weight, term in zip(weights[1:], self.stiffness_terms[1:], strict=True):
+            entries += weight * term.data
+        return csr_matrix((entries, first.indices, first.indptr), shape=first.shape)
 
     @property
     def rows(self) -> slice:

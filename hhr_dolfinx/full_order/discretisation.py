@@ -100,8 +100,6 @@ class Discretisation(DiscreteSpace):
     def contact_problem(self, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()) -> ContactProblem:
         """All of (1.21) from own rows of the parts of K, (own dofs, N): large matrices by rows, the rest everywhere."""
         scene = self.scene
-        mass = fem_petsc.assemble_matrix(self._mass_form)
-        mass.assemble()
         moved, free = self._displacements()
         terms = self.load_terms()
         straight, curved = parted(moved)
@@ -133,7 +131,7 @@ class Discretisation(DiscreteSpace):
             stiffness_terms=stiffness,
             moduli=moduli,
             lift_terms=tuple(lifted) if moduli else (),
-            mass=self.own_rows(mass),
+            mass=self._mass(),
             free=free,
             loads=masked(forces, free) - csc_matrix(sum(w * term for w, term in zip(weights, lifted, strict=True))),
             lifts=lifts,
@@ -151,6 +149,14 @@ class Discretisation(DiscreteSpace):
             whole_contact=rows.matrix,
             friction=friction,
         )
+
+    def _mass(self) -> csr_matrix:
+        """Own rows of the Gram matrix of the L2 product, (own dofs, N), in which components do not meet."""
+        mass = fem_petsc.assemble_matrix(self._mass_form)
+        mass.assemble()
+        own = self.own_rows(mass)
+        own.eliminate_zeros()
+        return own
 
     def _with_tangents(
         self, rows: ContactRows, pairs: np.ndarray, free: np.ndarray

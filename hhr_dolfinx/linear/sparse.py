@@ -87,13 +87,13 @@ class FreeCholesky:
         self._own = rows.stop - rows.start
         self._scene = scene
         columns = np.flatnonzero(free)
-        self._inside = stiffness[self._free][:, columns]
         # place of each kept entry in the data of the whole matrix
-        marks = stiffness.copy()
-        marks.data = np.arange(1.0, marks.nnz + 1)
-        self._places = (marks[self._free][:, columns].data - 1).astype(np.int64)
+        marks = csr_matrix((np.arange(stiffness.nnz), stiffness.indices, stiffness.indptr), shape=stiffness.shape)
+        inside = marks[self._free][:, columns]
+        inside.sort_indices()
+        self._places = inside.data
         sizes = (self._free.size, columns.size)
-        entries = self._inside.indptr, self._inside.indices, self._inside.data
+        entries = inside.indptr, inside.indices, stiffness.data[inside.data]
         self._matrix = PETSc.Mat().createAIJ((sizes, sizes), csr=entries, comm=comm)
         self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self._ksp = PETSc.KSP().create(comm)
@@ -126,8 +126,8 @@ class FreeCholesky:
             if stiffness is self._factored:
                 return
             self._factored = None
-            data = stiffness.data[self._places]
-            self._matrix.setValuesCSR(self._inside.indptr, self._inside.indices, data)
+            rows, columns, _ = self._matrix.getValuesCSR()
+            self._matrix.setValuesCSR(rows, columns, stiffness.data[self._places])
             self._matrix.assemble()
             self._ksp.setOperators(self._matrix)
             if not factorised(self._ksp):

@@ -39,7 +39,10 @@ from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import StageLog
 
 STARTS = 256
-"""Points at which statuses are known beforehand: four times as many save a tenth of the iterations on the pellet."""
+FEWEST_STARTS = 32
+START_BYTES = 0.5e9
+"""Points at which statuses are known beforehand: four times as many save a tenth of the iterations on the pellet. As
+many fewer as the displacements there take more memory than this."""
 FIELD_TOLERANCE = 1e-13
 """Part of the squared sum of displacements that the basis of the fields may leave out."""
 FORCE_TOLERANCE = 1e-9
@@ -128,7 +131,8 @@ def condense(
         compliances, grids, _ = interpolated_compliances(problem, solvers, settings)
     _warn_of_budget(full, grids, settings)
     with log.stage("starts"):
-        known, forces = starts_of(compliances, Sobol(STARTS).points(problem.parameters), problem)
+        points = Sobol(_starts(problem)).points(problem.parameters)
+        known, forces = starts_of(compliances, points, problem)
     with log.stage("fields"):
         if not fields:
             made = _no_fields(full, settings)
@@ -151,6 +155,12 @@ def condense(
     numbers = [grid.evaluations for grid in grids], [grid.surplus for grid in grids]
     model.offline = CondensedRecord(settings, *numbers, comparison, log)
     return model
+
+
+def _starts(problem: ContactProblem) -> int:
+    """Number of points at which statuses are known beforehand, a power of two."""
+    room = int(np.log2(START_BYTES / (8 * problem.free.size)))
+    return min(STARTS, max(FEWEST_STARTS, 2**room))
 
 
 def _warn_of_budget(full: Any, grids: list[GrownGrid], settings: GridSettings) -> None:
@@ -245,16 +255,21 @@ def _fields_along(
     """Displacements under loads and forces of solved points, (S, P) and (S, m): (N, k) each.
 
     Every node of a grid has its share of them. What imposed displacements move is by itself, since it does not depend
-    on a factor of the stiffness.
+    on a factor of the stiffness. Columns of all components lie in the same ones, as none moves another's dofs.
     """
-    found = []
+    count = len(points)
+    moved = np.zeros((solvers[0].problem.free.size, count), order="F")
+    found = [moved]
     for part, solver in zip(compliances.parts, solvers, strict=True):
         nodes = part.interpolant.nodes[:ALONG_NODES]
         for first, node in enumerate(nodes):
             point = solver.problem.middle
-            share = slice(first, None, len(nodes))
+            share = slice(first, count, len(nodes))
             point[part.interpolant.axes] = node
-            found.append(solver.fields_under(point, points[share], forces[share]))
+            columns = solver.fields_under(point, points[share], forces[share])
+            own = len(points[share])
+            moved[:, share] += columns[:, :own]
+            found.append(columns[:, own:])
     return found
 
 

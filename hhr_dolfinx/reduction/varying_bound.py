@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -33,7 +34,7 @@ PROVED = 1e-5
 NOISE = 1e-9
 """Part of S, and of energies, that is round-off of soft directions."""
 PROBES = 6
-CERTAIN = 10 * np.sqrt(2 / np.pi)
+CERTAIN = 10 * math.sqrt(2 / math.pi)
 PLACES_OF_FACTORS = 256
 """Random forces under which S is held against solutions, over the largest of which its error is with the probability
 named there, and points at which factors of its parts are compared."""
