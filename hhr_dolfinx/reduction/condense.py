@@ -40,7 +40,7 @@ from hhr_dolfinx.timing import StageLog
 
 STARTS = 256
 FEWEST_STARTS = 32
-START_BYTES = 0.5e9
+START_BYTES = 0.13e9
 """Points at which statuses are known beforehand: four times as many save a tenth of the iterations on the pellet. As
 many fewer as the displacements there take more memory than this."""
 FIELD_TOLERANCE = 1e-13
