@@ -42,6 +42,13 @@ def world() -> Comm | None:
     return MPI.COMM_WORLD
 
 
+def share(count: int, number: int, parts: int) -> range:
+    """Places that one of several workers takes of ``count``, neighbours together; its number counts from 0."""
+    each, more = divmod(count, parts)
+    first = number * each + min(number, more)
+    return range(first, first + each + (number < more))
+
+
 @contextmanager
 def each_for_itself(comm: Comm, task: str) -> Iterator[None]:
     """Run a block that each rank works through alone; if it fails on any rank, all ranks raise.

@@ -443,3 +443,32 @@ def test_tables_may_be_answered_with_nothing_but_the_model(trained, tmp_path):
     """A model in a file needs no MPI for one answer, and starts in the time of an import."""
     found = run("solve", trained[0] / "model.npz", *AT, cwd=tmp_path)
     assert found.returncode == 0 and found.stderr == "" and list(tmp_path.iterdir()) == []
+
+
+def test_parts_of_a_training_and_of_a_table(tmp_path):
+    """Jobs of an array share a folder, and the same command without a part builds; blocks of a table lie apart."""
+    folder = tmp_path / "out"
+    for part in ("2/3", "1/3", "3/3"):
+        code, output = invoke(*TRAIN, "--out", folder, "--part", part)
+        count = 26 if part[0] == "3" else 27
+        assert code == 0 and f"part {part[0]} of 3: 4 training queries and {count} held out" in output.replace(
+            "\n", " "
+        )
+    assert not (folder / "model.npz").exists()
+    found = run(*TRAIN, "--out", folder)  # 12 answers are too few for a good model, which it warns of
+    assert found.returncode == 0 and "92 of 112 answers were read" in found.stdout.replace("\n", " ")
+    model = hhr.load_model(folder / "model.npz")
+    points = model.parameters.random(5, seed=3)
+    table = questions(tmp_path / "q.csv", ["travel", "lowered"], points)
+    found = []
+    for part in ("1/2", "2/2"):
+        code, output = invoke("answer", folder / "model.npz", table, "--out", tmp_path / "a.csv", "--part", part)
+        assert code == 0, output
+        found += columns_of(tmp_path / f"a.{part[0]}of2.csv")["travel"]
+    assert [float(value) for value in found] == points[:, 0].tolist()
+
+
+@pytest.mark.parametrize("part", ["0/3", "4/3", "x", "1/2/3", "1"])
+def test_what_is_no_part_is_refused(part, tmp_path):
+    code, output = invoke(*TRAIN, "--out", tmp_path, "--part", part)
+    assert code == 2 and "is no part: write 3/8" in output

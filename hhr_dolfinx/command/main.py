@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hhr_dolfinx import ranks
 from hhr_dolfinx.command.speaking import Command, first_rank, guarded, spoken
 from hhr_dolfinx.compat import extra
 
@@ -87,6 +88,22 @@ TRAINING = (
 )
 
 
+class _Part(click.ParamType):
+    """``3/8``, the third of eight."""
+
+    name = "i/n"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[int, int]:
+        """Both numbers."""
+        words = str(value).split("/")
+        if len(words) != 2 or not all(word.isdecimal() for word in words) or not 1 <= int(words[0]) <= int(words[1]):
+            self.fail(f"{value!r} is no part: write 3/8, the third of eight", param, ctx)
+        return int(words[0]), int(words[1])
+
+
+PART = click.option("--part", type=_Part(), help="one part of it alone, as 3/8: a job of an array")
+
+
 def _with(options: Any) -> Callable[[Command], Command]:
     """Several options at once."""
 
@@ -147,14 +164,16 @@ def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: 
 @SCENE
 @_with(TRAINING)
 @click.option("--model", "kind", type=click.Choice(list(KINDS)), default="hhr", show_default=True, help="what to build")
+@PART
 @OUT
 @guarded
-def train(scene: str, out: Path | None, kind: str, **how: Any) -> None:
+def train(scene: str, out: Path | None, kind: str, part: tuple[int, int] | None, **how: Any) -> None:
     """Solve the scene for training parameters, build a model, check it, and save it.
 
     hhr is the hyper-reduced model, model.npz; condensed keeps all contact conditions, condensed.npz; local is a set of
     hyper-reduced models, each for a part of the box, local.npz. Answers are kept in the folder as they are found: a
-    command that was interrupted goes on.
+    command that was interrupted goes on. With --part 3/8 the third of eight parts is solved and kept, and nothing
+    built: a job of an array; the same command without it then builds.
     """
     from mpi4py import MPI
 
@@ -165,7 +184,7 @@ def train(scene: str, out: Path | None, kind: str, **how: Any) -> None:
     console, progress = spoken()
     made = scene_of(scene)
     folder = out or Path("out") / made.name
-    if kind == "condensed" and any(law is not None for law in made.friction):
+    if part is None and kind == "condensed" and any(law is not None for law in made.friction):
         # contact with friction is condensed without a training
         from hhr_dolfinx.full_order.full import FullOrderModel
         from hhr_dolfinx.study.condensing import condense
@@ -178,6 +197,9 @@ def train(scene: str, out: Path | None, kind: str, **how: Any) -> None:
         settings = _settings_of(scene)
         held_out = None if settings is None else settings.held_out
         asked = _training_of(how, settings)
+        if part is not None:
+            _solve_part(console, made, asked, part, folder / "snapshots", held_out=held_out, progress=progress)
+            return
         training = trained(made, asked, held_out=held_out, folder=folder / "snapshots", progress=progress)
         if MPI.COMM_WORLD.rank:
             return
@@ -193,6 +215,19 @@ def train(scene: str, out: Path | None, kind: str, **how: Any) -> None:
     console.print(f"{made.name}: {problem.free.size} dofs and {len(problem.gaps)} contacts -> {_described(model)}")
     console.print(f"errors of its answers: {model.known_error}", highlight=False, markup=False)
     console.print(f"model: {target}")
+
+
+def _solve_part(console: Any, scene: Scene, training: Any, part: tuple[int, int], folder: Path, **how: Any) -> None:
+    """Solve one part of a training, and say what is there now."""
+    from hhr_dolfinx.study.training.parts import train_part
+
+    found = train_part(scene, training, *part, folder, **how)
+    if first_rank():
+        console.print(
+            f"part {part[0]} of {part[1]}: {found.training} training queries and {found.held_out} held out are in "
+            f"{folder}, {found.read} answers were there before. The same command without --part then builds a model",
+            highlight=False,
+        )
 
 
 def _described(model: Any) -> str:
@@ -337,12 +372,16 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
 @click.option("--out", type=click.Path(path_type=Path), help="the answers, .csv or .parquet [answers.csv]")
 @click.option("--displacement", is_flag=True, help="a column of the largest displacement, which takes the whole field")
 @click.option("--estimates/--no-estimates", default=True, show_default=True, help="columns of what is known of errors")
+@PART
 @guarded
-def answer(model: Path, table: Path, out: Path | None, displacement: bool, estimates: bool) -> None:
+def answer(
+    model: Path, table: Path, out: Path | None, displacement: bool, estimates: bool, part: tuple[int, int] | None
+) -> None:
     """Answer a table of parameters, one row each, with outputs and bounds of errors. Rows may fail, others go on.
 
     Answers are kept block by block: a command that was interrupted goes on. Where bodies flow each row is one step from
-    rest; paths are for Python, model.march.
+    rest; paths are for Python, model.march. With --part 3/8 the third of eight blocks of rows is answered, into
+    answers.3of8.csv.
     """
     from hhr_dolfinx.command.loading import checked_target
     from hhr_dolfinx.online.model_file import load_model
@@ -350,11 +389,13 @@ def answer(model: Path, table: Path, out: Path | None, displacement: bool, estim
 
     checked_target(out, TABLES)
     target = out or Path("answers.csv")
+    target = target if part is None else target.with_name(f"{target.stem}.{part[0]}of{part[1]}{target.suffix}")
     if target.exists() and target.samefile(table):
         raise click.UsageError(f"{target} holds the questions, which its answers would replace: give another --out")
     console, progress = spoken()
     loaded: Any = load_model(model)
     rows = read_points(table, loaded.parameters)
+    rows = rows if part is None else [rows[k] for k in ranks.share(len(rows), part[0] - 1, part[1])]
     if loaded.flows:
         console.print("bodies flow: each row is one step from rest, of one second; paths are for Python, model.march")
     console.print(f"errors of its answers: {loaded.known_error}", highlight=False, markup=False)

@@ -131,8 +131,7 @@ def condense(
         compliances, grids, _ = interpolated_compliances(problem, solvers, settings)
     _warn_of_budget(full, grids, settings)
     with log.stage("starts"):
-        points = Sobol(_starts(problem)).points(problem.parameters)
-        known, forces = starts_of(compliances, points, problem)
+        known, forces = starts_of(compliances, Sobol(_starts(problem)).points(problem.parameters), problem)
     with log.stage("fields"):
         if not fields:
             made = _no_fields(full, settings)

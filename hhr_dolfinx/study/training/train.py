@@ -212,7 +212,7 @@ def train(
     """
     log = StageLog()
     with ranks.each_for_itself(comm, "checking what to train on"):
-        queries, apart = _checked(scene, training, held_out, seed)
+        queries, apart = checked_training(scene, training, held_out, seed)
         folder = None if folder is None else checked_folder(folder)
     with ranks.each_for_itself(comm, f"building the full model of scene '{scene.name}'"):
         with log.stage("full_order"):
@@ -276,7 +276,7 @@ def _apart(full: FullOrderModel, snapshots: SnapshotSet, apart: Any, seed: int) 
 
     Their last digits may differ between machines.
     """
-    return apart if isinstance(apart, list) else held_out_points(full.problem, snapshots, apart, seed + 2000)
+    return apart if isinstance(apart, list) else held_out_points(full.problem, snapshots, apart, seed)
 
 
 def _held_out(
@@ -300,7 +300,7 @@ def _chooses(training: Any) -> bool:
     return callable(getattr(training, "grown", None)) and not isinstance(training, type)
 
 
-def _checked(scene: Scene, training: Any, held_out: Any, seed: Any) -> tuple[Any, Any]:
+def checked_training(scene: Scene, training: Any, held_out: Any, seed: Any) -> tuple[Any, Any]:
     """Points or paths to train on; how many points, or which paths, are held out."""
     if not isinstance(scene, Scene):
         raise StudyError(f"{scene!r} is no scene: give a Scene")

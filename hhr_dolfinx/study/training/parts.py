@@ -1,0 +1,90 @@
+"""One part of the answers of a training, kept in a folder: what a job of an array solves.
+
+Parts know nothing of each other but the folder. The training itself then finds their answers there, and solves what is
+missing: held-out points where contact grazes, which all training answers decide on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+from hhr_dolfinx import ranks
+from hhr_dolfinx.errors import NotOfferedError, StudyError
+from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
+from hhr_dolfinx.parameters import is_whole
+from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.snapshots.records import Lost, spread_snapshots, uniform_points
+from hhr_dolfinx.snapshots.store import SnapshotStore
+from hhr_dolfinx.study.training.train import Progress, checked_folder, checked_training, silent
+
+
+@dataclass(frozen=True)
+class PartSolved:
+    """What a part has left in the folder.
+
+    Attributes:
+        training, held_out: numbers of its training queries and of those held out.
+        read: how many of these answers were there already; of histories steps.
+        folder: where they are.
+    """
+
+    training: int
+    held_out: int
+    read: int
+    folder: Path
+
+
+def train_part(
+    scene: Scene,
+    training: Any,
+    number: int,
+    parts: int,
+    folder: str | Path,
+    *,
+    held_out: Any = None,
+    seed: int = 1,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    march: MarchSettings = DEFAULT_MARCH,
+    progress: Progress = silent,
+) -> PartSolved:
+    """Solve one of several parts of a training, and keep its answers in a folder that all parts share.
+
+    Once all are done ``train(scene, training, folder=folder)`` with the same arguments reads them.
+
+    Args:
+        scene, training, held_out, seed, comm, march, progress: see :func:`~hhr_dolfinx.study.training.train.train`.
+        number, parts: which part of how many, from 1 on.
+        folder: where answers are kept.
+
+    Raises:
+        StudyError: for a part that is not there, and for whatever is no training.
+        NotOfferedError: for a greedy training, whose every choice needs all answers before.
+    """
+    with ranks.each_for_itself(comm, "checking what to train on"):
+        if not (is_whole(parts, 1) and is_whole(number, 1) and number <= parts):
+            raise StudyError(f"part {number!r} of {parts!r}: give numbers from 1 on, such as part 3 of 8")
+        queries, apart = checked_training(scene, training, held_out, seed)
+        if callable(getattr(queries, "grown", None)):
+            raise NotOfferedError(
+                "a greedy training chooses each point from all answers before it, and has no parts: give a grid, "
+                "Sobol(512) or a list of paths, or run it on several ranks"
+            )
+        target = checked_folder(folder)
+    with ranks.each_for_itself(comm, f"building the full model of scene '{scene.name}'"):
+        full = FullOrderModel(scene, MPI.COMM_SELF)
+        store = SnapshotStore(target, full)
+    others = apart if isinstance(apart, list) else uniform_points(full.parameters, apart, seed)
+    counts = []
+    for label, given in (("snapshots", queries), ("held out", others)):
+        mine = [given[k] for k in ranks.share(len(given), number - 1, parts)]
+        counts.append(len(mine))
+        if mine:
+            lost = Lost()
+            spread_snapshots(full, mine, comm, progress(label), store, march, lost)
+            lost.warn(len(mine), 1, f"queries of part {number} of {parts}")
+    return PartSolved(counts[0], counts[1], comm.allreduce(store.found), target)
