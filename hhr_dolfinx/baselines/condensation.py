@@ -20,16 +20,17 @@ from hhr_dolfinx.models.starts import KnownStatuses
 def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: bool = True) -> CondensedModel:
     """Eliminate everything but the contact forces exactly; for constant stiffness only.
 
-    The answer is that of the full model, to round-off. Serial, since it keeps whole columns of K^-1. Where the full
-    model has no room for these neither has this one: a displacement takes one more solution.
+    The answer is that of the full model, to round-off. Where the full model has no room for the columns of K^-1 B^T, or
+    several ranks have parts of them, neither has this one: a displacement takes one more solution, for which all ranks
+    ask together.
 
     Args:
-        full: the full model on one rank.
+        full: the full model; on one rank where contact alone holds bodies.
         known: statuses of the training points, (S, N_lambda).
         field: compute the displacement with each answer; without it only when it is asked for, and a query costs less.
     """
-    if full.comm.size > 1:
-        raise SceneError("exact condensation is serial: give a full model on MPI.COMM_SELF")
+    if full.comm.size > 1 and full.problem.rigid is not None:
+        raise SceneError("contact alone holds bodies: give a full model on MPI.COMM_SELF, whose motions one rank knows")
     if full.equilibrium is not None:
         raise SceneError(
             f"bodies of scene '{full.scene.name}' flow: their stiffness changes, and no condensation is exact"
@@ -46,9 +47,10 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
             f"known, a {type(known).__name__}, must hold statuses of the {conditions} conditions of this scene at one "
             "point or more: snapshots.known_statuses()"
         )
-    free = np.stack([full.solve_stiffness(column) for column in problem.loads.T.toarray()], axis=1)
+    free = np.concatenate(full.comm.allgather(full.per_load))
     # only with the field is it known how far bodies moved that contact holds
-    field = (field and full.keeps_columns) or problem.rigid is not None
+    kept = full.keeps_columns and full.comm.size == 1
+    field = (field and kept) or problem.rigid is not None
     responses = Responses(
         free_primal=free if field else free[:0],
         primal_per_force=full.per_force if field else np.zeros((0, conditions)),
@@ -58,7 +60,7 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
     outputs: Any = full.functionals  # of one mesh: a scene with shapes was refused above
     floats = problem.rigid is not None
     size = problem.block_size
-    if not (full.keeps_columns or floats):
+    if not (kept or floats):
         fields: Any = _solved_fields(full, free)
     else:
         fields = ExactFields(
@@ -78,7 +80,7 @@ def _solved_fields(full: FullOrderModel, free: np.ndarray) -> SolvedFields:
     rows = csr_matrix((0, problem.free.size)) if outputs is None else csr_matrix(outputs.rows)
     return SolvedFields(
         problem.amplitudes, problem.lifts, free, problem.block_size, np.ascontiguousarray(-full.pressed(rows)),
-        full.pushed, full.stress_of, outputs,
+        full.pushed_everywhere, full.stress_of, outputs,
     )  # fmt: skip
 
 

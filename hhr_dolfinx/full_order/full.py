@@ -205,11 +205,18 @@ class FullOrderModel(AnsweringModel, ModelFields):
         loads = self._contact.T @ forces
         return self.solve_stiffness(loads) if loads.ndim == 1 else self.solved_columns(csc_matrix(loads))
 
+    def pushed_everywhere(self, forces: np.ndarray) -> np.ndarray:
+        """The same on all dofs of all ranks, (N,) or (N, k); collective."""
+        return self._gather(self.pushed(forces))
+
     def pressed(self, rows: csr_matrix) -> np.ndarray:
-        """Some rows, (k, N), times K^-1 B^T, (k, N_lambda), on one rank; as K is symmetric, B times K^-1 rows^T."""
-        if self._columns is not None or not rows.shape[0]:
-            return rows @ (self._columns if rows.shape[0] else np.zeros((rows.shape[1], self.conditions)))
-        return (self._contact @ self.solved_columns(csc_matrix(rows.T))).T
+        """Some rows, (k, N), times K^-1 B^T, (k, N_lambda); as K is symmetric, B times K^-1 rows^T."""
+        if not rows.shape[0]:
+            return np.zeros((0, self.conditions))
+        own = csr_matrix(rows)[:, self._own]
+        if self._columns is not None:
+            return self.comm.allreduce(own @ self._columns)
+        return self.comm.allreduce(self._contact @ self.solved_columns(csc_matrix(own.T))).T
 
     @cached_property
     def per_load(self) -> np.ndarray:
