@@ -12,10 +12,13 @@ import sphere_on_block
 from mpi4py import MPI
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.baselines import condensation
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.full_order import full as full_order
 from hhr_dolfinx.linear import sparse
 from hhr_dolfinx.models.exact import SolvedFields
+from hhr_dolfinx.models.starts import KnownStatuses
+from hhr_dolfinx.reduction import condense
 
 SCENES = {
     "constant": (contract.blocks, contract.MIDDLE),
@@ -80,14 +83,92 @@ def test_exact_condensation_keeps_rows_of_outputs_only(monkeypatch, tmp_path):
         again.displacement()
 
 
-def test_columns_are_there_for_what_needs_them(monkeypatch):
-    """A hyper-reduced model and its bound are built on them."""
-    make, mu = SCENES["constant"]
-    kept, lean = both(make, monkeypatch)
+def pressed_sphere(*outputs, cells=8, moduli=False):
+    """A scene in space of some hundred conditions."""
+    plain = sphere_on_block.scene(sphere_cells=(cells, cells // 2), block_cells=(cells - 2, cells // 2))
+    if not moduli:
+        return dataclasses.replace(plain, outputs=outputs)
+    bodies = tuple(dataclasses.replace(body, young=f"E{k}") for k, body in enumerate(plain.bodies))
+    box = plain.parameters
+    space = hhr.ParameterSpace((*box.names, "E0", "E1"), (*box.lower, 1e5, 5e4), (*box.upper, 3e5, 9e4))
+    return dataclasses.replace(plain, bodies=bodies, parameters=space, outputs=outputs)
+
+
+def test_reduced_models_and_bounds_need_no_columns(monkeypatch):
+    """Hyper-reduction, its bound and those of outputs take a solution for each mode in the place of one for each row.
+
+    But for a Lipschitz constant along all displacements: the bound of such an output is left out, not guessed.
+    """
+    tag = sphere_on_block.geometry.SPHERE
+    outputs = (hhr.DisplacementAt("u", (0.0, 0.0, 0.0), 2, tag), hhr.VonMises("stress", tag))
+    kept, lean = both(lambda: pressed_sphere(*outputs), monkeypatch)
+    point = kept.parameters.middle
     snapshots = hhr.compute_snapshots(kept, kept.parameters.random(12, 0))
-    one, other = (hhr.build(full, snapshots, contract.AS_IT_IS).solve(mu) for full in (kept, lean))
-    np.testing.assert_allclose(other.forces(), one.forces(), rtol=1e-8, atol=1e-12)
-    assert other.estimate().dual == pytest.approx(one.estimate().dual, rel=1e-4, abs=1e-9)
+    one, other = (hhr.build(full, snapshots, contract.AS_IT_IS).solve(point) for full in (kept, lean))
+    np.testing.assert_allclose(other.forces(), one.forces(), atol=1e-9 * one.forces().max())
+    mine, theirs = one.estimate(), other.estimate()
+    for name in ("primal", "dual", "forces_euclid", "pressure"):
+        assert getattr(theirs, name) == pytest.approx(getattr(mine, name), rel=1e-4)
+    assert mine.outputs.keys() == {"u", "stress"} and theirs.outputs.keys() == {"u"}
+    assert theirs.outputs["u"] == pytest.approx(mine.outputs["u"], rel=1e-4)
+    assert lean._columns is None
+
+
+def test_outputs_with_many_rows_are_read_at_displacements(monkeypatch):
+    """A largest stress has six rows for each cell: values and derivatives by one more solution each."""
+    kept, lean = both(lambda: pressed_sphere(hhr.VonMises("stress", sphere_on_block.geometry.SPHERE)), monkeypatch)
+    monkeypatch.setattr(condensation, "KEPT_BYTES", 0)
+    nothing = KnownStatuses(kept.problem.middle[None], np.zeros((1, kept.conditions), dtype=bool))
+    one, other = (hhr.exact_condensation(full, nothing) for full in (kept, lean))
+    assert not other.fields.measured_per_force.size
+    for point in kept.parameters.random(3, 0):
+        exact, found = (model.solve(point, gradient=True).outputs() for model in (one, other))
+        assert found["stress"] == pytest.approx(exact["stress"], rel=1e-9)
+        slopes = exact.gradient["stress"]
+        np.testing.assert_allclose(found.gradient["stress"], slopes, atol=1e-7 * np.abs(slopes).max())
+
+
+def test_columns_that_are_asked_for_are_told_of(monkeypatch, caplog):
+    kept, lean = both(contract.blocks, monkeypatch)
+    with caplog.at_level("WARNING"):
+        np.testing.assert_allclose(lean.per_force, kept.per_force, atol=1e-14)
+    assert "solved for and kept" in caplog.text
+
+
+class Counted:
+    """Columns that factors were asked for."""
+
+    def __init__(self, monkeypatch):
+        self.count = 0
+        plain = sparse.FreeCholesky.solved_blocks
+
+        def counted(factors, columns, *given, **how):
+            self.count += columns.shape[1]
+            return plain(factors, columns, *given, **how)
+
+        monkeypatch.setattr(sparse.FreeCholesky, "solved_blocks", counted)
+
+
+def test_s_is_made_once(monkeypatch):
+    """When it is first asked for; by a model with moduli, its bound and the full order together."""
+    kept, lean = both(lambda: pressed_sphere(moduli=True), monkeypatch)
+    counted = Counted(monkeypatch)
+    lean = hhr.FullOrderModel(pressed_sphere(moduli=True), MPI.COMM_SELF)
+    mu = kept.parameters.middle
+    assert counted.count == 0
+    forces = hhr.condense(lean, fields=False).solve(mu).forces()
+    conditions, loads = lean.conditions, lean.problem.loads.shape[1]
+    assert conditions <= counted.count <= conditions + 2 * loads
+    before = counted.count
+    model = hhr.condense(lean, fields=True)
+    answer = model.solve(mu)
+    exact = kept.solve(mu)
+    assert answer.estimate().kind == "bound" and answer.estimate().forces_euclid_relative < 1e-8
+    assert np.linalg.norm(answer.forces() - exact.forces()) < 1e-10 * np.linalg.norm(exact.forces())
+    np.testing.assert_array_equal(forces, answer.forces())
+    lean.solve(mu)
+    # fields, a solution for each start and body, and random forces; not S once more
+    assert counted.count - before < 2 * condense.STARTS + 50 and lean._columns is None
 
 
 def test_a_check_says_what_a_large_scene_takes(tmp_path):
@@ -118,3 +199,21 @@ def test_compressed_factors_are_refined(monkeypatch):
     exact, found = whole.solve(mu).forces(), compressed.solve(mu).forces()
     assert np.linalg.norm(found - exact) < 1e-7 * np.linalg.norm(exact)
     assert 0 < np.abs(compressed.schur - whole.schur).max() < 1e-8 * np.abs(whole.schur).max()
+    columns = problem.contact[:3].T  # a few at once
+    moved = compressed.solved_columns(columns)
+    np.testing.assert_allclose(problem.held[:, None] * (problem.stiffness @ moved), columns.toarray(), atol=1e-11)
+
+
+@pytest.mark.parametrize("part", [1e-6, 1e-9])
+def test_bounds_know_what_compressed_factors_leave_out(part, monkeypatch):
+    """Random forces probe S: the bound of a condensed model is larger than its error, and goes with it."""
+
+    whole = hhr.FullOrderModel(pressed_sphere(cells=12, moduli=True), MPI.COMM_SELF)
+    monkeypatch.setattr(sparse, "LOW_RANK", ((0, part),))
+    model = hhr.condense(hhr.FullOrderModel(pressed_sphere(cells=12, moduli=True), MPI.COMM_SELF), fields=True)
+    for point in whole.parameters.random(4, 0):
+        exact = whole.solve(point).forces()
+        answer = model.solve(point)
+        error = np.linalg.norm(answer.forces() - exact) / np.linalg.norm(exact)
+        known = answer.estimate().forces_euclid_relative
+        assert 0 < error < known < 1e5 * part, (error, known)

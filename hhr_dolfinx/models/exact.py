@@ -118,7 +118,8 @@ class SolvedFields(_Exact):
 
     Attributes:
         amplitudes, lifts, per_term, dimension: see :class:`ExactFields`.
-        measured_per_force: rows of the outputs times -K^-1 B^T, (K, N_lambda).
+        measured_per_force: rows of the outputs times -K^-1 B^T, (K, N_lambda); without rows where outputs have too
+            many, as a largest stress has: they are read at displacements then, one more solution each.
         pushed: K^-1 B^T times forces; None of a copy or from a file, since factors belong to one process.
         stress_of, functionals: see :class:`ExactFields`.
     """
@@ -143,29 +144,45 @@ class SolvedFields(_Exact):
         Raises:
             NotOfferedError: by a copy, or a model from a file.
         """
+        return self._unknown(answer) + self.lifts @ self.amplitudes(answer.parameter)
+
+    def _unknown(self, answer: Answer) -> np.ndarray:
+        """K^-1 (loads - B^T λ), (N,)."""
+        return self.per_term @ self.amplitudes(answer.parameter) - self._push(answer.multipliers)
+
+    @property
+    def _push(self) -> Callable[[np.ndarray], np.ndarray]:
         if self.pushed is None:
             raise NotOfferedError(
                 "a model that was copied or read from a file has no factors, and where the columns of K^-1 B^T have no "
                 "room a displacement needs them: ask the model where it was made, or the full one, full.solve(mu)"
             )
-        theta = self.amplitudes(answer.parameter)
-        return self.per_term @ theta - self.pushed(answer.multipliers) + self.lifts @ theta
+        return self.pushed
+
+    @cached_property
+    def _reads_fields(self) -> bool:
+        """Whether outputs are read at displacements."""
+        assert self.functionals is not None
+        return bool(self.functionals.rows.shape[0] != len(self.measured_per_force))
 
     @cached_property
     def _measures(self) -> tuple[Any, np.ndarray]:
         assert self.functionals is not None
-        return self.measured_per_force, self._terms(self.functionals.rows)
+        rows = self.functionals.rows
+        return rows if self._reads_fields else self.measured_per_force, self._terms(rows)
 
     def _columns(self) -> None:
         """None are kept: rows of outputs have been solved for."""
 
     def _terms(self, rows: Any) -> np.ndarray:
-        return dense(rows @ self.lifts) + rows @ self.per_term
+        lifted = dense(rows @ self.lifts)
+        return lifted if self._reads_fields else lifted + rows @ self.per_term
 
     def _coordinates(self, answer: Answer) -> np.ndarray:
-        """The forces, by which the rows of the outputs go."""
-        return answer.multipliers
+        """The forces, by which the rows of the outputs go; or the displacement without its lift."""
+        return self._unknown(answer) if self._reads_fields else answer.multipliers
 
     def _coordinate_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
         assert answer.gradient is not None
-        return answer.gradient.multipliers
+        forces = answer.gradient.multipliers
+        return self.per_term @ changes - self._push(forces) if self._reads_fields else forces
