@@ -231,7 +231,8 @@ class FreeCholesky:
     def _sparse(self, columns: csc_matrix) -> PETSc.Mat:
         """Sparse right-hand sides as MUMPS takes them: a transpose that is not carried out, all of it on rank 0."""
         comm = self._matrix.comm.tompi4py()
-        size, count = self._matrix.getSize()[0], columns.shape[1]
+        size = self._matrix.getSize()[0]
+        count = columns.shape[1]
         if comm.size > 1:
             first = self._matrix.getOwnershipRange()[0]
             own = columns.tocoo()
