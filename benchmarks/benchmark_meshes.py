@@ -8,7 +8,9 @@ import gmsh
 from hhr_dolfinx.geometries.gmsh_model import mesh_of
 
 
-def half_round(comm: Any, *, radius: float, fine: float, reach: float, block: Sequence[float] = ()) -> Any:
+def half_round(
+    comm: Any, *, radius: float, fine: float, reach: float, block: Sequence[float] = (), order: int = 1
+) -> Any:
     """A quarter of a disc with its pole at the origin, on a block below it; or without one.
 
     Args:
@@ -16,6 +18,7 @@ def half_round(comm: Any, *, radius: float, fine: float, reach: float, block: Se
         fine: length of cells within ``reach`` of the pole.
         reach: see there.
         block: half width and height of the block; none for no block.
+        order: of the cells; those of second order are curved.
     """
 
     def make() -> None:
@@ -41,6 +44,7 @@ def half_round(comm: Any, *, radius: float, fine: float, reach: float, block: Se
                 gmsh.model.addPhysicalGroup(1, [curve], name=side)
         _refine(fine, reach, radius / 12)
         gmsh.model.mesh.generate(2)
+        gmsh.model.mesh.setOrder(order)
 
     quiet = {f"Mesh.MeshSize{name}": 0.0 for name in ("FromPoints", "FromCurvature", "ExtendFromBoundary")}
     return mesh_of(make, comm, dim=2, options=quiet)
