@@ -66,7 +66,7 @@ def measured(cells: tuple[int, int, int, int]) -> dict[str, float]:
     estimates, bounds = timed(lambda: [answer.estimate() for answer in answers])
     fields, completed = timed(lambda: [answer.displacement() for answer in answers[:3]])
     known, whole = timed(lambda: [full.solve(point) for point in points[:3]])
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
     sizes = {"N": len(full.problem.free), "N_lambda": full.conditions, "ranks": 1}
     times = {"train_s": made, "peak_gb": peak, "query_s": forces / QUERIES, "bound_s": bounds / QUERIES}
     times |= {"fields_s": completed / 3, "full_s": whole / 3}

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from threading import RLock
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from petsc4py import PETSc
-from scipy.sparse import csc_matrix, csr_matrix, spmatrix
+from scipy.sparse import csc_matrix, csr_matrix, spmatrix, triu
 
 from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.linear.dense import factorised
@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 
 BLOCK = 128
 """Right-hand sides solved at once: the factors are read once for all of them, and they take little memory."""
-BLOCK_NUMBERS = 32e6
-"""Numbers in a block of solutions, at most, 256 MB."""
+BLOCK_NUMBERS = 16e6
+REFINED_NUMBERS = 8e6
+"""Numbers in a block of solutions, at most, 128 MB, and in one that is refined, which takes several of its size."""
 LOW_RANK = ((250_000, 1e-10), (600_000, 1e-8))
 REFINED = 5
 PRECISE = 1e-13
@@ -55,6 +56,14 @@ def singular_stiffness(scene: str) -> str:
     )
 
 
+class _Pattern(NamedTuple):
+    """Rows and columns of kept entries, CSR, and their places in the data of the whole matrix."""
+
+    rows: np.ndarray
+    columns: np.ndarray
+    places: np.ndarray
+
+
 class FreeCholesky:
     """Factors of a stiffness on its free dofs, on any number of ranks, each with its own rows.
 
@@ -86,24 +95,18 @@ class FreeCholesky:
         self._free = np.flatnonzero(free[rows])
         self._own = rows.stop - rows.start
         self._scene = scene
-        columns = np.flatnonzero(free)
-        # place of each kept entry in the data of the whole matrix
-        marks = np.arange(stiffness.nnz, dtype=stiffness.indices.dtype)
-        marks = csr_matrix((marks, stiffness.indices, stiffness.indptr), shape=stiffness.shape)
-        inside = marks[self._free][:, columns]
-        inside.sort_indices()
-        self._places = inside.data
-        sizes = (self._free.size, columns.size)
-        entries = inside.indptr, inside.indices, stiffness.data[inside.data]
-        self._matrix = PETSc.Mat().createAIJ((sizes, sizes), csr=entries, comm=comm)
-        self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        self._columns = np.flatnonzero(free)
+        by_mumps = ordering == "mumps" or comm.size > 1
+        self._half = by_mumps and comm.size == 1
+        self._pattern: _Pattern | None = None
+        self._matrix = self._made(stiffness, comm)
         self._ksp = PETSc.KSP().create(comm)
         self._ksp.setOptionsPrefix(f"hhr_{scene}_")
         self._ksp.setOperators(self._matrix)
         self._ksp.setType(PETSc.KSP.Type.PREONLY)
         pc = self._ksp.getPC()
         pc.setType(PETSc.PC.Type.CHOLESKY)
-        if ordering == "mumps" or comm.size > 1:
+        if by_mumps:
             # no pivots: three quarters of the time and less memory in space, measured at 62,138 dofs
             self._matrix.setOption(PETSc.Mat.Option.SPD, True)
             pc.setFactorSolverType("mumps")
@@ -123,14 +126,40 @@ class FreeCholesky:
         self._factored = stiffness
         self.lock = RLock()
 
+    def _made(self, stiffness: csr_matrix, comm: Comm) -> PETSc.Mat:
+        """The matrix of the free dofs; half of it where it goes to MUMPS alone, which takes no more."""
+        rows, columns, places = self._pattern_of(stiffness)
+        sizes = (self._free.size, self._columns.size)
+        entries = rows, columns, stiffness.data[places]
+        if self._half:
+            matrix = PETSc.Mat().createSBAIJ((sizes, sizes), 1, csr=entries, comm=comm)
+        else:
+            matrix = PETSc.Mat().createAIJ((sizes, sizes), csr=entries, comm=comm)
+        matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        return matrix
+
+    def _pattern_of(self, stiffness: csr_matrix) -> _Pattern:
+        """Where the kept entries of a matrix of this pattern are."""
+        marks = np.arange(stiffness.nnz, dtype=stiffness.indices.dtype)
+        inside = csr_matrix((marks, stiffness.indices, stiffness.indptr), shape=stiffness.shape)
+        inside = inside[self._free][:, self._columns]
+        if self._half:
+            inside.data += 1  # a place 0 is kept
+            inside = triu(inside, format="csr")
+            inside.data -= 1
+        inside.sort_indices()
+        return _Pattern(inside.indptr, inside.indices, inside.data)
+
     def refactor(self, stiffness: csr_matrix) -> None:
         """Take the values of another matrix with the same pattern; no work if its factors are those at hand."""
         with self.lock:
             if stiffness is self._factored:
                 return
             self._factored = None
-            rows, columns, _ = self._matrix.getValuesCSR()
-            self._matrix.setValuesCSR(rows, columns, stiffness.data[self._places])
+            if self._pattern is None:
+                self._pattern = self._pattern_of(stiffness)
+            rows, columns, places = self._pattern
+            self._matrix.setValuesCSR(rows, columns, stiffness.data[places])
             self._matrix.assemble()
             self._ksp.setOperators(self._matrix)
             if not factorised(self._ksp):
@@ -202,7 +231,9 @@ class FreeCholesky:
         place[self._free] = np.arange(own)
         moving = place[wanted] >= 0
         rows = place[wanted[moving]]
-        block_size = max(min(BLOCK, int(BLOCK_NUMBERS / max(own, 1)), count), 1)
+        refining = refined and self._refining is not None
+        most = REFINED_NUMBERS if refining else BLOCK_NUMBERS
+        block_size = max(min(BLOCK, int(most / max(own, 1)), count), 1)
         solutions = np.empty((own, block_size), order="F")
         for first in range(0, count, block_size):
             part = slice(first, min(first + block_size, count))
@@ -213,7 +244,7 @@ class FreeCholesky:
                     self._ksp.getPC().getFactorMatrix().matSolve(self._sparse(columns[:, part]), block)
                 else:
                     self._ksp.matSolve(self._dense(columns[:, part].toarray(order="F")), block)
-                if refined and self._refining is not None:
+                if refining:
                     self._refine_block(columns[:, part], solutions[:, :width])
             found = np.zeros((wanted.size, width), order="F")
             found[moving] = solutions[rows, :width]

@@ -125,8 +125,10 @@ class Solver:
         part = self.component.part
         place = point[part.axes].tobytes()
         found = self._known.get(place)
+        if found is None and self._full.scaled is not None:
+            return self._scaled()  # of what the full model keeps
         if found is None:
-            found = self._solved(point) if self._full.scaled is None else self._scaled()
+            found = self._solved(point)
             if 8 * part.conditions.size**2 * (len(self._known) + 1) <= KEPT_BYTES:
                 self._known[place] = found
         return found

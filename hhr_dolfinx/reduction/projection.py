@@ -19,6 +19,8 @@ from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem, ReducedTerms
 
+PANEL = 16
+"""Modes that K of a whole mesh is multiplied with at once."""
 NO_WORK = 1e-9
 """Part of the largest work of a unit force along a rigid motion below which a condition has nothing to do with it."""
 
@@ -40,7 +42,13 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
     test = basis[sets.A]
 
     def projected(stiffness: csr_matrix) -> np.ndarray:
-        return test.T @ (stiffness[sets.A][:, support] @ basis[support])
+        if 2 * sets.A.size <= len(basis):
+            return test.T @ (stiffness[sets.A][:, support] @ basis[support])
+        # of most of a mesh rows and columns of K are not copied
+        cut = np.zeros(len(basis), dtype=bool)
+        cut[support] = True
+        parts = [slice(k, k + PANEL) for k in range(0, basis.shape[1], PANEL)]
+        return np.hstack([test.T @ (stiffness @ (cut[:, None] * basis[:, part]))[sets.A] for part in parts])
 
     reduced = ReducedProblem(
         stiffness=projected(problem.stiffness),

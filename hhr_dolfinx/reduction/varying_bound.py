@@ -34,10 +34,11 @@ PROVED = 1e-5
 NOISE = 1e-9
 """Part of S, and of energies, that is round-off of soft directions."""
 PROBES = 6
+POWERS = 3
 CERTAIN = 10 * math.sqrt(2 / math.pi)
 PLACES_OF_FACTORS = 256
-"""Random forces under which S is held against solutions, over the largest of which its error is with the probability
-named there, and points at which factors of its parts are compared."""
+"""Random forces under which S is held against solutions, powers of its error, how certain that makes a norm, see
+:func:`probed`, and points at which factors of its parts are compared."""
 OBSERVED = 10.0
 PLACES = 3
 LARGEST = 1e-3
@@ -187,31 +188,35 @@ def _seen(solver: EnergySolver, part: Compliance, energy: PartEnergy) -> float:
 def probed(solvers: Sequence[Solver], compliances: Compliances, problem: ContactProblem) -> float:
     """What solutions tell of the error of S under random forces, in the order of energies, at the worst of the box.
 
-    Of parts that do not depend on more than a factor: it is round-off, or what compressed factors leave out. With a
-    probability of 1 - 10^-PROBES it is at least the norm (N. Halko, P.-G. Martinsson and J. Tropp, SIAM Review 53,
-    2011, lemma 4.1). As S is the sum of its parts the error of each counts as much as the softest part counts more
-    than the stiffest one, beside the middle of the box.
+    Of parts that do not depend on more than a factor: it is round-off, or what compressed factors leave out. The error
+    E_c of each is measured beside S = L L^T in the middle of the box, A = L^-1 E_c L^-T, by a few powers of A that are
+    multiplied with random vectors: with a probability of 1 - 10^-PROBES the norm of a matrix is at most the largest of
+    their images times 10 (2/π)^1/2 (N. Halko, P.-G. Martinsson and J. Tropp, SIAM Review 53, 2011, lemma 4.1), and
+    that of A at most the root of it. As S is the sum of its parts the error of each counts as much as the softest part
+    counts more than the stiffest one, beside the middle of the box.
     """
     middle = problem.middle
     whole = compliances(middle).schur
     lower = cholesky(whole + NOISE * whole.diagonal().mean() * np.eye(len(whole)), lower=True)
-    forces = solve_triangular(lower, np.random.default_rng(PROBES).standard_normal((len(whole), PROBES)), trans="T",
-                              lower=True)  # fmt: skip
     error = 0.0
     for solver, part in zip(solvers, compliances.parts, strict=True):
         if part.interpolant.axes.size:
             continue
-        own = forces[part.conditions]
         rows = csr_matrix(problem.contact[part.conditions])
-        exact = rows @ solver.solved_columns(problem, middle, csc_matrix(rows.T @ own))
         schur = part.compliance(middle) * part.schur(part.interpolant.along_modes(middle))
-        off = np.zeros(forces.shape)
-        off[part.conditions] = schur @ own - exact
-        error += float(np.linalg.norm(solve_triangular(lower, off, lower=True), axis=0).max())
+        images = np.random.default_rng(PROBES).standard_normal((len(whole), PROBES))
+        for _ in range(POWERS):
+            own = solve_triangular(lower, images, lower=True, trans="T")[part.conditions]
+            off = np.zeros(images.shape)
+            off[part.conditions] = schur @ own
+            off[part.conditions] -= rows @ solver.solved_columns(problem, middle, csc_matrix(rows.T @ own))
+            images = solve_triangular(lower, off, lower=True)
+        error += (CERTAIN * float(np.linalg.norm(images, axis=0).max())) ** (1 / POWERS)
     places = problem.parameters.random(PLACES_OF_FACTORS, seed=PLACES)
-    softer = np.array([[part.compliance(point) / part.compliance(middle) for part in compliances.parts]
-                       for point in places])  # fmt: skip
-    return CERTAIN * error * float((softer.max(axis=1) / softer.min(axis=1)).max(initial=1.0))
+    softer = np.array(
+        [[part.compliance(point) / part.compliance(middle) for part in compliances.parts] for point in places]
+    )
+    return error * float((softer.max(axis=1) / softer.min(axis=1)).max(initial=1.0))
 
 
 def _sizes(energies: np.ndarray) -> np.ndarray:

@@ -73,11 +73,15 @@ class ContactResponse(Rebuilt):
 
     Attributes:
         schur: S, symmetric and positive definite, (m, m).
-        lower: its Cholesky factor, (m, m).
+        lower: its Cholesky factor, (m, m); or L of a matrix which times ``least`` is at most S.
+        least: see there; 1 for the factor of S itself.
+        known: :func:`amplified_by` L; None where it is not known yet.
     """
 
     schur: np.ndarray
     lower: np.ndarray
+    least: float = 1.0
+    known: tuple[float, np.ndarray] | None = None
 
     def outside(self, inside: np.ndarray, outside: np.ndarray | None = None) -> Outside:
         """What conditions do to each other where the forces of some, ``inside``, are given; the others if known."""
@@ -95,15 +99,10 @@ class ContactResponse(Rebuilt):
 
     @cached_property
     def amplified(self) -> tuple[float, np.ndarray]:
-        """The most that forces of S norm 1 have in the Euclidean norm, and at each condition, (m,).
-
-        Of the second (S^-1)_ii^1/2 is the exact value. The first, |L^-1|, is at most the Frobenius norm, and at most
-        the root of the largest column sum times the largest row sum.
-        """
-        inverse = np.abs(dtrtri(self.lower, lower=1)[0])
-        sizes = np.sqrt((inverse * inverse).sum(axis=0))
-        sums = float(inverse.sum(axis=0).max() * inverse.sum(axis=1).max())
-        return math.sqrt(min(sums, float(sizes @ sizes))), sizes
+        """The most that forces of S norm 1 have in the Euclidean norm, and at each condition, (m,)."""
+        longest, sizes = amplified_by(self.lower) if self.known is None else self.known
+        scale = math.sqrt(self.least)
+        return longest / scale, sizes / scale
 
     def settled(self, forces: np.ndarray, free: np.ndarray, pushed: np.ndarray) -> tuple[np.ndarray, ...]:
         """Forces that solve the contact problem on S, S times them, (n, m) each, and their error in the S norm, (n,).
@@ -147,4 +146,16 @@ class ContactResponse(Rebuilt):
         if not left.any():
             return np.zeros(len(left))
         found = dtrtrs(self.lower, left.T, lower=1, overwrite_b=1)[0].T
-        return np.sqrt((found[:, None, :] @ found[:, :, None])[:, 0, 0])
+        return np.sqrt((found[:, None, :] @ found[:, :, None])[:, 0, 0] / self.least)
+
+
+def amplified_by(lower: np.ndarray) -> tuple[float, np.ndarray]:
+    """The most that x with |L^T x| = 1 has in the Euclidean norm, and in each place, (m,).
+
+    Of the second ((L L^T)^-1)_ii^1/2 is the exact value. The first, |L^-1|, is at most the Frobenius norm, and at most
+    the root of the largest column sum times the largest row sum.
+    """
+    inverse = np.abs(dtrtri(lower, lower=1)[0])
+    sizes = np.sqrt((inverse * inverse).sum(axis=0))
+    sums = float(inverse.sum(axis=0).max() * inverse.sum(axis=1).max())
+    return math.sqrt(min(sums, float(sizes @ sizes))), sizes

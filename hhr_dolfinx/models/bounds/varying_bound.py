@@ -24,7 +24,7 @@ from scipy.linalg import LinAlgError, cholesky
 
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import BoundError, ConvergenceError
-from hhr_dolfinx.models.bounds.contact_response import ContactResponse
+from hhr_dolfinx.models.bounds.contact_response import ContactResponse, amplified_by
 from hhr_dolfinx.models.bounds.error_bound import ForceScale, Given, bounded
 from hhr_dolfinx.models.eliminations.block import Block, blocks_of
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact
@@ -122,27 +122,29 @@ class VaryingBound:
         point = points[0]
         stiffness = self.compliances.stiffness(point)
         try:
-            lower = self._lower_at(point, stiffness.schur)
+            response = self._response_at(point, stiffness.schur)
         except LinAlgError:
             raise ConvergenceError(
                 f"S, interpolated between parameters, is not definite at {point.tolist()}: build the model without "
                 "a bound, Recipe(bound=False), or condense(..., bound=False)"
             ) from None
         contact = self.compliances(point, stiffness)
-        return VaryingThere(self, point, stiffness, contact, ContactResponse(stiffness.schur, lower))
+        return VaryingThere(self, point, stiffness, contact, response)
 
-    def _lower_at(self, point: np.ndarray, schur: np.ndarray) -> np.ndarray:
-        """L with L L^T = S; of large ones that differ by factors of their parts L L^T <= S, from that of the middle."""
+    def _response_at(self, point: np.ndarray, schur: np.ndarray) -> ContactResponse:
+        """S at a point and its factor; of large ones that differ by factors of their parts that of the middle."""
         parts = self.compliances.parts
         if len(schur) <= FACTORED or any(part.interpolant.axes.size for part in parts):
-            return cholesky(schur, lower=True)
+            return ContactResponse(schur, cholesky(schur, lower=True))
         least = min(part.compliance(point) / part.compliance(self.middle) for part in parts)
-        return math.sqrt(least) * self._lower
+        lower, amplified = self._of_middle
+        return ContactResponse(schur, lower, least, amplified)
 
     @cached_property
-    def _lower(self) -> np.ndarray:
-        """Cholesky factor of S in the middle of the box."""
-        return cholesky(self.schur, lower=True)
+    def _of_middle(self) -> tuple[np.ndarray, tuple[float, np.ndarray]]:
+        """Cholesky factor of S in the middle of the box, and what it amplifies."""
+        lower = np.asfortranarray(cholesky(self.schur, lower=True))
+        return lower, amplified_by(lower)
 
     def problem_at(self, point: np.ndarray) -> ReducedProblem:
         """The reduced problem of the whole mesh at a point, whose stiffness is constant."""
