@@ -233,7 +233,8 @@ class FreeCholesky:
         rows = place[wanted[moving]]
         refining = refined and self._refining is not None
         most = REFINED_NUMBERS if refining else BLOCK_NUMBERS
-        block_size = max(min(BLOCK, int(most / max(own, 1)), count), 1)
+        each = self._matrix.getSize()[0] / self._matrix.comm.size  # all ranks cut the same blocks
+        block_size = max(min(BLOCK, int(most / each), count), 1)
         solutions = np.empty((own, block_size), order="F")
         for first in range(0, count, block_size):
             part = slice(first, min(first + block_size, count))
