@@ -47,7 +47,7 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
             f"known, a {type(known).__name__}, must hold statuses of the {conditions} conditions of this scene at one "
             "point or more: snapshots.known_statuses()"
         )
-    free = np.concatenate(full.comm.allgather(full.per_load))
+    free = np.concatenate(full.spread.allgather(full.per_load))
     # only with the field is it known how far bodies moved that contact holds
     kept = full.keeps_columns and full.comm.size == 1
     field = (field and kept) or problem.rigid is not None

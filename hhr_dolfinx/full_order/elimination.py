@@ -57,7 +57,7 @@ class FullStiffness:
             schur = full.schur
         theta = problem.amplitudes(point)
         free = full.solve_stiffness(problem.loads[rows] @ theta)
-        slack = problem.gaps @ theta - full.comm.allreduce(contact @ free)
+        slack = problem.gaps @ theta - full.spread.allreduce(contact @ free)
         return cls(full, problem, point, free, per_force, schur, slack)
 
     @classmethod
@@ -76,7 +76,7 @@ class FullStiffness:
 
     def contact(self) -> CondensedContact:
         """What is left once the displacement is eliminated, on all ranks."""
-        free = np.concatenate(self.full.comm.allgather(self.free))
+        free = np.concatenate(self.full.spread.allgather(self.free))
         return CondensedContact(
             self.schur, self.free_slack, free, self.pushed, self.at_fixed_forces, symmetric=True,
             floating=self.floating, factored=None if self.full.problem.varies else self.full.equalities,
@@ -85,15 +85,15 @@ class FullStiffness:
     def pushed(self, forces: np.ndarray) -> np.ndarray:
         """K^-1 B^T times forces, (m,) or (m, k), on all dofs, (N,) or (N, k)."""
         own = self.full.pushed(forces) if self.per_force is None else self.per_force @ forces
-        return np.concatenate(self.full.comm.allgather((own.T / self.scale).T))
+        return np.concatenate(self.full.spread.allgather((own.T / self.scale).T))
 
     def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """K U' = -R', where R is the residual K U + B^T lambda - F; and the slack that goes with it."""
         left, slack = self._explicit(forces, unknown)
         found = np.stack([self.full.solve_stiffness(-column / self.scale) for column in left.T], axis=1)
         contact = self.problem.contact[:, self.problem.rows]
-        whole = np.concatenate(self.full.comm.allgather(found))
-        return slack - self.full.comm.allreduce(contact @ found), whole
+        whole = np.concatenate(self.full.spread.allgather(found))
+        return slack - self.full.spread.allreduce(contact @ found), whole
 
     @cached_property
     def floating(self) -> Floating | None:

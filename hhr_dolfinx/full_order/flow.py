@@ -18,6 +18,7 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.gauss_points import material_at, stiffness_parts, strain_operator
+from hhr_dolfinx.linear.shared import SharedCholesky
 from hhr_dolfinx.linear.sparse import FreeCholesky
 from hhr_dolfinx.materials.constants import check_law
 from hhr_dolfinx.materials.strain import ElasticPart, SparsePattern, StrainOperator
@@ -174,7 +175,7 @@ class FullEquilibrium:
 
     def _linearisation(
         self,
-        factors: tuple[csr_matrix, FreeCholesky | _ScaledSolver],
+        factors: tuple[csr_matrix, FreeCholesky | SharedCholesky | _ScaledSolver],
         equalities: SchurEqualities,
         push: Callable[[np.ndarray], np.ndarray],
         moduli: np.ndarray,
@@ -267,9 +268,9 @@ class _TangentFactors:
 
     def __init__(self, full: Any):
         self._full = full
-        self._solver: FreeCholesky | None = None
+        self._solver: FreeCholesky | SharedCholesky | None = None
 
-    def of(self, stiffness: csr_matrix) -> FreeCholesky:
+    def of(self, stiffness: csr_matrix) -> FreeCholesky | SharedCholesky:
         """The solver with the factors of a stiffness."""
         if self._solver is None:
             self._solver = self._full.factors_of(stiffness, "nd")
@@ -286,7 +287,7 @@ class _ScaledSolver:
         scale: factor of the solution at each dof, (N,), the same within a block.
     """
 
-    def __init__(self, solver: FreeCholesky, scale: np.ndarray):
+    def __init__(self, solver: FreeCholesky | SharedCholesky, scale: np.ndarray):
         self._solver = solver
         self._scale = scale
         self.lock = solver.lock
@@ -316,7 +317,7 @@ class _SparseLinearisation:
 
     problem: ContactProblem
     pairs: Pairs | None
-    factors: tuple[csr_matrix, FreeCholesky | _ScaledSolver]
+    factors: tuple[csr_matrix, FreeCholesky | SharedCholesky | _ScaledSolver]
     equalities: SchurEqualities
     push: Callable[[np.ndarray], np.ndarray]
     moduli: np.ndarray
@@ -351,7 +352,7 @@ class _SparseLinearisation:
 class _LazyColumns:
     """K^-1 B^T and S = B K^-1 B^T by columns, solved for when their conditions first become active, all at once."""
 
-    def __init__(self, solver: FreeCholesky, contact: csr_matrix):
+    def __init__(self, solver: FreeCholesky | SharedCholesky, contact: csr_matrix):
         self._solver = solver
         self._contact = contact
         self._columns: dict[int, np.ndarray] = {}

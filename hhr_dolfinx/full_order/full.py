@@ -18,6 +18,7 @@ from hhr_dolfinx.contact.problem import ScaledBodies
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.linear.shared import SharedCholesky
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
 from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path, found_as
 from hhr_dolfinx.models.estimates import Estimate
@@ -48,8 +49,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
     Where nothing flows a query costs one solve with K, the statuses on S = B K^-1 B^T, and u = K^-1 F - K^-1 B^T
     lambda, on any number of ranks; the answer is the same on each. Where bodies flow histories are solved by
-    :mod:`models.histories.march`, on one rank. PETSc options take the prefix ``hhr_<scene>_``. On one rank several
-    threads may ask; on more they must not, since the ranks would meet in different orders.
+    :mod:`models.histories.march`; ranks, of machines that are alike, share the factors then and nothing else. PETSc
+    options take the prefix ``hhr_<scene>_``. On one rank several threads may ask; on more they must not, since the
+    ranks would meet in different orders.
 
     Args:
         scene: the scene.
@@ -57,7 +59,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
     Attributes:
         scene: the scene.
-        comm: MPI communicator.
+        comm: MPI communicator, whose ranks ask together.
+        spread: communicator over which rows and vectors of dofs are spread: the same, but where bodies flow each rank
+            has all of them, and factors alone are shared.
         discretisation: mesh and forms.
         problem: the :class:`ContactProblem`; on several ranks each has the rows of its own dofs.
         parameters: the box of the parameters.
@@ -84,6 +88,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
             raise SceneError(f"{scene!r} is no scene: give a Scene")
         self.scene = scene
         self.comm = comm
+        self.spread = comm
         self.equilibrium: FullEquilibrium | None = None
         with ranks.together(comm, f"building the full model of scene '{scene.name}'"):
             if any(body.law is not None for body in scene.bodies):
@@ -96,7 +101,8 @@ class FullOrderModel(AnsweringModel, ModelFields):
     def _build_flowing(self) -> None:
         from hhr_dolfinx.full_order.flow import FullEquilibrium, GaussModel
 
-        gauss = GaussModel.of(self.scene, self.comm)
+        self.spread = MPI.COMM_SELF
+        gauss = GaussModel.of(self.scene, self.spread)
         self._factor(gauss.discretisation, gauss.stiffness, gauss.moduli)
         self.equilibrium = FullEquilibrium(self, gauss)
 
@@ -161,7 +167,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
     def _condensed(self) -> np.ndarray:
         """S of columns of K^-1 B^T that are kept, or by blocks of columns that are dropped."""
         if self._columns is not None:
-            return self.comm.allreduce(self._contact @ self._columns)
+            return self.spread.allreduce(self._contact @ self._columns)
         conditions = self._contact.shape[0]
         _log.info(
             "K^-1 B^T would take %.1f GB: S is made of blocks of it, and a displacement takes one more solution",
@@ -172,7 +178,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         self._solver.refactor(self.problem.own_stiffness)
         for part, block in self._solver.solved_blocks(self._contact.T, touched):
             found[:, part] = contact @ block
-        return self.comm.allreduce(found)
+        return self.spread.allreduce(found)
 
     def _at_contact(self) -> tuple[np.ndarray, csr_matrix]:
         """Own dofs that conditions touch, and the columns of B there."""
@@ -215,8 +221,8 @@ class FullOrderModel(AnsweringModel, ModelFields):
             return np.zeros((0, self.conditions))
         own = csr_matrix(rows)[:, self._own]
         if self._columns is not None:
-            return self.comm.allreduce(own @ self._columns)
-        return self.comm.allreduce(self._contact @ self.solved_columns(csc_matrix(own.T))).T
+            return self.spread.allreduce(own @ self._columns)
+        return self.spread.allreduce(self._contact @ self.solved_columns(csc_matrix(own.T))).T
 
     @cached_property
     def per_load(self) -> np.ndarray:
@@ -226,7 +232,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
     @cached_property
     def scaled(self) -> ScaledBodies | None:
         """Factors of whole bodies, where nothing else of K varies; None elsewhere, and on several ranks."""
-        return ScaledBodies.of(self.problem) if self.comm.size == 1 else None
+        return ScaledBodies.of(self.problem) if self.spread.size == 1 else None
 
     @cached_property
     def schur_parts(self) -> np.ndarray:
@@ -267,7 +273,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         if self.problem.resting is None:
             return own
         motions = self.problem.resting[self._own]
-        return own - motions @ self.comm.allreduce(motions.T @ own)
+        return own - motions @ self.spread.allreduce(motions.T @ own)
 
     @property
     def fields(self) -> FullOrderModel:
@@ -299,12 +305,12 @@ class FullOrderModel(AnsweringModel, ModelFields):
         self._solver.refactor(stiffness)
         contact = problem.contact[:, problem.rows]
         per_force = self.solved_columns(contact.T)
-        schur = self.comm.allreduce(contact @ per_force)
+        schur = self.spread.allreduce(contact @ per_force)
         self._at_hand = weights, stiffness, per_force, schur
         return per_force, schur
 
     @property
-    def factors(self) -> FreeCholesky:
+    def factors(self) -> FreeCholesky | SharedCholesky:
         """Of K; where it depends on parameters, those of the parameter that was solved last."""
         return self._solver
 
@@ -333,7 +339,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
     def gathered(self) -> FullOrderModel:
         """The same model, whose problem has all rows on every rank, for what reduces and checks. Collective."""
-        problem = self.problem.gathered(self.comm)
+        problem = self.problem.gathered(self.spread)
         if problem is self.problem:
             return self
         model = copy(self)
@@ -346,13 +352,15 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
         return ShapedArrays(self.discretisation, self.problem)
 
-    def factors_of(self, stiffness: csr_matrix, plane: str) -> FreeCholesky:
+    def factors_of(self, stiffness: csr_matrix, plane: str) -> FreeCholesky | SharedCholesky:
         """Factors of own rows of a stiffness, with an ordering for problems in the plane."""
         problem = self.problem
         ordering = ordering_of(problem.block_size, plane)
         low_rank = low_rank_of(problem.block_size, problem.free.size)
         if low_rank is not None:
             _log.info("%d dofs in space: blocks of the factors are compressed to %g", problem.free.size, low_rank)
+        if self.spread.size < self.comm.size:
+            return SharedCholesky(stiffness, problem.held, self.scene.name, self.comm, low_rank)
         given = stiffness, problem.held, self._own, self.scene.name, ordering, self.comm
         return FreeCholesky(*given, low_rank=low_rank)
 
@@ -418,7 +426,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         if resting is None or not resting.shape[1]:
             return found
         own = resting[self._own]
-        work = self.comm.allreduce(own.T @ columns)
+        work = self.spread.allreduce(own.T @ columns)
         drawn = np.stack([self._solver.solve(motion) for motion in own.T], axis=1)
         return self.at_rest(found - drawn @ work)
 
@@ -475,7 +483,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         return answer.gradient.multipliers, answer.gradient.unknown + self.problem.lifts @ changes
 
     def _sum(self, part: np.ndarray) -> np.ndarray:
-        return part if self.comm.size == 1 else self.comm.allreduce(part)
+        return part if self.spread.size == 1 else self.spread.allreduce(part)
 
     def _gather(self, own: np.ndarray) -> np.ndarray:
-        return own if self.comm.size == 1 else np.concatenate(self.comm.allgather(own))
+        return own if self.spread.size == 1 else np.concatenate(self.spread.allgather(own))

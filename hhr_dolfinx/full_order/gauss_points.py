@@ -40,12 +40,7 @@ if TYPE_CHECKING:
 
 
 def strain_operator(discretisation: DiscreteSpace) -> StrainOperator:
-    """Strain at the Gauss points of all cells, for bodies that flow; serial."""
-    if discretisation.comm.size > 1:
-        raise SceneError(
-            f"the mesh of scene '{discretisation.scene.name}' is spread over {discretisation.comm.size} ranks, and "
-            "bodies that flow are solved on one: give each rank a model on MPI.COMM_SELF, and share the histories out"
-        )
+    """Strain at the Gauss points of all cells, for bodies that flow, of which each rank has the whole mesh."""
     return tabulated(discretisation, np.arange(discretisation.cell_bodies().size))
 
 

@@ -365,10 +365,20 @@ def _histories(
             if store is None:
                 history = full.march(path, settings)
             else:
-                kept = store.steps(path, settings)
-                history = kept.on_disk(full.march(path, settings, known=kept.load(), keep=kept.save))
+                history = _kept_history(full, path, store, settings)
         if history is not None:
             yield history
+
+
+def _kept_history(full: Any, path: Path, store: SnapshotStore, settings: MarchSettings) -> History:
+    """A history that goes on behind the steps that are kept; of ranks that solve it together one decides which."""
+    kept = store.steps(path, settings)
+    if full.comm.size == 1:
+        return kept.on_disk(full.march(path, settings, known=kept.load(), keep=kept.save))
+    first = full.comm.rank == 0
+    known = full.comm.bcast([answer._replace(fields=_NOWHERE) for answer in kept.load()] if first else [])
+    keep = kept.save if first else lambda answer: None
+    return full.march(path, settings, known=[answer._replace(fields=full) for answer in known], keep=keep)
 
 
 def spread_snapshots(
