@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import sphere_on_block
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines import condensation
@@ -219,3 +220,17 @@ def test_bounds_know_what_compressed_factors_leave_out(part, monkeypatch):
         error = np.linalg.norm(answer.forces() - exact) / np.linalg.norm(exact)
         known = answer.estimate().forces_euclid_relative
         assert 0 < error < known < 1e5 * part, (error, known)
+
+
+def test_options_count_more_than_the_usual_compression(monkeypatch):
+    """PETSc options take the prefix of the scene, as documented, for whole and for compressed factors."""
+    scene = dataclasses.replace(pressed_sphere(), name="told_apart")
+    told = PETSc.Options("hhr_told_apart_")
+    told["mat_mumps_cntl_7"] = 1e-5
+    try:
+        for limits in (sparse.LOW_RANK, ((0, 1e-10),)):
+            monkeypatch.setattr(sparse, "LOW_RANK", limits)
+            solver = hhr.FullOrderModel(scene, MPI.COMM_SELF).factors
+            assert solver._ksp.getPC().getFactorMatrix().getMumpsCntl(7) == 1e-5
+    finally:
+        told.delValue("mat_mumps_cntl_7")

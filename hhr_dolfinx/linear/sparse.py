@@ -113,12 +113,13 @@ class FreeCholesky:
         else:
             pc.setFactorOrdering(ordering)
             low_rank = None
-        self.low_rank = low_rank
-        if low_rank is not None:
+        self._ksp.setFromOptions()
+        if low_rank is not None and pc.getFactorSolverType() == "mumps":
+            # behind the options, whose prefix they take, and which count more
             pc.setFactorSetUpSolverType()
             pc.getFactorMatrix().setMumpsIcntl(35, 2)
             pc.getFactorMatrix().setMumpsCntl(7, low_rank)
-        self._ksp.setFromOptions()
+        self.low_rank = low_rank
         if not factorised(self._ksp):
             raise NotSolvableError(singular_stiffness(scene))
         self._rhs, self._x = self._matrix.createVecs()
