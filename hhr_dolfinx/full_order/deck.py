@@ -15,7 +15,7 @@ import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.geometries.cells import FACES, TENSOR
+from hhr_dolfinx.geometries.cells import CORNERS, EDGES, FACES, TENSOR
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discretisation import Discretisation
@@ -30,6 +30,11 @@ _ELEMENTS = {
     "axisymmetric": {"triangle": "CAX3", "quadrilateral": "CAX4"},
     "solid": {"tetrahedron": "C3D4", "hexahedron": "C3D8"},
 }
+_ELEMENTS_OF_SECOND_ORDER = {
+    "plane_strain": "CPE6", "plane_stress": "CPS6", "axisymmetric": "CAX6", "solid": "C3D10",
+}  # fmt: skip
+_MIDDLES = {"triangle": ((1, 2), (0, 2), (0, 1)), "tetrahedron": ((2, 3), (1, 3), (1, 2), (0, 3), (0, 2), (0, 1))}
+"""Corners between which DOLFINx has the nodes behind the corners of cells of second order, in its order."""
 
 
 def write_deck(path: Path, discretisation: Discretisation, mu: Any) -> None:
@@ -51,7 +56,9 @@ def write_deck(path: Path, discretisation: Discretisation, mu: Any) -> None:
 def _check(discretisation: Discretisation, point: np.ndarray) -> None:
     scene = discretisation.scene
     faults = {
-        "cells are of second order": discretisation.order > 1,
+        "cells of second order have nodes in the middle of faces": (
+            discretisation.order > 1 and discretisation.mesh.topology.cell_name() in TENSOR
+        ),
         "bodies flow": any(body.law is not None for body in scene.bodies),
         "shapes depend on parameters": bool(scene.shapes),
         "bodies are graded": any(body.grading is not None for body in scene.bodies),
@@ -69,7 +76,10 @@ def _mesh(discretisation: Discretisation) -> Iterator[str]:
     """Nodes, elements by body, and nodes of what is held, moved or loaded."""
     points = discretisation._points()
     cells = _cells(discretisation)
-    kind = _ELEMENTS[discretisation.scene.hypothesis][discretisation.mesh.topology.cell_name()]
+    hypothesis = discretisation.scene.hypothesis
+    kind = _ELEMENTS[hypothesis][discretisation.mesh.topology.cell_name()]
+    if discretisation.order > 1:
+        kind = _ELEMENTS_OF_SECOND_ORDER[hypothesis]
     yield "*NODE, NSET=NALL"
     for number, place in enumerate(points, start=1):
         yield ", ".join([str(number), *(_text(x) for x in place)])
@@ -92,7 +102,24 @@ def _cells(discretisation: Discretisation) -> np.ndarray:
     """Nodes of the cells as Abaqus lists them, which in the plane turn to the left."""
     cells = discretisation._cell_nodes()
     kind = discretisation.mesh.topology.cell_name()
-    cells = cells[:, TENSOR[kind]] if kind in TENSOR else cells.copy()
+    if discretisation.order > 1:
+        corners = _oriented(discretisation, cells[:, : CORNERS[kind]].copy())
+        return np.hstack([corners, _between(kind, cells, corners)])
+    return _oriented(discretisation, cells[:, TENSOR[kind]] if kind in TENSOR else cells.copy())
+
+
+def _between(kind: str, cells: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Nodes on the edges of cells of second order, (cells, edges), by the order of their corners, (cells, corners)."""
+    known: dict[tuple[int, ...], int] = {}
+    for place, edge in enumerate(_MIDDLES[kind]):
+        ends = np.sort(cells[:, edge], axis=1)
+        known |= dict(zip(map(tuple, ends.tolist()), cells[:, CORNERS[kind] + place].tolist(), strict=True))
+    wanted = (np.sort(corners[:, edge], axis=1).tolist() for edge in EDGES[kind])
+    return np.array([[known[tuple(ends)] for ends in edge] for edge in wanted]).T
+
+
+def _oriented(discretisation: Discretisation, cells: np.ndarray) -> np.ndarray:
+    """Corners of cells, those in the plane turning to the left, those in space outward."""
     points = discretisation._points()[cells]
     if points.shape[2] == 2:
         first = points[:, 1] - points[:, 0]
@@ -151,7 +178,8 @@ def _contacts(discretisation: Discretisation, point: np.ndarray) -> Iterator[str
         surface = discretisation.surface(tag)
         sizes.append(float(surface.sizes.mean()) ** (1 / (len(surface.points[0]) - 1)))
         yield f"*SURFACE, NAME={_word(tag)}, TYPE=ELEMENT"
-        for facet in surface.nodes[surface.facets].tolist():
+        facets = surface.facets if surface.quadratic is None else surface.quadratic.corners
+        for facet in surface.nodes[facets].tolist():
             number, face = faces[tuple(sorted(facet))]
             yield f"{number}, S{face}"
     stiffest = max(_number(body.young, discretisation, point) for body in scene.bodies)
