@@ -194,74 +194,103 @@ def _derivative(amplitude: NonAffine, point: np.ndarray) -> np.ndarray:
     return found
 
 
+def _shapes(degree: int, s: np.ndarray | float) -> np.ndarray:
+    """Shape functions of the nodes of an edge at the fraction s of its length, (degree + 1, ...)."""
+    return np.array([1 - s, s] if degree == 1 else [(1 - s) * (1 - 2 * s), 4 * s * (1 - s), s * (2 * s - 1)])
+
+
+def _integrals(degree: int, s: np.ndarray | float) -> np.ndarray:
+    """Their integrals from 0 to s, (degree + 1, ...)."""
+    if degree == 1:
+        return np.array([s - s * s / 2, s * s / 2])
+    return np.array([s - 1.5 * s**2 + 2 * s**3 / 3, 2 * s**2 - 4 * s**3 / 3, 2 * s**3 / 3 - s**2 / 2])
+
+
 @dataclass(frozen=True)
 class Coverage:
-    """Amplitudes of a pressure on the part of a straight line up to a parameter, exact for linear elements.
+    """Amplitudes of a pressure on the part of a straight line up to a parameter, exact for cells of its degree.
 
-    A line of n nodes at increasing positions has n - 1 columns for whole edges from its start (column e is the
-    load on all edges before edge e) and n columns for its nodes. With the end of the pressure in edge e, at
-    the fraction s of its length L, the load is column e, plus L (s - s^2/2) on its first and L s^2/2 on its
-    second node.
+    A line of n nodes at increasing positions has E edges of 1 + degree nodes each. It has E columns for whole edges
+    from its start (column e is the load on all edges before edge e) and n columns for its nodes. With the end of the
+    pressure in edge e, at the fraction s of its length L, the load is column e, plus L times the integral of its shape
+    function up to s on each of its nodes.
 
     Attributes:
         positions: coordinates of the nodes along the line, increasing, (n,).
         extent: index of the parameter up to which the pressure acts.
         constant: amplitude at mu = 0.
         slopes: slopes of the amplitude, (P,).
+        degree: of the cells; of second order every other node lies in the middle of an edge.
     """
 
     positions: Annotated[Floats, "nodes"]
     extent: int
     constant: float
     slopes: Annotated[Floats, "P"]
+    degree: int = 1
 
     def __post_init__(self) -> None:
         line = self.positions
         slopes = self.slopes
-        if line.ndim != 1 or line.size < 2 or not (line[:-1] < line[1:]).all():
-            raise SceneError("positions of a partial pressure must be at least two and increase")
+        if self.degree not in (1, 2):
+            raise SceneError(f"a partial pressure acts on cells of degree 1 or 2, not {self.degree!r}")
+        if line.ndim != 1 or line.size < 1 + self.degree or not (line[:-1] < line[1:]).all():
+            least = "two" if self.degree == 1 else "three"
+            raise SceneError(f"positions of a partial pressure must be at least {least} and increase")
+        if (line.size - 1) % self.degree:
+            raise SceneError(f"a partial pressure of degree {self.degree} has {line.size} nodes, which make no edges")
         if slopes.ndim != 1 or not 0 <= self.extent < slopes.size:
             raise SceneError(
                 f"a partial pressure extends up to parameter {self.extent}, and has slopes along {slopes.size} of them"
             )
 
+    @cached_property
+    def _ends(self) -> np.ndarray:
+        """Ends of the edges, (E + 1,)."""
+        return self.positions[:: self.degree]
+
+    @property
+    def edges(self) -> int:
+        """Number of edges, E."""
+        return (len(self.positions) - 1) // self.degree
+
     @property
     def count(self) -> int:
         """Number of columns."""
-        return 2 * len(self.positions) - 1
+        return self.edges + len(self.positions)
 
     def __call__(self, point: np.ndarray) -> tuple[list[int], list[float]]:
-        """Numbers and amplitudes of the three columns that act at a point."""
-        positions = self.positions
-        edges = len(self.positions) - 1
-        edge = min(max(int(positions.searchsorted(point[self.extent])) - 1, 0), edges - 1)
-        length = positions[edge + 1] - positions[edge]
-        s = min(max((point[self.extent] - positions[edge]) / length, 0.0), 1.0)
+        """Numbers and amplitudes of the columns that act at a point."""
+        ends = self._ends
+        edge = min(max(int(ends.searchsorted(point[self.extent])) - 1, 0), self.edges - 1)
+        length = ends[edge + 1] - ends[edge]
+        s = min(max((point[self.extent] - ends[edge]) / length, 0.0), 1.0)
         amplitude = self.constant + self.slopes @ point
-        weights = [amplitude, amplitude * length * (s - s * s / 2), amplitude * length * s * s / 2]
-        return [edge, edges + edge, edges + edge + 1], weights
+        weights = [amplitude, *(amplitude * length * _integrals(self.degree, s)).tolist()]
+        first = self.edges + self.degree * edge
+        return [edge, *range(first, first + self.degree + 1)], weights
 
     def rows(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same at many points, (n, P): numbers and amplitudes, (n, 3) each."""
-        positions = self.positions
-        edges = len(self.positions) - 1
-        edge = np.clip(positions.searchsorted(points[:, self.extent]) - 1, 0, edges - 1)
-        lengths = np.diff(positions)[edge]
-        s = np.clip((points[:, self.extent] - positions[edge]) / lengths, 0.0, 1.0)
-        parts = np.stack([np.ones(len(s)), lengths * (s - s * s / 2), lengths * s * s / 2], axis=1)
-        columns = np.stack([edge, edges + edge, edges + edge + 1], axis=1)
+        """The same at many points, (n, P): numbers and amplitudes, (n, 2 + degree) each."""
+        ends = self._ends
+        edge = np.clip(ends.searchsorted(points[:, self.extent]) - 1, 0, self.edges - 1)
+        lengths = np.diff(ends)[edge]
+        s = np.clip((points[:, self.extent] - ends[edge]) / lengths, 0.0, 1.0)
+        parts = np.stack([np.ones(len(s)), *(lengths * _integrals(self.degree, s))], axis=1)
+        first = self.edges + self.degree * edge
+        columns = np.stack([edge, *(first + k for k in range(self.degree + 1))], axis=1)
         return columns, (self.constant + points @ self.slopes)[:, None] * parts
 
     def derivative(self, point: np.ndarray) -> np.ndarray:
-        """Derivatives of the three amplitudes along the parameters, (3, P); from the left at a node."""
+        """Derivatives of the amplitudes along the parameters, (2 + degree, P); from the left at a node."""
         (edge, *_), (amplitude, *_) = self(point)
-        length = self.positions[edge + 1] - self.positions[edge]
-        inside = (point[self.extent] - self.positions[edge]) / length
+        ends = self._ends
+        length = ends[edge + 1] - ends[edge]
+        inside = (point[self.extent] - ends[edge]) / length
         s = min(max(inside, 0.0), 1.0)
-        parts = np.array([1.0, length * (s - s * s / 2), length * s * s / 2])
-        found = np.outer(parts, self.slopes)
+        found = np.outer(np.append(1.0, length * _integrals(self.degree, s)), self.slopes)
         if 0.0 <= inside <= 1.0:
-            found[:, self.extent] += amplitude * np.array([0.0, 1 - s, s])
+            found[:, self.extent] += amplitude * np.append(0.0, _shapes(self.degree, s))
         return found
 
 

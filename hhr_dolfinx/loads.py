@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse import csc_matrix, hstack, issparse
 
 from hhr_dolfinx.amplitudes import Amplitude, Coverage, NonAffine, bound, check_amplitude, checked_count
-from hhr_dolfinx.errors import NotOfferedError, SceneError
+from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_tag, is_number
 
@@ -125,7 +125,7 @@ class Pressure:
 class PartialPressure:
     """Pressure on the part of a straight line with coordinate up to a parameter, in two dimensions.
 
-    Integrated exactly over the partly covered edge, and evaluated online from three columns. A line of n nodes takes
+    Integrated exactly over the partly covered edge, and evaluated online from few columns. A line of n nodes takes
     about n^2 / 2 numbers.
 
     Attributes:
@@ -158,17 +158,19 @@ class PartialPressure:
         """Columns as :class:`~hhr_dolfinx.amplitudes.Coverage` counts them."""
         whole = _unit_pressure(assembler, self.tag)
         line = assembler.surface(self.tag)
-        if line.quadratic is not None:
-            raise NotOfferedError(
-                f"the partial pressure on tag {self.tag} is not built in on cells of second order, whose nodal forces "
-                "are cubic in its extent: mesh with cells of first order, or write a load of your own"
-            )
+        degree = 1 if line.quadratic is None else 2
         self._check_line(line.points, assembler.hypothesis)
         order = np.argsort(line.points[:, self.axis])
         nodes = line.nodes[order]
         positions = line.points[order, self.axis]
-        lengths = np.diff(positions)
-        nodal = (np.append(lengths, 0.0) + np.append(0.0, lengths)) / 2
+        lengths = np.diff(positions[::degree])
+        # of each edge on each node, as shares of its length
+        shares = {1: (1 / 2, 1 / 2), 2: (1 / 6, 2 / 3, 1 / 6)}[degree]
+        edges = np.arange(lengths.size)
+        of_edges = csc_matrix((nodes.size, lengths.size))
+        for place, part in enumerate(shares):
+            of_edges += csc_matrix((part * lengths, (degree * edges + place, edges)), shape=of_edges.shape)
+        nodal = np.asarray(of_edges.sum(axis=1)).ravel()
         whole = whole.reshape(-1, 2)[nodes]
         # force of a unit pressure per unit length: the same at every node of a straight line along an axis
         force = whole.sum(axis=0) / nodal.sum()
@@ -180,12 +182,11 @@ class PartialPressure:
         rows = (2 * nodes[:, None] + [0, 1]).ravel()
         entries = np.tile(force, nodes.size), (rows, np.repeat(np.arange(nodes.size), 2))
         at_nodes = csc_matrix(entries, shape=(assembler.size, nodes.size))
-        edges = (at_nodes[:, :-1] + at_nodes[:, 1:]).multiply(lengths / 2)
-        before = edges @ csc_matrix(np.triu(np.ones((lengths.size,) * 2), 1))
+        before = at_nodes @ of_edges @ csc_matrix(np.triu(np.ones((lengths.size,) * 2), 1))
         space = assembler.parameters
         amplitude = self.amplitude
         extent = space.names.index(self.extent)
-        coverage = Coverage(positions, extent, amplitude.constant, amplitude.row(space))
+        coverage = Coverage(positions, extent, amplitude.constant, amplitude.row(space), degree)
         return [Term(coverage, hstack([before, at_nodes]))]
 
     def _check_line(self, points: np.ndarray, hypothesis: str) -> None:

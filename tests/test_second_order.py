@@ -286,5 +286,46 @@ def test_wrong_orders_and_answers():
         hhr.mesh_error(full, other)
     with pytest.raises(ParameterError, match="an answer"):
         hhr.mesh_error(full, {"p": 0.5})
-    with pytest.raises(NotOfferedError, match="partial pressure"):
-        hhr.FullOrderModel(second(pellet_cladding.scene(**pellet_cladding.QUICK_MESH)), MPI.COMM_SELF)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("height", [0.0, 0.04, 0.25, 0.41, 0.875, 1.0])
+def test_partial_pressures_are_integrated_exactly(order, height):
+    """Nodal forces work on polynomials of the degree of the cells as the pressure does, wherever it ends."""
+    scene = hhr.Scene(
+        "wall", lambda comm: block.block(comm, lower=(0.0, 0.0), upper=(1.0, 1.0), cells=(4, 4), simplices=True),
+        "plane_strain", (hhr.Body(block.SOLID, 1.0, 0.3),),
+        (hhr.Obstacle(block.side(1, True), normal=(0.0, 1.0), offset=2.0),),
+        hhr.ParameterSpace(("p", "h"), (0.0, 0.0), (10.0, 1.0)),
+        displacements=hhr.Displacement.clamp(block.side(0, False), 2),
+        loads=(hhr.PartialPressure(block.side(0, True), hhr.Amplitude(slopes={"p": 1.0}), "h"),), order=order,
+    )  # fmt: skip
+    problem = hhr.FullOrderModel(scene, MPI.COMM_SELF).problem
+    point = np.array([3.0, height])
+    forces = (problem.external @ problem.amplitudes(point)).reshape(-1, 2)
+    y = problem.points[:, 1]
+    for power in range(order + 1):
+        assert forces[:, 0] @ y**power == pytest.approx(-3.0 * height ** (power + 1) / (power + 1), abs=1e-13)
+    assert not forces[:, 1].any()
+    amplitudes = problem.amplitudes
+    acting, slopes = amplitudes.slopes_at(point)
+    if 0.0 < height < 1.0 and height % 0.25:
+        step = np.array([0.0, 1e-6])
+        ahead, behind = (problem.external @ amplitudes(point + way * step) for way in (1, -1))
+        found = problem.external[:, acting] @ slopes[:, 1]
+        np.testing.assert_allclose(found, (ahead - behind) / 2e-6, atol=1e-8)
+
+
+def test_the_pellet_is_reduced_on_cells_of_second_order():
+    """A pressure up to a height: forces near those of linear cells, and the reduced model near the full order."""
+    forces = []
+    for order in (1, 2):
+        scene = dataclasses.replace(pellet_cladding.scene(**pellet_cladding.QUICK_MESH), order=order)
+        training = hhr.train(scene, hhr.Sobol(24), held_out=0, comm=MPI.COMM_SELF)
+        full = training.full_order
+        forces.append(full.solve(full.parameters.middle).forces().sum())
+    assert forces[1] == pytest.approx(forces[0], rel=0.05)
+    model = training.build(checked=False)
+    point = training.snapshots.points[3]
+    exact = full.solve(point).forces()
+    assert np.linalg.norm(model.solve(point).forces() - exact) < 0.02 * np.linalg.norm(exact)
