@@ -268,7 +268,7 @@ def _fields_along(
             columns = solver.fields_under(point, points[share], forces[share])
             own = len(points[share])
             moved[:, share] += columns[:, :own]
-            found.append(columns[:, own:])
+            found.append(columns[:, own:].copy())  # not the columns of all points with them
     return found
 
 
