@@ -194,16 +194,17 @@ def _derivative(amplitude: NonAffine, point: np.ndarray) -> np.ndarray:
     return found
 
 
-def _shapes(degree: int, s: np.ndarray | float) -> np.ndarray:
-    """Shape functions of the nodes of an edge at the fraction s of its length, (degree + 1, ...)."""
-    return np.array([1 - s, s] if degree == 1 else [(1 - s) * (1 - 2 * s), 4 * s * (1 - s), s * (2 * s - 1)])
+def _shapes(degree: int, s: float) -> tuple[float, ...]:
+    """Shape functions of the nodes of an edge at the fraction s of its length."""
+    return (1 - s, s) if degree == 1 else ((1 - s) * (1 - 2 * s), 4 * s * (1 - s), s * (2 * s - 1))
 
 
-def _integrals(degree: int, s: np.ndarray | float) -> np.ndarray:
-    """Their integrals from 0 to s, (degree + 1, ...)."""
+def edge_integrals(degree: int, s: Any) -> tuple[Any, ...]:
+    """Their integrals from 0 to s, a number or an array; no arrays are made of numbers, as each query asks."""
     if degree == 1:
-        return np.array([s - s * s / 2, s * s / 2])
-    return np.array([s - 1.5 * s**2 + 2 * s**3 / 3, 2 * s**2 - 4 * s**3 / 3, 2 * s**3 / 3 - s**2 / 2])
+        return s - s * s / 2, s * s / 2
+    cube = 2 * s * s * s / 3
+    return s - 1.5 * s * s + cube, 2 * s * s - 2 * cube, cube - s * s / 2
 
 
 @dataclass(frozen=True)
@@ -266,7 +267,7 @@ class Coverage:
         length = ends[edge + 1] - ends[edge]
         s = min(max((point[self.extent] - ends[edge]) / length, 0.0), 1.0)
         amplitude = self.constant + self.slopes @ point
-        weights = [amplitude, *(amplitude * length * _integrals(self.degree, s)).tolist()]
+        weights = [amplitude, *(amplitude * length * part for part in edge_integrals(self.degree, s))]
         first = self.edges + self.degree * edge
         return [edge, *range(first, first + self.degree + 1)], weights
 
@@ -276,7 +277,7 @@ class Coverage:
         edge = np.clip(ends.searchsorted(points[:, self.extent]) - 1, 0, self.edges - 1)
         lengths = np.diff(ends)[edge]
         s = np.clip((points[:, self.extent] - ends[edge]) / lengths, 0.0, 1.0)
-        parts = np.stack([np.ones(len(s)), *(lengths * _integrals(self.degree, s))], axis=1)
+        parts = np.stack([np.ones(len(s)), *(lengths * part for part in edge_integrals(self.degree, s))], axis=1)
         first = self.edges + self.degree * edge
         columns = np.stack([edge, *(first + k for k in range(self.degree + 1))], axis=1)
         return columns, (self.constant + points @ self.slopes)[:, None] * parts
@@ -288,7 +289,7 @@ class Coverage:
         length = ends[edge + 1] - ends[edge]
         inside = (point[self.extent] - ends[edge]) / length
         s = min(max(inside, 0.0), 1.0)
-        found = np.outer(np.append(1.0, length * _integrals(self.degree, s)), self.slopes)
+        found = np.outer(np.append(1.0, length * np.array(edge_integrals(self.degree, s))), self.slopes)
         if 0.0 <= inside <= 1.0:
             found[:, self.extent] += amplitude * np.append(0.0, _shapes(self.degree, s))
         return found

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from scipy.sparse import csc_matrix, hstack, issparse
 
-from hhr_dolfinx.amplitudes import Amplitude, Coverage, NonAffine, bound, check_amplitude, checked_count
+from hhr_dolfinx.amplitudes import Amplitude, Coverage, NonAffine, bound, check_amplitude, checked_count, edge_integrals
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_tag, is_number
@@ -164,11 +164,9 @@ class PartialPressure:
         nodes = line.nodes[order]
         positions = line.points[order, self.axis]
         lengths = np.diff(positions[::degree])
-        # of each edge on each node, as shares of its length
-        shares = {1: (1 / 2, 1 / 2), 2: (1 / 6, 2 / 3, 1 / 6)}[degree]
         edges = np.arange(lengths.size)
         of_edges = csc_matrix((nodes.size, lengths.size))
-        for place, part in enumerate(shares):
+        for place, part in enumerate(edge_integrals(degree, 1.0)):
             of_edges += csc_matrix((part * lengths, (degree * edges + place, edges)), shape=of_edges.shape)
         nodal = np.asarray(of_edges.sum(axis=1)).ravel()
         whole = whole.reshape(-1, 2)[nodes]

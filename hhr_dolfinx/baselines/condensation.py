@@ -9,7 +9,7 @@ from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.full_order.full import KEPT_BYTES, FullOrderModel
+from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.eliminations.constant import ConstantElimination
 from hhr_dolfinx.models.eliminations.elimination import Responses
@@ -78,7 +78,7 @@ def _solved_fields(full: FullOrderModel, free: np.ndarray) -> SolvedFields:
     problem = full.problem
     outputs: Any = full.functionals
     rows = csr_matrix((0, problem.free.size)) if outputs is None else csr_matrix(outputs.rows)
-    read = rows if 8 * rows.shape[0] * full.conditions <= KEPT_BYTES else rows[:0]
+    read = rows if full.has_room(rows.shape[0]) else rows[:0]
     return SolvedFields(
         problem.amplitudes, problem.lifts, free, problem.block_size, np.ascontiguousarray(-full.pressed(read)),
         full.pushed_everywhere, full.stress_of, outputs,

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hhr_dolfinx.compat import topology
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.geometries.cells import CORNERS, EDGES, FACES, TENSOR
@@ -33,8 +34,6 @@ _ELEMENTS = {
 _ELEMENTS_OF_SECOND_ORDER = {
     "plane_strain": "CPE6", "plane_stress": "CPS6", "axisymmetric": "CAX6", "solid": "C3D10",
 }  # fmt: skip
-_MIDDLES = {"triangle": ((1, 2), (0, 2), (0, 1)), "tetrahedron": ((2, 3), (1, 3), (1, 2), (0, 3), (0, 2), (0, 1))}
-"""Corners between which DOLFINx has the nodes behind the corners of cells of second order, in its order."""
 
 
 def write_deck(path: Path, discretisation: Discretisation, mu: Any) -> None:
@@ -111,7 +110,7 @@ def _cells(discretisation: Discretisation) -> np.ndarray:
 def _between(kind: str, cells: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Nodes on the edges of cells of second order, (cells, edges), by the order of their corners, (cells, corners)."""
     known: dict[tuple[int, ...], int] = {}
-    for place, edge in enumerate(_MIDDLES[kind]):
+    for place, edge in enumerate(topology(kind)[0]):
         ends = np.sort(cells[:, edge], axis=1)
         known |= dict(zip(map(tuple, ends.tolist()), cells[:, CORNERS[kind] + place].tolist(), strict=True))
     wanted = (np.sort(corners[:, edge], axis=1).tolist() for edge in EDGES[kind])

@@ -18,7 +18,6 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.gauss_points import material_at, stiffness_parts, strain_operator
-from hhr_dolfinx.linear.shared import SharedCholesky
 from hhr_dolfinx.linear.sparse import FreeCholesky
 from hhr_dolfinx.materials.constants import check_law
 from hhr_dolfinx.materials.strain import ElasticPart, SparsePattern, StrainOperator
@@ -31,6 +30,7 @@ from hhr_dolfinx.trained import Signs
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
+    from hhr_dolfinx.linear.shared import SharedCholesky
     from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
 
 

@@ -18,7 +18,6 @@ from hhr_dolfinx.contact.problem import ScaledBodies
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.linear.shared import SharedCholesky
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
 from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path, found_as
 from hhr_dolfinx.models.estimates import Estimate
@@ -34,6 +33,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.full_order.flow import FullEquilibrium
     from hhr_dolfinx.full_order.outputs import FullShapeFunctionals
     from hhr_dolfinx.full_order.rid_arrays import ShapedArrays
+    from hhr_dolfinx.linear.shared import SharedCholesky
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.models.functionals.functional import Functionals
 
@@ -155,8 +155,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
         """S in the middle of the box, (N_lambda, N_lambda)."""
         with self.factors.lock:  # no two threads make it
             if self._schur is None:
-                whole = self.keeps_columns or self.scaled is None
-                self._schur = self._condensed() if whole else self.schur_parts.sum(axis=0)
+                with ranks.together(self.comm, f"making S of scene '{self.scene.name}'"):
+                    whole = self.keeps_columns or self.scaled is None
+                    self._schur = self._condensed() if whole else self.schur_parts.sum(axis=0)
         return self._schur
 
     @cached_property
@@ -185,10 +186,14 @@ class FullOrderModel(AnsweringModel, ModelFields):
         touched = np.unique(self._contact.indices)
         return touched, csr_matrix(self._contact[:, touched])
 
+    def has_room(self, rows: int) -> bool:
+        """Whether an array with so many rows, and a column for each condition, may be kept."""
+        return 8 * rows * self.conditions <= KEPT_BYTES
+
     def _has_room(self) -> bool:
         """Whether K^-1 B^T is kept: where it is small, and where bodies flow or rest on what resists no motion."""
         problem = self.problem
-        few = 8 * problem.free.size * len(problem.gaps) <= KEPT_BYTES
+        few = self.has_room(problem.free.size)
         return few or any(body.law is not None for body in self.scene.bodies) or problem.resting is not None
 
     @property
@@ -360,6 +365,8 @@ class FullOrderModel(AnsweringModel, ModelFields):
         if low_rank is not None:
             _log.info("%d dofs in space: blocks of the factors are compressed to %g", problem.free.size, low_rank)
         if self.spread.size < self.comm.size:
+            from hhr_dolfinx.linear.shared import SharedCholesky
+
             return SharedCholesky(stiffness, problem.held, self.scene.name, self.comm, low_rank)
         given = stiffness, problem.held, self._own, self.scene.name, ordering, self.comm
         return FreeCholesky(*given, low_rank=low_rank)

@@ -22,11 +22,17 @@ BLOCK = 128
 BLOCK_NUMBERS = 16e6
 REFINED_NUMBERS = 8e6
 """Numbers in a block of solutions, at most, 128 MB, and in one that is refined, which takes several of its size."""
+ROOMS = (100, 400, 1600)
+NO_ROOM = (-8, -9, -14, -15)
+"""Per cent by which the room that MUMPS reckons with is widened where that was too little, and how it says so: seen on
+three ranks with few dofs."""
 LOW_RANK = ((250_000, 1e-10), (600_000, 1e-8))
 REFINED = 5
 PRECISE = 1e-13
+STALLED = 1e-9
 """Dofs in space from which on MUMPS compresses blocks of its factors, and up to what part of them; steps of iterative
-refinement of a solution down to which residual. Measured once on hexahedra: with 42,618 dofs forces differed by 8e-10
+refinement of a solution down to which residual, and above which one it is none: round-off of stiff bodies beside soft
+ones is far below. Measured once on hexahedra: with 42,618 dofs forces differed by 8e-10
 from those of whole factors, and by 3e-7 with blocks of 1e-8; with 1,004,496 dofs blocks of 1e-10 took 19 GB."""
 
 
@@ -107,25 +113,48 @@ class FreeCholesky:
         pc = self._ksp.getPC()
         pc.setType(PETSc.PC.Type.CHOLESKY)
         if by_mumps:
-            # no pivots: three quarters of the time and less memory in space, measured at 62,138 dofs
+            # no pivots: three quarters of the time and less memory in space, measured once at 62,138 dofs
             self._matrix.setOption(PETSc.Mat.Option.SPD, True)
             pc.setFactorSolverType("mumps")
         else:
             pc.setFactorOrdering(ordering)
             low_rank = None
         self._ksp.setFromOptions()
-        if low_rank is not None and pc.getFactorSolverType() == "mumps":
-            # behind the options, whose prefix they take, and which count more
-            pc.setFactorSetUpSolverType()
-            pc.getFactorMatrix().setMumpsIcntl(35, 2)
-            pc.getFactorMatrix().setMumpsCntl(7, low_rank)
         self.low_rank = low_rank
-        if not factorised(self._ksp):
+        self._prepare()
+        if not self._factor():
             raise NotSolvableError(singular_stiffness(scene))
         self._rhs, self._x = self._matrix.createVecs()
-        self._refining = None if low_rank is None else self._matrix.createVecs()
         self._factored = stiffness
         self.lock = RLock()
+
+    def _factor(self) -> bool:
+        """Factor the matrix, with more room where MUMPS had too little of it; False for a singular one."""
+        for room in ROOMS:
+            if factorised(self._ksp):
+                return True
+            pc = self._ksp.getPC()
+            if pc.getFactorSolverType() != "mumps" or pc.getFactorMatrix().getMumpsInfog(1) not in NO_ROOM:
+                return False
+            pc.reset()  # or nothing would be factored anew
+            self._ksp.setOperators(self._matrix)
+            self._prepare(room)
+        return factorised(self._ksp)
+
+    def _prepare(self, room: int | None = None) -> None:
+        """Tell MUMPS how to compress its factors, and how much room to reckon with, where it is not as usual.
+
+        Behind the options, whose prefix it takes, and which count more.
+        """
+        pc = self._ksp.getPC()
+        if (self.low_rank is None and room is None) or pc.getFactorSolverType() != "mumps":
+            return
+        pc.setFactorSetUpSolverType()
+        if room is not None:
+            pc.getFactorMatrix().setMumpsIcntl(14, room)
+        if self.low_rank is not None:
+            pc.getFactorMatrix().setMumpsIcntl(35, 2)
+            pc.getFactorMatrix().setMumpsCntl(7, self.low_rank)
 
     def _made(self, stiffness: csr_matrix, comm: Comm) -> PETSc.Mat:
         """The matrix of the free dofs; half of it where it goes to MUMPS alone, which takes no more."""
@@ -163,7 +192,7 @@ class FreeCholesky:
             self._matrix.setValuesCSR(rows, columns, stiffness.data[places])
             self._matrix.assemble()
             self._ksp.setOperators(self._matrix)
-            if not factorised(self._ksp):
+            if not self._factor():
                 raise NotSolvableError(
                     f"the stiffness of the full model of scene '{self._scene}' is singular at this parameter or state: "
                     "where it flows, freely beyond its limit load, or the slope of a law is wrong. Take smaller steps, "
@@ -173,37 +202,37 @@ class FreeCholesky:
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Solution on own dofs, zero on imposed ones, for own rows of a right-hand side, (own dofs,)."""
+        if self.low_rank is not None:
+            return self.solve_columns(csc_matrix(rhs[:, None]))[:, 0]
         solution = np.zeros(self._own)
         with self.lock:
             self._rhs.array[:] = rhs[self._free]
             self._ksp.solve(self._rhs, self._x)
-            if self._refining is not None:
-                self._refine(*self._refining)
             solution[self._free] = self._x.array_r
         return solution
 
-    def _refine(self, left: PETSc.Vec, change: PETSc.Vec) -> None:
-        """Take what a solution by compressed factors leaves of its right-hand side to them again."""
-        size = self._rhs.norm()
-        for _ in range(REFINED):
-            self._matrix.mult(self._x, left)
-            left.aypx(-1.0, self._rhs)
-            if left.norm() <= PRECISE * size:
-                return
-            self._ksp.solve(left, change)
-            self._x.axpy(1.0, change)
+    def _refine(self, columns: csc_matrix, solutions: np.ndarray) -> None:
+        """Take what solutions by compressed factors leave of their right-hand sides to them again, in place.
 
-    def _refine_block(self, columns: csc_matrix, solutions: np.ndarray) -> None:
-        """The same for several columns of free dofs at once; solutions are changed in place."""
+        Raises:
+            NotSolvableError: if that does not bring them nearer.
+        """
         sizes = _norms(columns.multiply(columns).sum(axis=0), self._matrix.comm)
         image, change = (np.empty(solutions.shape, order="F") for _ in range(2))
-        for _ in range(REFINED):
+        for steps in range(REFINED + 1):
             self._matrix.matMult(self._dense(solutions), self._dense(image))
             left = np.asfortranarray(columns - image)
-            if (_norms((left * left).sum(axis=0), self._matrix.comm) <= PRECISE * sizes).all():
+            lengths = _norms((left * left).sum(axis=0), self._matrix.comm)
+            if (lengths <= PRECISE * sizes).all():
                 return
-            self._ksp.matSolve(self._dense(left), self._dense(change))
-            solutions += change
+            if steps < REFINED:
+                self._ksp.matSolve(self._dense(left), self._dense(change))
+                solutions += change
+        if not (lengths <= STALLED * sizes).all():
+            raise NotSolvableError(
+                f"solutions by compressed factors of scene '{self._scene}' stay {(lengths / sizes).max():.1e} off: "
+                f"leave out less than {self.low_rank:g} by the PETSc option -hhr_{self._scene}_mat_mumps_cntl_7"
+            )
 
     def solve_columns(self, columns: spmatrix) -> np.ndarray:
         """Solutions for the columns of a sparse matrix of own rows, zero on imposed dofs, (own dofs, m); collective."""
@@ -232,7 +261,7 @@ class FreeCholesky:
         place[self._free] = np.arange(own)
         moving = place[wanted] >= 0
         rows = place[wanted[moving]]
-        refining = refined and self._refining is not None
+        refining = refined and self.low_rank is not None
         most = REFINED_NUMBERS if refining else BLOCK_NUMBERS
         each = self._matrix.getSize()[0] / self._matrix.comm.size  # all ranks cut the same blocks
         block_size = max(min(BLOCK, int(most / each), count), 1)
@@ -247,7 +276,7 @@ class FreeCholesky:
                 else:
                     self._ksp.matSolve(self._dense(columns[:, part].toarray(order="F")), block)
                 if refining:
-                    self._refine_block(columns[:, part], solutions[:, :width])
+                    self._refine(columns[:, part], solutions[:, :width])
             found = np.zeros((wanted.size, width), order="F")
             found[moving] = solutions[rows, :width]
             yield part, found

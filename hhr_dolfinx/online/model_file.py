@@ -210,7 +210,8 @@ def _try(model: KeptModel, point: np.ndarray) -> None:
     if answer.converged and model.flows:
         _ = answer.stress(), answer.plastic_strain()
     if model.fields.functionals is not None:
-        answer.outputs()
+        with suppress(NotOfferedError):  # outputs of displacements, of a model that has forces alone
+            answer.outputs()
     if not model.flows:
         with suppress(HHRError):  # statuses there may be those of a kink
             model.solve(point, gradient=True, outside="ignore", raise_on_failure=False)

@@ -16,7 +16,7 @@ from hhr_dolfinx.models.eliminations.interpolated import Compliances
 from hhr_dolfinx.models.eliminations.interpolation import GrownGrid
 from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of, grown
 
-KEPT_BYTES = 2e9
+KNOWN_BYTES = 2e9
 """Memory that results of one component may take which are kept for whoever asks for the same once more."""
 
 
@@ -129,7 +129,7 @@ class Solver:
             return self._scaled()  # of what the full model keeps
         if found is None:
             found = self._solved(point)
-            if 8 * part.conditions.size**2 * (len(self._known) + 1) <= KEPT_BYTES:
+            if 8 * part.conditions.size**2 * (len(self._known) + 1) <= KNOWN_BYTES:
                 self._known[place] = found
         return found
 

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 ROUND_OFF = 1e-13
 """Part of an energy that is round-off of the sums it is made of."""
 FACTORED = 1500
-"""Conditions up to which S is factored at each point: a second on one core at 4000."""
+"""Conditions up to which S is factored at each point: with 4761 a bound took 1.8 s so, measured once."""
 
 
 @dataclass(frozen=True)

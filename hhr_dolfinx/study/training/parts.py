@@ -20,7 +20,7 @@ from hhr_dolfinx.parameters import is_whole
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.records import Lost, spread_snapshots, uniform_points
 from hhr_dolfinx.snapshots.store import SnapshotStore
-from hhr_dolfinx.study.training.train import Progress, checked_folder, checked_training, silent
+from hhr_dolfinx.study.training.train import Progress, checked_folder, checked_training, chooses_itself, silent
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def train_part(
         if not (is_whole(parts, 1) and is_whole(number, 1) and number <= parts):
             raise StudyError(f"part {number!r} of {parts!r}: give numbers from 1 on, such as part 3 of 8")
         queries, apart = checked_training(scene, training, held_out, seed)
-        if callable(getattr(queries, "grown", None)):
+        if chooses_itself(queries):
             raise NotOfferedError(
                 "a greedy training chooses each point from all answers before it, and has no parts: give a grid, "
                 "Sobol(512) or a list of paths, or run it on several ranks"

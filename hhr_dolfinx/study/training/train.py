@@ -258,7 +258,7 @@ def _solved(
     """Training answers, and what a greedy training chose; warns of queries without an answer."""
     lost = Lost()
     choice = None
-    if _chooses(queries):
+    if chooses_itself(queries):
 
         def solve(asked: Any) -> SnapshotSet:
             return spread_snapshots(full, asked, comm, iter, store, march, lost)
@@ -295,7 +295,7 @@ def _checked_path(scene: Scene, path: Any) -> Any:
     return path if isinstance(getattr(path, "name", None), str) else checked
 
 
-def _chooses(training: Any) -> bool:
+def chooses_itself(training: Any) -> bool:
     """Whether a training chooses itself what it asks for, as ``Greedy`` does; whose module others do not load."""
     return callable(getattr(training, "grown", None)) and not isinstance(training, type)
 
@@ -305,7 +305,7 @@ def checked_training(scene: Scene, training: Any, held_out: Any, seed: Any) -> t
     if not isinstance(scene, Scene):
         raise StudyError(f"{scene!r} is no scene: give a Scene")
     check_counts(seed=(seed, 0))
-    chooses = _chooses(training)
+    chooses = chooses_itself(training)
     rubs = any(law is not None for law in scene.friction)
     if chooses and rubs:
         raise NotOfferedError(
