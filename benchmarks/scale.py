@@ -5,7 +5,7 @@ where they have no room (a gigabyte). Each size is a process of its own, for its
 contact is from closed under the forces of an answer, by one more solution of the full order, over the largest push:
 it sees what compressed factors leave out of S, which the bound has to be larger than.
 
-    python benchmarks/scale.py [--out DIR] [--quick] [--up-to N]
+    python benchmarks/scale.py [--out DIR] [--quick] [--from N] [--up-to N] [--ratios]
 """
 
 from __future__ import annotations
@@ -33,32 +33,37 @@ MESHES = ((6, 3, 4, 2), (8, 4, 6, 3), (12, 6, 9, 4), (16, 8, 12, 6), (20, 10, 15
           (34, 17, 25, 12), (44, 22, 33, 16), (60, 30, 45, 22), (68, 46, 54, 36))  # fmt: skip
 """Cells of the sphere along its sides and through its depth, and of the block."""
 MODULI = {"sphere": (150e3, 250e3), "block": (50e3, 90e3)}
+RATIO = (0.25, 0.35)
+"""Of Poisson, of both bodies, where they vary too: S is then interpolated in place of summed."""
 QUERIES = 20
 COLUMNS = (
     "N", "N_lambda", "factor_s", "compliance_s", "train_s", "peak_gb", "query_s", "bound_s", "fields_s", "full_s"
 )  # fmt: skip
 
 
-def scene(sphere: tuple[int, int], block: tuple[int, int]) -> hhr.Scene:
-    """The demo with moduli as parameters."""
+def scene(sphere: tuple[int, int], block: tuple[int, int], *, ratios: bool = False) -> hhr.Scene:
+    """The demo with moduli as parameters, and ratios of Poisson too."""
     plain = demo.scene(sphere_cells=sphere, block_cells=block)
-    names = (f"E_{name}" for name in MODULI)
-    bodies = tuple(dataclasses.replace(body, young=name) for body, name in zip(plain.bodies, names, strict=True))
-    box = plain.parameters
-    lower, upper = zip(*MODULI.values(), strict=True)
-    space = hhr.ParameterSpace(
-        (*box.names, *(f"E_{name}" for name in MODULI)), (*box.lower, *lower), (*box.upper, *upper)
+    box = dict(
+        zip(plain.parameters.names, zip(plain.parameters.lower, plain.parameters.upper, strict=True), strict=True)
     )
-    return dataclasses.replace(plain, bodies=bodies, parameters=space)
+    bodies = []
+    for body, (name, young) in zip(plain.bodies, MODULI.items(), strict=True):
+        own = {"young": f"E_{name}"} | ({"poisson": f"nu_{name}"} if ratios else {})
+        bodies.append(dataclasses.replace(body, **own))
+        box |= dict(zip(own.values(), (young, RATIO), strict=False))
+    return dataclasses.replace(
+        plain, bodies=tuple(bodies), parameters=hhr.ParameterSpace(tuple(box), *zip(*box.values(), strict=True))
+    )
 
 
-def measured(cells: tuple[int, int, int, int]) -> dict[str, float]:
+def measured(cells: tuple[int, int, int, int], ratios: bool) -> dict[str, float]:
     """One row of the report, of a process that does nothing else."""
     spent = {"factor_s": 0.0, "compliance_s": 0.0}
     _watch(FreeCholesky, "__init__", "factor_s", spent)
     _watch(Solver, "__call__", "compliance_s", spent)
     start = time.perf_counter()
-    full = hhr.FullOrderModel(scene(cells[:2], cells[2:]), MPI.COMM_SELF)
+    full = hhr.FullOrderModel(scene(cells[:2], cells[2:], ratios=ratios), MPI.COMM_SELF)
     model = hhr.condense(full, fields=True)
     made = time.perf_counter() - start
     points = full.parameters.random(QUERIES, 0)
@@ -115,6 +120,7 @@ def main() -> None:
     parser = cli.demo_parser("scale", __doc__)
     parser.add_argument("--up-to", type=float, default=1e5, metavar="N", help="largest number of dofs [1e5]")
     parser.add_argument("--from", type=float, default=0.0, metavar="N", dest="least", help="smallest number [0]")
+    parser.add_argument("--ratios", action="store_true", help="vary ratios of Poisson too")
     options = cli.parse_on_first_rank(parser)
     rows: list[dict[str, float]] = []
     for cells in MESHES[:2] if options.quick else MESHES:
@@ -122,7 +128,7 @@ def main() -> None:
         if expected > options.up_to or expected < options.least:
             continue
         with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as alone:
-            rows.append(alone.submit(measured, cells).result())
+            rows.append(alone.submit(measured, cells, options.ratios).result())
         told = ", ".join(f"{name} {rows[-1][name]:.3g}" for name in COLUMNS)
         options.console.print(told + ("" if rows[-1]["columns_kept"] else ", columns dropped"))
     found = {"scene": "scale", "scale": rows, "slopes": slopes(rows) if len(rows) > 1 else {}}

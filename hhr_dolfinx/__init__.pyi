@@ -80,6 +80,9 @@ from .snapshots.records import compute_snapshots as compute_snapshots
 from .snapshots.records import spread_snapshots as spread_snapshots
 from .snapshots.store import SnapshotStore as SnapshotStore
 from .study.condensing import condense as condense
+from .study.one_call.search import Reduction as Reduction
+from .study.one_call.search import reduce as reduce
+from .study.one_call.wish import Budget as Budget
 from .study.report.fields import write_fields as write_fields
 from .study.report.view import View as View
 from .study.sliding import slide as slide

@@ -67,6 +67,18 @@ class StageLog:
         logger.info("the model with %d layers is refused: %s", layers, why)
 
 
+class Stopwatch:
+    """Seconds since it was made."""
+
+    def __init__(self) -> None:
+        self._start = time.perf_counter()
+
+    @property
+    def seconds(self) -> float:
+        """How many have gone."""
+        return time.perf_counter() - self._start
+
+
 def timed(call: Callable[[], Any], repetitions: int = 1) -> tuple[Any, float]:
     """The last result of a call, and its seconds on average, on one thread."""
     with threadpool_limits(1):

@@ -217,6 +217,58 @@ def train(scene: str, out: Path | None, kind: str, part: tuple[int, int] | None,
     console.print(f"model: {target}")
 
 
+class _Share(click.ParamType):
+    """``1%`` or ``0.01``."""
+
+    name = "share"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> float:
+        """The number."""
+        text = str(value).strip()
+        try:
+            number = float(text.removesuffix("%"))
+        except ValueError:
+            self.fail(f"{value!r} is no error: write 1% or 0.01", param, ctx)
+        return number / 100 if text.endswith("%") else number
+
+
+@hhr.command(
+    epilog=_examples(
+        "hhr reduce my_scene.py --error 1% --of pressure", "hhr reduce my_scene.py --of forces --seconds 600"
+    )
+)
+@SCENE
+@click.option("--error", type=_Share(), default="1%", show_default=True, help="largest relative error of an answer")
+@click.option("--of", multiple=True, help="of pressure, forces, displacement or an output; once for each [pressure]")
+@click.option("--seconds", type=float, help="most that it may take")
+@click.option("--answers", type=click.IntRange(1), help="most answers of the full model")
+@click.option("--megabytes", type=float, help="largest model in a file")
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="of random points")
+@OUT
+@guarded
+def reduce(scene: str, out: Path | None, error: float, of: tuple[str, ...], seed: int, **limits: Any) -> None:
+    """Find a model of the scene that is as exact as wished, and save it: condensed, hyper-reduced, or local ones.
+
+    Each kind is tried as far as it takes, checked and timed; a table says so, and reduction.json. Where bodies flow the
+    file of the scene holds PATHS, a hhr.PathFamily. Full answers are kept: a command that was interrupted goes on.
+    """
+    from hhr_dolfinx.command.loading import beside, scene_of
+    from hhr_dolfinx.study.one_call.search import reduce as reduced
+    from hhr_dolfinx.study.one_call.wish import Budget
+
+    console, progress = spoken()
+    made = scene_of(scene)
+    folder = out or Path("out") / made.name
+    size = limits["megabytes"]
+    budget = Budget(limits["seconds"], limits["answers"], None if size is None else 1e6 * size)
+    wish: Any = {"error": error, "of": of or "pressure", "budget": budget, "paths": beside(scene, "PATHS")}
+    model = reduced(made, **wish, folder=folder, seed=seed, progress=progress)
+    console.print(str(model.reduction), highlight=False, markup=False)
+    console.print(f"errors of its answers: {model.known_error}", highlight=False, markup=False)
+    console.print(f"model: {folder / 'model.npz'}")
+    sys.exit(0 if model.reduction.met else NO_ANSWER)
+
+
 def _solve_part(console: Any, scene: Scene, training: Any, part: tuple[int, int], folder: Path, **how: Any) -> None:
     """Solve one part of a training, and say what is there now."""
     from hhr_dolfinx.study.training.parts import train_part

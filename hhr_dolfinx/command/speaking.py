@@ -18,7 +18,7 @@ with extra("study", "the command hhr"):
 REFUSED = 3
 INTERRUPTED = 130
 _GOES_ON = ": answers that were done are kept, and the same command goes on from there"
-KEPT = dict.fromkeys(("train", "study", "answer"), _GOES_ON)
+KEPT = dict.fromkeys(("train", "reduce", "study", "answer"), _GOES_ON)
 """What is left of commands that are interrupted, by name."""
 Command = Callable[..., Any]
 

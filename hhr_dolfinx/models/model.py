@@ -65,6 +65,7 @@ class AnsweringModel:
         usual_outside: what happens outside of what was trained unless a query says otherwise, ``warn`` or ``ignore``.
         of_full_order: whether it is the full order of a scene, whose answers are exact.
         instead: what to keep in a file in the place of such a model.
+        reduction: how ``hhr.reduce`` found it; None of others, of copies and from files.
     """
 
     parameters: ParameterSpace
@@ -72,6 +73,7 @@ class AnsweringModel:
     equilibrium: Any = None
     friction: Friction | None = None
     advice: Mapping[Status, str] = MappingProxyType({})
+    reduction: Any = None
     _range: TrainedRange | None = None
     """Points outside are told, or refused; None where all of the box was trained."""
     usual_outside: ClassVar[str] = "warn"

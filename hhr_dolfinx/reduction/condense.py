@@ -102,6 +102,7 @@ def condense(
     *,
     bound: bool = True,
     fields: bool = True,
+    along: bool = False,
 ) -> CondensedModel:
     """Build a model that keeps all contact conditions and interpolates what is behind them.
 
@@ -113,6 +114,7 @@ def condense(
         held_out: answers the model is compared with.
         bound: whether answers have a bound of their error, or an estimate where none is proved.
         fields: whether displacements can be asked for; without them there is no bound either.
+        along: whether fields are spanned by what forces and loads move beside the displacements of snapshots.
 
     Raises:
         ReductionError: for a scene whose stiffness is constant, or that flows.
@@ -137,8 +139,10 @@ def condense(
             made = _no_fields(full, settings)
         else:
             seen = [] if problem.reshaped is None else _fields_seen(compliances, solvers, forces)
-            along = (compliances, solvers, known.points, forces)
-            seen += _fields_along(*along) if snapshots is None else [snapshots.displacements]
+            if snapshots is None or along:
+                seen += _fields_along(compliances, solvers, known.points, forces)
+            if snapshots is not None:
+                seen.append(snapshots.displacements)
             made = _fields(full, np.column_stack(seen), settings)
     if fields:
         made = _bounded(full, made, forces.T if snapshots is None else snapshots.forces, log, solvers, wanted=bound)

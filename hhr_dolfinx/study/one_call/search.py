@@ -1,0 +1,400 @@
+"""From a scene and a wished error to a model, by the shortest way that meets the wish.
+
+Condensation comes first, which needs no full answers, then hyper-reduction from more and more of them. Each model is
+checked: where its answers have a bound, or an estimate, at hundreds of random points; else, or where that is larger
+than the wish, beside answers of the full model that it was not made from, half of them where it says itself that it may
+be worst. What was asked for is timed, and of all models that meet the wish the most exact one within a factor of three
+of the quickest is handed out.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import tempfile
+import warnings
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from hhr_dolfinx.errors import HHRError, NotOfferedError, StabilityWarning, StudyError
+from hhr_dolfinx.files import make_folder, replacing
+from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.models.answer import History
+from hhr_dolfinx.models.answer import Path as AnswerPath
+from hhr_dolfinx.models.estimates import relative_errors
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings
+from hhr_dolfinx.online.model_file import save_model
+from hhr_dolfinx.path_families import PathFamily
+from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.snapshots.store import SnapshotStore
+from hhr_dolfinx.study.one_call.attempts import MANY, Attempt, attempts
+from hhr_dolfinx.study.one_call.bench import Bench, BudgetSpentError
+from hhr_dolfinx.study.one_call.wish import Budget, Exact, Wish
+from hhr_dolfinx.study.training.counts import check_counts
+from hhr_dolfinx.study.training.train import Progress, checked_folder, silent
+from hhr_dolfinx.timing import WARM_UP, Stopwatch, time_queries, timed
+
+_log = logging.getLogger(__name__)
+
+LOOKED_AT = 500
+"""Random points at which a model says itself how far it may be off."""
+SURE = 4
+"""Full answers beside which a model is compared whose bound meets the wish already."""
+FRESH = 40
+"""Full answers beside which others are compared; half of them where the model expects its largest errors."""
+FRESH_PATHS = 6
+ROOM = 2.0
+"""What an error that was seen must leave to the wish where a model does not say where it is worst: of 200 points the
+worst is worse than that of 40."""
+CLOSE = 3.0
+"""Factor of the time of an answer within which the more exact model is taken."""
+TIMED = 25
+"""Queries that are timed of each model, beside a warm-up; as many histories as are compared."""
+NO_BUDGET = Budget()
+TINY = 1e-300
+KEPT = "reduction.json"
+MET = "met"
+
+
+@dataclass(frozen=True)
+class Tried:
+    """One model that was tried.
+
+    Attributes:
+        method: ``condensed``, ``hhr`` or ``local``.
+        setting: how far it went.
+        full_answers: of the full model since the search began, when it was judged.
+        seconds: to make it, with the full answers that this took.
+        query: median seconds of what the wish asks for, of a point or of a history; NaN if it was not timed.
+        errors: the worst error that is known, by the names of the wish; none of what was not made.
+        known: how errors are known.
+        bytes: size in a file; 0 if it was not written.
+        outcome: ``met``, or why not.
+    """
+
+    method: str
+    setting: str
+    full_answers: int
+    seconds: float
+    query: float = math.nan
+    errors: Mapping[str, float] = field(default_factory=dict)
+    known: str = ""
+    bytes: int = 0
+    outcome: str = ""
+
+    @property
+    def met(self) -> bool:
+        """Whether it is as exact as was wished."""
+        return self.outcome == MET
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """How a model was found, see :func:`reduce`.
+
+    Attributes:
+        scene: its name.
+        wish: how exact it was to be.
+        tried: models in the order in which they were tried.
+        chosen: number of the one that was handed out.
+        full_answers: all that were solved for.
+        seconds: of all of it.
+        reason: why the wish is not met, or nothing.
+    """
+
+    scene: str
+    wish: Wish
+    tried: tuple[Tried, ...]
+    chosen: int
+    full_answers: int
+    seconds: float
+    reason: str = ""
+
+    @property
+    def met(self) -> bool:
+        """Whether the wish is met, as far as is known."""
+        return self.tried[self.chosen].met
+
+    def __str__(self) -> str:
+        heads = ("", "method", "how far", "full answers", "made in", "answers in", *self.wish.of, "known by", "outcome")
+        rows = [heads, *(self._row(number, item) for number, item in enumerate(self.tried))]
+        widths = [max(len(row[k]) for row in rows) for k in range(len(heads))]
+        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+        return "\n".join([*lines, self.verdict])
+
+    @property
+    def verdict(self) -> str:
+        """What became of the wish, in a sentence."""
+        wish = f"{self.wish.error:.3g} of {' and '.join(self.wish.of)}"
+        spent = f"{self.full_answers} full answers and {self.seconds:.3g} s"
+        if self.met:
+            return f"{wish} is met, {self.tried[self.chosen].known}; it took {spent}"
+        return f"{wish} is not met: {self.reason}. The best model there is was handed out; it took {spent}"
+
+    def _row(self, number: int, item: Tried) -> tuple[str, ...]:
+        errors = [f"{item.errors[name]:.2g}" if name in item.errors else "-" for name in self.wish.of]
+        query = "-" if math.isnan(item.query) else f"{1e3 * item.query:.3g} ms"
+        mark = "->" if number == self.chosen else ""
+        made = str(item.full_answers), f"{item.seconds:.3g} s", query
+        return mark, item.method, item.setting, *made, *errors, item.known or "-", item.outcome
+
+    def described(self) -> dict[str, Any]:
+        """All of it as plain values, for a report."""
+        return asdict(self) | {"met": self.met, "verdict": self.verdict}
+
+
+def reduce(
+    scene: Scene | FullOrderModel,
+    error: float = 0.01,
+    *,
+    of: str | Sequence[str] = "pressure",
+    budget: Budget = NO_BUDGET,
+    paths: PathFamily | None = None,
+    fallback: bool = False,
+    folder: str | Path | None = None,
+    seed: int = 1,
+    progress: Progress = silent,
+) -> Any:
+    """A model of a scene that is as exact as wished, made with as few full answers as it takes.
+
+    Args:
+        scene: any scene, or its full model on one rank.
+        error: largest relative error, 0.01 for one per cent.
+        of: of what: ``pressure``, ``forces``, ``displacement``, an output of the scene by its name, or several; see
+            :mod:`hhr_dolfinx.study.one_call.wish`.
+        budget: what may be spent; then the best model there is is handed out, with a warning.
+        paths: along which bodies that flow are to be answered. With friction points are reached from rest without them.
+        fallback: keep the full model behind the small one: it answers where the small one may be off by more than is
+            wished, see :class:`~hhr_dolfinx.models.fallback.FallbackModel`. Of one norm, and of a model with a bound.
+        folder: where full answers are kept as they are found, so that the same call goes on from there, with the model,
+            ``model.npz``, and what was tried, ``reduction.json``; None keeps nothing.
+        seed: of what is drawn at random.
+        progress: for progress bars.
+
+    Returns:
+        The model; ``model.reduction`` is what was tried, see :class:`Reduction`: print it.
+
+    Raises:
+        ParameterError: for an invalid wish or budget.
+        StudyError: for what is no scene, an invalid folder or seed, or paths where answers do not depend on any.
+        NotOfferedError: on several ranks, and for bodies that flow without paths.
+        HHRError: of the last attempt, where none led to a model.
+
+    Warns:
+        StabilityWarning: if the wish is not met.
+    """
+    check_counts(seed=(seed, 0))
+    full = _full_model(scene)
+    _check_paths(full, paths)
+    if not isinstance(budget, Budget):
+        raise StudyError(f"budget = {budget!r}: give hhr.Budget(seconds=600), of full_answers or of bytes")
+    wish = Wish.checked(error, of, full)
+    if fallback and len(wish.of) > 1:
+        raise NotOfferedError(f"a model falls back by one error, and not by {', '.join(wish.of)}: give one as of=")
+    kept = None if folder is None else checked_folder(folder)
+    store = None if kept is None else SnapshotStore(kept / "snapshots", full)
+    bench = Bench(full, wish, budget, paths, store, seed, progress)
+    model, reduction = _searched(bench)
+    if not reduction.met:
+        warnings.warn(reduction.verdict, StabilityWarning, stacklevel=2)
+    if kept is not None:
+        keep(kept, model, reduction)
+    if fallback and not model.fields.exact:
+        from hhr_dolfinx.models.fallback import FallbackModel
+
+        model = FallbackModel(model, full, wish.error, of=wish.of[0])
+    model.reduction = reduction
+    return model
+
+
+def keep(folder: Path, model: Any, reduction: Reduction) -> None:
+    """Write a model, ``model.npz``, and how it was found, ``reduction.json``, into a folder."""
+    save_model(make_folder(folder) / "model.npz", model)
+    with replacing(folder / KEPT, text=True) as file:
+        json.dump(reduction.described(), file, indent=1)
+
+
+def _full_model(scene: Any) -> FullOrderModel:
+    """The full model of a scene, on one rank."""
+    if MPI.COMM_WORLD.size > 1:
+        raise NotOfferedError(
+            "a search decides step by step and runs on one rank: train on several with hhr.train(scene, Sobol(512))"
+        )
+    if isinstance(scene, FullOrderModel):
+        return scene
+    if not isinstance(scene, Scene):
+        raise StudyError(f"{scene!r} is no scene: give a Scene")
+    return FullOrderModel(scene, MPI.COMM_SELF)
+
+
+def _check_paths(full: FullOrderModel, paths: Any) -> None:
+    """Paths where answers depend on them, and nowhere else."""
+    name = full.scene.name
+    if paths is not None and not isinstance(paths, PathFamily):
+        raise StudyError(f"paths = {paths!r} must be a PathFamily, from which paths to train and to check on are drawn")
+    if full.equilibrium is not None and paths is None:
+        raise NotOfferedError(
+            f"bodies of scene '{name}' flow, so that answers depend on the path that leads to them: give "
+            "paths=hhr.PathFamily(...), of those that are to be answered; on the command line as PATHS beside the scene"
+        )
+    if paths is not None and full.equilibrium is None and full.friction is None:
+        raise StudyError(f"answers of scene '{name}' do not depend on paths: leave them out")
+
+
+def _searched(bench: Bench) -> tuple[Any, Reduction]:
+    """The model to hand out, and how it was found."""
+    tried: list[Tried] = []
+    models: list[Any] = []
+    reason = "nothing more is known to be tried"
+    failure: HHRError | None = None
+    for attempt in attempts(bench):
+        if any(item.met for item in tried) and not _worth_trying(bench, attempt, tried):
+            break
+        model = None
+        try:
+            bench.check_budget()
+            model, row = _try(bench, attempt)
+        except BudgetSpentError as error:
+            reason = str(error)
+            break
+        except HHRError as error:
+            failure = error
+            row = Tried(attempt.method, attempt.setting, bench.solved, math.nan, outcome=f"refused: {error}")
+        tried.append(row)
+        models.append(model)
+        _log.info("%s, %s: %s %s (%s)", row.method, row.setting, row.outcome, dict(row.errors), row.known)
+    if not any(model is not None for model in models):
+        raise failure or StudyError(f"{reason} before there was any model: raise the budget")
+    chosen = _chosen(tried, models, bench.wish)
+    found = Reduction(
+        bench.full.scene.name, bench.wish, tuple(tried), chosen, bench.solved, bench.clock.seconds, reason
+    )
+    return models[chosen], found
+
+
+def _worth_trying(bench: Bench, attempt: Attempt, tried: Sequence[Tried]) -> bool:
+    """Whether another model may be quicker than one that meets the wish: once, where contact conditions are many."""
+    large = bench.full.conditions >= MANY
+    return large and not any(item.method == attempt.method for item in tried)
+
+
+def _try(bench: Bench, attempt: Attempt) -> tuple[Any, Tried]:
+    """A model, judged."""
+    clock = Stopwatch()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StabilityWarning)  # errors are what is looked at here, in norms of the wish
+        model = attempt.make()
+    seconds = clock.seconds
+    size = _size(model)
+    made = Tried(attempt.method, attempt.setting, bench.solved, seconds, bytes=size)
+    limit = bench.budget.bytes
+    if limit is not None and size > limit:
+        return None, replace(made, outcome=f"refused: {size / 1e6:.3g} MB in a file, and {limit / 1e6:.3g} are allowed")
+    try:
+        errors, known = _judged(bench, model)
+    except BudgetSpentError as error:
+        return model, replace(made, outcome=f"not checked: {error}", known="nothing", full_answers=bench.solved)
+    worst = dict(zip(bench.wish.of, errors.tolist(), strict=True))
+    met = bool((errors <= bench.wish.error).all())
+    query = _query_time(bench, model)
+    outcome = MET if met else "not exact enough"
+    return model, replace(made, full_answers=bench.solved, query=query, errors=worst, known=known, outcome=outcome)
+
+
+def _judged(bench: Bench, model: Any) -> tuple[np.ndarray, str]:
+    """The worst errors of a model that are known, by the norms of the wish, and how they are known."""
+    if bench.family is not None:
+        exact = bench.fresh(FRESH_PATHS)
+        return _compared(bench, model, exact, ROOM), f"{len(exact)} fresh histories, times {ROOM:g}"
+    if model.fields.exact:
+        exact = bench.fresh(SURE)
+        return _compared(bench, model, exact), f"{len(exact)} fresh answers; nothing but contact is left, exactly"
+    points = bench.full.parameters.random(LOOKED_AT, bench.seed + bench.checks)
+    said = _said(model, points, bench.wish)
+    if said is not None:
+        worst = said.max(axis=0)
+        if (worst <= bench.wish.error).all():
+            exact = bench.fresh(SURE)
+            seen = _compared(bench, model, exact)
+            kind = model.fields.estimated
+            return np.maximum(worst, seen), f"{kind} at {LOOKED_AT} points, {len(exact)} fresh answers"
+        order = np.argsort(-np.max(said / np.maximum(np.median(said, axis=0), TINY), axis=1), kind="stable")
+        suspects = points[order[: FRESH // 2]]
+        exact = bench.fresh(FRESH - len(suspects), suspects)
+        return _compared(bench, model, exact), f"{len(exact)} fresh answers, half where it may be worst"
+    exact = bench.fresh(FRESH)
+    return _compared(bench, model, exact, ROOM), f"{len(exact)} fresh answers, times {ROOM:g}"
+
+
+def _said(model: Any, points: np.ndarray, wish: Wish) -> np.ndarray | None:
+    """What a model says itself of its errors, (n, norms of the wish); None where it says nothing of one of them.
+
+    An indicator is no such saying: it follows errors without a scale. A point without an answer is infinitely wrong.
+    """
+    if model.fields.bound is None:
+        return None
+    many = model.solve_many(points, raise_on_failure=False, outside="ignore")
+    columns = []
+    for name in wish.of:
+        try:
+            found = relative_errors(many, name)
+        except HHRError:
+            found = None
+        if found is None:
+            return None
+        columns.append(np.where(np.isnan(found), np.inf, found))
+    return np.stack(columns, axis=1)
+
+
+def _compared(bench: Bench, model: Any, exact: Sequence[Exact], room: float = 1.0) -> np.ndarray:
+    """Largest errors beside exact answers, with room for what was not seen; these are held out from now on."""
+    bench.held_out += exact
+    return room * bench.errors_of(model, exact).max(axis=0)
+
+
+def _query_time(bench: Bench, model: Any) -> float:
+    """Median seconds of what the wish asks for, of a point, or of a history."""
+    if bench.family is not None:
+        paths = [item.full.path for item in bench.held_out[-FRESH_PATHS:] if isinstance(item.full, History)]
+        return float(np.median([timed(partial(_marched, model, path))[1] for path in paths]))
+    points = bench.full.parameters.random(TIMED + WARM_UP, bench.seed)
+    return float(np.median(time_queries({"": bench.wish.ask(model)}, points)[""]))
+
+
+def _marched(model: Any, path: AnswerPath) -> None:
+    with suppress(HHRError):
+        model.march(path, MarchSettings(outside="ignore"))
+
+
+def _size(model: Any) -> int:
+    """Bytes of a model in a file; 0 of one that none can keep."""
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder) / "model.npz"
+        try:
+            save_model(target, model)
+        except NotOfferedError:
+            return 0
+        return target.stat().st_size
+
+
+def _chosen(tried: Sequence[Tried], models: Sequence[Any], wish: Wish) -> int:
+    """The most exact model within a factor of the quickest of those that meet the wish; else the most exact."""
+
+    def worst(number: int) -> float:
+        errors = tried[number].errors
+        return max((errors.get(name, math.inf) for name in wish.of), default=math.inf)
+
+    there = [number for number, model in enumerate(models) if model is not None]
+    met = [number for number in there if tried[number].met]
+    if not met:
+        return min(there, key=worst)
+    quickest = min(tried[number].query for number in met)
+    return min((number for number in met if tried[number].query <= CLOSE * quickest), key=worst)

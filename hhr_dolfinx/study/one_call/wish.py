@@ -1,0 +1,211 @@
+"""How exact a model shall be, in which norms, and what finding it may cost; errors of answers in these norms.
+
+Of an answer, or of the steps of a history, k, relative to the exact ones:
+
+    displacement    max_k |u_k - u~_k|_K / max_k |u_k|_K,  |v|_K = (v^T K v)^1/2, lifts included
+    forces          max_k |λ_k - λ~_k|_2 / max_k |λ_k|_2, nodal contact forces
+    pressure        max_k max_i |σ_ki - σ~_ki| / max_k max_i σ_ki,  σ = λ / area
+    an output       max_k |s_k - s~_k| / max_k |s_k|
+
+Where the exact size is less than a thousandth of the largest one known, as of forces where contact is nearly lost, that
+thousandth takes its place, as in :mod:`hhr_dolfinx.models.estimates`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.certify.accuracy import FORCE_FLOOR
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.errors import ParameterError
+from hhr_dolfinx.models.answer import Answer, History
+from hhr_dolfinx.models.estimates import ASKED
+from hhr_dolfinx.parameters import is_number, is_whole
+
+DISPLACEMENT = "displacement"
+PRESSURE = "pressure"
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What finding a model may cost; None for as much as it takes.
+
+    Attributes:
+        seconds: after which nothing new is begun.
+        full_answers: of the full model, points or histories, those that check a model among them.
+        bytes: size of the model in a file.
+
+    Raises:
+        ParameterError: for what is no positive number.
+    """
+
+    seconds: float | None = None
+    full_answers: int | None = None
+    bytes: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("seconds", "bytes"):
+            value = getattr(self, name)
+            if value is not None and not (is_number(value) and value > 0):
+                raise ParameterError(f"{name} = {value!r} of a budget must be a positive number, or None for no limit")
+        if self.full_answers is not None and not is_whole(self.full_answers, 1):
+            raise ParameterError(
+                f"full_answers = {self.full_answers!r} of a budget must be a positive integer, or None"
+            )
+
+
+@dataclass(frozen=True)
+class Wish:
+    """How exact a model shall be.
+
+    Attributes:
+        error: largest relative error.
+        of: of what: ``pressure``, ``forces``, ``displacement``, or outputs of the scene by name.
+    """
+
+    error: float
+    of: tuple[str, ...]
+
+    @classmethod
+    def checked(cls, error: Any, of: Any, full: Any) -> Wish:
+        """A wish about the answers of a full model.
+
+        Raises:
+            ParameterError: for an error that is no number in (0, 1), or one of what is not known here.
+        """
+        if not is_number(error) or not 0 < error < 1:
+            raise ParameterError(f"error = {error!r} of a wish must lie in (0, 1): 0.01 is one per cent")
+        words = (of,) if isinstance(of, str) else tuple(of) if isinstance(of, Sequence) else ()
+        outputs = () if full.functionals is None else tuple(item.name for item in full.functionals.items)
+        unknown = [word for word in words if word not in (*ASKED, *outputs)]
+        if unknown or not words:
+            known = ", ".join(repr(word) for word in (*ASKED, *outputs))
+            raise ParameterError(f"of = {of!r} is no error that is known here: give one or several of {known}")
+        if PRESSURE in words and not _pressed(full.problem).any():
+            raise ParameterError(
+                f"no contact condition of scene '{full.scene.name}' has an area, so that nothing is known of "
+                "pressures: ask for of='forces'"
+            )
+        return cls(float(error), tuple(dict.fromkeys(words)))
+
+    @property
+    def needs_fields(self) -> bool:
+        """Whether it is about displacements."""
+        return DISPLACEMENT in self.of
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Outputs that it is about."""
+        return tuple(word for word in self.of if word not in ASKED)
+
+    def ask(self, model: Any) -> Callable[[np.ndarray], Any]:
+        """What a user asks of a model who has this wish: a query of a point, (P,), to be timed."""
+
+        def query(point: np.ndarray) -> None:
+            answer = model.solve(point, outside="ignore")
+            answer.forces()
+            if self.needs_fields:
+                answer.displacement()
+            if self.outputs:
+                answer.outputs()
+
+        return query
+
+
+@dataclass(frozen=True)
+class Exact:
+    """What the full model answers to one question.
+
+    Attributes:
+        full: its answer to a point, or the history of a path.
+    """
+
+    full: Answer | History
+
+    @property
+    def answers(self) -> Sequence[Answer]:
+        """One answer, or those of all steps."""
+        return self.full.answers if isinstance(self.full, History) else (self.full,)
+
+
+class Errors:
+    """Errors of models in the norms of a wish, beside answers that are known.
+
+    Args:
+        wish: which errors.
+        full: the full model.
+    """
+
+    def __init__(self, wish: Wish, full: Any):
+        self.wish = wish
+        self._problem = full.problem
+        self._pressed = _pressed(full.problem)
+        self._floors = dict.fromkeys(wish.of, 0.0)
+        self._last: tuple[np.ndarray, ContactProblem] | None = None
+
+    def know(self, exact: Sequence[Exact]) -> None:
+        """Take in the sizes of exact answers: errors are over a thousandth of the largest of them at least."""
+        for name in self.wish.of:
+            sizes = [self._size(name, answer, self._read(name, answer)) for item in exact for answer in item.answers]
+            self._floors[name] = max(self._floors[name], FORCE_FLOOR * max(sizes, default=0.0))
+
+    def of(self, found: Sequence[Answer], exact: Exact) -> np.ndarray:
+        """Errors of the answers of a model to one question, in the order of the wish; infinite where one is missing."""
+        if len(found) != len(exact.answers) or not all(answer.converged for answer in found):
+            return np.full(len(self.wish.of), math.inf)
+        return np.array([self._relative(name, found, exact.answers) for name in self.wish.of])
+
+    def forces_off(self, worst: np.ndarray) -> bool:
+        """Whether contact forces may be off by more than is wished, by the largest errors in the order of the wish."""
+        known = dict(zip(self.wish.of, worst.tolist(), strict=True))
+        seen = [known[name] for name in ("forces", PRESSURE) if name in known]
+        return not seen or max(seen) > self.wish.error
+
+    def _relative(self, name: str, found: Sequence[Answer], exact: Sequence[Answer]) -> float:
+        error = 0.0
+        size = self._floors[name]
+        for here, there in zip(found, exact, strict=True):
+            known = self._read(name, there)
+            error = max(error, self._size(name, there, self._read(name, here) - known))
+            size = max(size, self._size(name, there, known))
+        if not math.isfinite(error):
+            return math.inf
+        return error / size if size > 0 else math.inf if error > 0 else 0.0
+
+    def _read(self, name: str, answer: Answer) -> np.ndarray:
+        """What a wish is about, of one answer."""
+        if name == DISPLACEMENT:
+            return answer.displacement()
+        if name not in ASKED:
+            return np.array(answer.outputs()[name])
+        forces = answer.forces()
+        return forces if name != PRESSURE else forces[self._pressed] / self._areas
+
+    def _size(self, name: str, answer: Answer, values: np.ndarray) -> float:
+        """Norm of it; energies by the stiffness at the parameter of an answer."""
+        if name == DISPLACEMENT:
+            stiffness = self._at(answer.parameter).stiffness
+            return math.sqrt(max(values @ (stiffness @ values), 0.0))
+        return float(np.linalg.norm(values)) if name == "forces" else float(np.abs(values).max(initial=0.0))
+
+    def _at(self, point: np.ndarray) -> ContactProblem:
+        """The problem at a point, which is assembled once for what comes one after the other."""
+        if not self._problem.varies:
+            return self._problem
+        if self._last is None or not np.array_equal(self._last[0], point):
+            self._last = point, self._problem.at(point)
+        return self._last[1]
+
+    @property
+    def _areas(self) -> np.ndarray:
+        return self._problem.contact_areas[self._pressed]
+
+
+def _pressed(problem: Any) -> np.ndarray:
+    """Which conditions have a pressure, (N_lambda,) bool: those along a normal that have an area."""
+    return (problem.contact_areas > 0) & problem.pressing
